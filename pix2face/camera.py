@@ -1,0 +1,188 @@
+"""Cameras: one 4x4 matrix for the affine, the weak-perspective and the pinhole model, and exact conversions.
+
+A camera maps a model point (x, y, z, 1) in mm to (u w, v w, depth, w): (u, v) is the pixel (x right, y down, centres at
++0.5), depth is in mm and grows with distance. An affine camera has w = 1 and depth relative to the model's origin; a
+pinhole has w = depth. One matrix serves renderer, shards and fitter alike; a crop only changes its first two rows.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from pix2face.errors import DegenerateGeometryError
+
+# Camera space has y down and z forward, model space y up and z out of the face: a frontal face is turned by this.
+FRONTAL = np.diag([1.0, -1.0, -1.0])
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A projection from the model frame (mm) to an image (px) with depth (mm).
+
+    Attributes:
+        matrix: See the module's first paragraph.
+    """
+
+    matrix: Float64[ndarray, "4 4"]
+
+    @property
+    def is_affine(self) -> bool:
+        """Whether the camera has no perspective."""
+        return bool(np.array_equal(self.matrix[3], [0, 0, 0, 1]))
+
+    def project(self, points: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 2"]:
+        """Projects model points (mm) to pixels."""
+        homogeneous = points @ self.matrix[[0, 1, 3], :3].T + self.matrix[[0, 1, 3], 3]
+        return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:], dtype=np.float64)
+
+    def depth(self, points: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n"]:
+        """Depth of model points in mm, larger is farther (affine: relative to the model's origin)."""
+        return np.asarray(points @ self.matrix[2, :3] + self.matrix[2, 3], dtype=np.float64)
+
+    def transformed(self, image_from_image: Float[ndarray, "3 3"]) -> "Camera":
+        """The camera of a picture that was cropped, scaled or turned by an affine map of pixels."""
+        matrix = self.matrix.copy()
+        matrix[:2] = image_from_image[:2, :2] @ self.matrix[:2] + np.outer(image_from_image[:2, 2], self.matrix[3])
+        return Camera(matrix)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class WeakPerspective:
+    """Parameters of a scaled orthographic camera: pixel = scale * (rotation @ x)[:2] + translation_px.
+
+    Attributes:
+        scale: Pixels per mm, positive.
+        rotation: camera_from_model, determinant +1.
+        translation_px: Image of the model's origin.
+    """
+
+    scale: float
+    rotation: Float64[ndarray, "3 3"]
+    translation_px: Float64[ndarray, "2"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Pinhole:
+    """Parameters of a pinhole with square pixels and no skew.
+
+    Attributes:
+        focal_px: Focal length in pixels.
+        principal_point_px: Where the optical axis meets the image.
+        rotation: camera_from_model, determinant +1.
+        translation_mm: The model's origin in camera space.
+    """
+
+    focal_px: float
+    principal_point_px: Float64[ndarray, "2"]
+    rotation: Float64[ndarray, "3 3"]
+    translation_mm: Float64[ndarray, "3"]
+
+
+@final
+@dataclass(frozen=True)
+class HeadPose:
+    """Rotation of the head as 300W-LP writes it; zero is frontal and upright.
+
+    Attributes:
+        pitch_deg: Positive looks up.
+        yaw_deg: Positive turns the face to the image's left (towards the subject's right shoulder).
+        roll_deg: Positive tilts the top of the head to the image's right: clockwise as seen in the image.
+    """
+
+    pitch_deg: float
+    yaw_deg: float
+    roll_deg: float
+
+
+def affine_camera(a: Float[ndarray, "2 4"]) -> Camera:
+    """A camera from an affine projection matrix (Eq. 1), depth along the viewing direction that both rows leave out.
+
+    Raises:
+        DegenerateGeometryError: The rows are parallel.
+    """
+    axis = np.cross(a[0, :3], a[1, :3])
+    length = np.linalg.norm(axis)
+    if not length > 0:
+        raise DegenerateGeometryError("an affine camera needs two independent rows, found parallel ones")
+    matrix = np.zeros((4, 4))
+    matrix[:2], matrix[2, :3], matrix[3, 3] = a, axis / length, 1
+    return Camera(matrix)
+
+
+def weak_perspective_camera(parameters: WeakPerspective) -> Camera:
+    """The camera of scaled orthographic parameters."""
+    matrix = np.zeros((4, 4))
+    matrix[:2, :3] = parameters.scale * parameters.rotation[:2]
+    matrix[:2, 3] = parameters.translation_px
+    matrix[2, :3] = parameters.rotation[2]
+    matrix[3, 3] = 1
+    return Camera(matrix)
+
+
+def pinhole_camera(parameters: Pinhole) -> Camera:
+    """The camera of pinhole parameters."""
+    extrinsic = np.column_stack([parameters.rotation, parameters.translation_mm])
+    matrix = np.zeros((4, 4))
+    matrix[:2] = parameters.focal_px * extrinsic[:2] + np.outer(parameters.principal_point_px, extrinsic[2])
+    matrix[2] = matrix[3] = extrinsic[2]
+    return Camera(matrix)
+
+
+def nearest_weak_perspective(camera: Camera) -> WeakPerspective:
+    """The scaled orthographic camera nearest to an affine one (exact where it is one); a pinhole is linearised first.
+
+    The 2x3 part is replaced by the nearest matrix with orthogonal rows of equal length (Frobenius norm).
+    """
+    affine = linearised(camera).matrix
+    u, singular_values, vt = np.linalg.svd(affine[:2, :3], full_matrices=False)
+    rows = u @ vt
+    rotation = np.stack([rows[0], rows[1], np.cross(rows[0], rows[1])])
+    return WeakPerspective(float(singular_values.mean()), rotation, affine[:2, 3].copy())
+
+
+def pinhole_of(camera: Camera) -> Pinhole:
+    """Parameters of a pinhole camera: the inverse of ``pinhole_camera``, for square pixels without skew.
+
+    Raises:
+        DegenerateGeometryError: The camera is affine.
+    """
+    if camera.is_affine:
+        raise DegenerateGeometryError("expected a pinhole camera, found an affine one")
+    matrix = camera.matrix[[0, 1, 3]] / np.linalg.norm(camera.matrix[3, :3])
+    principal_point = matrix[:2, :3] @ matrix[2, :3]
+    scaled = matrix[:2] - np.outer(principal_point, matrix[2])
+    focal = float(np.linalg.norm(scaled[:, :3]) / np.sqrt(2))
+    u, _, vt = np.linalg.svd(np.vstack([scaled[:, :3] / focal, matrix[2, :3]]))
+    translation = np.append(scaled[:, 3] / focal, matrix[2, 3])
+    return Pinhole(focal, principal_point, u @ vt, translation)
+
+
+def linearised(camera: Camera) -> Camera:
+    """The affine camera that agrees with a camera to first order at the model's origin."""
+    if camera.is_affine:
+        return camera
+    rows, offsets, w = camera.matrix[:2, :3], camera.matrix[:2, 3], camera.matrix[3, 3]
+    centre = offsets / w
+    jacobian = (rows - np.outer(centre, camera.matrix[3, :3])) / w
+    return affine_camera(np.column_stack([jacobian, centre]))
+
+
+def head_pose(camera: Camera) -> HeadPose:
+    """Pitch, yaw and roll of the head in the camera, in the convention of 300W-LP (docs/conventions.md)."""
+    model_rotation = FRONTAL @ nearest_weak_perspective(camera).rotation
+    angles = Rotation.from_matrix(model_rotation).as_euler("XYZ", degrees=True)
+    pitch, yaw, roll = (-float(angle) for angle in angles)
+    return HeadPose(pitch, yaw, roll)
+
+
+def rotation_of_pose(pose: HeadPose) -> Float64[ndarray, "3 3"]:
+    """The camera_from_model rotation of a head pose: R = Rx Ry Rz with 300W-LP's signs, then y down, z forward."""
+    angles = [-pose.pitch_deg, -pose.yaw_deg, -pose.roll_deg]
+    return np.asarray(FRONTAL @ Rotation.from_euler("XYZ", angles, degrees=True).as_matrix(), dtype=np.float64)

@@ -1,0 +1,184 @@
+"""The project's own file of a morphable model: one ``.h5`` whatever the source (layout: docs/file_formats.md)."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast, final
+
+import h5py
+import numpy as np
+from jaxtyping import Float32, Int32, UInt8
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+
+FORMAT = "pix2face-morphable-model"
+SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StoredModel:
+    """A model as its file holds it: at the control mesh, before refinement. Units and frames as in MorphableModel.
+
+    Attributes:
+        polygons: Quads, counter-clockwise seen from outside; a triangle has -1 in the last place.
+        polygon_regions: Index into ``region_names`` for each polygon.
+        uv_polygons: For each polygon its texture coordinates, or None.
+        landmarks: Vertex indices, valid after ``refinement_steps`` steps and more.
+        source_vertices: For each control vertex its index in the mesh that the model was made from, or None.
+        refinement_steps: Catmull-Clark steps that loading does by default.
+    """
+
+    name: str
+    licence: str
+    origin: str
+    mean: Float32[ndarray, "v 3"]
+    identity_basis: Float32[ndarray, "k v 3"]
+    expression_basis: Float32[ndarray, "e v 3"]
+    polygons: Int32[ndarray, "p 4"]
+    polygon_regions: UInt8[ndarray, " p"]
+    region_names: tuple[str, ...]
+    face_regions: tuple[str, ...]
+    landmarks: Mapping[str, Int32[ndarray, " _"]]
+    uv: Float32[ndarray, "u 2"] | None = None
+    uv_polygons: Int32[ndarray, "p 4"] | None = None
+    symmetry: Int32[ndarray, " v"] | None = None
+    source_vertices: Int32[ndarray, " v"] | None = None
+    named_expressions: Mapping[str, Float32[ndarray, " e"]] = field(default_factory=dict)
+    refinement_steps: int = 0
+
+
+def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False) -> None:
+    """Writes a model.
+
+    Args:
+        model: What to write.
+        path: Where to; its folder is made.
+        quantise: Store the bases as int16 with one step per component (a quarter of the size; the step is
+            1/32767 of the component's largest value). Off for imported models, which stay exact.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w", track_order=False) as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["schema_version"] = SCHEMA_VERSION
+        for name in ("name", "licence", "origin"):
+            file.attrs[name] = getattr(model, name)
+        file.attrs["refinement_steps"] = model.refinement_steps
+        file.attrs["region_names"] = json.dumps(model.region_names)
+        file.attrs["face_regions"] = json.dumps(model.face_regions)
+        for name in ("mean", "polygons", "polygon_regions", "uv", "uv_polygons", "symmetry", "source_vertices"):
+            _write_array(file, name, getattr(model, name))
+        _write_basis(file, "identity_basis", model.identity_basis, quantise)
+        _write_basis(file, "expression_basis", model.expression_basis, quantise)
+        for name, indices in model.landmarks.items():
+            _write_array(file, f"landmarks/{name}", indices)
+        for name, coefficients in model.named_expressions.items():
+            _write_array(file, f"named_expressions/{name}", coefficients)
+
+
+def read_stored_model(path: Path) -> tuple[StoredModel, str]:
+    """Reads a model and hashes its content.
+
+    Returns:
+        The model, and the SHA-256 of its attributes and arrays (not of the file: compression does not matter).
+
+    Raises:
+        InputFileError: The file is missing, not a model, truncated, or of a newer schema.
+    """
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such model file; `datagen model import` makes one, `builtin` needs none")
+    try:
+        with h5py.File(path, "r") as file:
+            _check_format(file, path)
+            return _read(file), _content_sha256(file)
+    except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
+        raise InputFileError(
+            f"{path}: expected a model in the project's .h5 layout, found a file that cannot be read as one ({error})"
+        ) from error
+
+
+def _read(file: h5py.File) -> StoredModel:
+    attrs = file.attrs
+    return StoredModel(
+        name=str(attrs["name"]),
+        licence=str(attrs["licence"]),
+        origin=str(attrs["origin"]),
+        mean=_array(file, "mean", np.float32),
+        identity_basis=_read_basis(file, "identity_basis"),
+        expression_basis=_read_basis(file, "expression_basis"),
+        polygons=_array(file, "polygons", np.int32),
+        polygon_regions=_array(file, "polygon_regions", np.uint8),
+        region_names=tuple(json.loads(str(attrs["region_names"]))),
+        face_regions=tuple(json.loads(str(attrs["face_regions"]))),
+        landmarks={name: _array(file, f"landmarks/{name}", np.int32) for name in file.get("landmarks", ())},
+        uv=_optional(file, "uv", np.float32),
+        uv_polygons=_optional(file, "uv_polygons", np.int32),
+        symmetry=_optional(file, "symmetry", np.int32),
+        source_vertices=_optional(file, "source_vertices", np.int32),
+        named_expressions={
+            name: _array(file, f"named_expressions/{name}", np.float32)
+            for name in file.get("named_expressions", ())
+        },
+        refinement_steps=int(attrs["refinement_steps"]),
+    )
+
+
+def _check_format(file: h5py.File, path: Path) -> None:
+    found = file.attrs.get("format")
+    if found != FORMAT:
+        raise InputFileError(
+            f"{path}: expected a file with format={FORMAT!r}, found format={found!r}; "
+            "published models are brought into it by `datagen model import`"
+        )
+    version = int(file.attrs.get("schema_version", 0))
+    if version > SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: model schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
+        )
+
+
+def _write_array(file: h5py.File, name: str, array: ndarray | None) -> None:
+    if array is not None:
+        options: dict[str, Any] = {"compression": "gzip", "compression_opts": 9, "shuffle": True} if array.size else {}
+        file.create_dataset(name, data=array, track_times=False, **options)
+
+
+def _write_basis(file: h5py.File, name: str, basis: ndarray, quantise: bool) -> None:
+    if not quantise or not basis.size:
+        _write_array(file, name, basis)
+        return
+    step = np.abs(basis).reshape(len(basis), -1).max(axis=1) / 32767
+    step = np.where(step > 0, step, 1).astype(np.float32)
+    _write_array(file, name, np.rint(basis / step[:, None, None]).astype(np.int16))
+    _write_array(file, f"{name}_step", step)
+
+
+def _read_basis(file: h5py.File, name: str) -> Float32[ndarray, "k v 3"]:
+    basis = _array(file, name, np.float32)
+    if f"{name}_step" in file:
+        basis *= _array(file, f"{name}_step", np.float32)[:, None, None]
+    return basis
+
+
+def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
+    return cast(ndarray, file[name][()].astype(dtype))
+
+
+def _optional(file: h5py.File, name: str, dtype: Any) -> ndarray | None:
+    return _array(file, name, dtype) if name in file else None
+
+
+def _content_sha256(file: h5py.File) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(file.attrs):
+        digest.update(f"{name}={file.attrs[name]};".encode())
+    names: list[str] = []
+    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+    for name in sorted(names):
+        array = np.ascontiguousarray(file[name][()])
+        digest.update(f"{name}:{array.dtype.str}:{array.shape};".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()

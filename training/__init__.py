@@ -1,0 +1,1 @@
+"""Training: shards in, a U-Net checkpoint out."""
