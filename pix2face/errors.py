@@ -29,5 +29,5 @@ class UsageError(Pix2FaceError):
     """Something is wrong with the call as a whole."""
 
 
-class SampleRejected(Pix2FaceError):
+class SampleRejectedError(Pix2FaceError):
     """One sample cannot be used. It is listed with its reason; the job goes on."""

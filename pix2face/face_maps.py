@@ -67,7 +67,9 @@ def point_cloud(
     return maps.pncc[maps.mask] + maps.offset[maps.mask], image[maps.mask]
 
 
-def map_picture(values_mm: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"], limit_mm: float) -> UInt8[ndarray, "h w 3"]:
+def map_picture(
+    values_mm: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"], limit_mm: float
+) -> UInt8[ndarray, "h w 3"]:
     """A map as a picture: x, y, z as red, green, blue from -limit to limit; grey outside the mask."""
     picture = np.clip(values_mm / (2 * limit_mm) + 0.5, 0, 1) * 255
     picture[~mask] = 128

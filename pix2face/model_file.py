@@ -69,7 +69,15 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
         file.attrs["refinement_steps"] = model.refinement_steps
         file.attrs["region_names"] = json.dumps(model.region_names)
         file.attrs["face_regions"] = json.dumps(model.face_regions)
-        for name in ("mean", "polygons", "polygon_regions", "uv", "uv_polygons", "symmetry", "source_vertices"):
+        for name in (
+            "mean",
+            "polygons",
+            "polygon_regions",
+            "uv",
+            "uv_polygons",
+            "symmetry",
+            "source_vertices",
+        ):
             _write_array(file, name, getattr(model, name))
         _write_basis(file, "identity_basis", model.identity_basis, quantise)
         _write_basis(file, "expression_basis", model.expression_basis, quantise)
@@ -119,8 +127,7 @@ def _read(file: h5py.File) -> StoredModel:
         symmetry=_optional(file, "symmetry", np.int32),
         source_vertices=_optional(file, "source_vertices", np.int32),
         named_expressions={
-            name: _array(file, f"named_expressions/{name}", np.float32)
-            for name in file.get("named_expressions", ())
+            name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
         },
         refinement_steps=int(attrs["refinement_steps"]),
     )

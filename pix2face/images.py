@@ -1,0 +1,70 @@
+"""Pictures in and out of files: what OpenCV leaves open is settled here (RGB, 8 bit, orientation, errors)."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Shaped, UInt8
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
+
+
+def read_photograph(path: Path) -> UInt8[ndarray, "h w 3"]:
+    """Reads a picture as people see it: orientation tag applied, grey, alpha and 16 bit brought to 8-bit RGB.
+
+    Raises:
+        InputFileError: There is no such file, or it cannot be decoded.
+    """
+    content = read_bytes(path)
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
+    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags) if content else None
+    if image is None:
+        raise _undecodable(str(path), content)
+    return cv2.cvtColor(_to_8_bit(image), cv2.COLOR_BGR2RGB)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Reads a file whole.
+
+    Raises:
+        InputFileError: There is no such file, or it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputFileError(f"{path}: expected a picture, cannot read it ({error.strerror})") from error
+
+
+def decode_image(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
+    """Decodes a JPEG or PNG file to RGB.
+
+    The orientation tag is not applied: coefficient files refer to the stored pixels.
+
+    Raises:
+        InputFileError: It cannot be decoded.
+    """
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags) if content else None
+    if image is None:
+        raise _undecodable(where, content)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def encode_image(image: UInt8[ndarray, "h w 3"]) -> bytes:
+    """Encodes an RGB picture without loss (PNG)."""
+    return bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1])
+
+
+def _to_8_bit(image: Shaped[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
+    if image.dtype == np.uint16:
+        return (image >> 8).astype(np.uint8)
+    if image.dtype != np.uint8:
+        return np.clip(image * 255, 0, 255).astype(np.uint8)
+    return image
+
+
+def _undecodable(where: str, content: bytes) -> InputFileError:
+    return InputFileError(f"{where}: expected a picture (JPEG, PNG, ...), found {len(content)} bytes that are none")

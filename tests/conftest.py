@@ -1,0 +1,15 @@
+"""Fixtures that all tests share."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def shared_dir() -> Path:
+    """Research data beside the project; tests that need it skip where it is absent."""
+    folder = Path(os.environ.get("PIX2FACE_SHARED", Path(__file__).parents[2] / "shared"))
+    if not (folder / "data").is_dir():
+        pytest.skip(f"no research data at {folder}: set PIX2FACE_SHARED")
+    return folder
