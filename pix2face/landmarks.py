@@ -1,0 +1,103 @@
+"""Landmark schemes: names, groups, mirror tables, and the ``.pts`` files that annotations come in.
+
+Indices are 0-based (the literature counts from 1). Left and right are the subject's: point 36 is the outer corner of the
+right eye, which lies on the left of a frontal photograph.
+
+Source: Sagonas et al. 2013, 300 Faces in-the-Wild Challenge (the 68 points of Multi-PIE).
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+
+IBUG68: Final = "ibug68"
+N_IBUG68: Final = 68
+
+# Each run goes along the contour as the annotation does, from the image's left to its right, eyes and mouth around.
+IBUG68_GROUPS: Final[Mapping[str, tuple[int, ...]]] = {
+    "jaw": tuple(range(17)),
+    "right_brow": tuple(range(17, 22)),
+    "left_brow": tuple(range(22, 27)),
+    "nose_bridge": tuple(range(27, 31)),
+    "nostrils": tuple(range(31, 36)),
+    "right_eye": tuple(range(36, 42)),
+    "left_eye": tuple(range(42, 48)),
+    "outer_lips": tuple(range(48, 60)),
+    "inner_lips": tuple(range(60, 68)),
+}
+CLOSED_GROUPS: Final = ("right_eye", "left_eye", "outer_lips", "inner_lips")
+
+# The parts of a face that reports speak of.
+IBUG68_PARTS: Final[Mapping[str, tuple[int, ...]]] = {
+    "jaw": tuple(range(17)),
+    "brows": tuple(range(17, 27)),
+    "nose": tuple(range(27, 36)),
+    "eyes": tuple(range(36, 48)),
+    "mouth": tuple(range(48, 68)),
+}
+
+# Everything but the jaw, whose points mean different things to a photograph (outline) and to a 3D model (fixed points).
+INNER51: Final = tuple(range(17, 68))
+
+OUTER_EYE_CORNERS: Final = (36, 45)
+RIGHT_EYE: Final = IBUG68_GROUPS["right_eye"]
+LEFT_EYE: Final = IBUG68_GROUPS["left_eye"]
+
+# MIRROR_IBUG68[i] is the point that point i becomes when the picture is mirrored.
+MIRROR_IBUG68: Final = (
+    *(16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0),  # jaw
+    *(26, 25, 24, 23, 22, 21, 20, 19, 18, 17),  # brows
+    *(27, 28, 29, 30, 35, 34, 33, 32, 31),  # nose
+    *(45, 44, 43, 42, 47, 46, 39, 38, 37, 36, 41, 40),  # eyes
+    *(54, 53, 52, 51, 50, 49, 48, 59, 58, 57, 56, 55),  # outer lips
+    *(64, 63, 62, 61, 60, 67, 66, 65),  # inner lips
+)
+
+# Annotation tools count pixels from 1 with integers at the centres: their 1.0 is our 0.5.
+ONE_BASED_TO_CENTRES_PX: Final = -0.5
+
+
+def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]:
+    """Reads a ``.pts`` annotation into the project's pixel frame (x right, y down, centres at +0.5).
+
+    Args:
+        path: A text file: ``version: 1``, ``n_points: 68``, ``{``, one ``x y`` a line (1-based pixels), ``}``.
+        n_landmarks: How many points the scheme has.
+
+    Raises:
+        InputFileError: The file is missing, cut off, of another format or scheme, or holds values that are not finite.
+    """
+    try:
+        text = path.read_text(encoding="ascii")
+    except OSError as error:
+        raise InputFileError(
+            f"expected an annotation at {path}, found none that can be read: {error.strerror}"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise InputFileError(f"expected the text of a .pts annotation in {path}, found binary data") from error
+    header, brace, body = text.partition("{")
+    if not brace or "n_points" not in header:
+        raise InputFileError(f"expected 'version', 'n_points' and '{{' at the start of {path}, found {text[:40]!r}")
+    if "}" not in body:
+        raise InputFileError(f"expected {path} to end in '}}', found no end: the file is cut off; download it again")
+    words = body.partition("}")[0].split()
+    declared = header.split("n_points")[1].strip(" :\r\n\t")
+    if declared != str(n_landmarks) or len(words) != 2 * n_landmarks:
+        raise InputFileError(
+            f"expected {n_landmarks} points in {path}, found n_points: {declared} and {len(words) / 2:g} points"
+        )
+    try:
+        points = np.array(words, dtype=np.float64).reshape(n_landmarks, 2)
+    except ValueError as error:
+        raise InputFileError(f"expected numbers in {path}: {error}") from error
+    if not np.isfinite(points).all():
+        raise InputFileError(
+            f"expected finite coordinates in {path}, found {np.isnan(points).sum()} NaN or infinite ones"
+        )
+    return points + ONE_BASED_TO_CENTRES_PX
