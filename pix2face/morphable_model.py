@@ -90,9 +90,7 @@ class MorphableModel:
         """Distance from the origin to the nearest point of the mean face: half of it separates face from background."""
         return float(np.linalg.norm(self.mean[self.is_face_vertex], axis=1).min())
 
-    def vertices(
-        self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]
-    ) -> Float32[ndarray, "n v 3"]:
+    def vertices(self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]) -> Float32[ndarray, "n v 3"]:
         """Evaluates the model.
 
         Args:
@@ -178,9 +176,7 @@ def triangulate(polygons: Int32[ndarray, "p 4"]) -> tuple[Int32[ndarray, "t 3"],
     return np.concatenate([first, second])[order], polygon[order]
 
 
-def _exactly_symmetric(
-    mean: Float32[ndarray, "v 3"], symmetry: Int32[ndarray, " v"] | None
-) -> Float32[ndarray, "v 3"]:
+def _exactly_symmetric(mean: Float32[ndarray, "v 3"], symmetry: Int32[ndarray, " v"] | None) -> Float32[ndarray, "v 3"]:
     """Takes out the rounding that refinement leaves between left and right."""
     if symmetry is None:
         return mean

@@ -31,7 +31,7 @@ def write_shard(path: Path, header: ShardHeader, triplets: Sequence[Triplet]) ->
     Args:
         path: Where it goes; its folder is made.
         header: What holds for all samples.
-        triplets: The samples, all of one picture size and one model. May be empty.
+        triplets: The samples, all of one model. May be empty.
 
     Raises:
         InputFileError: A value does not fit the format, or what was written does not read back.
@@ -98,7 +98,9 @@ def _write_header(file: h5py.File, header: ShardHeader) -> None:
 
 def _write_samples(file: h5py.File, triplets: Sequence[Triplet]) -> None:
     n = len(triplets)
-    height, width = triplets[0].maps.mask.shape if n else (0, 0)
+    # Pictures of several sizes share one shape; what lies beyond a picture's own size compresses to nothing.
+    shapes = [triplet.maps.mask.shape for triplet in triplets]
+    height, width = (max(lengths, default=0) for lengths in zip(*shapes, strict=True)) if n else (0, 0)
     _create(file, "pncc", n, (height, width, 3), np.int16)
     _create(file, "offset", n, (height, width, 3), np.int16)
     _create(file, "mask", n, (height, width), np.uint8)
@@ -109,16 +111,19 @@ def _write_samples(file: h5py.File, triplets: Sequence[Triplet]) -> None:
     file.create_dataset("image", (n,), dtype=h5py.vlen_dtype(np.uint8), track_times=False)
     for name in ("sample_id", "attributes", "checksum"):
         file.create_dataset(name, (n,), dtype=h5py.string_dtype(), track_times=False)
+    file.create_dataset("size_px", (n, 2), dtype=np.int32, track_times=False)
     file.create_dataset("offset_limit_mm", (n,), dtype=np.float32, track_times=False)
     for index, triplet in enumerate(triplets):
         _write_sample(file, index, triplet)
 
 
 def _write_sample(file: h5py.File, index: int, triplet: Triplet) -> None:
-    file["pncc"][index] = maps_to_fixed_point(triplet.maps.pncc)
-    file["offset"][index] = maps_to_fixed_point(triplet.maps.offset)
-    file["mask"][index] = triplet.maps.mask
-    file["depth"][index] = np.rint(triplet.depth * DEPTH_STEPS_PER_MM).astype(np.int32)
+    height, width = triplet.maps.mask.shape
+    file["size_px"][index] = height, width
+    file["pncc"][index, :height, :width] = maps_to_fixed_point(triplet.maps.pncc)
+    file["offset"][index, :height, :width] = maps_to_fixed_point(triplet.maps.offset)
+    file["mask"][index, :height, :width] = triplet.maps.mask
+    file["depth"][index, :height, :width] = np.rint(triplet.depth * DEPTH_STEPS_PER_MM).astype(np.int32)
     for name in PER_SAMPLE:
         file[name][index] = _per_sample(triplet, name)
     file["image"][index] = np.frombuffer(triplet.image, dtype=np.uint8)

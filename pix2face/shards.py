@@ -1,4 +1,4 @@
-"""The shard: one HDF5 file of triplets, all of one picture size (layout: docs/file_formats.md).
+"""The shard: one HDF5 file of triplets (layout: docs/file_formats.md).
 
 Reading needs only HDF5's built-in filters. A shard appears under its name when it is complete and read back; until
 then it has a temporary name, so an interrupted job leaves no half shard.
@@ -142,8 +142,9 @@ class ShardReader:
     def maps(self, index: int) -> FaceMaps:
         """The maps of a sample, mm."""
         with _reading(self.path):
-            pncc, offset = self._file["pncc"][index], self._file["offset"][index]
-            mask = self._file["mask"][index].astype(bool)
+            height, width = self._file["size_px"][index]
+            pncc, offset = (self._file[name][index, :height, :width] for name in ("pncc", "offset"))
+            mask = self._file["mask"][index, :height, :width].astype(bool)
         return FaceMaps(fixed_point_to_maps(pncc), fixed_point_to_maps(offset), mask)
 
     def checksum_pair(self, index: int) -> tuple[str, str]:
@@ -160,7 +161,8 @@ class ShardReader:
         """Everything that is known of a sample."""
         with _reading(self.path):
             values: dict[str, Any] = {name: self._file[name][index] for name in PER_SAMPLE}
-            depth = (self._file["depth"][index] / DEPTH_STEPS_PER_MM).astype(np.float32)
+            height, width = self._file["size_px"][index]
+            depth = (self._file["depth"][index, :height, :width] / DEPTH_STEPS_PER_MM).astype(np.float32)
             attributes = json.loads(self._file["attributes"][index])
         values["camera"] = Camera(values["camera"])
         return Triplet(
@@ -191,7 +193,7 @@ def shard_paths(folder: Path) -> list[Path]:
 def sample_checksum(file: h5py.File, index: int) -> str:
     """SHA-256 over the stored picture and arrays of a sample."""
     digest = hashlib.sha256(file["image"][index].tobytes())
-    for name in ("pncc", "offset", "mask", "depth", *PER_SAMPLE):
+    for name in ("size_px", "pncc", "offset", "mask", "depth", *PER_SAMPLE):
         digest.update(np.ascontiguousarray(file[name][index]).tobytes())
     return digest.hexdigest()
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import tests.type_checker  # noqa: F401 (pyproject names it as the checker of all signatures)
+
 
 @pytest.fixture(scope="session")
 def shared_dir() -> Path:

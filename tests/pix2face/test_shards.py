@@ -77,6 +77,15 @@ def test_same_samples_give_the_same_bytes(tmp_path: Path) -> None:
     assert first.read_bytes() == second.read_bytes()
 
 
+def test_pictures_of_several_sizes_share_a_shard(tmp_path: Path) -> None:
+    path = tmp_path / "shard-00000.h5"
+    write_shard(path, HEADER, [make_triplet(0, 24), make_triplet(1, 40), make_triplet(2, 31)])
+    with ShardReader(path) as reader:
+        for index, size in enumerate((24, 40, 31)):
+            assert reader.image(index).shape == (size, size, 3)
+            np.testing.assert_array_equal(reader.maps(index).mask, make_triplet(index, size).maps.mask)
+
+
 def test_a_shard_may_be_empty(tmp_path: Path) -> None:
     path = tmp_path / "shard-00000.h5"
     write_shard(path, HEADER, [])
@@ -106,7 +115,9 @@ def test_a_truncated_shard_is_refused_with_one_clear_line(shard: Path, fraction:
 def test_verify_notices_a_changed_value(shard: Path) -> None:
     with h5py.File(shard, "r+") as file:
         file["offset"][2, 10, 10] += 1
-    assert verify_shard(shard) == ["sample 'face/2': the checksum differs: the content has changed since it was written"]
+    assert verify_shard(shard) == [
+        "sample 'face/2': the checksum differs: the content has changed since it was written"
+    ]
 
 
 def test_verify_notices_values_outside_the_mask(shard: Path) -> None:

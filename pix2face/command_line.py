@@ -1,0 +1,69 @@
+"""What the command lines share: errors become one line and an exit status; long work shows its progress."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from pix2face.errors import Pix2FaceError
+
+EXIT_ERROR = 2
+EXIT_REJECTED = 3
+EXIT_INTERRUPTED = 130
+
+
+def run_commands(
+    program: str, description: str, commands: dict[str, Callable[..., int]], arguments: Sequence[str] | None
+) -> int:
+    """Parses a command line with subcommands, runs the one chosen, and turns our errors into one line.
+
+    Args:
+        program: Name in messages.
+        description: First line of ``--help``.
+        commands: For each subcommand a function of one configuration dataclass; its docstring is its help. A
+            single command under the name "" has no subcommand.
+        arguments: Without the program's name; None takes those of the process.
+
+    Returns:
+        The exit status: what the command returned, 2 on an error of ours, 130 when interrupted.
+    """
+    try:
+        if list(commands) == [""]:
+            return int(tyro.cli(commands[""], prog=program, description=description, args=arguments))
+        return int(
+            tyro.extras.subcommand_cli_from_dict(commands, prog=program, description=description, args=arguments)
+        )
+    except Pix2FaceError as error:
+        sys.stderr.write(f"{program}: error: {error}\n")
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
+        return EXIT_INTERRUPTED
+
+
+@contextmanager
+def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[..., None]]:
+    """A progress bar with rate and time left.
+
+    Yields:
+        ``advance(n=1, note="")``: counts n more as done, and shows a note behind the bar.
+    """
+    columns: list[Any] = [
+        TextColumn("[bold]{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TaskProgressColumn(show_speed=True),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    ]
+    with Progress(*columns, console=console, refresh_per_second=4) as progress:
+        task = progress.add_task(what, total=total, note="")
+
+        def advance(n: int = 1, note: str = "") -> None:
+            progress.update(task, advance=n, note=note)
+
+        yield advance
