@@ -16,8 +16,8 @@ from skimage.feature import Cascade
 
 from pix2face.crops import FaceBox
 
-# The cascade's window is a square around the face's middle; these make it the tight box of the 68 landmarks. Medians over
-# the 36 matches in dlib's annotated example photographs (spread of each about 0.07 of the window).
+# The cascade's window is a square around the face's middle; these make it the tight box of the 68 landmarks. Medians
+# over the 36 matches in dlib's annotated example photographs (spread of each about 0.07 of the window).
 LANDMARKS_BELOW_WINDOW_CENTRE = 0.14
 LANDMARKS_WIDTH = 0.85
 LANDMARKS_HEIGHT = 0.84
@@ -42,7 +42,7 @@ class LbpCascadeDetector:
     """scikit-image's frontal face cascade, calibrated to ``FaceBox``."""
 
     def __init__(self) -> None:
-        self._cascade = Cascade(lbp_frontal_face_cascade_filename())
+        self._cascade = Cascade(lbp_frontal_face_cascade_filename())  # type: ignore[no-untyped-call]
 
     def __call__(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
         """The faces of an RGB picture, largest first, in its pixels; empty where there is none."""

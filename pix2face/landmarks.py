@@ -1,7 +1,7 @@
 """Landmark schemes: names, groups, mirror tables, and the ``.pts`` files that annotations come in.
 
-Indices are 0-based (the literature counts from 1). Left and right are the subject's: point 36 is the outer corner of the
-right eye, which lies on the left of a frontal photograph.
+Indices are 0-based (the literature counts from 1). Left and right are the subject's: point 36 is the outer corner of
+the right eye, which lies on the left of a frontal photograph.
 
 Source: Sagonas et al. 2013, 300 Faces in-the-Wild Challenge (the 68 points of Multi-PIE).
 """

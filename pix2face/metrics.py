@@ -47,7 +47,7 @@ class ErrorSummary:
 def normalising_distance(truth: Float[ndarray, "68 2"], normaliser: Normaliser) -> float:
     """The length in pixels that errors are divided by, from the true landmarks.
 
-    ``outer-eye``: distance of the outer eye corners. ``inter-pupil``: distance of the means of the six points of each eye.
+    ``outer-eye``: distance of the outer eye corners. ``inter-pupil``: distance of the means of each eye's six points.
     ``box-sqrt``: sqrt(w h) of the tight box of all points. ``box-diagonal``: its diagonal.
 
     Raises:
