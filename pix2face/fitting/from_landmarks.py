@@ -1,0 +1,222 @@
+"""Camera, identity and expression from sparse landmarks: what retargets another model's annotations to ours."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+from numpy import ndarray
+
+from pix2face.camera import Camera, nearest_weak_perspective
+from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.fitting.camera_fit import fit_weak_perspective_camera
+from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
+from pix2face.fitting.similarity import Similarity
+from pix2face.landmarks import IBUG68
+from pix2face.morphable_model import MorphableModel
+
+# Variance (mm^2) of a landmark's coordinate that the model cannot or should not follow. Chosen on the 400 development
+# files of AFLW2000-3D: see tests/pix2face/fitting/test_retarget_aflw.py.
+LANDMARK_REGULARISATION = 4.0
+
+# Below this relative decrease of the cost, landmarks move by less than a thousandth of the face.
+RELATIVE_DECREASE = 1e-5
+LEAST_LANDMARKS = 6
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LandmarkFit:
+    """A face fitted to landmarks.
+
+    Attributes:
+        camera: Weak perspective, from the model frame (mm) to the pixels of the landmarks.
+        identity: Coefficients in standard deviations.
+        expression: Coefficients in standard deviations.
+        landmarks2d: All landmarks of the fitted face, used or not, pixels.
+    """
+
+    camera: Camera
+    identity: Float64[ndarray, " k"]
+    expression: Float64[ndarray, " e"]
+    landmarks2d: Float64[ndarray, "m 2"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LandmarkModel:
+    """A morphable model at its landmarks only: small enough for some thousand fits a minute.
+
+    Attributes:
+        mean: mm, model frame.
+        basis: mm per standard deviation, identity before expression.
+        n_identity: How many components are identity.
+    """
+
+    mean: Float64[ndarray, "m 3"]
+    basis: Float64[ndarray, "c m 3"]
+    n_identity: int
+
+    @classmethod
+    def of(cls, model: MorphableModel, scheme: str = IBUG68) -> "LandmarkModel":
+        """Takes the landmark rows of a model.
+
+        Raises:
+            UsageError: The model has no such landmarks.
+        """
+        if scheme not in model.landmarks:
+            found = sorted(model.landmarks)
+            raise UsageError(f"expected landmarks {scheme!r} in the model {model.name!r}, found {found}")
+        vertices = model.landmarks[scheme]
+        basis = np.concatenate([model.identity_basis[:, vertices], model.expression_basis[:, vertices]])
+        return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)
+
+    def landmarks3d(self, coefficients: Float64[ndarray, " c"]) -> Float64[ndarray, "m 3"]:
+        """Landmarks of a face, mm, model frame (identity before expression)."""
+        return np.asarray(self.mean + np.tensordot(coefficients, self.basis, axes=1), dtype=np.float64)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FaceState:
+    """What the joint fit moves: the pose (about the landmarks' centre) and the coefficients."""
+
+    similarity: Similarity
+    coefficients: Float64[ndarray, " c"]
+
+    def moved(self, step: Float64[ndarray, " p"]) -> "FaceState":
+        """The state after an increment (similarity, then coefficients)."""
+        moved_coefficients = self.coefficients + step[len(step) - len(self.coefficients) :]
+        return FaceState(self.similarity.moved(step), moved_coefficients)
+
+
+def fit_mean_to_landmarks(
+    model: MorphableModel | LandmarkModel,
+    landmarks2d: Float[ndarray, "m 2"],
+    *,
+    weights: Float[ndarray, " m"] | None = None,
+    initial_rotation: Float[ndarray, "3 3"] | None = None,
+) -> Camera:
+    """Fits a weak-perspective camera that brings the mean face's landmarks to given ones.
+
+    Args:
+        model: The face; of a MorphableModel the iBUG-68 landmarks.
+        landmarks2d: Pixels (x, y), centres at +0.5; a landmark that is not finite counts as missing.
+        weights: Factor of each squared residual; None is 1, 0 leaves a landmark out.
+        initial_rotation: A start (camera_from_model) instead of the affine one.
+
+    Raises:
+        DegenerateGeometryError: Fewer than 6 landmarks, or all at one place.
+    """
+    landmark_model = _landmark_model(model)
+    weights = _weights_of_present(landmarks2d, weights)
+    return fit_weak_perspective_camera(
+        landmark_model.mean,
+        np.nan_to_num(landmarks2d, posinf=0, neginf=0),
+        weights=weights,
+        initial_rotation=initial_rotation,
+    )
+
+
+def fit_landmarks(
+    model: MorphableModel | LandmarkModel,
+    landmarks2d: Float[ndarray, "m 2"],
+    *,
+    weights: Float[ndarray, " m"] | None = None,
+    regularisation: float = LANDMARK_REGULARISATION,
+    depths_px: Float[ndarray, " m"] | None = None,
+    initial_rotation: Float[ndarray, "3 3"] | None = None,
+) -> LandmarkFit:
+    """Fits weak-perspective camera, identity and expression jointly to landmarks.
+
+    Minimises sum_j w_j |project(x_j(c)) - u_j|^2 / s^2 + lambda |c|^2, where s, the scale of the mean face's fit
+    (pixels per mm), makes residuals millimetres: lambda means the same for every image size and yaw.
+
+    Args:
+        model: The face; of a MorphableModel the iBUG-68 landmarks. A LandmarkModel made once saves a little each time.
+        landmarks2d: Pixels (x, y), centres at +0.5; a landmark that is not finite counts as missing.
+        weights: Factor of each squared residual; None is 1, 0 leaves a landmark out.
+        regularisation: lambda in mm^2: the variance of what the model should not follow.
+        depths_px: Depth of the landmarks in the unit of the pixels, larger farther, up to a constant; None where
+            unknown. 300W-LP's third coordinate grows towards the viewer: ``w300lp`` negates it on reading.
+        initial_rotation: A start (camera_from_model) instead of the mean face's fit.
+
+    Raises:
+        DegenerateGeometryError: Fewer than 6 landmarks, all at one place, or lambda not positive.
+    """
+    if not regularisation > 0:
+        raise DegenerateGeometryError(f"expected a positive regularisation in mm^2, found {regularisation}")
+    landmark_model = _landmark_model(model)
+    camera = fit_mean_to_landmarks(landmark_model, landmarks2d, weights=weights, initial_rotation=initial_rotation)
+    targets, used = landmarks2d.astype(np.float64), _weights_of_present(landmarks2d, weights)
+    if depths_px is not None:
+        targets = np.column_stack([targets, depths_px])
+    seen = used > 0
+    restricted = LandmarkModel(landmark_model.mean[seen], landmark_model.basis[:, seen], landmark_model.n_identity)
+    start = _start(restricted, camera, targets[seen], used[seen])
+    local_quadratic = _joint_quadratic(restricted, targets[seen], used[seen], regularisation, start.similarity.scale)
+    end, _ = minimise(start, local_quadratic, FaceState.moved, relative_decrease=RELATIVE_DECREASE)
+    fitted = end.similarity.camera(_centre(restricted, used[seen]))
+    k = landmark_model.n_identity
+    landmarks3d = landmark_model.landmarks3d(end.coefficients)
+    return LandmarkFit(fitted, end.coefficients[:k], end.coefficients[k:], fitted.project(landmarks3d))
+
+
+def _landmark_model(model: MorphableModel | LandmarkModel) -> LandmarkModel:
+    return model if isinstance(model, LandmarkModel) else LandmarkModel.of(model)
+
+
+def _weights_of_present(
+    landmarks2d: Float[ndarray, "m 2"], weights: Float[ndarray, " m"] | None
+) -> Float64[ndarray, " m"]:
+    """The weights, 0 where a landmark is missing."""
+    present: Bool[ndarray, " m"] = np.isfinite(landmarks2d).all(axis=1)
+    out = np.where(present, np.ones(len(landmarks2d)) if weights is None else weights, 0.0)
+    if (out > 0).sum() < LEAST_LANDMARKS:
+        raise DegenerateGeometryError(
+            f"a face needs at least {LEAST_LANDMARKS} landmarks, found {int((out > 0).sum())} "
+            f"with finite coordinates and a weight, of {len(out)}"
+        )
+    return np.asarray(out, dtype=np.float64)
+
+
+def _centre(model: LandmarkModel, weights: Float64[ndarray, " m"]) -> Float64[ndarray, "3"]:
+    return np.asarray(weights @ model.mean / weights.sum(), dtype=np.float64)
+
+
+def _start(
+    model: LandmarkModel, camera: Camera, targets: Float64[ndarray, "m d"], weights: Float64[ndarray, " m"]
+) -> FaceState:
+    """The mean face in the camera that was fitted to it."""
+    pose = nearest_weak_perspective(camera)
+    centre = camera.project(_centre(model, weights))
+    depth = weights @ targets[:, 2:] / weights.sum()  # empty where depths are unknown
+    similarity = Similarity(float(np.log(pose.scale)), pose.rotation, np.concatenate([centre, depth]))
+    return FaceState(similarity, np.zeros(len(model.basis)))
+
+
+def _joint_quadratic(
+    model: LandmarkModel,
+    targets: Float64[ndarray, "m d"],
+    weights: Float64[ndarray, " m"],
+    regularisation: float,
+    scale: float,
+) -> Callable[[FaceState], LocalQuadratic]:
+    """The local quadratic of pose and coefficients, in mm^2."""
+    centre = _centre(model, weights)
+    weights = weights / scale**2
+
+    def local_quadratic(state: FaceState) -> LocalQuadratic:
+        points = model.landmarks3d(state.coefficients) - centre
+        rows = state.similarity.scale * state.similarity.rotation[: targets.shape[1]]
+        jacobian = np.concatenate(
+            [state.similarity.jacobian(points), np.transpose(model.basis @ rows.T, (1, 2, 0))], axis=2
+        )
+        data = quadratic_of_residuals(state.similarity.apply(points) - targets, jacobian, weights)
+        c, n_pose = state.coefficients, jacobian.shape[2] - len(state.coefficients)
+        data.hessian[np.arange(n_pose, jacobian.shape[2]), np.arange(n_pose, jacobian.shape[2])] += regularisation
+        gradient = data.gradient + regularisation * np.concatenate([np.zeros(n_pose), c])
+        return LocalQuadratic(data.cost + regularisation * float(c @ c) / 2, gradient, data.hessian)
+
+    return local_quadratic

@@ -1,0 +1,76 @@
+"""Faces with known cameras and coefficients, rendered by the NumPy rasteriser and coded in fixed point."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import ndarray
+
+from pix2face.camera import (
+    Camera,
+    HeadPose,
+    Pinhole,
+    WeakPerspective,
+    pinhole_camera,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
+from pix2face.face_maps import FaceMaps, fixed_point_to_maps, maps_to_fixed_point
+from pix2face.morphable_model import MorphableModel
+from pix2face.rasterise import render_maps
+
+SIZE_PX = 256
+# The head fills the picture at this scale.
+SCALE = 0.95
+DISTANCE_MM = 500.0
+
+
+@dataclass(frozen=True, eq=False)
+class KnownFace:
+    """A face, its camera and its maps."""
+
+    camera: Camera
+    principal_point_px: ndarray
+    identity: ndarray
+    expression: ndarray
+    vertices: ndarray
+    maps: FaceMaps
+
+    def landmarks2d(self, model: MorphableModel) -> ndarray:
+        return self.camera.project(self.vertices[model.landmarks["ibug68"]])
+
+    def eye_distance_px(self, model: MorphableModel) -> float:
+        """3D distance of the outer eye corners x scale."""
+        landmarks = self.vertices[model.landmarks["ibug68"]]
+        return float(np.linalg.norm(landmarks[36] - landmarks[45])) * SCALE
+
+
+def render_known_face(
+    model: MorphableModel, pose: HeadPose, seed: int, *, perspective: bool, spread: float = 1.0
+) -> KnownFace:
+    """Renders a random face, centred in a picture of 256 x 256 pixels."""
+    rng = np.random.default_rng(seed)
+    identity = spread * rng.normal(size=model.n_identity).clip(-2.5, 2.5)
+    expression = spread * rng.normal(size=model.n_expression).clip(-2.5, 2.5)
+    vertices = model.vertices(identity[None], expression[None])[0]
+    centre = vertices[model.is_face_vertex].mean(axis=0).astype(np.float64)
+    principal_point = SIZE_PX / 2 + rng.uniform(-60, 60, 2)
+    camera = (pinhole_at if perspective else weak_perspective_at)(rotation_of_pose(pose), centre, principal_point)
+    rendered = render_maps(model, vertices, camera, SIZE_PX, SIZE_PX)
+    maps = FaceMaps(coded(rendered.pncc), coded(rendered.offset), rendered.mask)
+    return KnownFace(camera, principal_point, identity, expression, vertices, maps)
+
+
+def coded(values_mm: ndarray) -> ndarray:
+    """What a shard gives back."""
+    return fixed_point_to_maps(maps_to_fixed_point(values_mm))
+
+
+def weak_perspective_at(rotation: ndarray, centre: ndarray, principal_point: ndarray) -> Camera:
+    translation = SIZE_PX / 2 - SCALE * rotation[:2] @ centre
+    return weak_perspective_camera(WeakPerspective(SCALE, rotation, translation))
+
+
+def pinhole_at(rotation: ndarray, centre: ndarray, principal_point: ndarray) -> Camera:
+    """A near camera: half a metre away, perspective is strong."""
+    towards = np.append((SIZE_PX / 2 - principal_point) / SCALE, DISTANCE_MM)
+    return pinhole_camera(Pinhole(SCALE * DISTANCE_MM, principal_point, rotation, towards - rotation @ centre))

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pix2face.errors import DegenerateGeometryError
+from pix2face.fitting.coefficient_fit import fit_coefficients
+from tests.synthetic_models import small_head_model
+
+MODEL = small_head_model()
+VERTICES = np.flatnonzero(MODEL.is_face_vertex)[::3]
+
+
+def random_face(seed):
+    rng = np.random.default_rng(seed)
+    identity, expression = rng.normal(size=MODEL.n_identity), rng.normal(size=MODEL.n_expression)
+    offsets = (MODEL.vertices(identity[None], expression[None])[0] - MODEL.mean)[VERTICES]
+    return identity, expression, offsets.astype(np.float64), rng
+
+
+@given(st.integers(0, 1000))
+def test_exact_offsets_give_the_coefficients_back(seed):
+    identity, expression, offsets, _ = random_face(seed)
+    found_identity, found_expression = fit_coefficients(MODEL, VERTICES, offsets, 1e-6)
+    np.testing.assert_allclose(found_identity, identity, atol=1e-3)
+    np.testing.assert_allclose(found_expression, expression, atol=1e-3)
+
+
+def test_minimises_its_cost():
+    _, _, offsets, rng = random_face(1)
+    offsets += rng.normal(size=offsets.shape)
+    regularisation = 30.0
+    best = np.concatenate(fit_coefficients(MODEL, VERTICES, offsets, regularisation))
+
+    def cost(c):
+        k = MODEL.n_identity
+        face = MODEL.vertices(c[None, :k], c[None, k:])[0] - MODEL.mean
+        return ((face[VERTICES] - offsets) ** 2).sum() + regularisation * c @ c
+
+    for _ in range(30):
+        assert cost(best + 0.05 * rng.normal(size=len(best))) > cost(best)
+
+
+def test_the_noise_variance_is_the_best_regularisation():
+    """The rule beside the constants: independent errors of variance v are served best by lambda = v."""
+    few = np.flatnonzero(MODEL.is_face_vertex)[::40]
+    sigma, errors = 6.0, {}
+    for factor in (1 / 25, 1, 25):
+        total = 0.0
+        for seed in range(60):
+            rng = np.random.default_rng(seed)
+            c = rng.normal(size=(1, MODEL.n_identity)), rng.normal(size=(1, MODEL.n_expression))
+            offsets = (MODEL.vertices(*c)[0] - MODEL.mean)[few] + rng.normal(size=(len(few), 3)) * sigma
+            found = fit_coefficients(MODEL, few, offsets.astype(np.float64), factor * sigma**2)
+            total += float(((np.concatenate(found) - np.concatenate([c[0][0], c[1][0]])) ** 2).sum())
+        errors[factor] = total
+    assert errors[1] < errors[1 / 25]
+    assert errors[1] < errors[25]
+
+
+def test_more_regularisation_means_smaller_coefficients():
+    _, _, offsets, _ = random_face(2)
+    sizes = [np.linalg.norm(np.concatenate(fit_coefficients(MODEL, VERTICES, offsets, r))) for r in (1e-3, 1e3, 1e6)]
+    assert sizes[0] > sizes[1] > sizes[2]
+
+
+def test_bad_input_is_refused():
+    _, _, offsets, _ = random_face(3)
+    with pytest.raises(DegenerateGeometryError, match="found none"):
+        fit_coefficients(MODEL, VERTICES[:0], offsets[:0], 1.0)
+    with pytest.raises(DegenerateGeometryError, match="positive regularisation, found 0"):
+        fit_coefficients(MODEL, VERTICES, offsets, 0.0)
+    with pytest.raises(DegenerateGeometryError, match="3 values that are not finite"):
+        fit_coefficients(MODEL, VERTICES, np.where(np.arange(len(offsets))[:, None] == 4, np.nan, offsets), 1.0)
