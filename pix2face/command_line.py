@@ -1,7 +1,7 @@
 """What the command lines share: errors become one line and an exit status; long work shows its progress."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,7 +17,7 @@ EXIT_INTERRUPTED = 130
 
 
 def run_commands(
-    program: str, description: str, commands: dict[str, Callable[..., int]], arguments: Sequence[str] | None
+    program: str, description: str, commands: Mapping[str, Callable[..., int]], arguments: Sequence[str] | None
 ) -> int:
     """Parses a command line with subcommands, runs the one chosen, and turns our errors into one line.
 
@@ -35,7 +35,7 @@ def run_commands(
         if list(commands) == [""]:
             return int(tyro.cli(commands[""], prog=program, description=description, args=arguments))
         return int(
-            tyro.extras.subcommand_cli_from_dict(commands, prog=program, description=description, args=arguments)
+            tyro.extras.subcommand_cli_from_dict(dict(commands), prog=program, description=description, args=arguments)
         )
     except Pix2FaceError as error:
         sys.stderr.write(f"{program}: error: {error}\n")

@@ -9,7 +9,7 @@ from typing import Any, cast, final
 
 import h5py
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
@@ -30,6 +30,9 @@ class StoredModel:
         landmarks: Vertex indices, valid after ``refinement_steps`` steps and more.
         source_vertices: For each control vertex its index in the mesh that the model was made from, or None.
         refinement_steps: Catmull-Clark steps that loading does by default.
+        published_basis: Name of the published basis whose coefficient files the model understands, or empty.
+        identity_unit: One standard deviation of each identity component in the unit of those files, or None.
+        expression_unit: Likewise for expression.
     """
 
     name: str
@@ -49,6 +52,22 @@ class StoredModel:
     source_vertices: Int32[ndarray, " v"] | None = None
     named_expressions: Mapping[str, Float32[ndarray, " e"]] = field(default_factory=dict)
     refinement_steps: int = 0
+    published_basis: str = ""
+    identity_unit: Float64[ndarray, " k"] | None = None
+    expression_unit: Float64[ndarray, " e"] | None = None
+
+
+_ARRAYS: dict[str, Any] = {
+    "mean": np.float32,
+    "polygons": np.int32,
+    "polygon_regions": np.uint8,
+    "uv": np.float32,
+    "uv_polygons": np.int32,
+    "symmetry": np.int32,
+    "source_vertices": np.int32,
+    "identity_unit": np.float64,
+    "expression_unit": np.float64,
+}
 
 
 def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False) -> None:
@@ -64,7 +83,7 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
     with h5py.File(path, "w", track_order=False) as file:
         file.attrs["format"] = FORMAT
         file.attrs["schema_version"] = SCHEMA_VERSION
-        for name in ("name", "licence", "origin"):
+        for name in ("name", "licence", "origin", "published_basis"):
             file.attrs[name] = getattr(model, name)
         file.attrs["refinement_steps"] = model.refinement_steps
         file.attrs["region_names"] = json.dumps(model.region_names)
@@ -110,26 +129,22 @@ def read_stored_model(path: Path) -> tuple[StoredModel, str]:
 
 def _read(file: h5py.File) -> StoredModel:
     attrs = file.attrs
+    arrays = {name: _array(file, name, dtype) for name, dtype in _ARRAYS.items() if name in file}
     return StoredModel(
         name=str(attrs["name"]),
         licence=str(attrs["licence"]),
         origin=str(attrs["origin"]),
-        mean=_array(file, "mean", np.float32),
+        published_basis=str(attrs["published_basis"]),
         identity_basis=_read_basis(file, "identity_basis"),
         expression_basis=_read_basis(file, "expression_basis"),
-        polygons=_array(file, "polygons", np.int32),
-        polygon_regions=_array(file, "polygon_regions", np.uint8),
         region_names=tuple(json.loads(str(attrs["region_names"]))),
         face_regions=tuple(json.loads(str(attrs["face_regions"]))),
         landmarks={name: _array(file, f"landmarks/{name}", np.int32) for name in file.get("landmarks", ())},
-        uv=_optional(file, "uv", np.float32),
-        uv_polygons=_optional(file, "uv_polygons", np.int32),
-        symmetry=_optional(file, "symmetry", np.int32),
-        source_vertices=_optional(file, "source_vertices", np.int32),
         named_expressions={
             name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
         },
         refinement_steps=int(attrs["refinement_steps"]),
+        **arrays,
     )
 
 
@@ -172,10 +187,6 @@ def _read_basis(file: h5py.File, name: str) -> Float32[ndarray, "k v 3"]:
 
 def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
     return cast(ndarray, file[name][()].astype(dtype))
-
-
-def _optional(file: h5py.File, name: str, dtype: Any) -> ndarray | None:
-    return _array(file, name, dtype) if name in file else None
 
 
 def _content_sha256(file: h5py.File) -> str:

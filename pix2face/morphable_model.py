@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
 from pix2face.model_file import StoredModel, read_stored_model
@@ -43,6 +43,9 @@ class MorphableModel:
         uv_triangles: For each triangle its three texture coordinates (they split along seams), or None.
         symmetry: For each vertex its mirror image, or None where the mesh is not symmetric.
         named_expressions: Expression coefficients of shapes that have a name.
+        published_basis: Name of the published basis whose coefficient files the model understands, or empty.
+        identity_unit: One standard deviation of each identity component in the unit of those files, or None.
+        expression_unit: Likewise for expression.
     """
 
     name: str
@@ -61,6 +64,9 @@ class MorphableModel:
     uv_triangles: Int32[ndarray, "t 3"] | None
     symmetry: Int32[ndarray, " v"] | None
     named_expressions: Mapping[str, Float32[ndarray, " e"]]
+    published_basis: str = ""
+    identity_unit: Float64[ndarray, " k"] | None = None
+    expression_unit: Float64[ndarray, " e"] | None = None
 
     @property
     def n_identity(self) -> int:
@@ -160,6 +166,9 @@ def model_from_stored(stored: StoredModel, sha256: str, refinement_steps: int) -
         uv_triangles=uv_triangles,
         symmetry=stored.symmetry,
         named_expressions=stored.named_expressions,
+        published_basis=stored.published_basis,
+        identity_unit=stored.identity_unit,
+        expression_unit=stored.expression_unit,
     )
 
 

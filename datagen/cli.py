@@ -1,0 +1,244 @@
+"""The command ``datagen``: sample faces, render triplets, verify and look at shards, import models."""
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from datagen.pipeline import REJECTED_FILE, JobSummary, RenderJob, run_job
+from datagen.preview import contact_sheet
+from datagen.sampling import sample_faces
+from datagen.sources import open_source
+from pix2face.coefficients import save_coefficients
+from pix2face.command_line import EXIT_ERROR, EXIT_REJECTED, progress_bar, run_commands
+from pix2face.errors import UsageError
+from pix2face.model_file import write_stored_model
+from pix2face.model_formats.bfm2009 import read_bfm2009
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, load_model, open_model
+from pix2face.shard_writing import verify_shard
+from pix2face.shards import ShardReader, shard_paths
+
+console = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class SampleConfig:
+    """Configuration of ``datagen sample``."""
+
+    out: Path
+    """Table of coefficients to write (.h5)."""
+    n: int = 400
+    """Number of faces."""
+    seed: int = 0
+    """Seed of identities, expressions, poses and cameras. 0 is a seed like any other."""
+    size: int = 256
+    """Side of the pictures to be rendered, in pixels."""
+    model: str = BUILTIN_MODEL
+    """``builtin``, or a model file made by ``datagen model-import``."""
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """Configuration of ``datagen render``."""
+
+    coeffs: Path
+    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table made by ``datagen sample``."""
+    out: Path
+    """Folder of the shards. Run again with the same settings, it is completed."""
+    model: str = BUILTIN_MODEL
+    """``builtin``, or a model file made by ``datagen model-import``. With an imported BFM 2009 the coefficients of
+    300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
+    seed: int = 0
+    """Seed of light, colours and background of rendered pictures."""
+    shard_size: int = 100
+    """Samples in a shard."""
+    workers: int = os.cpu_count() or 1
+    """Processes that render."""
+    max_rejected: int = 0
+    """How many samples may be rejected before the exit status says so (3)."""
+
+
+@dataclass(frozen=True)
+class VerifyConfig:
+    """Configuration of ``datagen verify``."""
+
+    shards: Annotated[Path, tyro.conf.Positional]
+    """Folder of shards."""
+
+
+@dataclass(frozen=True)
+class PreviewConfig:
+    """Configuration of ``datagen preview``."""
+
+    shards: Annotated[Path, tyro.conf.Positional]
+    """Folder of shards."""
+    out: Path | None = None
+    """Picture to write (.jpg or .png); without it ``preview.jpg`` in the folder."""
+    n: int = 16
+    """Samples to show, evenly spread."""
+
+
+@dataclass(frozen=True)
+class ModelImportConfig:
+    """Configuration of ``datagen model-import``."""
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """Folder with Model_Shape.mat and Model_Expression.mat (BFM 2009 as 300W-LP uses it)."""
+    out: Path
+    """Model file to write (.h5)."""
+
+
+@dataclass(frozen=True)
+class ModelInfoConfig:
+    """Configuration of ``datagen model-info``."""
+
+    model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
+    """``builtin``, or a model file."""
+
+
+def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:
+    """Draw plausible faces, poses and cameras, and write them as a table of coefficients."""
+    table = sample_faces(open_model(config.model), config.n, config.seed, config.size)
+    save_coefficients(table, config.out)
+    console.print(f"{len(table)} faces of {table.model_name} -> {config.out}")
+    console.print(f"next: datagen render --coeffs {config.out} --out shards/", highlight=False)
+    return 0
+
+
+def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
+    """Render image / PNCC / offset triplets into sharded HDF5. One bad sample never ends the job."""
+    if config.workers < 1 or config.shard_size < 1 or config.seed < 0:
+        raise UsageError(
+            "expected --workers and --shard-size of at least 1 and --seed of at least 0, "
+            f"found {config.workers}, {config.shard_size} and {config.seed}"
+        )
+    model = open_model(config.model)
+    source = open_source(config.coeffs, model)
+    console.print(f"{len(source.sample_ids)} faces in {config.coeffs}; model: {describe(model)}", highlight=False)
+    if config.coeffs.is_dir() and config.model == BUILTIN_MODEL:
+        console.print(
+            "the coefficients are BFM's: the built-in model is fitted to the landmarks of the files instead "
+            "(have BFM 2009? datagen model-import, then --model)",
+            highlight=False,
+        )
+    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size)
+    config.out.mkdir(parents=True, exist_ok=True)
+    # Each process renders with one thread of its own: software GL scales better over processes than inside one.
+    os.environ.setdefault("LP_NUM_THREADS", "1")
+    context = multiprocessing.get_context("spawn")
+    with (
+        progress_bar(console, "rendering", len(source.sample_ids)) as advance,
+        ProcessPoolExecutor(config.workers, mp_context=context) as executor,
+    ):
+        summary = run_job(job, config.out, executor, advance)
+    return _report(summary, config)
+
+
+def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
+    """Read every sample of a folder of shards and check it: schema, checksums, ranges, duplicate ids."""
+    paths = shard_paths(config.shards)
+    problems, seen, n_samples = [], set[str](), 0
+    with progress_bar(console, "verifying", len(paths)) as advance:
+        for path in paths:
+            found = verify_shard(path)
+            problems += [f"{path.name}: {problem}" for problem in found]
+            if not found:
+                with ShardReader(path) as reader:
+                    n_samples += len(reader)
+                    problems += [f"{path.name}: id {name!r} occurs twice" for name in seen & set(reader.sample_ids)]
+                    seen |= set(reader.sample_ids)
+            advance()
+    for problem in problems:
+        print(problem)
+    if problems:
+        print(f"{len(problems)} problems; delete the shards named above and run `datagen render` again")
+        return EXIT_ERROR
+    print(f"{len(paths)} shards, {n_samples} samples: no problem found")
+    return 0
+
+
+def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
+    """Draw a contact sheet: picture, PNCC over it, offset, depth, landmarks (green: visible, red: hidden)."""
+    out = config.out or config.shards / "preview.jpg"
+    if config.n < 1:
+        raise UsageError(f"expected at least one sample to show (--n), found {config.n}")
+    sheet = contact_sheet(config.shards, config.n)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if out.suffix.lower() not in (".jpg", ".jpeg", ".png") or not cv2.imwrite(str(out), sheet[..., ::-1]):
+        raise UsageError(f"{out}: expected a .jpg or .png that can be written")
+    console.print(f"contact sheet -> {out}", highlight=False)
+    return 0
+
+
+def model_import(config: Annotated[ModelImportConfig, tyro.conf.arg(name="")]) -> int:
+    """Bring a published model into the project's own file (BFM 2009 as 300W-LP uses it)."""
+    write_stored_model(read_bfm2009(config.path), config.out)
+    console.print(f"{describe(load_model(config.out))} -> {config.out}", highlight=False)
+    return 0
+
+
+def model_info(config: Annotated[ModelInfoConfig, tyro.conf.arg(name="")]) -> int:
+    """Print sizes, extents, components, licence and hash of a model."""
+    model = open_model(config.model)
+    table = Table(show_header=False, title=model.name)
+    extents = zip("xyz", model.mean.min(axis=0), model.mean.max(axis=0), strict=True)
+    for name, value in {
+        "vertices, triangles": f"{len(model.mean)}, {len(model.triangles)}",
+        "extent of the mean": ", ".join(f"{axis} {low:.1f} .. {high:.1f} mm" for axis, low, high in extents),
+        "nearest face point to the origin": f"{model.smallest_radius_mm:.1f} mm",
+        "components": f"{model.n_identity} identity, {model.n_expression} expression",
+        "named expressions": str(len(model.named_expressions)),
+        "face regions": ", ".join(model.face_regions),
+        "landmarks": ", ".join(f"{scheme} ({len(indices)})" for scheme, indices in model.landmarks.items()),
+        "mirror symmetry": "yes" if model.symmetry is not None else "no",
+        "licence": model.licence,
+        "origin": model.origin,
+        "sha256": model.sha256,
+    }.items():
+        table.add_row(name, value)
+    Console().print(table)
+    return 0
+
+
+def describe(model: MorphableModel) -> str:
+    """A model in one line."""
+    components = f"{model.n_identity} identity and {model.n_expression} expression components"
+    return f"{model.name} ({len(model.mean)} vertices, {components}, {model.sha256[:12]})"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``datagen``."""
+    commands = {
+        "sample": sample,
+        "render": render,
+        "verify": verify,
+        "preview": preview,
+        "model-import": model_import,
+        "model-info": model_info,
+    }
+    return run_commands(
+        "datagen", "Ground truth for dense 3D faces: coefficients in, triplets out.", commands, arguments
+    )
+
+
+def _report(summary: JobSummary, config: RenderConfig) -> int:
+    kept = f" ({summary.n_shards_kept} were there already)" if summary.n_shards_kept else ""
+    console.print(f"{summary.n_triplets} triplets in {summary.n_shards} shards{kept} -> {config.out}", highlight=False)
+    if summary.rejected:
+        console.print(f"{len(summary.rejected)} samples rejected, listed in {config.out / REJECTED_FILE}; the first:")
+        console.print(f"  {summary.rejected[0][1]}", highlight=False, markup=False)
+    console.print(f"next: datagen preview {config.out}; train --shards {config.out}", highlight=False)
+    return EXIT_REJECTED if len(summary.rejected) > config.max_rejected else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,154 @@
+"""Draws plausible faces, poses and cameras from a morphable model.
+
+Distributions (all from one seed, each face from its own stream):
+
+- identity: standard normal, cut at ±2.5;
+- expression: one in five neutral; otherwise one to four of the model's named expressions, left and right of a pair
+  together, at 0.2 to 1 of their full strength; a model without named expressions: normal with deviation 0.6;
+- head: yaw from a mixture of 60 % normal (18°) and 40 % uniform (±90°), pitch normal (12°, cut at ±40°), roll normal
+  (12°, cut at ±45°);
+- camera: pinhole with the principal point at the centre of the picture, log-uniform distance from 0.35 m (arm's
+  length) to 4 m, focal length such that the picture is 1.5 to 2.1 times the face box.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from datagen.random_streams import generator_for
+from pix2face.camera import (
+    Camera,
+    HeadPose,
+    Pinhole,
+    WeakPerspective,
+    pinhole_camera,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
+from pix2face.coefficients import FaceCoefficients, configuration_to_json
+from pix2face.crops import FaceBox
+from pix2face.errors import UsageError
+from pix2face.landmarks import IBUG68
+from pix2face.morphable_model import MorphableModel
+
+LARGEST_DEVIATION = 2.5
+NEUTRAL_SHARE = 0.2
+EXPRESSION_DEVIATION = 0.6  # where a model has no named expressions
+WIDE_YAW_SHARE = 0.4
+
+
+@final
+@dataclass(frozen=True)
+class SampledView:
+    """How a face is seen: pose, distance of the camera, and how much of the picture the face takes."""
+
+    pose: HeadPose
+    distance_mm: float
+    picture_per_box: float
+    shift: tuple[float, float]
+
+
+def sample_faces(model: MorphableModel, n: int, seed: int, size_px: int) -> FaceCoefficients:
+    """Draws faces.
+
+    Args:
+        model: Whose coefficients are drawn; needs 68 landmarks for framing.
+        n: How many.
+        seed: Any integer from 0; the first faces of a longer draw are those of a shorter one.
+        size_px: Side of the pictures to be rendered.
+
+    Raises:
+        UsageError: n or size_px is not positive, the seed is negative, or the model lacks landmarks.
+    """
+    if n < 1 or size_px < 16 or seed < 0:
+        raise UsageError(f"expected n >= 1, size >= 16 px and seed >= 0, found {n}, {size_px} and {seed}")
+    if IBUG68 not in model.landmarks:
+        raise UsageError(f"expected a model with {IBUG68} landmarks (they frame the picture), {model.name} has none")
+    sample_ids = tuple(f"seed{seed}/{index:07d}" for index in range(n))
+    identity = np.zeros((n, model.n_identity), dtype=np.float32)
+    expression = np.zeros((n, model.n_expression), dtype=np.float32)
+    cameras = np.zeros((n, 4, 4))
+    for index, sample_id in enumerate(sample_ids):
+        rng = generator_for(seed, sample_id)
+        identity[index] = np.clip(rng.standard_normal(model.n_identity), -LARGEST_DEVIATION, LARGEST_DEVIATION)
+        expression[index] = draw_expression(model, rng)
+        landmarks = _landmarks(model, identity[index], expression[index])
+        cameras[index] = frame_face(landmarks, draw_view(rng), size_px).matrix
+    return FaceCoefficients(
+        model_name=model.name,
+        model_sha256=model.sha256,
+        sample_ids=sample_ids,
+        identity=identity,
+        expression=expression,
+        cameras=cameras,
+        sizes_px=np.full((n, 2), size_px, dtype=np.int32),
+        image_paths=("",) * n,
+        configuration=configuration_to_json({"n": n, "seed": seed, "size_px": size_px}),
+    )
+
+
+def draw_expression(model: MorphableModel, rng: np.random.Generator) -> Float64[ndarray, " e"]:
+    """Draws expression coefficients in standard deviations."""
+    if rng.random() < NEUTRAL_SHARE:
+        return np.zeros(model.n_expression)
+    if not model.named_expressions:
+        return rng.normal(0, EXPRESSION_DEVIATION, model.n_expression)
+    groups = _paired_expressions(tuple(model.named_expressions))
+    total = np.zeros(model.n_expression)
+    for group in rng.choice(len(groups), size=rng.integers(1, 5), replace=False):
+        strength = rng.uniform(0.2, 1.0)
+        for name in groups[group]:
+            # Both sides of a face move together, though not alike.
+            total += strength * rng.uniform(0.75, 1.0) * model.named_expressions[name]
+    return total
+
+
+def draw_view(rng: np.random.Generator) -> SampledView:
+    """Draws a pose, a distance and a framing."""
+    wide = rng.random() < WIDE_YAW_SHARE
+    yaw = rng.uniform(-90, 90) if wide else rng.normal(0, 18)
+    pitch = np.clip(rng.normal(0, 12), -40, 40)
+    roll = np.clip(rng.normal(0, 12), -45, 45)
+    return SampledView(
+        pose=HeadPose(float(pitch), float(np.clip(yaw, -90, 90)), float(roll)),
+        distance_mm=float(np.exp(rng.uniform(np.log(350), np.log(4000)))),
+        picture_per_box=float(rng.uniform(1.5, 2.1)),
+        shift=(float(rng.uniform(-0.1, 0.1)), float(rng.uniform(-0.1, 0.1))),
+    )
+
+
+def frame_face(landmarks_mm: Float64[ndarray, "m 3"], view: SampledView, size_px: int) -> Camera:
+    """A pinhole camera that sees a face in a given pose and framing.
+
+    Args:
+        landmarks_mm: The face's landmarks, model frame.
+        view: Pose, distance from the landmarks' centre, and framing.
+        size_px: Side of the picture.
+    """
+    rotation = rotation_of_pose(view.pose)
+    flat = weak_perspective_camera(WeakPerspective(1.0, rotation, np.zeros(2)))
+    box = FaceBox.around(flat.project(landmarks_mm))
+    # Pixels per mm at the distance of the landmarks' centre.
+    scale = size_px / (view.picture_per_box * box.longer_side)
+    centre = np.append(box.centre, flat.depth(landmarks_mm).mean())
+    shift = np.array([*view.shift, 0]) * box.longer_side
+    translation = np.array([0, 0, view.distance_mm]) - centre + shift
+    return pinhole_camera(Pinhole(scale * view.distance_mm, np.full(2, size_px / 2), rotation, translation))
+
+
+def _landmarks(model: MorphableModel, identity: ndarray, expression: ndarray) -> Float64[ndarray, "m 3"]:
+    vertices = model.landmarks[IBUG68]
+    moved = identity @ model.identity_basis[:, vertices].reshape(model.n_identity, -1)
+    moved = moved + expression @ model.expression_basis[:, vertices].reshape(model.n_expression, -1)
+    return np.asarray(model.mean[vertices] + moved.reshape(-1, 3), dtype=np.float64)
+
+
+def _paired_expressions(names: tuple[str, ...]) -> list[list[str]]:
+    """Puts the left and the right twin of an expression into one group."""
+    groups: dict[str, list[str]] = {}
+    for name in sorted(names):
+        groups.setdefault(name.removesuffix("Left").removesuffix("Right"), []).append(name)
+    return list(groups.values())

@@ -1,0 +1,153 @@
+"""Where faces come from: a table of coefficients, or a folder of 300W-LP files.
+
+A folder of 300W-LP needs a decision for each file: with BFM 2009 imported, its coefficients are the geometry; with any
+other model they mean nothing, and the model is fitted to the file's landmarks instead (retargeting).
+"""
+
+import os
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from datagen.retarget import Retargeter
+from pix2face.coefficients import Face, FaceCoefficients, load_coefficients
+from pix2face.errors import InputFileError, ModelMismatchError, SampleRejectedError, UsageError
+from pix2face.images import IMAGE_SUFFIXES, decode_image, read_bytes
+from pix2face.model_formats.bfm2009 import standard_deviations_of_300wlp
+from pix2face.morphable_model import MorphableModel
+from pix2face.w300lp import CoefficientFile, camera_of_pose, read_coefficient_file
+
+LANDMARK_FOLDER = "landmarks"
+
+
+class FaceSource(ABC):
+    """A sequence of faces of one model.
+
+    Attributes:
+        sample_ids: Unique, in the order of work.
+        licence: Terms of what the faces come from.
+    """
+
+    sample_ids: tuple[str, ...]
+    licence: str
+
+    @abstractmethod
+    def face(self, index: int) -> Face:
+        """Reads or fits one face.
+
+        Raises:
+            SampleRejectedError: This one cannot be used, with the reason.
+        """
+
+
+def open_source(path: Path, model: MorphableModel) -> FaceSource:
+    """Opens what ``--coeffs`` names: a table (.h5) or a folder of 300W-LP or AFLW2000-3D files.
+
+    Raises:
+        UsageError: There is nothing there, or no coefficient file in it.
+        InputFileError: The table cannot be read.
+        ModelMismatchError: The table belongs to another model.
+    """
+    if path.is_dir():
+        return W300LPFolder(path, model)
+    if path.is_file():
+        return TableSource(path, model)
+    raise UsageError(
+        f"{path}: expected a folder of 300W-LP files or a table of coefficients (.h5), found nothing there"
+    )
+
+
+@final
+class TableSource(FaceSource):
+    """The faces of a coefficient table."""
+
+    def __init__(self, path: Path, model: MorphableModel) -> None:
+        self._table: FaceCoefficients = load_coefficients(path)
+        self._folder = path.parent
+        if self._table.model_sha256 != model.sha256:
+            raise ModelMismatchError(
+                f"{path}: coefficients belong to model {self._table.model_name} ({self._table.model_sha256[:12]}), "
+                f"found model {model.name} ({model.sha256[:12]}); give the former with --model"
+            )
+        self.sample_ids = self._table.sample_ids
+        self.licence = model.licence
+
+    def face(self, index: int) -> Face:
+        """One row of the table."""
+        return self._table.face(index, self._folder)
+
+
+@final
+class W300LPFolder(FaceSource):
+    """The faces of a folder of 300W-LP or AFLW2000-3D, with its subfolders."""
+
+    def __init__(self, folder: Path, model: MorphableModel) -> None:
+        self._folder = folder
+        self._deviations = standard_deviations_of_300wlp(model)
+        self._retargeter = None if self._deviations else Retargeter(model, folder)
+        paths = sorted(_coefficient_paths(folder))
+        if not paths:
+            raise UsageError(
+                f"{folder}: expected .mat files of 300W-LP or AFLW2000-3D beside their pictures, found none"
+            )
+        self._paths = paths
+        self.sample_ids = tuple(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
+        self.licence = f"pictures: 300W-LP / AFLW2000-3D, research use only; model: {model.licence}"
+
+    def face(self, index: int) -> Face:
+        """Reads one file with its picture, and fits the model where the coefficients are not its own."""
+        path = self._paths[index]
+        try:
+            file = read_coefficient_file(path)
+            image_path = picture_of(path)
+            height, width = decode_image(read_bytes(image_path), str(image_path)).shape[:2]
+        except InputFileError as error:
+            raise SampleRejectedError(str(error)) from error
+        return self._face(index, file, image_path, (height, width))
+
+    def _face(self, index: int, file: CoefficientFile, image_path: Path, size_px: tuple[int, int]) -> Face:
+        if self._deviations:
+            identity, expression = (
+                values / deviations
+                for values, deviations in zip((file.identity, file.expression), self._deviations, strict=True)
+            )
+            camera, method = camera_of_pose(file.pose, size_px[0]), "coefficients of the file"
+        else:
+            assert self._retargeter is not None
+            identity, expression, camera, method = self._retargeter.fit(file, size_px[0])
+        if file.pose.scale < 0:
+            method += ", negative scale undone"
+        return Face(
+            sample_id=self.sample_ids[index],
+            identity=identity.astype(np.float32),
+            expression=expression.astype(np.float32),
+            camera=camera,
+            height_px=size_px[0],
+            width_px=size_px[1],
+            image_path=image_path,
+            attributes={"geometry": method},
+        )
+
+
+def picture_of(path: Path) -> Path:
+    """The picture beside a coefficient file.
+
+    Raises:
+        InputFileError: There is none.
+    """
+    for suffix in IMAGE_SUFFIXES:
+        for candidate in (path.with_suffix(suffix), path.with_suffix(suffix.upper())):
+            if candidate.is_file():
+                return candidate
+    raise InputFileError(f"{path}: expected its picture {path.with_suffix('.jpg').name} beside it, found none")
+
+
+def _coefficient_paths(folder: Path) -> list[Path]:
+    """All .mat files but those of the landmark folder; links to folders are not followed, so loops do no harm."""
+    paths = []
+    for root, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if name != LANDMARK_FOLDER)
+        paths += [Path(root) / name for name in names if name.endswith(".mat") and not name.endswith("_pts.mat")]
+    return paths
