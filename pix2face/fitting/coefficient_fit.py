@@ -1,4 +1,9 @@
-"""Coefficients of the morphable model from the offsets of localised vertices: one linear system."""
+"""Coefficients of the morphable model from the offsets of localised vertices: one linear system.
+
+Of one image (Eq. 4), or of several of one person, who keeps the identity and changes the expression (Eq. 5).
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
@@ -45,16 +50,57 @@ def fit_coefficients(
     Deviation from the paper: its Tikhonov matrix divides by the standard deviations of the coefficients. Here
     coefficients are in standard deviations, so that matrix is the identity times sqrt(lambda).
     """
-    if len(vertex_indices) == 0:
+    identity, expressions = fit_joint_coefficients(model, [(vertex_indices, offsets)], regularisation)
+    return identity, expressions[0]
+
+
+def fit_joint_coefficients(
+    model: MorphableModel,
+    images: Sequence[tuple[Int[ndarray, " _"], Float[ndarray, "_ 3"]]],
+    regularisation: float,
+) -> tuple[Float64[ndarray, " k"], Float64[ndarray, "n e"]]:
+    """Solves for one identity and for the expression in each of several images of one person.
+
+    The expressions are eliminated image by image, so the largest system has the size of the identity.
+
+    Args:
+        model: As in ``fit_coefficients``.
+        images: For each image the localised vertices and their offsets in mm.
+        regularisation: As in ``fit_coefficients``.
+
+    Returns:
+        Identity and the expressions, in standard deviations.
+
+    Raises:
+        DegenerateGeometryError: No image, one without a vertex, offsets that are not finite, or lambda not positive.
+
+    Source: Crispell and Bazik 2017, Eq. 5.
+    """
+    _check(images, regularisation)
+    identity_matrix = regularisation * np.eye(model.n_identity)
+    identity_vector = np.zeros(model.n_identity)
+    expression_solutions = []
+    for vertex_indices, offsets in images:
+        a = model.identity_basis[:, vertex_indices].reshape(model.n_identity, -1).astype(np.float64)
+        b = model.expression_basis[:, vertex_indices].reshape(model.n_expression, -1).astype(np.float64)
+        s = offsets.reshape(-1).astype(np.float64)
+        # Eq. (5): beta = from_offsets - from_identity alpha, whatever alpha is.
+        factor = cho_factor(b @ b.T + regularisation * np.eye(model.n_expression))
+        from_offsets, from_identity = cho_solve(factor, b @ s), cho_solve(factor, b @ a.T)
+        identity_matrix += a @ a.T - (a @ b.T) @ from_identity
+        identity_vector += a @ s - (a @ b.T) @ from_offsets
+        expression_solutions.append((from_offsets, from_identity))
+    identity = np.asarray(cho_solve(cho_factor(identity_matrix), identity_vector), dtype=np.float64)
+    expressions = np.stack([offset - matrix @ identity for offset, matrix in expression_solutions])
+    return identity, expressions
+
+
+def _check(images: Sequence[tuple[Int[ndarray, " _"], Float[ndarray, "_ 3"]]], regularisation: float) -> None:
+    if not images or any(len(vertex_indices) == 0 for vertex_indices, _ in images):
         raise DegenerateGeometryError("expected vertices to fit the coefficients to, found none")
-    if not (np.isfinite(offsets).all() and regularisation > 0):
+    n_bad = sum(int((~np.isfinite(offsets)).sum()) for _, offsets in images)
+    if n_bad or not regularisation > 0:
         raise DegenerateGeometryError(
             f"expected finite offsets and a positive regularisation, found {regularisation} and "
-            f"{int((~np.isfinite(offsets)).sum())} values that are not finite"
+            f"{n_bad} values that are not finite"
         )
-    bases = [model.identity_basis[:, vertex_indices], model.expression_basis[:, vertex_indices]]
-    basis = np.concatenate(bases).reshape(model.n_identity + model.n_expression, -1).astype(np.float64)
-    # Eq. (4) as normal equations with Tikhonov's term.
-    matrix = basis @ basis.T + regularisation * np.eye(len(basis))
-    coefficients = np.asarray(cho_solve(cho_factor(matrix), basis @ offsets.reshape(-1).astype(np.float64)))
-    return coefficients[: model.n_identity], coefficients[model.n_identity :]

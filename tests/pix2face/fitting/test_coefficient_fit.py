@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pix2face.errors import DegenerateGeometryError
-from pix2face.fitting.coefficient_fit import fit_coefficients
+from pix2face.fitting.coefficient_fit import fit_coefficients, fit_joint_coefficients
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -72,3 +72,54 @@ def test_bad_input_is_refused():
         fit_coefficients(MODEL, VERTICES, offsets, 0.0)
     with pytest.raises(DegenerateGeometryError, match="3 values that are not finite"):
         fit_coefficients(MODEL, VERTICES, np.where(np.arange(len(offsets))[:, None] == 4, np.nan, offsets), 1.0)
+
+
+def joint_system_in_full(images, regularisation):
+    """Eq. 5 as it stands in the paper, with Tikhonov's rows below: the slow twin of the elimination."""
+    k, e, n = MODEL.n_identity, MODEL.n_expression, len(images)
+    rows = []
+    for i, (vertices, _) in enumerate(images):
+        a = MODEL.identity_basis[:, vertices].reshape(k, -1).T
+        b = MODEL.expression_basis[:, vertices].reshape(e, -1).T
+        blocks = [b if i == j else np.zeros_like(b) for j in range(n)]
+        rows.append(np.concatenate([a, *blocks], axis=1))
+    matrix = np.concatenate([*rows, np.sqrt(regularisation) * np.eye(k + n * e)])
+    right = np.concatenate([*[offsets.reshape(-1) for _, offsets in images], np.zeros(k + n * e)])
+    solution = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    return solution[:k], solution[k:].reshape(n, e)
+
+
+@pytest.mark.parametrize("regularisation", [1e-2, 50.0])
+def test_elimination_solves_the_joint_system(regularisation):
+    rng = np.random.default_rng(4)
+    images = []
+    for count in (300, 80, 500):
+        vertices = rng.choice(VERTICES, count)
+        images.append((vertices, 5 * rng.normal(size=(count, 3))))
+    identity, expressions = fit_joint_coefficients(MODEL, images, regularisation)
+    expected_identity, expected_expressions = joint_system_in_full(images, regularisation)
+    np.testing.assert_allclose(identity, expected_identity, atol=1e-5)
+    np.testing.assert_allclose(expressions, expected_expressions, atol=1e-5)
+
+
+def test_several_images_tell_the_identity_better_than_one():
+    rng = np.random.default_rng(5)
+    sides = [VERTICES[MODEL.mean[VERTICES, 0] > 30], VERTICES[MODEL.mean[VERTICES, 0] < -30]]
+    joint_error, single_error = 0.0, 0.0
+    for _ in range(20):
+        identity = rng.normal(size=(1, MODEL.n_identity))
+        images = []
+        for side in sides:
+            face = MODEL.vertices(identity, rng.normal(size=(1, MODEL.n_expression)))[0]
+            images.append((side, ((face - MODEL.mean)[side] + 3 * rng.normal(size=(len(side), 3))).astype(np.float64)))
+        joint_error += np.linalg.norm(fit_joint_coefficients(MODEL, images, 9.0)[0] - identity[0])
+        single_error += np.linalg.norm(fit_coefficients(MODEL, *images[0], 9.0)[0] - identity[0])
+    assert joint_error < 0.9 * single_error
+
+
+def test_joint_fit_refuses_nothing_to_fit():
+    _, _, offsets, _ = random_face(3)
+    with pytest.raises(DegenerateGeometryError, match="found none"):
+        fit_joint_coefficients(MODEL, [], 1.0)
+    with pytest.raises(DegenerateGeometryError, match="found none"):
+        fit_joint_coefficients(MODEL, [(VERTICES, offsets), (VERTICES[:0], offsets[:0])], 1.0)
