@@ -1,0 +1,152 @@
+"""The checkpoint: weights as safetensors with one JSON header (layout: docs/file_formats.md). Loading runs no code."""
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, final
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.network import UNet
+
+METADATA_KEY = "pix2face-checkpoint"
+SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class CheckpointHeader:
+    """What is needed to use the weights, and where they come from.
+
+    Attributes:
+        model_name: The morphable model whose PNCC and offset the network predicts.
+        model_sha256: Its hash.
+        size_px: Side of the network's input.
+        filters: Filters of its first level.
+        pncc_scale_mm: The first three planes times this are PNCC in mm.
+        offset_scale_mm: The other three planes times this are offsets in mm.
+        smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
+        licence: Terms that the training data put on the weights.
+        configuration: The resolved configuration of the training, as JSON.
+        epoch: Epochs trained.
+        schema_version: Layout of the file.
+    """
+
+    model_name: str
+    model_sha256: str
+    size_px: int
+    filters: int
+    pncc_scale_mm: float
+    offset_scale_mm: float
+    smallest_radius_mm: float
+    licence: str
+    configuration: str
+    epoch: int
+    schema_version: int = SCHEMA_VERSION
+
+    def check_model(self, name: str, sha256: str) -> None:
+        """Makes sure that a model is the one whose maps the network predicts.
+
+        Raises:
+            ModelMismatchError: It is another one.
+        """
+        if sha256 != self.model_sha256:
+            raise ModelMismatchError(
+                f"the checkpoint was trained for the morphable model {self.model_name!r} "
+                f"({self.model_sha256[:12]}), the one in use is {name!r} ({sha256[:12]}); "
+                "choose the former with --model, or another checkpoint with --checkpoint"
+            )
+
+
+def save_checkpoint(path: Path, header: CheckpointHeader, network: UNet) -> None:
+    """Writes a checkpoint; a file of that name is replaced at once or not at all."""
+    write_tensors(path, METADATA_KEY, asdict(header), network.state_dict())
+
+
+def load_checkpoint(path: Path) -> tuple[CheckpointHeader, UNet]:
+    """Reads a checkpoint.
+
+    Raises:
+        InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
+    """
+    fields, tensors = read_header(path, METADATA_KEY, SCHEMA_VERSION), read_tensors(path)
+    try:
+        header = CheckpointHeader(**fields)
+        network = UNet(header.size_px, header.filters)
+        network.load_state_dict(tensors)
+    except (TypeError, ValueError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputFileError(
+            f"{path}: header and weights do not make a network ({reason}); train or fetch it again"
+        ) from error
+    return header, network.eval()
+
+
+def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
+    """Writes named tensors and one JSON header under a temporary name, then renames.
+
+    Args:
+        path: Where to; its folder is made.
+        key: Says what kind of file it is.
+        header: What JSON can hold, with ``schema_version``.
+        tensors: On any device, of any layout.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.part")
+    stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    try:
+        save_file(stored, temporary, metadata={key: json.dumps(header, sort_keys=True)})
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:
+    """Reads the header that ``write_tensors`` wrote, and no tensor.
+
+    Raises:
+        InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
+    """
+    with _open(path) as file:
+        metadata = file.metadata() or {}
+    try:
+        header = json.loads(metadata[key])
+        version = int(header["schema_version"])
+    except (KeyError, TypeError, ValueError) as error:
+        found = ", ".join(sorted(metadata)) or "no metadata"
+        raise InputFileError(f"{path}: expected {key} in the safetensors header, found {found}") from error
+    if version > newest_schema:
+        raise InputFileError(
+            f"{path}: {key} schema {version} is newer than {newest_schema}, which this version reads; upgrade pix2face"
+        )
+    return header
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Reads the tensors that ``write_tensors`` wrote.
+
+    Raises:
+        InputFileError: The file is missing, truncated or foreign.
+    """
+    with _open(path) as file:
+        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    """Opens a safetensors file, which checks that it is whole."""
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such file; `train --shards DIR` writes checkpoints, --checkpoint names one")
+    try:
+        with safe_open(path, framework="pt") as file:
+            yield file
+    except (SafetensorError, OSError) as error:
+        raise InputFileError(
+            f"{path}: expected a complete safetensors file, found one that cannot be read ({error}); "
+            "fetch or write it again"
+        ) from error

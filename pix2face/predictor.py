@@ -1,0 +1,99 @@
+"""Pictures in, maps out: NumPy on both sides, torch in between."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self, final
+
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from pix2face.checkpoint import CheckpointHeader, load_checkpoint
+from pix2face.crops import INFERENCE_SCALE, Crop, FaceBox, crop_image, square_crop
+from pix2face.face_maps import FaceMaps, valid_pixels
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What the network sees in one face.
+
+    Attributes:
+        maps: In the pixels of the crop.
+        crop: Leads back to the pixels of the picture.
+    """
+
+    maps: FaceMaps
+    crop: Crop
+
+
+@final
+class Predictor:
+    """A network with what is needed around it. It keeps nothing between calls.
+
+    Args:
+        network: From ``b 3 s s`` in [-0.5, 0.5] to ``b 6 s s`` in units of the header's scales.
+        header: Size, scales and model of the network.
+        device: Where the network is; pictures are sent there.
+    """
+
+    def __init__(
+        self, network: Callable[[Tensor], Tensor], header: CheckpointHeader, device: torch.device | str = "cpu"
+    ) -> None:
+        self.header = header
+        self._network = network
+        self._device = torch.device(device)
+
+    @classmethod
+    def load(cls, path: Path, device: str | None = None) -> Self:
+        """Opens a checkpoint.
+
+        Args:
+            path: What training wrote.
+            device: Name of a torch device; None takes a GPU where there is one.
+
+        Raises:
+            InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
+        """
+        header, network = load_checkpoint(path)
+        chosen = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        return cls(network.to(chosen), header, chosen)
+
+    def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> Prediction:
+        """The maps of one face.
+
+        Args:
+            image: RGB.
+            box: The tight box of the face's 68 landmarks, in pixels of the image.
+        """
+        return self.predict_batch([(image, box)])[0]
+
+    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
+        """The maps of several faces, of one picture or of many, in one pass of the network.
+
+        Args:
+            faces: For each face its picture (RGB) and its box. All are in memory at once: a few dozen are plenty.
+        """
+        if not faces:
+            return []
+        crops = [square_crop(box, INFERENCE_SCALE, self.header.size_px) for _, box in faces]
+        pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
+        planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
+        return [Prediction(self._maps(own), crop) for own, crop in zip(planes, crops, strict=True)]
+
+    def _planes(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b s s 6"]:
+        with torch.inference_mode():
+            batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(self._device)
+            planes = self._network(batch).float().permute(0, 2, 3, 1)
+            return np.ascontiguousarray(planes.cpu().numpy())
+
+    def _maps(self, planes: Float32[ndarray, "s s 6"]) -> FaceMaps:
+        pncc = planes[..., :3] * np.float32(self.header.pncc_scale_mm)
+        offset = planes[..., 3:] * np.float32(self.header.offset_scale_mm)
+        mask = valid_pixels(pncc, self.header.smallest_radius_mm)
+        pncc[~mask] = 0
+        offset[~mask] = 0
+        return FaceMaps(pncc, offset, mask)
