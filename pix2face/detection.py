@@ -5,7 +5,7 @@ scikit-image ships, which needs no download. It finds upright, roughly frontal f
 """
 
 from functools import cache
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ LONGEST_SIDE_PX = 640
 MIN_NEIGHBOURS = 8
 
 
+@runtime_checkable
 class Detector(Protocol):
     """Finds faces."""
 

@@ -6,7 +6,7 @@ are damaged is listed and left out.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
@@ -21,10 +21,8 @@ from pix2face.landmarks import IBUG68
 from pix2face.metrics import POINT_SETS, Normaliser, nme
 from pix2face.morphable_model import MorphableModel
 
-# From maps, and where the image's centre lies in them (the principal point of a pinhole), to a fitted face.
-Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], "FittedFace"]
 
-
+@runtime_checkable
 class PredictedMaps(Protocol):
     """Maps in the pixels of a crop."""
 
@@ -37,6 +35,7 @@ class PredictedMaps(Protocol):
         """Where they lie in the image."""
 
 
+@runtime_checkable
 class MapPredictor(Protocol):
     """Predicts maps from a picture."""
 
@@ -44,6 +43,7 @@ class MapPredictor(Protocol):
         """Maps of the face in a box."""
 
 
+@runtime_checkable
 class FittedFace(Protocol):
     """A fit, of which the evaluation wants the landmarks."""
 
@@ -53,6 +53,10 @@ class FittedFace(Protocol):
 
     def in_image(self, crop: Crop) -> "FittedFace":
         """The same in the pixels of the image that the crop was taken from."""
+
+
+# From maps, and where the image's centre lies in them (the principal point of a pinhole), to a fitted face.
+Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FittedFace]
 
 
 @final

@@ -1,0 +1,54 @@
+"""The manifests are complete and name what the benchmarks are known to hold."""
+
+import pytest
+
+from pix2face.errors import UsageError
+from pix2face.manifest import SPLITS, load_manifest
+
+
+@pytest.mark.parametrize(
+    ("split", "n_samples", "normaliser", "threshold"),
+    [
+        ("ibug", 135, "outer-eye", 0.08),
+        ("300w-common", 554, "outer-eye", 0.08),
+        ("300w-full", 689, "outer-eye", 0.08),
+        ("aflw2000-3d", 2000, "box-sqrt", 0.10),
+        ("builtin-heldout", 100, "box-sqrt", 0.10),
+    ],
+)
+def test_every_split_says_what_it_is(split, n_samples, normaliser, threshold):
+    manifest = load_manifest(split)
+    assert (manifest.split, manifest.n_samples) == (split, n_samples)
+    assert (manifest.normaliser, manifest.threshold) == (normaliser, threshold)
+    assert manifest.licence
+    assert manifest.obtain in manifest.how_to_get_it
+    assert manifest.layout in manifest.how_to_get_it
+    for part in manifest.parts:
+        assert len(set(part.image_names)) == len(part.image_names)
+
+
+def test_full_is_common_and_ibug():
+    full, common, ibug = (load_manifest(split) for split in ("300w-full", "300w-common", "ibug"))
+    names = {part.name: part.image_names for part in full.parts}
+    assert names == {part.name: part.image_names for part in (*common.parts, *ibug.parts)}
+
+
+def test_names_are_those_of_the_benchmarks(shared_dir):
+    data = shared_dir / "data"
+    lists = {
+        "ibug": data / "300w" / "names" / "ibug.txt",
+        "helen": data / "300w" / "names" / "helen_testset.txt",
+        "lfpw": data / "300w" / "names" / "lfpw_testset.txt",
+    }
+    for part in load_manifest("300w-full").parts:
+        assert list(part.image_names) == lists[part.name].read_text().split()
+    (aflw,) = load_manifest("aflw2000-3d").parts
+    assert [name.removesuffix(".jpg") for name in aflw.image_names] == (
+        data / "aflw2000_3d" / "names.txt"
+    ).read_text().split()
+
+
+def test_unknown_split_lists_the_known_ones():
+    with pytest.raises(UsageError, match=r"ibug.*found 'menpo'"):
+        load_manifest("menpo")
+    assert "ibug" in SPLITS

@@ -1,0 +1,155 @@
+"""The report says every convention, and writes files that read back."""
+
+import json
+from io import StringIO
+
+import cv2
+import numpy as np
+import pytest
+from rich.console import Console
+
+from pix2face.benchmark_data import BenchmarkFace, Unreadable
+from pix2face.crops import FaceBox
+from pix2face.errors import UsageError
+from pix2face.evaluation import Evaluator
+from pix2face.evaluation_report import Report, make_report
+from pix2face.manifest import load_manifest
+from pix2face.report import report_notes, report_table, table_cells, write_report
+from pix2face.worst_cases import TRUE_RGB, draw_landmarks, worst_cases_sheet
+from tests.pix2face.benchmark_files import StubFit, StubPredictor, fit_that_fails, frontal_camera, landmarks_of
+from tests.synthetic_models import small_head_model
+
+MODEL = small_head_model()
+TRUTH = landmarks_of(MODEL, frontal_camera())
+NASTY = 'a<b>&"[red]é'
+
+
+def face(name: str, group: str = "ibug") -> BenchmarkFace:
+    image = np.full((200, 200, 3), 90, dtype=np.uint8)
+    return BenchmarkFace(name=name, group=group, image=image, landmarks2d=TRUTH, yaw_deg=12.0, has_unusual_angle=True)
+
+
+FACES = [face("good"), face(NASTY), face("no fit")]
+
+
+def report_of(split: str = "ibug", group: str = "ibug") -> Report:
+    crop = StubPredictor().predict(FACES[0].image, FaceBox.around(TRUTH)).crop
+    fits = [
+        lambda m, c: StubFit(crop.to_crop(TRUTH), 1.0),
+        lambda m, c: StubFit(crop.to_crop(TRUTH), 9.0),
+        fit_that_fails,
+    ]
+    results = [
+        Evaluator(MODEL, StubPredictor(), fit, "outer-eye").evaluate(face(loaded.name, group))
+        for loaded, fit in zip(FACES, fits, strict=True)
+    ]
+    missing = [f"ibug/gone_{i}.jpg" for i in range(12)]
+    subject = {"checkpoint": "runs/x (epoch 3)", "hashes": {"checkpoint": "ab"}}
+    return make_report(load_manifest(split), subject, results, missing, [Unreadable(NASTY, "NaN in <file>")])
+
+
+def printed(report: Report) -> str:
+    console = Console(file=StringIO(), width=200)
+    console.print(report_table(report))
+    return console.file.getvalue()
+
+
+def test_files_are_written_and_read_back(tmp_path):
+    report = report_of()
+    by_name = {loaded.name: loaded for loaded in FACES}
+    written = write_report(report, [(by_name[result.name], result) for result in report.worst(12)], tmp_path / "new")
+    assert sorted(path.name for path in written) == ["curve.png", "index.html", "report.json", "worst.jpg"]
+    for name in ("curve.png", "worst.jpg"):
+        assert cv2.imread(str(tmp_path / "new" / name)).std() > 1
+    stored = json.loads((tmp_path / "new" / "report.json").read_text())
+    assert (stored["n_evaluated"], stored["n_failed"], stored["n_missing"], stored["n_unreadable"]) == (3, 1, 12, 1)
+    assert stored["missing"][-1] == "ibug/gone_11.jpg"
+    assert stored["subject"]["hashes"]["checkpoint"] == "ab"
+    assert stored["benchmark"]["normaliser"] == "outer-eye"
+    assert stored["faces"][2]["errors"] == {"68": None, "51": None}
+    good, bad = (loaded["errors"]["68"] for loaded in stored["faces"][:2])
+    assert stored["table"][0]["all_images"]["mean"] == pytest.approx((good + bad) / 2)
+    assert bad == pytest.approx(9 * good)
+
+
+def test_every_figure_of_the_table_is_in_the_json(tmp_path):
+    report = report_of("aflw2000-3d", "|yaw| <= 30°")
+    write_report(report, [], tmp_path)
+    table = json.loads((tmp_path / "report.json").read_text())["table"]
+    columns, lines = table_cells(report)
+    for row, line in zip(table, lines, strict=False):
+        cells = dict(zip(columns, line, strict=True))
+        assert cells["|yaw| <= 30°"] == f"{100 * row['groups']['|yaw| <= 30°']['mean']:.2f}"
+        assert cells["|yaw| > 60°"] == cells["mean of bins"] == "–"
+        assert row["mean_of_groups"] is None
+        assert cells["median"] == f"{100 * row['all_images']['median']:.2f}"
+        assert cells["AUC to 10 %"] == f"{100 * row['all_images']['area_under_curve']:.2f}"
+        assert cells["above 10 %"] == f"{100 * row['all_images']['failure_rate']:.2f}"
+        assert cells["failed fits"] == str(row["all_images"]["n_failed"])
+    assert lines[-1][:2] == ["images", "3"]
+
+
+def test_notes_state_every_convention():
+    notes = "\n".join(report_notes(report_of("aflw2000-3d", "|yaw| <= 30°")))
+    for said in (
+        "3 of 2000",
+        "box-sqrt",
+        "pt3d_68",
+        "not the re-annotated",
+        "unweighted mean of the three bins",
+        "mean face's landmarks",
+        "tight box of the true 68",
+        "3 images have an angle beyond ±99°",
+        "12 missing: ibug/gone_0.jpg",
+        "ibug/gone_9.jpg and 2 more",
+        "1 unreadable",
+        "1 without a fit: no fit (expected 50 valid pixels",
+        "checkpoint: runs/x (epoch 3)",
+    ):
+        assert said in notes
+    assert "gone_10" not in notes
+
+
+def test_table_has_the_baseline_and_no_column_for_a_single_part():
+    text = printed(report_of())
+    assert "baseline: mean face in the box, 51 points" in text
+    assert "above 8 %" in text
+    assert "mean of bins" not in text
+    assert table_cells(report_of())[0][1] == "mean over images"
+
+
+def test_names_are_escaped_on_the_page(tmp_path):
+    write_report(report_of(), [], tmp_path)
+    page = (tmp_path / "index.html").read_text()
+    assert "a&lt;b&gt;&amp;&quot;[red]é" in page
+    assert "<file>" not in page
+    assert "<b>" not in page
+    assert "http" not in page
+
+
+def test_a_report_without_faces_can_be_written(tmp_path):
+    report = make_report(load_manifest("ibug"), {}, [], [], [Unreadable("all", "damaged")])
+    write_report(report, [], tmp_path)
+    assert "–" in printed(report)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match="file"):
+        write_report(report_of(), [], tmp_path / "file" / "below")
+
+
+def test_landmarks_are_drawn_where_they_are():
+    image = np.zeros((200, 200, 3), dtype=np.uint8)
+    draw_landmarks(image, TRUTH, TRUE_RGB)
+    for x, y in TRUTH:
+        assert tuple(image[int(y), int(x)]) == TRUE_RGB
+    assert image[0].max() == image[:, 0].max() == 0
+
+
+@pytest.mark.parametrize("n", [0, 1, 3, 4, 5])
+def test_sheet_holds_every_case(n):
+    result = report_of().results[0]
+    sheet = worst_cases_sheet([(FACES[0], result)] * n)
+    columns, rows = min(max(n, 1), 4), max(-(-n // 4), 1)
+    assert sheet.shape == (rows * 320, columns * 280, 3)
