@@ -3,7 +3,7 @@
 import multiprocessing
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +43,7 @@ class SampleConfig:
     size: int = 256
     """Side of the pictures to be rendered, in pixels."""
     model: str = BUILTIN_MODEL
-    """``builtin``, or a model file made by ``datagen model-import``."""
+    """``builtin``, or a model file made by ``datagen model import``."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class RenderConfig:
     out: Path
     """Folder of the shards. Run again with the same settings, it is completed."""
     model: str = BUILTIN_MODEL
-    """``builtin``, or a model file made by ``datagen model-import``. With an imported BFM 2009 the coefficients of
+    """``builtin``, or a model file made by ``datagen model import``. With an imported BFM 2009 the coefficients of
     300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
     seed: int = 0
     """Seed of light, colours and background of rendered pictures."""
@@ -89,7 +89,7 @@ class PreviewConfig:
 
 @dataclass(frozen=True)
 class ModelImportConfig:
-    """Configuration of ``datagen model-import``."""
+    """Bring a published model into the project's own file (BFM 2009 as 300W-LP uses it)."""
 
     path: Annotated[Path, tyro.conf.Positional]
     """Folder with Model_Shape.mat and Model_Expression.mat (BFM 2009 as 300W-LP uses it)."""
@@ -99,7 +99,7 @@ class ModelImportConfig:
 
 @dataclass(frozen=True)
 class ModelInfoConfig:
-    """Configuration of ``datagen model-info``."""
+    """Print sizes, extents, components, licence and hash of a model."""
 
     model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
     """``builtin``, or a model file."""
@@ -121,13 +121,13 @@ def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
             "expected --workers and --shard-size of at least 1 and --seed of at least 0, "
             f"found {config.workers}, {config.shard_size} and {config.seed}"
         )
-    model = open_model(config.model)
-    source = open_source(config.coeffs, model)
-    console.print(f"{len(source.sample_ids)} faces in {config.coeffs}; model: {describe(model)}", highlight=False)
+    chosen = open_model(config.model)
+    source = open_source(config.coeffs, chosen)
+    console.print(f"{len(source.sample_ids)} faces in {config.coeffs}; model: {describe(chosen)}", highlight=False)
     if config.coeffs.is_dir() and config.model == BUILTIN_MODEL:
         console.print(
             "the coefficients are BFM's: the built-in model is fitted to the landmarks of the files instead "
-            "(have BFM 2009? datagen model-import, then --model)",
+            "(have BFM 2009? datagen model import, then --model)",
             highlight=False,
         )
     job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size)
@@ -179,34 +179,15 @@ def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
     return 0
 
 
-def model_import(config: Annotated[ModelImportConfig, tyro.conf.arg(name="")]) -> int:
-    """Bring a published model into the project's own file (BFM 2009 as 300W-LP uses it)."""
-    write_stored_model(read_bfm2009(config.path), config.out)
-    console.print(f"{describe(load_model(config.out))} -> {config.out}", highlight=False)
-    return 0
-
-
-def model_info(config: Annotated[ModelInfoConfig, tyro.conf.arg(name="")]) -> int:
-    """Print sizes, extents, components, licence and hash of a model."""
-    model = open_model(config.model)
-    table = Table(show_header=False, title=model.name)
-    extents = zip("xyz", model.mean.min(axis=0), model.mean.max(axis=0), strict=True)
-    for name, value in {
-        "vertices, triangles": f"{len(model.mean)}, {len(model.triangles)}",
-        "extent of the mean": ", ".join(f"{axis} {low:.1f} .. {high:.1f} mm" for axis, low, high in extents),
-        "nearest face point to the origin": f"{model.smallest_radius_mm:.1f} mm",
-        "components": f"{model.n_identity} identity, {model.n_expression} expression",
-        "named expressions": str(len(model.named_expressions)),
-        "face regions": ", ".join(model.face_regions),
-        "landmarks": ", ".join(f"{scheme} ({len(indices)})" for scheme, indices in model.landmarks.items()),
-        "mirror symmetry": "yes" if model.symmetry is not None else "no",
-        "licence": model.licence,
-        "origin": model.origin,
-        "sha256": model.sha256,
-    }.items():
-        table.add_row(name, value)
-    Console().print(table)
-    return 0
+def model(
+    command: Annotated[
+        Annotated[ModelImportConfig, tyro.conf.subcommand("import", prefix_name=False)]
+        | Annotated[ModelInfoConfig, tyro.conf.subcommand("info", prefix_name=False)],
+        tyro.conf.arg(name=""),
+    ],
+) -> int:
+    """Import a published morphable model, or describe one."""
+    return _import_model(command) if isinstance(command, ModelImportConfig) else _show_model(command)
 
 
 def describe(model: MorphableModel) -> str:
@@ -217,17 +198,44 @@ def describe(model: MorphableModel) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``datagen``."""
-    commands = {
+    commands: dict[str, Callable[..., int]] = {
         "sample": sample,
         "render": render,
         "verify": verify,
         "preview": preview,
-        "model-import": model_import,
-        "model-info": model_info,
+        "model": model,
     }
     return run_commands(
         "datagen", "Ground truth for dense 3D faces: coefficients in, triplets out.", commands, arguments
     )
+
+
+def _import_model(config: ModelImportConfig) -> int:
+    write_stored_model(read_bfm2009(config.path), config.out)
+    console.print(f"{describe(load_model(config.out))} -> {config.out}", highlight=False)
+    return 0
+
+
+def _show_model(config: ModelInfoConfig) -> int:
+    shown = open_model(config.model)
+    table = Table(show_header=False, title=shown.name)
+    extents = zip("xyz", shown.mean.min(axis=0), shown.mean.max(axis=0), strict=True)
+    for name, value in {
+        "vertices, triangles": f"{len(shown.mean)}, {len(shown.triangles)}",
+        "extent of the mean": ", ".join(f"{axis} {low:.1f} .. {high:.1f} mm" for axis, low, high in extents),
+        "nearest face point to the origin": f"{shown.smallest_radius_mm:.1f} mm",
+        "components": f"{shown.n_identity} identity, {shown.n_expression} expression",
+        "named expressions": str(len(shown.named_expressions)),
+        "face regions": ", ".join(shown.face_regions),
+        "landmarks": ", ".join(f"{scheme} ({len(indices)})" for scheme, indices in shown.landmarks.items()),
+        "mirror symmetry": "yes" if shown.symmetry is not None else "no",
+        "licence": shown.licence,
+        "origin": shown.origin,
+        "sha256": shown.sha256,
+    }.items():
+        table.add_row(name, value)
+    Console().print(table)
+    return 0
 
 
 def _report(summary: JobSummary, config: RenderConfig) -> int:

@@ -98,7 +98,7 @@ def draw_expression(model: MorphableModel, rng: np.random.Generator) -> Float64[
         return rng.normal(0, EXPRESSION_DEVIATION, model.n_expression)
     groups = _paired_expressions(tuple(model.named_expressions))
     total = np.zeros(model.n_expression)
-    for group in rng.choice(len(groups), size=rng.integers(1, 5), replace=False):
+    for group in rng.choice(len(groups), size=min(int(rng.integers(1, 5)), len(groups)), replace=False):
         strength = rng.uniform(0.2, 1.0)
         for name in groups[group]:
             # Both sides of a face move together, though not alike.

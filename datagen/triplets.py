@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.appearance.background import draw_background
-from datagen.appearance.plain import draw_plain_appearance
+from datagen.appearance.plain import develop, draw_plain_appearance
 from datagen.gl_context import GLContext
 from datagen.random_streams import generator_for
 from datagen.renderer import Renderer
@@ -82,4 +82,4 @@ class TripletMaker:
         appearance = draw_plain_appearance(rng)
         background = draw_background(rng, face.height_px, face.width_px)
         picture = renderer.render_image(vertices, face.camera, appearance, background)
-        return encode_image(picture), {"picture": "rendered"}
+        return encode_image(develop(picture, appearance)), {"picture": "rendered"}

@@ -1,0 +1,204 @@
+"""The command ``pix2face``: photographs in, maps, camera, mesh and landmarks out."""
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, final
+
+import cv2
+import numpy as np
+import tyro
+from jaxtyping import UInt8
+from numpy import ndarray
+from rich.console import Console
+
+from pix2face.camera import head_pose, linearised, nearest_weak_perspective
+from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands
+from pix2face.crops import FaceBox, crop_image
+from pix2face.detection import detect_faces
+from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from pix2face.fit_pictures import draw_maps, draw_overlay, write_mesh, write_point_cloud
+from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
+from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.images import read_photograph
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.predictor import Prediction, Predictor
+from pix2face.runs import latest_checkpoint
+
+console = Console(stderr=True)
+
+Photograph = UInt8[ndarray, "h w 3"]
+
+
+@final
+@dataclass(frozen=True)
+class PredictConfig:
+    """Configuration of ``pix2face predict``."""
+
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Photographs."""
+    out: Path = Path("out/predict")
+    """Folder for the maps."""
+    checkpoint: Path | None = None
+    """What training wrote; default is the last one below runs/."""
+    box: tuple[float, float, float, float] | None = None
+    """Face box in pixels: left top right bottom (tight around the 68 landmarks). Without it faces are detected."""
+
+
+@final
+@dataclass(frozen=True)
+class FitConfig:
+    """Configuration of ``pix2face fit``."""
+
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Photographs."""
+    out: Path = Path("out/fit")
+    """Folder for fits, meshes, point clouds and overlays."""
+    checkpoint: Path | None = None
+    """What training wrote; default is the last one below runs/."""
+    box: tuple[float, float, float, float] | None = None
+    """Face box in pixels: left top right bottom (tight around the 68 landmarks). Without it faces are detected."""
+    model: str = BUILTIN_MODEL
+    """``builtin`` or a model file: the one that the checkpoint was trained for."""
+    camera: CameraKind = "weak-perspective"
+    """Camera of the fit; the principal point of a pinhole is the centre of the photograph."""
+    regularisation: float = PREDICTED_MAPS_REGULARISATION
+    """Tikhonov weight of the coefficients, in mm^2."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SeenFace:
+    """One face of one photograph, and the name that its files get."""
+
+    name: str
+    image: Photograph
+    prediction: Prediction
+
+
+def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
+    """Predict the maps of every face: NAME.npz (pncc, offset in mm, mask, image_from_crop) and NAME-maps.png."""
+    predictor = Predictor.load(config.checkpoint or latest_checkpoint())
+
+    def write(face: SeenFace) -> None:
+        prediction = face.prediction
+        np.savez_compressed(
+            config.out / f"{face.name}.npz",
+            pncc=prediction.maps.pncc,
+            offset=prediction.maps.offset,
+            mask=prediction.maps.mask,
+            image_from_crop=prediction.crop.image_from_crop,
+        )
+        _write_maps(config.out, face)
+
+    return _for_each_face(config.images, config.box, predictor, config.out, write)
+
+
+def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
+    """Fit camera, coefficients and landmarks to every face: NAME.json, .obj, .ply, -maps.png, -overlay.jpg."""
+    model = open_model(config.model)
+    predictor = Predictor.load(config.checkpoint or latest_checkpoint())
+    predictor.header.check_model(model.name, model.sha256)
+
+    def write(face: SeenFace) -> None:
+        maps, crop = face.prediction.maps, face.prediction.crop
+        height, width = face.image.shape[:2]
+        fitted = fit_face(
+            maps,
+            model,
+            camera_kind=config.camera,
+            regularisation=config.regularisation,
+            principal_point_px=crop.to_crop(np.array([width, height]) / 2),
+        ).in_image(crop)
+        (config.out / f"{face.name}.json").write_text(fit_to_json(fitted, model))
+        write_mesh(config.out / f"{face.name}.obj", fitted, model)
+        write_point_cloud(config.out / f"{face.name}.ply", maps, crop_image(face.image, crop))
+        _write_maps(config.out, face)
+        cv2.imwrite(str(config.out / f"{face.name}-overlay.jpg"), draw_overlay(face.image, fitted, model)[..., ::-1])
+
+    return _for_each_face(config.images, config.box, predictor, config.out, write)
+
+
+def fit_to_json(fitted: FaceFit, model: MorphableModel) -> str:
+    """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5)."""
+    pose = head_pose(fitted.camera)
+    return json.dumps(
+        {
+            "model": {"name": model.name, "sha256": model.sha256},
+            "camera_matrix": fitted.camera.matrix.tolist(),
+            "pose_deg": {name.removesuffix("_deg"): angle for name, angle in asdict(pose).items()},
+            "px_per_mm": nearest_weak_perspective(linearised(fitted.camera)).scale,
+            "identity": fitted.identity.tolist(),
+            "expression": fitted.expression.tolist(),
+            "landmarks2d_px": fitted.landmarks2d.tolist(),
+            "landmarks3d_mm": fitted.landmarks3d.tolist(),
+        },
+        indent=1,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``pix2face``."""
+    commands: dict[str, Callable[..., int]] = {"predict": predict, "fit": fit}
+    return run_commands("pix2face", "Dense 3D faces from photographs.", commands, arguments)
+
+
+def _for_each_face(
+    images: tuple[Path, ...],
+    box: tuple[float, float, float, float] | None,
+    predictor: Predictor,
+    out: Path,
+    write: Callable[[SeenFace], None],
+) -> int:
+    """Finds the faces of all photographs, predicts their maps, and hands each face on.
+
+    A photograph that cannot be read, or has no face, is said and does not end the run; the exit status tells.
+    """
+    if not images:
+        raise UsageError("expected at least one photograph")
+    out.mkdir(parents=True, exist_ok=True)
+    n_faces, problems = 0, []
+    with progress_bar(console, "photographs", len(images)) as advance:
+        for name, path in zip(_names(images), images, strict=True):
+            try:
+                image = read_photograph(path)
+                boxes = _boxes(image, box, path)
+                predictions = predictor.predict_batch([(image, face) for face in boxes])
+                for index, prediction in enumerate(predictions):
+                    write(SeenFace(name if len(boxes) == 1 else f"{name}-{index}", image, prediction))
+                n_faces += len(boxes)
+            except (InputFileError, DegenerateGeometryError) as error:
+                problems.append(f"{path}: {error}" if str(path) not in str(error) else str(error))
+            advance()
+    for problem in problems:
+        console.print(problem, highlight=False, markup=False)
+    console.print(f"{n_faces} faces in {len(images)} photographs -> {out}", highlight=False)
+    return EXIT_REJECTED if problems else 0
+
+
+def _boxes(image: Photograph, box: tuple[float, float, float, float] | None, path: Path) -> list[FaceBox]:
+    if box is not None:
+        if not (box[0] < box[2] and box[1] < box[3]):
+            raise UsageError(f"expected --box left top right bottom with left < right and top < bottom, found {box}")
+        return [FaceBox(*box)]
+    boxes = detect_faces(image)
+    if not boxes:
+        raise DegenerateGeometryError(f"{path}: no face found; say where it is with --box left top right bottom")
+    return boxes
+
+
+def _names(images: tuple[Path, ...]) -> list[str]:
+    """The stem of each file; those that occur more than once are numbered, so that nothing is overwritten."""
+    stems = [path.stem for path in images]
+    return [stem if stems.count(stem) == 1 else f"{stem}-{index:03d}" for index, stem in enumerate(stems)]
+
+
+def _write_maps(out: Path, face: SeenFace) -> None:
+    crop = crop_image(face.image, face.prediction.crop)
+    cv2.imwrite(str(out / f"{face.name}-maps.png"), draw_maps(crop, face.prediction.maps)[..., ::-1])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,86 @@
+"""Pictures and files of a fitted face: overlay, mesh, point cloud."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.face_maps import FaceMaps, map_picture, point_cloud
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.morphable_model import MorphableModel
+from pix2face.rasterise import interpolate, rasterise
+
+LANDMARK_COLOUR = (60, 255, 60)
+# The NumPy rasteriser is exact and slow; an overlay needs no more than this.
+OVERLAY_PX = 512
+PICTURE_LIMITS_MM = (120.0, 15.0)
+
+
+def draw_landmarks(
+    image: UInt8[ndarray, "h w 3"], landmarks2d: Float[ndarray, "m 2"], colour: tuple[int, int, int] = LANDMARK_COLOUR
+) -> UInt8[ndarray, "h w 3"]:
+    """A copy of a picture with a dot on every landmark."""
+    picture = image.copy()
+    radius = max(1, round(max(image.shape[:2]) / 250))
+    for x, y in landmarks2d[np.isfinite(landmarks2d).all(axis=1)]:
+        if max(abs(x), abs(y)) < 1e6:  # OpenCV takes 32-bit pixels
+            cv2.circle(picture, (int(np.floor(x)), int(np.floor(y))), radius, colour, -1, cv2.LINE_AA)
+    return picture
+
+
+def draw_overlay(image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel) -> UInt8[ndarray, "s t 3"]:
+    """The fitted face, shaded, over its picture, with the landmarks; at most 512 pixels wide or high.
+
+    Args:
+        image: The picture.
+        fit: In the pixels of the picture.
+        model: The model of the fit.
+    """
+    scale = min(1.0, OVERLAY_PX / max(image.shape[:2]))
+    height, width = (max(1, round(side * scale)) for side in image.shape[:2])
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    camera = fit.camera.transformed(np.diag([width / image.shape[1], height / image.shape[0], 1.0]))
+    triangles = model.triangles[model.is_face_triangle]
+    fragments = rasterise(camera.matrix, fit.vertices, triangles, height, width)
+    shade = interpolate(fragments, _facing(fit.vertices, triangles, camera)[:, None], triangles)
+    covered = fragments.triangle >= 0
+    painted = np.clip(shade, 0.15, 1) * np.array([150.0, 190.0, 255.0])
+    blend = np.where(covered[..., None], 0.5 * small + 0.5 * painted, small).astype(np.uint8)
+    return draw_landmarks(blend, camera.project(fit.landmarks3d))
+
+
+def draw_maps(image: UInt8[ndarray, "h w 3"], maps: FaceMaps) -> UInt8[ndarray, "h w3 3"]:
+    """Crop, PNCC and offset side by side; x, y, z as red, green, blue."""
+    pncc, offset = (
+        map_picture(values, maps.mask, limit)
+        for values, limit in zip((maps.pncc, maps.offset), PICTURE_LIMITS_MM, strict=True)
+    )
+    return np.hstack([image, pncc, offset])
+
+
+def write_mesh(path: Path, fit: FaceFit, model: MorphableModel) -> None:
+    """Writes the fitted mesh (mm, model frame) in the format of the file's suffix: .obj, .ply or .glb."""
+    mesh = trimesh.Trimesh(fit.vertices, model.triangles, process=False)
+    mesh.export(path)
+
+
+def write_point_cloud(path: Path, maps: FaceMaps, image: UInt8[ndarray, "h w 3"]) -> None:
+    """Writes PNCC + offset of every valid pixel (mm, model frame) with the pixel's colour as .ply."""
+    points, colours = point_cloud(maps, image)
+    trimesh.PointCloud(points, colours).export(path)  # type: ignore[no-untyped-call]
+
+
+def _facing(vertices: Float[ndarray, "v 3"], triangles: ndarray, camera: Camera) -> Float[ndarray, " v"]:
+    """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
+    corners = vertices[triangles].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros((len(vertices), 3))
+    for corner in range(3):
+        np.add.at(total, triangles[:, corner], normals)
+    towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
+    lengths = np.linalg.norm(total, axis=1)
+    return np.asarray(total @ towards / np.where(lengths > 0, lengths, 1), dtype=np.float64)
