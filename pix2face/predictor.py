@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, final
+from typing import final
 
 import numpy as np
 import torch
@@ -48,7 +48,7 @@ class Predictor:
         self._device = torch.device(device)
 
     @classmethod
-    def load(cls, path: Path, device: str | None = None) -> Self:
+    def load(cls, path: Path, device: str | None = None) -> "Predictor":
         """Opens a checkpoint.
 
         Args:

@@ -1,0 +1,67 @@
+"""Shards of a synthetic head, rendered by the NumPy rasteriser."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.face_maps import FaceMaps
+from pix2face.images import encode_image
+from pix2face.morphable_model import MorphableModel
+from pix2face.rasterise import render_maps
+from pix2face.shard_writing import write_shard
+from pix2face.shards import ShardHeader, Triplet
+from tests.synthetic_models import small_head_model
+
+PICTURE_PX = 72
+
+
+def head_triplet(model: MorphableModel, seed: int) -> Triplet:
+    """One random face, grey by its depth on a noisy background."""
+    rng = np.random.default_rng(seed)
+    identity, expression = rng.normal(size=(1, model.n_identity)), rng.normal(size=(1, model.n_expression))
+    vertices = model.vertices(identity, expression)[0]
+    rotation = rotation_of_pose(HeadPose(*rng.uniform(-20, 20, 3)))
+    centre = PICTURE_PX / 2 + rng.uniform(-5, 5, 2)
+    camera = weak_perspective_camera(WeakPerspective(0.2, rotation, centre))
+    rendered = render_maps(model, vertices, camera, PICTURE_PX, PICTURE_PX)
+    image = rng.integers(0, 60, size=(PICTURE_PX, PICTURE_PX, 3)).astype(np.uint8)
+    image[rendered.mask] = np.clip(150 - rendered.depth[rendered.mask], 0, 255).astype(np.uint8)[:, None]
+    landmarks3d = vertices[model.landmarks["ibug68"]]
+    return Triplet(
+        sample_id=f"head-{seed:03d}",
+        image=encode_image(image),
+        maps=FaceMaps(rendered.pncc, rendered.offset, rendered.mask),
+        depth=rendered.depth,
+        camera=camera,
+        identity=identity[0],
+        expression=expression[0],
+        landmarks2d=camera.project(landmarks3d),
+        landmarks3d=landmarks3d,
+        visible=np.ones(len(landmarks3d), dtype=bool),
+        attributes={},
+    )
+
+
+def shard_header(model: MorphableModel, **changes: str) -> ShardHeader:
+    fields = {
+        "model_name": model.name,
+        "model_sha256": model.sha256,
+        "pncc_limit_mm": float(np.abs(model.mean).max()),
+        "smallest_radius_mm": model.smallest_radius_mm,
+        "licence": model.licence,
+        "configuration": "{}",
+        "generator": "tests",
+    }
+    return ShardHeader(**(fields | changes))
+
+
+@pytest.fixture(scope="session")
+def shards_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two shards of three and two samples. Not to be written to."""
+    folder, model = tmp_path_factory.mktemp("shards"), small_head_model()
+    triplets = [head_triplet(model, seed) for seed in range(5)]
+    write_shard(folder / "shard-000000.h5", shard_header(model), triplets[:3])
+    write_shard(folder / "shard-000001.h5", shard_header(model), triplets[3:])
+    return folder

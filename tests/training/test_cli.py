@@ -1,0 +1,89 @@
+import shutil
+
+import pytest
+
+from pix2face.checkpoint import load_checkpoint
+from training.cli import TrainConfig, main
+from training.presets import PRESETS
+from training.speed import duration_in_words, seconds_per_image
+
+SMALL = [
+    "--preset",
+    "tiny",
+    "--size-px",
+    "32",
+    "--filters",
+    "4",
+    "--epochs",
+    "2",
+    "--epoch-size",
+    "4",
+    "--workers",
+    "0",
+]
+
+
+def test_from_shards_to_a_checkpoint(shards_dir, tmp_path, capsys):
+    arguments = ["--shards", str(shards_dir), "--out", str(tmp_path / "run"), *SMALL]
+    assert main(arguments) == 0
+    header, _ = load_checkpoint(tmp_path / "run" / "checkpoint.safetensors")
+    assert header.epoch == 2
+    said = capsys.readouterr().err
+    assert "5 in 2 shards" in said
+    assert "evaluate --split builtin-heldout --checkpoint" in said
+    assert main(arguments) == 0
+    assert "2 done" in capsys.readouterr().err
+
+
+def test_restart_replaces_a_training(shards_dir, tmp_path, capsys):
+    arguments = ["--shards", str(shards_dir), "--out", str(tmp_path), *SMALL]
+    assert main(arguments) == 0
+    assert main([*arguments, "--seed", "1"]) == 2
+    assert "seed 0 -> 1" in capsys.readouterr().err
+    assert main([*arguments, "--seed", "1", "--restart"]) == 0
+
+
+def test_the_preset_is_the_papers_unless_told_otherwise(tmp_path):
+    assert TrainConfig(shards=(tmp_path,)).recipe() == PRESETS["paper"]
+    changed = TrainConfig(shards=(tmp_path,), preset="tiny", filters=8, seed=0).recipe()
+    assert (changed.filters, changed.size_px) == (8, PRESETS["tiny"].size_px)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--shards", "missing"], "missing: expected a folder of shards, found no such folder"),
+        (["--shards", "missing", "--size-px", "200"], "--size-px: expected a power of two"),
+        (["--shards", "missing", "--workers", "-1"], "--workers of 0 or more, found"),
+        (["--shards", "missing", "--device", "cuda:9"], "--device cuda:9: "),
+    ],
+)
+def test_a_wrong_call_is_one_line(arguments, message, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("train: error: ")
+    assert message in said
+    assert said.count("\n") == 1
+
+
+def test_a_shard_cut_in_half_is_one_line(shards_dir, tmp_path, capsys):
+    shutil.copytree(shards_dir, tmp_path / "shards")
+    path = tmp_path / "shards" / "shard-000000.h5"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert main(["--shards", str(tmp_path / "shards"), "--out", str(tmp_path / "run"), *SMALL]) == 2
+    said = capsys.readouterr().err
+    assert "shard-000000.h5: expected a complete shard" in said
+    assert said.count("\n") == 1
+
+
+def test_the_speed_is_measured():
+    assert 0 < seconds_per_image(TrainConfig(shards=(), preset="tiny", size_px=16, filters=2).recipe(), "cpu") < 10
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0, "0 seconds"), (119, "119 seconds"), (130, "2 minutes"), (7300, "2 hours"), (1e6, "12 days")],
+)
+def test_durations_are_in_words(seconds, words):
+    assert duration_in_words(seconds) == words

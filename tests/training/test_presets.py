@@ -1,0 +1,36 @@
+from dataclasses import replace
+
+import pytest
+
+from pix2face.errors import UsageError
+from pix2face.jitter import JitterRange
+from training.presets import PRESETS
+
+
+def test_paper_is_the_papers():
+    paper = PRESETS["paper"]
+    assert (paper.size_px, paper.filters, paper.batch_size) == (256, 64, 4)
+    assert (paper.epochs, paper.epoch_size, paper.learning_rate) == (60, 100_000, 1e-3)
+    assert paper.jitter == JitterRange(scale=(1.0, 1.8), shift=0.25, rotation_deg=20, gamma=(0.8, 1.2), gain=0.8)
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_presets_make_sense(name):
+    PRESETS[name].check()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"size_px": 100}, r"--size-px: expected a power of two.*100"),
+        ({"epochs": 0}, "--epochs: expected more than 0, found 0"),
+        ({"epoch_size": -1}, "--epoch-size"),
+        ({"batch_size": 0}, "--batch-size"),
+        ({"filters": 0}, "--filters"),
+        ({"learning_rate": float("nan")}, "--learning-rate: expected more than 0, found nan"),
+        ({"seed": -1}, "--seed: expected 0 or more, found -1"),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(change, message):
+    with pytest.raises(UsageError, match=message):
+        replace(PRESETS["tiny"], **change).check()

@@ -1,0 +1,148 @@
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from pix2face.checkpoint import load_checkpoint
+from pix2face.errors import InputFileError, Pix2FaceError, UsageError
+from pix2face.jitter import JitterRange
+from training.losses import MapLoss
+from training.presets import PRESETS
+from training.resume import epochs_done
+from training.shard_index import index_shards
+from training.trainer import CHECKPOINT_NAME, LOG_NAME, RESUME_NAME, Surroundings, train, training_configuration
+
+RECIPE = replace(PRESETS["tiny"], size_px=32, filters=4, batch_size=2, epochs=4, epoch_size=6)
+HERE = Surroundings(device="cpu", workers=0, cache_bytes=10**8)
+
+
+def interrupt_at(epoch: int, step: int):
+    def on_step(report):
+        if (report.epoch, report.step) == (epoch, step):
+            raise KeyboardInterrupt
+
+    return on_step
+
+
+@pytest.fixture
+def shards(shards_dir):
+    return index_shards([shards_dir])
+
+
+@pytest.fixture
+def uninterrupted(shards, tmp_path):
+    return train(shards, RECIPE, tmp_path / "whole", HERE)
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_an_interrupted_training_ends_bit_for_bit_where_a_whole_one_does(shards, tmp_path, precision):
+    recipe = replace(RECIPE, precision=precision)
+    whole = train(shards, recipe, tmp_path / "whole", HERE)
+    out = tmp_path / "parts"
+    for epoch, step in ((0, 2), (2, 3)):
+        with pytest.raises(KeyboardInterrupt):
+            train(shards, recipe, out, HERE, on_step=interrupt_at(epoch, step))
+    assert epochs_done(out / RESUME_NAME, training_configuration(shards, recipe)) == 2
+    parts = train(shards, recipe, out, HERE)
+    assert parts.read_bytes() == whole.read_bytes()
+    assert (out / RESUME_NAME).read_bytes() == (tmp_path / "whole" / RESUME_NAME).read_bytes()
+    lines = [json.loads(line) for line in (out / LOG_NAME).read_text().splitlines()]
+    assert [line["epoch"] for line in lines] == [0, 1, 2, 3]
+
+
+def test_the_test_above_can_fail(shards, tmp_path, uninterrupted):
+    other = train(shards, replace(RECIPE, seed=1), tmp_path / "other", HERE)
+    assert not torch.equal(*(load_file(path)["decoder.4.weight"] for path in (uninterrupted, other)))
+
+
+def test_a_finished_training_is_left_alone(shards, uninterrupted):
+    before = uninterrupted.read_bytes()
+    assert train(shards, RECIPE, uninterrupted.parent, HERE, on_step=interrupt_at(0, 1)) == uninterrupted
+    assert uninterrupted.read_bytes() == before
+
+
+def test_an_interruption_keeps_the_last_epochs_checkpoint(shards, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        train(shards, RECIPE, tmp_path, HERE, on_step=interrupt_at(1, 2))
+    header, _ = load_checkpoint(tmp_path / CHECKPOINT_NAME)
+    assert header.epoch == 1
+
+
+def test_the_checkpoint_says_what_it_was_trained_on(shards, uninterrupted):
+    header, _ = load_checkpoint(uninterrupted)
+    assert (header.size_px, header.filters, header.epoch) == (32, 4, 4)
+    assert (header.model_name, header.model_sha256) == (shards.model_name, shards.model_sha256)
+    assert (header.pncc_scale_mm, header.offset_scale_mm) == (shards.pncc_scale_mm, shards.offset_scale_mm)
+    assert header.licence == shards.licence
+    assert json.loads(header.configuration)["epoch_size"] == 6
+
+
+def test_a_network_learns_its_samples(shards, tmp_path):
+    still = JitterRange(scale=(1.4, 1.4), shift=0.0, rotation_deg=0.0)
+    recipe = replace(RECIPE, filters=8, epoch_size=250, batch_size=5, learning_rate=2e-3, jitter=still)
+    train(shards, recipe, tmp_path, HERE)
+    losses = [json.loads(line)["loss"] for line in (tmp_path / LOG_NAME).read_text().splitlines()]
+    assert losses[-1] < 0.6 * losses[0]
+
+
+def test_the_log_names_its_parts(shards, uninterrupted):
+    lines = [json.loads(line) for line in (uninterrupted.parent / LOG_NAME).read_text().splitlines()]
+    for line in lines:
+        assert line["loss"] == pytest.approx((line["pncc"] + line["offset"]) / 2, abs=1e-6)
+        assert line["images_per_second"] > 0
+    assert lines[0]["learning_rate"] == 1e-3
+    assert lines[-1]["learning_rate"] == pytest.approx(2.1e-5)
+
+
+def test_another_configuration_is_refused_and_the_difference_named(shards, uninterrupted):
+    with pytest.raises(UsageError, match=r"another configuration \(epochs 4 -> 5; seed 0 -> 3\); .*--restart"):
+        train(shards, replace(RECIPE, epochs=5, seed=3), uninterrupted.parent, HERE)
+
+
+def test_other_samples_are_refused(shards, shards_dir, uninterrupted):
+    with pytest.raises(UsageError, match=r"sample_ids_sha256 .*samples 5 -> 10"):
+        train(index_shards([shards_dir, shards_dir]), RECIPE, uninterrupted.parent, HERE)
+
+
+def test_a_cut_state_is_refused(shards, uninterrupted):
+    path = uninterrupted.parent / RESUME_NAME
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputFileError, match=r"resume\.safetensors"):
+        train(shards, RECIPE, uninterrupted.parent, HERE)
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+def test_a_diverging_training_stops_and_keeps_the_last_checkpoint(shards, tmp_path, monkeypatch):
+    with pytest.raises(KeyboardInterrupt):
+        train(shards, RECIPE, tmp_path, HERE, on_step=interrupt_at(1, 1))
+    before = (tmp_path / CHECKPOINT_NAME).read_bytes()
+
+    def infinite(planes, target):
+        return MapLoss(planes.mean() * float("inf"), planes.mean())
+
+    monkeypatch.setattr("training.trainer.map_loss", infinite)
+    with pytest.raises(Pix2FaceError, match=r"epoch 2, step 1: the loss is (-?inf|nan)\. The checkpoint .* is kept"):
+        train(shards, RECIPE, tmp_path, HERE)
+    assert (tmp_path / CHECKPOINT_NAME).read_bytes() == before
+
+
+def test_weights_that_the_last_step_ruined_are_not_saved(shards, tmp_path):
+    recipe = replace(RECIPE, learning_rate=float("inf"), epoch_size=2)
+    with pytest.raises(Pix2FaceError, match="the weights are not finite"):
+        train(shards, recipe, tmp_path, HERE)
+    assert not (tmp_path / CHECKPOINT_NAME).exists()
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_sample_that_cannot_be_read_ends_in_one_line(shards_dir, tmp_path, workers):
+    shutil.copytree(shards_dir, tmp_path / "shards")
+    shards = index_shards([tmp_path / "shards"])
+    path = tmp_path / "shards" / "shard-000001.h5"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputFileError, match=r"shard-000001\.h5") as caught:
+        train(shards, RECIPE, tmp_path / "out", replace(HERE, workers=workers))
+    assert "\n" not in str(caught.value)
+    assert not str(caught.value).startswith("pix2face.errors")

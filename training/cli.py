@@ -1,0 +1,151 @@
+"""The program ``train``: shards to a checkpoint."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, final
+
+import torch
+import tyro
+from rich.console import Console
+from rich.panel import Panel
+
+from pix2face.command_line import progress_bar, run_commands
+from pix2face.errors import UsageError
+from training.loss_log import StepReport
+from training.presets import PRESETS, Precision, PresetName, Recipe
+from training.resume import epochs_done
+from training.shard_index import ShardIndex, index_shards
+from training.speed import duration_in_words, seconds_per_image
+from training.trainer import CHECKPOINT_NAME, LOG_NAME, RESUME_NAME, Surroundings, train, training_configuration
+
+DESCRIPTION = """Trains the network on shards that `datagen render` wrote.
+
+Run the same command again to go on after an interruption: it starts from the last complete epoch and ends exactly
+where it would have ended without one."""
+
+_OVERRIDABLE = ("epochs", "epoch_size", "batch_size", "size_px", "filters", "learning_rate", "precision", "seed")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """The command line; None takes the preset's value.
+
+    Attributes:
+        shards: Folders of shards, all of one morphable model.
+        out: Folder of the checkpoint, the log and the state to resume from; default runs/PRESET.
+        preset: paper: 256 px, 64 filters, 60 epochs of 100,000 pictures; asks for a GPU. tiny: two minutes, two cores.
+        epochs: Passes with a learning rate of their own; a checkpoint is written after each.
+        epoch_size: Pictures an epoch, drawn over and over with ever new jitter.
+        batch_size: Pictures a step.
+        size_px: Side of the network's input, a power of two.
+        filters: Filters of the network's first level.
+        learning_rate: Adam's in the first epoch; it falls to 0.021 of that.
+        precision: Arithmetic of the network's layers.
+        seed: Of the first weights, the order of the samples and their jitter.
+        restart: Replace what the output folder holds of an earlier training.
+        workers: Processes that load samples; None takes one for each second core, at most 8.
+        cache_gb: Memory for decoded samples, over all workers.
+        device: cpu, cuda, cuda:1, ...; None takes a GPU where there is one.
+    """
+
+    shards: tuple[Path, ...]
+    out: Path | None = None
+    preset: PresetName = "paper"
+    epochs: int | None = None
+    epoch_size: int | None = None
+    batch_size: int | None = None
+    size_px: int | None = None
+    filters: int | None = None
+    learning_rate: float | None = None
+    precision: Precision | None = None
+    seed: int | None = None
+    restart: bool = False
+    workers: int | None = None
+    cache_gb: float = 1.0
+    device: str | None = None
+
+    def recipe(self) -> Recipe:
+        """The preset with what was given in its place.
+
+        Raises:
+            UsageError: A number makes no sense.
+        """
+        given: dict[str, Any] = {name: getattr(self, name) for name in _OVERRIDABLE}
+        recipe = replace(PRESETS[self.preset], **{name: value for name, value in given.items() if value is not None})
+        recipe.check()
+        return recipe
+
+    def surroundings(self) -> Surroundings:
+        """The machine.
+
+        Raises:
+            UsageError: It has no such device.
+        """
+        if self.cache_gb < 0 or (self.workers or 0) < 0:
+            raise UsageError(
+                f"expected --cache-gb and --workers of 0 or more, found {self.cache_gb} and {self.workers}"
+            )
+        default_workers = min(max((os.cpu_count() or 1) // 2, 1), 8)
+        device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
+        try:
+            torch.empty(0, device=device)
+        except (RuntimeError, AssertionError) as error:
+            raise UsageError(
+                f"--device {device}: {str(error).splitlines()[0]}; leave it out to take what is there"
+            ) from error
+        return Surroundings(
+            device=device,
+            workers=default_workers if self.workers is None else self.workers,
+            cache_bytes=int(self.cache_gb * 1e9),
+        )
+
+
+def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
+    """Trains, with a summary before, a progress bar meanwhile and the next command afterwards."""
+    console = Console(stderr=True)
+    recipe, surroundings = config.recipe(), config.surroundings()
+    out = config.out or Path("runs") / config.preset
+    shards = index_shards(config.shards)
+    if config.restart:
+        for name in (CHECKPOINT_NAME, RESUME_NAME, LOG_NAME):
+            (out / name).unlink(missing_ok=True)
+    done = epochs_done(out / RESUME_NAME, training_configuration(shards, recipe))
+    console.print(Panel(_summary(config, recipe, shards, surroundings, out, done), title="train", expand=False))
+    with progress_bar(console, "training", recipe.epochs * recipe.epoch_size) as advance:
+        advance(done * recipe.epoch_size)
+
+        def show(step: StepReport) -> None:
+            note = f"epoch {step.epoch + 1}/{recipe.epochs}  loss {step.loss:.4f}"
+            advance(step.images, note=note)
+
+        checkpoint = train(shards, recipe, out, surroundings, on_step=show)
+    console.print(f"checkpoint: {checkpoint}")
+    console.print(f"next: evaluate --split builtin-heldout --checkpoint {checkpoint}", soft_wrap=True)
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs ``train``; returns the exit status."""
+    return run_commands("train", DESCRIPTION, {"": run}, argv)
+
+
+def _summary(
+    config: TrainConfig, recipe: Recipe, shards: ShardIndex, surroundings: Surroundings, out: Path, done: int
+) -> str:
+    images = (recipe.epochs - done) * recipe.epoch_size
+    seconds = images * seconds_per_image(recipe, surroundings.device) if images else 0.0
+    lines = {
+        "samples": f"{len(shards)} in {len(shards.paths)} shards",
+        "model": f"{shards.model_name} ({shards.model_sha256[:12]})",
+        "terms": shards.licence,
+        "scales": f"PNCC {shards.pncc_scale_mm:.0f} mm, offset {shards.offset_scale_mm:.0f} mm",
+        "preset": f"{config.preset}: {recipe.size_px} px, {recipe.filters} filters, batches of {recipe.batch_size}, "
+        f"{recipe.precision}",
+        "plan": f"{recipe.epochs} epochs of {recipe.epoch_size} pictures" + (f", {done} done" if done else ""),
+        "takes": f"about {duration_in_words(seconds)} on {surroundings.device}, if loading keeps up",
+        "writes": str(out / CHECKPOINT_NAME),
+    }
+    return "\n".join(f"{name:<8} {text}" for name, text in lines.items())
