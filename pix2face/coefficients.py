@@ -1,7 +1,7 @@
 """Coefficients of faces: what a renderer needs to know of each, as a table with a file of its own."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
@@ -163,5 +163,5 @@ def _check_rows(table: FaceCoefficients, path: Path) -> None:
         raise InputFileError(f"{path}: expected unique sample ids, found {n - len(set(table.sample_ids))} repeated")
 
 
-def _strings(values: Sequence[bytes]) -> tuple[str, ...]:
-    return tuple(value.decode() for value in values)
+def _strings(values: ndarray) -> tuple[str, ...]:
+    return tuple(value.decode() for value in values.tolist())
