@@ -88,15 +88,7 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
         file.attrs["refinement_steps"] = model.refinement_steps
         file.attrs["region_names"] = json.dumps(model.region_names)
         file.attrs["face_regions"] = json.dumps(model.face_regions)
-        for name in (
-            "mean",
-            "polygons",
-            "polygon_regions",
-            "uv",
-            "uv_polygons",
-            "symmetry",
-            "source_vertices",
-        ):
+        for name in _ARRAYS:
             _write_array(file, name, getattr(model, name))
         _write_basis(file, "identity_basis", model.identity_basis, quantise)
         _write_basis(file, "expression_basis", model.expression_basis, quantise)

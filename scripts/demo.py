@@ -67,7 +67,7 @@ def main() -> int:
         return 1
     plot_losses(out / "run" / "log.jsonl", out / "losses.png")
     plot_point_cloud(out / "photograph" / "astronaut.ply", out / "point_cloud.png")
-    (out / "report.html").write_text(page(demo), encoding="utf-8")
+    (out / "report.html").write_text(page(demo, options.faces), encoding="utf-8")
     print(f"\n{sum(seconds for _, seconds in demo.timings):.0f} s in all; open {out / 'report.html'}")
     return 0
 
@@ -121,7 +121,7 @@ def plot_point_cloud(cloud: Path, picture: Path) -> None:
     plt.close(figure)
 
 
-def page(demo: Demo) -> str:
+def page(demo: Demo, n_faces: int) -> str:
     """The page: what was run, and what it made."""
     evaluation = (demo.out / "evaluation" / "index.html").read_text(encoding="utf-8")
     table = evaluation[evaluation.index("<table>") : evaluation.index("</table>") + len("</table>")]
@@ -151,8 +151,7 @@ def page(demo: Demo) -> str:
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>pix2face: demo</title><style>{STYLE}</style></head><body>
 <h1>pix2face: coefficients to a trained, evaluated model</h1>
-<p>A network trained for about two minutes on {html.escape(demo.timings[0][0].split()[3])} rendered faces of the built-in
-model. It shows that every station works; it is far from converged.</p>
+<p>A network trained for about two minutes on {n_faces} rendered faces of the built-in model. It shows that every station works; it is far from converged.</p>
 <h2>What was run</h2><table>{rows}</table>
 <h2>Error on held-out renders</h2>{table}
 {shown}
