@@ -85,6 +85,17 @@ def test_a_fold_is_not_interpolated_across(model):
     assert on_left.sum() > 100
 
 
+def test_the_limit_follows_the_noise(face, model):
+    rng = np.random.default_rng(0)
+    noisy = face.maps.pncc + rng.normal(size=face.maps.pncc.shape).astype(np.float32) * 2
+    maps = replace(face.maps, pncc=noisy * face.maps.mask[..., None])
+    found = localise_vertices(maps, model.mean, spread_vertices(model, 10_000))
+    exact = localised(face, model)
+    assert exact.distance_mm.max() < 0.5
+    assert found.distance_mm.max() > 0.5
+    assert len(found.vertex_indices) > 0.9 * len(exact.vertex_indices)
+
+
 def test_bad_maps_are_refused(face, model):
     vertices = spread_vertices(model, 100)
     empty = replace(face.maps, mask=np.zeros_like(face.maps.mask))
