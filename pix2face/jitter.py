@@ -108,16 +108,13 @@ def crop_maps(maps: FaceMaps, crop: Crop) -> FaceMaps:
 
     Maps are sampled at pixel centres like rendered ones, also where the crop is coarser than they are.
     """
-    weight = maps.mask.astype(np.float32)
-    blended = [_warp(np.dstack([values, weight]), crop, cv2.INTER_LINEAR) for values in (maps.pncc, maps.offset)]
-    nearest_mask = _warp(weight, crop, cv2.INTER_NEAREST) > 0
-    mask = blended[0][..., 3] > 0.5
+    weight = _warp(maps.mask.astype(np.float32), crop, cv2.INTER_LINEAR)
+    nearest_mask = _warp(maps.mask.astype(np.uint8), crop, cv2.INTER_NEAREST) > 0
     beside_step = _warp(_steps(maps).astype(np.uint8), crop, cv2.INTER_NEAREST) > 0
-    mask[beside_step] = nearest_mask[beside_step]
-    pncc, offset = (
-        _joined(blend, _warp(values, crop, cv2.INTER_NEAREST), mask, beside_step)
-        for blend, values in zip(blended, (maps.pncc, maps.offset), strict=True)
-    )
+    mask = np.where(beside_step, nearest_mask, weight > 0.5)
+    share = mask / np.maximum(weight, np.float32(0.5))
+    copied = mask & beside_step
+    pncc, offset = (_resampled(values, crop, share, copied) for values in (maps.pncc, maps.offset))
     return FaceMaps(pncc, offset, mask)
 
 
@@ -127,20 +124,21 @@ def _steps(maps: FaceMaps) -> Bool[ndarray, "h w"]:
     kernel = np.ones((3, 3), dtype=np.uint8)
     highest = cv2.dilate(np.where(outside, np.float32(-BEYOND_ALL_MM), maps.pncc), kernel)
     lowest = cv2.erode(np.where(outside, np.float32(BEYOND_ALL_MM), maps.pncc), kernel)
-    return np.asarray(((highest - lowest) > STEP_MM).any(axis=2))
+    x, y, z = cv2.split(highest - lowest)
+    return np.asarray(np.maximum(np.maximum(x, y), z) > STEP_MM)
 
 
-def _joined(
-    blend: Float32[ndarray, "s s 4"],
-    nearest: Float32[ndarray, "s s 3"],
-    mask: Bool[ndarray, "s s"],
-    beside_step: Bool[ndarray, "s s"],
+def _resampled(
+    values: Float32[ndarray, "h w 3"],
+    crop: Crop,
+    share: Float32[ndarray, "s s"],
+    copied: Bool[ndarray, "s s"],
 ) -> Float32[ndarray, "s s 3"]:
-    """The nearest value beside steps, the blend over its weight elsewhere, 0 outside the mask."""
-    values = blend[..., :3] / np.maximum(blend[..., 3:], 0.5)
-    values[beside_step] = nearest[beside_step]
-    values[~mask] = 0
-    return values
+    """The blend of four pixels over the share of them that is valid, or the nearest pixel where ``copied``."""
+    blended = _warp(values, crop, cv2.INTER_LINEAR) * share[..., None]
+    if copied.any():
+        blended[copied] = _warp(values, crop, cv2.INTER_NEAREST)[copied]
+    return blended
 
 
 def _warp(values: ndarray, crop: Crop, interpolation: int) -> ndarray:

@@ -13,12 +13,13 @@ from rich.panel import Panel
 
 from pix2face.command_line import progress_bar, run_commands
 from pix2face.errors import UsageError
+from pix2face.runs import CHECKPOINT_NAME, RUNS
 from training.loss_log import StepReport
 from training.presets import PRESETS, Precision, PresetName, Recipe
 from training.resume import epochs_done
 from training.shard_index import ShardIndex, index_shards
 from training.speed import duration_in_words, seconds_per_image
-from training.trainer import CHECKPOINT_NAME, LOG_NAME, RESUME_NAME, Surroundings, train, training_configuration
+from training.trainer import LOG_NAME, RESUME_NAME, Surroundings, train, training_configuration
 
 DESCRIPTION = """Trains the network on shards that `datagen render` wrote.
 
@@ -88,7 +89,7 @@ class TrainConfig:
             raise UsageError(
                 f"expected --cache-gb and --workers of 0 or more, found {self.cache_gb} and {self.workers}"
             )
-        default_workers = min(max((os.cpu_count() or 1) // 2, 1), 8)
+        default_workers = min(max(_cores() // 2, 1), 8)
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         try:
             torch.empty(0, device=device)
@@ -107,7 +108,10 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
     """Trains, with a summary before, a progress bar meanwhile and the next command afterwards."""
     console = Console(stderr=True)
     recipe, surroundings = config.recipe(), config.surroundings()
-    out = config.out or Path("runs") / config.preset
+    if "OMP_NUM_THREADS" not in os.environ:
+        # More threads than cores make every parallel section wait for the one that is not running.
+        torch.set_num_threads(max(_cores() - surroundings.workers, 1))
+    out = config.out or RUNS / config.preset
     shards = index_shards(config.shards)
     if config.restart:
         for name in (CHECKPOINT_NAME, RESUME_NAME, LOG_NAME):
@@ -130,6 +134,11 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs ``train``; returns the exit status."""
     return run_commands("train", DESCRIPTION, {"": run}, argv)
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _summary(

@@ -97,14 +97,14 @@ class TripletDataset(Dataset[tuple[Tensor, Tensor]]):
         rng = np.random.default_rng([JITTER_STREAM, self._recipe.seed, draw])
         jitter = draw_jitter(rng, self._recipe.jitter)
         crop = jitter_crop(sample.box, jitter, self._recipe.size_px)
-        image = jitter_image(sample.image, crop, jitter) - np.float32(0.5)
+        image = jitter_image(sample.image, crop, jitter)
         maps = crop_maps(
             FaceMaps(fixed_point_to_maps(sample.pncc), fixed_point_to_maps(sample.offset), sample.mask),
             _moved(crop, sample.corner),
         )
-        pncc = maps.pncc / np.float32(self._shards.pncc_scale_mm)
-        target = np.dstack([pncc, maps.offset / np.float32(self._shards.offset_scale_mm)])
-        return _planes_first(image), _planes_first(target)
+        pncc = _planes_first(maps.pncc) / self._shards.pncc_scale_mm
+        offset = _planes_first(maps.offset) / self._shards.offset_scale_mm
+        return _planes_first(image) - 0.5, torch.cat([pncc, offset])
 
     def _sample_of(self, draw: int) -> int:
         turn, place = divmod(draw, len(self))

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import final
 
+import cv2
 import torch
 from torch import Tensor
 from torch.utils.data import DataLoader
@@ -16,6 +17,7 @@ from torch.utils.data import DataLoader
 from pix2face.checkpoint import CheckpointHeader, save_checkpoint
 from pix2face.errors import Pix2FaceError
 from pix2face.network import UNet
+from pix2face.runs import CHECKPOINT_NAME
 from training.dataset import EpochDraws, TripletDataset
 from training.loss_log import LossLog, StepReport
 from training.losses import map_loss
@@ -24,7 +26,6 @@ from training.resume import epochs_done, load_resume_state, save_resume_state
 from training.schedule import learning_rate
 from training.shard_index import ShardIndex
 
-CHECKPOINT_NAME = "checkpoint.safetensors"
 RESUME_NAME = "resume.safetensors"
 LOG_NAME = "log.jsonl"
 
@@ -162,6 +163,7 @@ def batches(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> t
         persistent_workers=workers > 0,
         # Forking a process with threads may hang it.
         multiprocessing_context="spawn" if workers else None,
+        worker_init_fn=_with_one_thread,
         pin_memory=surroundings.device.startswith("cuda"),
     )
     return draws, loader
@@ -193,6 +195,11 @@ def checkpoint_header(shards: ShardIndex, recipe: Recipe, configuration: str, ep
         configuration=configuration,
         epoch=epoch,
     )
+
+
+def _with_one_thread(worker: int) -> None:
+    """Workers run side by side; OpenCV's threads in each of them would only be in each other's way."""
+    cv2.setNumThreads(1)
 
 
 def _readable(loader: Iterable[Batch]) -> Iterator[Batch]:

@@ -9,11 +9,12 @@ from safetensors.torch import load_file
 from pix2face.checkpoint import load_checkpoint
 from pix2face.errors import InputFileError, Pix2FaceError, UsageError
 from pix2face.jitter import JitterRange
+from pix2face.runs import CHECKPOINT_NAME
 from training.losses import MapLoss
 from training.presets import PRESETS
 from training.resume import epochs_done
 from training.shard_index import index_shards
-from training.trainer import CHECKPOINT_NAME, LOG_NAME, RESUME_NAME, Surroundings, train, training_configuration
+from training.trainer import LOG_NAME, RESUME_NAME, Surroundings, train, training_configuration
 
 RECIPE = replace(PRESETS["tiny"], size_px=32, filters=4, batch_size=2, epochs=4, epoch_size=6)
 HERE = Surroundings(device="cpu", workers=0, cache_bytes=10**8)
