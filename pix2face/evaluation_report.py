@@ -14,8 +14,8 @@ from pix2face.manifest import Manifest
 from pix2face.metrics import POINT_SETS, ErrorSummary, summarise
 
 SCHEMA_VERSION = 1
-NETWORK = "network and fit"
-BASELINE = "baseline: mean face in the box"
+NETWORK = "network"
+BASELINE = "baseline"
 BASELINE_RULE = (
     "the mean face's landmarks seen from the front, scaled alike in both directions so that their tight box has the "
     "area of the true box, centre on centre"

@@ -9,6 +9,7 @@ from jaxtyping import UInt8
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy import ndarray
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -65,10 +66,10 @@ def table_cells(report: Report) -> tuple[list[str], list[list[str]]]:
     groups = list(report.rows[0].groups)
     threshold = f"{100 * report.manifest.threshold:g} %"
     is_binned = report.manifest.groups == "yaw"
-    columns = ["%", *(groups if len(groups) > 1 else []), *(["mean of bins"] if is_binned else [])]
-    columns += ["mean over images", "median", f"AUC to {threshold}", f"above {threshold}", "failed fits"]
+    columns = ["in %", "points", *(groups if len(groups) > 1 else []), *(["mean of bins"] if is_binned else [])]
+    columns += ["mean over images", "median", f"AUC to {threshold}", f"above {threshold}", "no fit"]
     lines = [_line(row, with_groups=len(groups) > 1, is_binned=is_binned) for row in report.rows]
-    counts = ["images", *(str(report.rows[0].groups[group].n_images) for group in groups if len(groups) > 1)]
+    counts = ["images", NO_FIGURE, *(str(report.rows[0].groups[group].n_images) for group in groups if len(groups) > 1)]
     counts += [NO_FIGURE] * is_binned + [str(len(report.results)), *[NO_FIGURE] * 4]
     return columns, [*lines, counts]
 
@@ -76,12 +77,22 @@ def table_cells(report: Report) -> tuple[list[str], list[list[str]]]:
 def report_table(report: Report) -> Table:
     """The table for a terminal."""
     columns, lines = table_cells(report)
-    table = Table(title=escape(report.manifest.title))
+    table = Table(title=escape(report.manifest.title), box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for i, column in enumerate(columns):
-        table.add_column(escape(column), justify="left" if i == 0 else "right")
+        table.add_column(
+            escape(column),
+            justify="left" if i == 0 else "right",
+            vertical="bottom",
+            width=_width(column, [line[i] for line in lines]),
+        )
     for line in lines:
         table.add_row(*(escape(cell) for cell in line))
     return table
+
+
+def _width(column: str, cells: Sequence[str]) -> int:
+    """Columns of a terminal without which a heading's word or a figure would be cut."""
+    return max(len(word) for word in (*column.split(), *cells))
 
 
 def report_notes(report: Report) -> list[str]:
@@ -93,7 +104,7 @@ def report_notes(report: Report) -> list[str]:
         f"Error: mean distance over 68 points (51: without the jaw) / {NORMALISERS[manifest.normaliser]} "
         f"[{manifest.normaliser}], in %.",
         f"Box of the crop: {manifest.box_rule}.",
-        f"Baseline: {BASELINE_RULE}.",
+        f"Row {NETWORK}: landmarks of the fit to the maps. Row {BASELINE}: {BASELINE_RULE}.",
         "A failed fit counts as an error above every threshold; means and medians are over the successes.",
     ]
     if manifest.groups == "yaw":
@@ -133,20 +144,19 @@ def _lists(report: Report) -> list[str]:
 
 
 def _line(row: ReportRow, *, with_groups: bool, is_binned: bool) -> list[str]:
-    cells = [f"{row.method}, {row.points} points"]
+    cells = [row.method, row.points]
     if with_groups:
         cells += [_number(summary.mean) for summary in row.groups.values()]
     if is_binned:
         cells.append(_number(row.mean_of_groups))
     summary: ErrorSummary = row.all_images
-    cells += [
-        _number(value) for value in (summary.mean, summary.median, summary.area_under_curve, summary.failure_rate)
-    ]
+    cells += [_number(summary.mean), _number(summary.median)]
+    cells += [_number(value, digits=1) for value in (summary.area_under_curve, summary.failure_rate)]
     return [*cells, str(summary.n_failed)]
 
 
-def _number(value: float | None, factor: float = 100) -> str:
-    return NO_FIGURE if value is None else f"{factor * value:.2f}"
+def _number(value: float | None, factor: float = 100, digits: int = 2) -> str:
+    return NO_FIGURE if value is None else f"{factor * value:.{digits}f}"
 
 
 def _jpeg(image: UInt8[ndarray, "h w 3"]) -> bytes:

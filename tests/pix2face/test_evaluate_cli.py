@@ -65,7 +65,7 @@ def test_photographs_give_a_table_and_files_with_every_face_counted(tmp_path, sm
     write_ibug(tmp_path)
     assert run(tmp_path, "--data", tmp_path) == 0
     printed = capsys.readouterr().out
-    assert "baseline: mean face in the box" in printed
+    assert "Row baseline: the mean face" in printed
     assert "133 missing: ibug/image_005_1.jpg" in printed
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert (report["n_evaluated"], report["n_missing"]) == (2, 133)
