@@ -18,9 +18,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from pix2face import __version__
-from pix2face.benchmark_data import BenchmarkFiles, find_benchmark
+from pix2face.benchmark_data import BenchmarkFace, BenchmarkFiles, find_benchmark
 from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands
-from pix2face.evaluation import Evaluator, evaluate_faces, model_landmarks
+from pix2face.evaluation import Evaluator, FaceResult, evaluate_faces, model_landmarks
 from pix2face.evaluation_report import Report, make_report
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
@@ -64,7 +64,6 @@ class EvaluateConfig:
 
 def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     """Measures a checkpoint on a benchmark: a table, report.json, an error curve and the worst cases."""
-    console = Console()
     manifest = load_manifest(config.split)
     model = open_model(config.model)
     model_landmarks(model)  # a model without them is refused before anything takes time
@@ -74,10 +73,10 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     predictor.header.check_model(model.name, model.sha256)
     evaluator = Evaluator(model, predictor, partial(_fit, model, config), manifest.normaliser)
     subject = describe(config, checkpoint, predictor, model)
-    report = _evaluate(console, manifest, found, evaluator, subject)
+    report = _evaluate(manifest, found, evaluator, subject)
     out = config.out or Path("out") / f"evaluate-{config.split}"
     written = write_report(report, _worst_cases(report, found), out)
-    _print(console, report, written)
+    _print(Console(), report, written)
     return EXIT_REJECTED if len(report.unreadable) > config.max_rejected else 0
 
 
@@ -122,15 +121,13 @@ def _fit(model: MorphableModel, config: EvaluateConfig, maps: FaceMaps, image_ce
     )
 
 
-def _evaluate(
-    console: Console, manifest: Manifest, found: BenchmarkFiles, evaluator: Evaluator, subject: dict[str, Any]
-) -> Report:
-    with progress_bar(console, f"evaluate {manifest.split}", len(found.items)) as advance:
+def _evaluate(manifest: Manifest, found: BenchmarkFiles, evaluator: Evaluator, subject: dict[str, Any]) -> Report:
+    with progress_bar(Console(stderr=True), f"evaluate {manifest.split}", len(found.items)) as advance:
         results, unreadable = evaluate_faces(found.items, evaluator, advance)
     return make_report(manifest, subject, results, found.missing, (*found.unreadable, *unreadable))
 
 
-def _worst_cases(report: Report, found: BenchmarkFiles) -> list[Any]:
+def _worst_cases(report: Report, found: BenchmarkFiles) -> list[tuple[BenchmarkFace, FaceResult]]:
     items = {item.name: item for item in found.items}
     return [(items[result.name].load(), result) for result in report.worst(N_WORST)]
 
