@@ -59,6 +59,8 @@ def index_shards(folders: Sequence[Path]) -> ShardIndex:
         ModelMismatchError: The shards are of different morphable models.
     """
     paths = [path for folder in folders for path in shard_paths(folder)]
+    if not paths:
+        raise UsageError("--shards: expected one folder of shards or more, found none")
     headers: list[ShardHeader] = []
     counts: list[int] = []
     digest, offset_limit = hashlib.sha256(), 0.0

@@ -59,6 +59,8 @@ def test_a_shard_cut_in_half_is_named(shards_dir, tmp_path):
 
 
 def test_nothing_to_train_on_is_said(tmp_path):
+    with pytest.raises(UsageError, match="expected one folder of shards or more"):
+        index_shards([])
     with pytest.raises(UsageError, match="no such folder"):
         index_shards([tmp_path / "missing"])
     write_shard(tmp_path / "shard-000000.h5", shard_header(small_head_model()), [])
