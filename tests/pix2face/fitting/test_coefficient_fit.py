@@ -30,7 +30,7 @@ def test_minimises_its_cost():
     _, _, offsets, rng = random_face(1)
     offsets += rng.normal(size=offsets.shape)
     regularisation = 30.0
-    best = np.concatenate(fit_coefficients(MODEL, VERTICES, offsets, regularisation))
+    best = np.concatenate(fit_coefficients(MODEL, VERTICES, offsets, regularisation, robust=False))
 
     def cost(c):
         k = MODEL.n_identity
@@ -51,11 +51,25 @@ def test_the_noise_variance_is_the_best_regularisation():
             rng = np.random.default_rng(seed)
             c = rng.normal(size=(1, MODEL.n_identity)), rng.normal(size=(1, MODEL.n_expression))
             offsets = (MODEL.vertices(*c)[0] - MODEL.mean)[few] + rng.normal(size=(len(few), 3)) * sigma
-            found = fit_coefficients(MODEL, few, offsets.astype(np.float64), factor * sigma**2)
+            found = fit_coefficients(MODEL, few, offsets.astype(np.float64), factor * sigma**2, robust=False)
             total += float(((np.concatenate(found) - np.concatenate([c[0][0], c[1][0]])) ** 2).sum())
         errors[factor] = total
     assert errors[1] < errors[1 / 25]
     assert errors[1] < errors[25]
+
+
+def test_wrong_vertices_lose_their_weight():
+    identity, expression, offsets, rng = random_face(4)
+    offsets += 0.02 * rng.normal(size=offsets.shape)
+    wrong = rng.uniform(size=len(offsets)) < 0.1
+    offsets[wrong] += 5 * rng.normal(size=(wrong.sum(), 3))
+    true = np.concatenate([identity, expression])
+    errors = {
+        robust: np.abs(np.concatenate(fit_coefficients(MODEL, VERTICES, offsets, 1e-3, robust=robust)) - true).max()
+        for robust in (True, False)
+    }
+    assert errors[True] < 0.02
+    assert errors[True] < 0.1 * errors[False]
 
 
 def test_more_regularisation_means_smaller_coefficients():
@@ -96,7 +110,7 @@ def test_elimination_solves_the_joint_system(regularisation):
     for count in (300, 80, 500):
         vertices = rng.choice(VERTICES, count)
         images.append((vertices, 5 * rng.normal(size=(count, 3))))
-    identity, expressions = fit_joint_coefficients(MODEL, images, regularisation)
+    identity, expressions = fit_joint_coefficients(MODEL, images, regularisation, robust=False)
     expected_identity, expected_expressions = joint_system_in_full(images, regularisation)
     np.testing.assert_allclose(identity, expected_identity, atol=1e-5)
     np.testing.assert_allclose(expressions, expected_expressions, atol=1e-5)
