@@ -37,6 +37,8 @@ from pix2face.morphable_model import MorphableModel
 LARGEST_DEVIATION = 2.5
 NEUTRAL_SHARE = 0.2
 EXPRESSION_DEVIATION = 0.6  # where a model has no named expressions
+# Expressions that only make sense while another one is active.
+NEEDED_EXPRESSIONS = {"mouthClose": "jawOpen", "tongueOut": "jawOpen"}
 WIDE_YAW_SHARE = 0.4
 
 
@@ -103,6 +105,9 @@ def draw_expression(model: MorphableModel, rng: np.random.Generator) -> Float64[
         for name in groups[group]:
             # Both sides of a face move together, though not alike.
             total += strength * rng.uniform(0.75, 1.0) * model.named_expressions[name]
+            needed = model.named_expressions.get(NEEDED_EXPRESSIONS.get(name, ""))
+            if needed is not None:
+                total += strength * needed
     return total
 
 

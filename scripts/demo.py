@@ -151,7 +151,8 @@ def page(demo: Demo, n_faces: int) -> str:
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>pix2face: demo</title><style>{STYLE}</style></head><body>
 <h1>pix2face: coefficients to a trained, evaluated model</h1>
-<p>A network trained for about two minutes on {n_faces} rendered faces of the built-in model. It shows that every station works; it is far from converged.</p>
+<p>A network trained for about two minutes on {n_faces} rendered faces of the built-in model.
+It shows that every station works; it is far from converged.</p>
 <h2>What was run</h2><table>{rows}</table>
 <h2>Error on held-out renders</h2>{table}
 {shown}
