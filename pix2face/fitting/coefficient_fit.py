@@ -19,8 +19,8 @@ from pix2face.morphable_model import MorphableModel
 # error of one coordinate of one offset, where the errors of the constraints are independent. Errors of a network are
 # alike over patches of the face: where n constraints share one error, lambda is n times the variance.
 #
-# Exact maps: rounding to 1/128 mm and the mesh's kinks between pixels leave 0.01 to 0.03 mm.
-EXACT_MAPS_REGULARISATION = 1e-3
+# Exact maps: rounding to 1/128 mm and the mesh's kinks between pixels leave 0.01 mm.
+EXACT_MAPS_REGULARISATION = 1e-4
 # Predicted maps: 1 to 1.5 mm at some 1,500 vertices found, with some 30 independent patches.
 PREDICTED_MAPS_REGULARISATION = 80.0
 
