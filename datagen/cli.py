@@ -132,8 +132,9 @@ def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
         )
     job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size)
     config.out.mkdir(parents=True, exist_ok=True)
-    # Each process renders with one thread of its own: software GL scales better over processes than inside one.
-    os.environ.setdefault("LP_NUM_THREADS", "1")
+    # Work is spread over processes: threads inside one (of software GL, of linear algebra) would only fight for cores.
+    for variable in ("LP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
     context = multiprocessing.get_context("spawn")
     with (
         progress_bar(console, "rendering", len(source.sample_ids)) as advance,

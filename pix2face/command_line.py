@@ -8,6 +8,7 @@ from typing import Any
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from threadpoolctl import threadpool_limits
 
 from pix2face.errors import Pix2FaceError
 
@@ -32,11 +33,15 @@ def run_commands(
         The exit status: what the command returned, 2 on an error of ours, 130 when interrupted.
     """
     try:
-        if list(commands) == [""]:
-            return int(tyro.cli(commands[""], prog=program, description=description, args=arguments))
-        return int(
-            tyro.extras.subcommand_cli_from_dict(dict(commands), prog=program, description=description, args=arguments)
-        )
+        # Fits solve systems of some hundred unknowns: threads of the linear algebra only wait for each other, and
+        # beside any other job they make a solve up to a hundred times slower. torch has threads of its own.
+        with threadpool_limits(1, user_api="blas"):
+            if list(commands) == [""]:
+                return int(tyro.cli(commands[""], prog=program, description=description, args=arguments))
+            chosen = dict(commands)
+            return int(
+                tyro.extras.subcommand_cli_from_dict(chosen, prog=program, description=description, args=arguments)
+            )
     except Pix2FaceError as error:
         sys.stderr.write(f"{program}: error: {error}\n")
         return EXIT_ERROR

@@ -1,0 +1,1 @@
+"""What faces, light and surroundings look like in synthetic photographs."""

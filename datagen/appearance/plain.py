@@ -1,0 +1,212 @@
+"""A plain appearance for models without photographs: skin, hair and eyes in random human colours, random light.
+
+The point is not beauty. A network that learns from such pictures shall find out that colour, light and surroundings
+say nothing about the shape of a face, so all of them vary widely.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from datagen.appearance.surface import Surface
+from pix2face.camera import Camera, nearest_weak_perspective
+
+MAX_LIGHTS = 3  # as in picture_fragment.glsl
+
+Colour = tuple[float, float, float]
+
+# sRGB, 0..1. Human skin from the lightest to the darkest; hair from black to blond, and grey; irises.
+SKIN_TONES = np.array(
+    [[250, 224, 208], [238, 199, 172], [218, 170, 137], [184, 131, 95], [133, 87, 59], [88, 56, 40], [58, 37, 28]]
+) / np.float32(255)
+HAIR_TONES = np.array([[18, 15, 14], [42, 30, 24], [82, 56, 38], [128, 82, 46], [186, 148, 96], [150, 148, 146]]) / 255
+IRIS_TONES = np.array([[52, 30, 18], [84, 52, 28], [112, 92, 48], [92, 112, 82], [88, 124, 150], [120, 132, 138]]) / 255
+SCLERA, PUPIL, TEETH = (0.90, 0.88, 0.86), (0.03, 0.03, 0.03), (0.86, 0.82, 0.74)
+MOUTH_INSIDE, TONGUE = (0.30, 0.10, 0.10), (0.66, 0.34, 0.33)
+
+# How wet: 0 skin, 1 an eye.
+GLOSS = {"eyes": 0.7, "iris": 1.0, "pupil": 1.0, "lips": 0.12, "teeth": 0.5, "tongue": 0.25, "mouth_inside": 0.15}
+
+
+@final
+@dataclass(frozen=True)
+class PlainAppearance:
+    """Everything that the picture of a face has beside its shape, storable as JSON (``dataclasses.asdict``).
+
+    Attributes:
+        skin_rgb: sRGB, 0..1, like the next four.
+        lips_rgb: Lips.
+        hair_rgb: Scalp.
+        brows_rgb: Brows.
+        iris_rgb: Irises.
+        flush: How much redder cheeks, nose and ears are, 0..1.
+        beard: How dark the beard area is, 0..1.
+        blotchiness: Relative amplitude of the large spots of skin and hair.
+        texture_seed: Seed of those spots.
+        ambient_rgb: Light from everywhere, linear; 1 shows a colour as it is.
+        light_directions: Towards each light, camera frame (x right, y down, z forward), unit length.
+        light_rgb: Linear colour of each light.
+        shine: Strength of the skin's highlights, 0..1.
+        blur_px: Standard deviation of the lens's blur.
+        noise: Standard deviation of the sensor's noise, 0..1.
+        noise_seed: Seed of that noise.
+    """
+
+    skin_rgb: Colour
+    lips_rgb: Colour
+    hair_rgb: Colour
+    brows_rgb: Colour
+    iris_rgb: Colour
+    flush: float
+    beard: float
+    blotchiness: float
+    texture_seed: int
+    ambient_rgb: Colour
+    light_directions: tuple[Colour, ...]
+    light_rgb: tuple[Colour, ...]
+    shine: float
+    blur_px: float
+    noise: float
+    noise_seed: int
+
+
+def draw_plain_appearance(rng: np.random.Generator) -> PlainAppearance:
+    """Draws an appearance."""
+    darkness = float(rng.uniform())
+    skin = _tone(SKIN_TONES, darkness) * rng.normal(1, [0.05, 0.03, 0.06])
+    # Dark skin goes with dark hair and eyes; light skin with all.
+    hair = _tone(HAIR_TONES, rng.uniform(0, 1.25 - darkness)) * rng.uniform(0.6, 1.3)
+    iris = _tone(IRIS_TONES, rng.uniform(0, 1) * (1 - darkness)) * rng.uniform(0.8, 1.2)
+    lips = 0.7 * skin * [1, 0.82, 0.85] + 0.3 * np.array([0.62, 0.22, 0.25])
+    if rng.uniform() < 0.15:  # lipstick
+        lips = np.array([rng.uniform(0.4, 0.8), *rng.uniform(0.05, 0.35, size=2)])
+    directions, colours, ambient = _draw_light(rng)
+    return PlainAppearance(
+        skin_rgb=_colour(skin),
+        lips_rgb=_colour(lips),
+        hair_rgb=_colour(skin * 0.85 if rng.uniform() < 0.15 else hair),  # some are bald
+        brows_rgb=_colour(0.6 * np.minimum(hair, 0.8 * skin) + 0.4 * skin * 0.7),
+        iris_rgb=_colour(iris),
+        flush=float(rng.uniform(0, 0.6)),
+        beard=float(rng.uniform(0.1, 0.8) if rng.uniform() < 0.35 else 0),
+        blotchiness=float(rng.uniform(0.01, 0.06)),
+        texture_seed=int(rng.integers(2**31)),
+        ambient_rgb=_colour(ambient),
+        light_directions=tuple(_colour(direction) for direction in directions),
+        light_rgb=tuple(_colour(colour) for colour in colours),
+        shine=float(rng.uniform(0.0, 0.10)),
+        blur_px=float(max(0, rng.normal(0.2, 0.4))),
+        noise=float(rng.exponential(0.012)),
+        noise_seed=int(rng.integers(2**31)),
+    )
+
+
+def vertex_paint(appearance: PlainAppearance, surface: Surface) -> Float32[ndarray, "v 4"]:
+    """Colour (linear, 0..1) and gloss of each vertex."""
+    colours = np.stack([_to_linear(np.array(_region_colour(appearance, name))) for name in surface.region_names])
+    albedo = surface.region_weights @ colours.astype(np.float32)
+    skin_like = surface.region_weights @ np.array(
+        [name in ("skin", "ears", "neck", "lips") for name in surface.region_names], dtype=np.float32
+    )
+    rough = surface.region_weights @ np.array(
+        [8.0 if name in ("scalp", "brows") else GLOSS.get(name, 0) == 0 for name in surface.region_names]
+    )
+    flush, beard = _flush_and_beard(surface.mean)
+    flush, beard = appearance.flush * flush * skin_like, appearance.beard * beard * skin_like
+    albedo *= 1 + flush[:, None] * np.array([0.05, -0.35, -0.30], dtype=np.float32)
+    stubble = _to_linear(np.array(appearance.brows_rgb)).astype(np.float32)
+    albedo += 0.6 * beard[:, None] * (np.minimum(stubble, albedo) - albedo)
+    albedo *= 1 + (appearance.blotchiness * rough * _spots(appearance.texture_seed, surface.mean))[:, None]
+    gloss = surface.region_weights @ np.array([GLOSS.get(name, 0) for name in surface.region_names], dtype=np.float32)
+    return np.concatenate([np.clip(albedo, 0, 1), gloss[:, None]], axis=1).astype(np.float32)
+
+
+def lights_in_model(
+    appearance: PlainAppearance, camera: Camera
+) -> tuple[Float32[ndarray, "3 3"], Float32[ndarray, "3 3"]]:
+    """Directions (model frame) and colours of the lights; black where there are fewer than the shader takes."""
+    model_from_camera = nearest_weak_perspective(camera).rotation.T
+    directions, colours = np.zeros((2, MAX_LIGHTS, 3), dtype=np.float32)
+    count = len(appearance.light_directions)
+    directions[:count] = np.asarray(appearance.light_directions).reshape(count, 3) @ model_from_camera.T
+    colours[:count] = np.asarray(appearance.light_rgb).reshape(count, 3)
+    directions[count:] = [0, 0, 1]
+    return directions, colours
+
+
+def develop(image: UInt8[ndarray, "h w 3"], appearance: PlainAppearance) -> UInt8[ndarray, "h w 3"]:
+    """What lens and sensor do to a picture: blur and noise."""
+    out = image
+    if appearance.blur_px > 0.2:
+        out = cv2.GaussianBlur(out, (0, 0), appearance.blur_px)
+    noise = np.random.default_rng(appearance.noise_seed).standard_normal(image.shape, dtype=np.float32)
+    return np.clip(out + noise * np.float32(255 * appearance.noise) + 0.5, 0, 255).astype(np.uint8)
+
+
+def _draw_light(rng: np.random.Generator) -> tuple[ndarray, ndarray, ndarray]:
+    """Directions and colours of one to three lights, and the ambient light; together about 1 on a lit surface."""
+    count = int(rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15]))
+    azimuth = rng.normal(0, np.deg2rad(50), size=count)
+    elevation = rng.normal(np.deg2rad(25), np.deg2rad(25), size=count)
+    directions = np.stack(
+        [np.sin(azimuth) * np.cos(elevation), -np.sin(elevation), -np.cos(azimuth) * np.cos(elevation)], axis=1
+    )
+    warmth = rng.normal(0, 0.12, size=count + 1)
+    tints = np.exp(np.stack([warmth, np.zeros(count + 1), -warmth], axis=1))
+    ambient = rng.uniform(0.15, 0.7)
+    shares = rng.dirichlet(np.full(count, 2.0)) * (1.15 - ambient)
+    exposure = float(np.exp(rng.normal(0, 0.25)))
+    return directions, exposure * shares[:, None] * tints[1:], exposure * ambient * tints[0]
+
+
+def _region_colour(appearance: PlainAppearance, region: str) -> Colour:
+    """sRGB; a region that is none of these is skin."""
+    return {
+        "lips": appearance.lips_rgb,
+        "scalp": appearance.hair_rgb,
+        "brows": appearance.brows_rgb,
+        "eyes": SCLERA,
+        "iris": appearance.iris_rgb,
+        "pupil": PUPIL,
+        "teeth": TEETH,
+        "tongue": TONGUE,
+        "mouth_inside": MOUTH_INSIDE,
+    }.get(region, appearance.skin_rgb)
+
+
+def _flush_and_beard(mean: Float32[ndarray, "v 3"]) -> tuple[Float32[ndarray, " v"], Float32[ndarray, " v"]]:
+    """Where blood shows (cheeks, nose, ears) and where a beard grows, 0..1, from the place on the mean face (mm)."""
+    x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
+    cheek = np.exp(-(((x - 42) / 20) ** 2) - ((y + 15) / 18) ** 2) * (z > 20)
+    nose = np.exp(-((x / 12) ** 2) - ((y + 12) / 14) ** 2) * (z > 60)
+    ear = np.exp(-(((x - 85) / 14) ** 2)) * (z < 20)
+    jaw = 1 / (1 + np.exp((y + 38 - 0.25 * np.maximum(x - 35, 0) ** 1.2) / 4)) / (1 + np.exp(-(z - 8) / 6))
+    return np.clip(cheek + nose + 0.6 * ear, 0, 1), jaw
+
+
+def _spots(seed: int, mean: Float32[ndarray, "v 3"]) -> Float32[ndarray, " v"]:
+    """Smooth random waves over the head, 4 to 12 cm long, of unit standard deviation."""
+    rng = np.random.default_rng(seed)
+    waves = rng.normal(size=(3, 12)) * rng.uniform(1 / 20, 1 / 7, size=12) / np.sqrt(3)
+    phases = rng.uniform(0, 2 * np.pi, size=12)
+    return (np.sin(mean @ waves.astype(np.float32) + phases.astype(np.float32)).sum(axis=1) / np.sqrt(6)).astype(
+        np.float32
+    )
+
+
+def _tone(ramp: ndarray, position: float) -> ndarray:
+    place = np.clip(position, 0, 1) * (len(ramp) - 1)
+    return np.array([np.interp(place, np.arange(len(ramp)), ramp[:, channel]) for channel in range(3)])
+
+
+def _to_linear(srgb: ndarray) -> ndarray:
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def _colour(values: ndarray) -> Colour:
+    red, green, blue = (float(round(value, 5)) for value in values)
+    return red, green, blue

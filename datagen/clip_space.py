@@ -1,0 +1,65 @@
+"""A camera in OpenGL's terms."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.rasterise import handedness, project_homogeneous
+
+# Vertices exactly on the near or far plane may be clipped by rounding: the planes stand off by this part of the range.
+DEPTH_MARGIN = 1e-3
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ClipTransform:
+    """How OpenGL shall project one mesh.
+
+    Attributes:
+        clip_from_model: Rows x, y, z, w of the clip coordinates. Row 0 of the image becomes the first of the buffer.
+        depth_from_model: A row that gives the depth minus ``nearest_mm``.
+        nearest_mm: Depth of the nearest vertex.
+        outside_is_clockwise: How triangles that show their outside wind in OpenGL's window.
+    """
+
+    clip_from_model: Float64[ndarray, "4 4"]
+    depth_from_model: Float64[ndarray, "4"]
+    nearest_mm: float
+    outside_is_clockwise: bool
+
+
+def clip_transform(camera: Camera, vertices: Float32[ndarray, "v 3"], height: int, width: int) -> ClipTransform:
+    """Brings a camera into clip space, with the depth range of one mesh.
+
+    The third clip coordinate is ``a depth + b`` for both kinds of camera. With w = 1 that is linear in the depth, with
+    w = depth it is linear in 1 / depth after the division by w: each is linear in the image, as the depth test wants.
+    Depth is taken relative to the nearest vertex, because float32 must not see the difference of two large depths.
+
+    Raises:
+        DegenerateGeometryError: As in ``rasterise``.
+    """
+    depth = project_homogeneous(camera.matrix, vertices)[:, 2]
+    nearest, extent = float(depth.min()), float(np.ptp(depth))
+    margin = DEPTH_MARGIN * max(extent, 1.0)
+    depth_row = camera.matrix[2] - np.array([0, 0, 0, nearest])
+    low, high = -margin, extent + margin  # the planes, relative
+    if camera.is_affine:
+        a, b = 2 / (high - low), -(high + low) / (high - low)
+    else:
+        low = max(low, -0.5 * nearest)
+        a = (2 * nearest + high + low) / (high - low)  # z / w is -1 at the near plane and 1 at the far one
+        b = -(nearest + low) - a * low
+    clip = np.stack(
+        [
+            2 / width * camera.matrix[0] - camera.matrix[3],
+            2 / height * camera.matrix[1] - camera.matrix[3],
+            a * depth_row + np.array([0, 0, 0, b]),
+            camera.matrix[3],
+        ]
+    )
+    # v runs down the image and up OpenGL's window: what turns counter-clockwise to the eye turns clockwise there.
+    return ClipTransform(clip, depth_row, nearest, outside_is_clockwise=handedness(camera) > 0)
