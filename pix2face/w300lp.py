@@ -46,7 +46,9 @@ class CoefficientFile:
         pose: ``Pose_Para``.
         landmarks2d: ``pt2d`` where it has 68 points, in the project's pixels, else None. They belong to the source
             photograph: right only for the copy ``_0``.
-        landmarks3d: ``pt3d_68`` in the project's pixels (u, v) with depth (pixels, larger is farther), or None.
+        landmarks3d: ``pt3d_68`` in the project's pixels (u, v) with depth (pixels, larger is farther), or None. Where
+            the scale is negative the face of the file is inside out; the depth here is that of the face the right
+            side out, as in ``camera_of_pose``.
     """
 
     path: Path
@@ -80,7 +82,7 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
             scale=float(pose[6]),
         ),
         landmarks2d=_landmarks2d(path, fields),
-        landmarks3d=_landmarks3d(path, fields),
+        landmarks3d=_landmarks3d(path, fields, towards_viewer=float(np.sign(pose[6]))),
     )
 
 
@@ -171,13 +173,13 @@ def _numbers(path: Path, fields: dict[str, Any], name: str, n: int) -> Float64[n
 
 
 def _landmarks2d(path: Path, fields: dict[str, Any]) -> Float64[ndarray, "68 2"] | None:
-    if np.shape(fields.get("pt2d")) != (2, 68):
+    if "pt2d" not in fields or np.shape(fields["pt2d"]) != (2, 68):
         return None
     return matlab_to_pixels(_numbers(path, fields, "pt2d", 136).reshape(2, 68).T)
 
 
-def _landmarks3d(path: Path, fields: dict[str, Any]) -> Float64[ndarray, "68 3"] | None:
+def _landmarks3d(path: Path, fields: dict[str, Any], towards_viewer: float) -> Float64[ndarray, "68 3"] | None:
     if "pt3d_68" not in fields:
         return None
     points = _numbers(path, fields, "pt3d_68", 204).reshape(3, 68).T
-    return np.column_stack([matlab_to_pixels(points[:, :2]), -points[:, 2]])
+    return np.column_stack([matlab_to_pixels(points[:, :2]), -towards_viewer * points[:, 2]])

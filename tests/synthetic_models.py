@@ -70,9 +70,7 @@ def _regions(centres: Float[ndarray, "t 3"]) -> UInt8[ndarray, " t"]:
     x, y, z = np.abs(centres[:, 0]), centres[:, 1], centres[:, 2]
     regions = np.full(len(centres), REGION_NAMES.index("skin"), dtype=np.uint8)
     regions[(x - 32) ** 2 / 24**2 + (y - 44) ** 2 / 6**2 < 1] = REGION_NAMES.index("brows")
-    regions[(x - EYE_CENTRE_MM[0]) ** 2 / 15**2 + (y - EYE_CENTRE_MM[1]) ** 2 / 9**2 < 1] = (
-        REGION_NAMES.index("eyes")
-    )
+    regions[(x - EYE_CENTRE_MM[0]) ** 2 / 15**2 + (y - EYE_CENTRE_MM[1]) ** 2 / 9**2 < 1] = REGION_NAMES.index("eyes")
     regions[x**2 / 26**2 + (y - MOUTH_CENTRE_MM[1]) ** 2 / 12**2 < 1] = REGION_NAMES.index("lips")
     regions[(z < -12) | (y > 65 + 0.2 * z)] = REGION_NAMES.index("scalp")
     regions[(x > 70) & (np.abs(y - 8) < 26) & (z > -26)] = REGION_NAMES.index("ears")

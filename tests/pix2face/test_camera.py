@@ -79,7 +79,9 @@ def test_affine_depth_grows_away_from_the_viewer_in_mm() -> None:
 
 
 def test_linearised_camera_agrees_at_the_origin_to_first_order() -> None:
-    camera = pinhole_camera(Pinhole(900.0, np.array([10.0, 20.0]), rotation_of((0.1, 0.4, -0.2)), np.array([3.0, 4, 800])))
+    camera = pinhole_camera(
+        Pinhole(900.0, np.array([10.0, 20.0]), rotation_of((0.1, 0.4, -0.2)), np.array([3.0, 4, 800]))
+    )
     flat, step = linearised(camera), 1e-3 * np.vstack([np.zeros(3), np.eye(3)])
     np.testing.assert_allclose(flat.project(step), camera.project(step), atol=1e-7)
 

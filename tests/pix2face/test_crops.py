@@ -27,7 +27,12 @@ def test_a_box_without_extent_is_an_error(points: np.ndarray) -> None:
 
 
 @given(
-    st.floats(1, 2), st.integers(16, 300), st.floats(-0.25, 0.25), st.floats(-0.4, 0.4), st.booleans(), st.integers(0, 9)
+    st.floats(1, 2),
+    st.integers(16, 300),
+    st.floats(-0.25, 0.25),
+    st.floats(-0.4, 0.4),
+    st.booleans(),
+    st.integers(0, 9),
 )
 def test_points_go_there_and_back(
     scale: float, size: int, shift: float, rotation: float, mirror: bool, seed: int

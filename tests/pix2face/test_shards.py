@@ -97,7 +97,7 @@ def test_a_shard_may_be_empty(tmp_path: Path) -> None:
 def test_an_error_leaves_neither_shard_nor_temporary_file(tmp_path: Path) -> None:
     bad = make_triplet(0)
     bad.maps.pncc[10, 10] = 300
-    with pytest.raises(InputFileError, match="within ±255.9 mm"):
+    with pytest.raises(InputFileError, match=r"within ±255\.9 mm"):
         write_shard(tmp_path / "shard-00000.h5", HEADER, [bad])
     assert list(tmp_path.iterdir()) == []
 

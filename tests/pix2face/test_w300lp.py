@@ -128,6 +128,20 @@ def test_negative_scale_gives_the_same_pixels_the_right_side_out() -> None:
     assert np.linalg.det(rows) > 0
 
 
+def test_landmarks_of_a_negative_scale_are_the_right_side_out(tmp_path: Path) -> None:
+    points_um = np.random.default_rng(2).normal(0, 50_000, (68, 3))
+    pose = PoseParameters(head=HeadPose(150, 20, -170), translation_px=np.array([210.0, 190.0, 5.0]), scale=-0.0012)
+    angles = np.radians([150, 20, -170])
+    numbers = np.concatenate([angles, pose.translation_px, [pose.scale]])[None]
+    path = write_mat(tmp_path / "face.mat", Pose_Para=numbers, pt3d_68=points_of_pose(points_um, pose, 450).T)
+    file = read_coefficient_file(path)
+    assert file.landmarks3d is not None
+    camera = camera_of_pose(file.pose, 450)
+    np.testing.assert_allclose(file.landmarks3d[:, :2], camera.project(points_um / 1000), atol=1e-6)
+    depth_px = camera.depth(points_um / 1000) * np.linalg.norm(camera.matrix[0, :3])
+    np.testing.assert_allclose(np.diff(file.landmarks3d[:, 2]), np.diff(depth_px), atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("pose", "nose_moves", "top_moves"),
     [
