@@ -13,13 +13,14 @@ import cv2
 import tyro
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from datagen.pipeline import REJECTED_FILE, JobSummary, RenderJob, run_job
 from datagen.preview import contact_sheet
 from datagen.sampling import sample_faces
 from datagen.sources import open_source
 from pix2face.coefficients import save_coefficients
-from pix2face.command_line import EXIT_ERROR, EXIT_REJECTED, progress_bar, run_commands
+from pix2face.command_line import EXIT_ERROR, EXIT_REJECTED, printable, progress_bar, run_commands, say
 from pix2face.errors import UsageError
 from pix2face.model_file import write_stored_model
 from pix2face.model_formats.bfm2009 import read_bfm2009
@@ -109,8 +110,8 @@ def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:
     """Draw plausible faces, poses and cameras, and write them as a table of coefficients."""
     table = sample_faces(open_model(config.model), config.n, config.seed, config.size)
     save_coefficients(table, config.out)
-    console.print(f"{len(table)} faces of {table.model_name} -> {config.out}")
-    console.print(f"next: datagen render --coeffs {config.out} --out shards/", highlight=False)
+    say(console, f"{len(table)} faces of {table.model_name} -> {config.out}")
+    say(console, f"next: datagen render --coeffs {config.out} --out shards/")
     return 0
 
 
@@ -123,12 +124,12 @@ def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
         )
     chosen = open_model(config.model)
     source = open_source(config.coeffs, chosen)
-    console.print(f"{len(source.sample_ids)} faces in {config.coeffs}; model: {describe(chosen)}", highlight=False)
+    say(console, f"{len(source.sample_ids)} faces in {config.coeffs}; model: {describe(chosen)}")
     if config.coeffs.is_dir() and config.model == BUILTIN_MODEL:
-        console.print(
+        say(
+            console,
             "the coefficients are BFM's: the built-in model is fitted to the landmarks of the files instead "
             "(have BFM 2009? datagen model import, then --model)",
-            highlight=False,
         )
     job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size)
     config.out.mkdir(parents=True, exist_ok=True)
@@ -159,7 +160,7 @@ def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
                     seen |= set(reader.sample_ids)
             advance()
     for problem in problems:
-        print(problem)
+        print(printable(problem))
     if problems:
         print(f"{len(problems)} problems; delete the shards named above and run `datagen render` again")
         return EXIT_ERROR
@@ -176,7 +177,7 @@ def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix.lower() not in (".jpg", ".jpeg", ".png") or not cv2.imwrite(str(out), sheet[..., ::-1]):
         raise UsageError(f"{out}: expected a .jpg or .png that can be written")
-    console.print(f"contact sheet -> {out}", highlight=False)
+    say(console, f"contact sheet -> {out}")
     return 0
 
 
@@ -213,13 +214,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _import_model(config: ModelImportConfig) -> int:
     write_stored_model(read_bfm2009(config.path), config.out)
-    console.print(f"{describe(load_model(config.out))} -> {config.out}", highlight=False)
+    say(console, f"{describe(load_model(config.out))} -> {config.out}")
     return 0
 
 
 def _show_model(config: ModelInfoConfig) -> int:
     shown = open_model(config.model)
-    table = Table(show_header=False, title=shown.name)
+    table = Table(show_header=False, title=Text(printable(shown.name)))
     extents = zip("xyz", shown.mean.min(axis=0), shown.mean.max(axis=0), strict=True)
     for name, value in {
         "vertices, triangles": f"{len(shown.mean)}, {len(shown.triangles)}",
@@ -234,18 +235,18 @@ def _show_model(config: ModelInfoConfig) -> int:
         "origin": shown.origin,
         "sha256": shown.sha256,
     }.items():
-        table.add_row(name, value)
+        table.add_row(name, Text(printable(value)))
     Console().print(table)
     return 0
 
 
 def _report(summary: JobSummary, config: RenderConfig) -> int:
     kept = f" ({summary.n_shards_kept} were there already)" if summary.n_shards_kept else ""
-    console.print(f"{summary.n_triplets} triplets in {summary.n_shards} shards{kept} -> {config.out}", highlight=False)
+    say(console, f"{summary.n_triplets} triplets in {summary.n_shards} shards{kept} -> {config.out}")
     if summary.rejected:
-        console.print(f"{len(summary.rejected)} samples rejected, listed in {config.out / REJECTED_FILE}; the first:")
-        console.print(f"  {summary.rejected[0][1]}", highlight=False, markup=False)
-    console.print(f"next: datagen preview {config.out}; train --shards {config.out}", highlight=False)
+        say(console, f"{len(summary.rejected)} samples rejected, listed in {config.out / REJECTED_FILE}; the first:")
+        say(console, f"  {summary.rejected[0][1]}")
+    say(console, f"next: datagen preview {config.out}; train --shards {config.out}")
     return EXIT_REJECTED if len(summary.rejected) > config.max_rejected else 0
 
 

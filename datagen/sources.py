@@ -99,6 +99,8 @@ class W300LPFolder(FaceSource):
     def face(self, index: int) -> Face:
         """Reads one file with its picture, and fits the model where the coefficients are not its own."""
         path = self._paths[index]
+        if not _is_text(self.sample_ids[index]):
+            raise SampleRejectedError(f"{path}: expected a file name in UTF-8, which shards can hold; rename it")
         try:
             file = read_coefficient_file(path)
             image_path = picture_of(path)
@@ -142,6 +144,11 @@ def picture_of(path: Path) -> Path:
             if candidate.is_file():
                 return candidate
     raise InputFileError(f"{path}: expected its picture {path.with_suffix('.jpg').name} beside it, found none")
+
+
+def _is_text(name: str) -> bool:
+    """Whether a name is text: on Linux a file name is bytes, and those that are not UTF-8 become lone surrogates."""
+    return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
 def _coefficient_paths(folder: Path) -> list[Path]:

@@ -8,6 +8,7 @@ from typing import Any
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.text import Text
 from threadpoolctl import threadpool_limits
 
 from pix2face.errors import Pix2FaceError
@@ -43,11 +44,27 @@ def run_commands(
                 tyro.extras.subcommand_cli_from_dict(chosen, prog=program, description=description, args=arguments)
             )
     except Pix2FaceError as error:
-        sys.stderr.write(f"{program}: error: {error}\n")
+        sys.stderr.write(f"{program}: error: {printable(str(error))}\n")
+        return EXIT_ERROR
+    except OSError as error:
+        # No such right, no space, a file where a folder should be: what no command can foresee, and nobody's bug.
+        sys.stderr.write(f"{program}: error: {printable(str(error))}\n")
         return EXIT_ERROR
     except KeyboardInterrupt:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
         return EXIT_INTERRUPTED
+
+
+def say(console: Console, message: str) -> None:
+    """Prints one line as it stands: names of files and models may look like markup, emoji codes or worse."""
+    console.print(Text(printable(message)), soft_wrap=True)
+
+
+def printable(text: str) -> str:
+    """A text with everything that a terminal would obey rather than show (control characters) as its escape."""
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode() for character in text
+    )
 
 
 @contextmanager

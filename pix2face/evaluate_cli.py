@@ -15,11 +15,10 @@ import tyro
 from jaxtyping import Float64
 from numpy import ndarray
 from rich.console import Console
-from rich.markup import escape
 
 from pix2face import __version__
 from pix2face.benchmark_data import BenchmarkFace, BenchmarkFiles, find_benchmark
-from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands
+from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands, say
 from pix2face.evaluation import Evaluator, FaceResult, evaluate_faces, model_landmarks
 from pix2face.evaluation_report import Report, make_report
 from pix2face.face_maps import FaceMaps
@@ -135,7 +134,7 @@ def _worst_cases(report: Report, found: BenchmarkFiles) -> list[tuple[BenchmarkF
 def _print(console: Console, report: Report, written: Sequence[Path]) -> None:
     console.print(report_table(report))
     for note in (*report_notes(report), f"Written: {', '.join(str(path) for path in written)}"):
-        console.print(escape(note), highlight=False, soft_wrap=True)
+        say(console, note)
 
 
 if __name__ == "__main__":

@@ -10,8 +10,9 @@ import torch
 import tyro
 from rich.console import Console
 from rich.panel import Panel
+from rich.text import Text
 
-from pix2face.command_line import progress_bar, run_commands
+from pix2face.command_line import printable, progress_bar, run_commands, say
 from pix2face.errors import UsageError
 from pix2face.runs import CHECKPOINT_NAME, RUNS
 from training.loss_log import StepReport
@@ -117,7 +118,8 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
         for name in (CHECKPOINT_NAME, RESUME_NAME, LOG_NAME):
             (out / name).unlink(missing_ok=True)
     done = epochs_done(out / RESUME_NAME, training_configuration(shards, recipe))
-    console.print(Panel(_summary(config, recipe, shards, surroundings, out, done), title="train", expand=False))
+    summary = Text(_summary(config, recipe, shards, surroundings, out, done))
+    console.print(Panel(summary, title="train", expand=False))
     with progress_bar(console, "training", recipe.epochs * recipe.epoch_size) as advance:
         advance(done * recipe.epoch_size)
 
@@ -126,8 +128,8 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
             advance(step.images, note=note)
 
         checkpoint = train(shards, recipe, out, surroundings, on_step=show)
-    console.print(f"checkpoint: {checkpoint}")
-    console.print(f"next: evaluate --split builtin-heldout --checkpoint {checkpoint}", soft_wrap=True)
+    say(console, f"checkpoint: {checkpoint}")
+    say(console, f"next: evaluate --split builtin-heldout --checkpoint {checkpoint}")
     return 0
 
 
@@ -157,4 +159,4 @@ def _summary(
         "takes": f"about {duration_in_words(seconds)} on {surroundings.device}, if loading keeps up",
         "writes": str(out / CHECKPOINT_NAME),
     }
-    return "\n".join(f"{name:<8} {text}" for name, text in lines.items())
+    return "\n".join(f"{name:<8} {printable(text)}" for name, text in lines.items())
