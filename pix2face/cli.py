@@ -45,6 +45,8 @@ class PredictConfig:
     """What training wrote; default is the last one below runs/."""
     box: tuple[float, float, float, float] | None = None
     """Face box in pixels: left top right bottom (tight around the 68 landmarks). Without it faces are detected."""
+    largest: bool = False
+    """Take only the largest face of each photograph."""
 
 
 @final
@@ -60,6 +62,8 @@ class FitConfig:
     """What training wrote; default is the last one below runs/."""
     box: tuple[float, float, float, float] | None = None
     """Face box in pixels: left top right bottom (tight around the 68 landmarks). Without it faces are detected."""
+    largest: bool = False
+    """Take only the largest face of each photograph."""
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
     camera: CameraKind = "weak-perspective"
@@ -93,7 +97,7 @@ def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
         )
         _write_maps(config.out, face)
 
-    return _for_each_face(config.images, config.box, predictor, config.out, write)
+    return _for_each_face(config, predictor, write)
 
 
 def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
@@ -118,7 +122,7 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
         _write_maps(config.out, face)
         cv2.imwrite(str(config.out / f"{face.name}-overlay.jpg"), draw_overlay(face.image, fitted, model)[..., ::-1])
 
-    return _for_each_face(config.images, config.box, predictor, config.out, write)
+    return _for_each_face(config, predictor, write)
 
 
 def fit_to_json(fitted: FaceFit, model: MorphableModel) -> str:
@@ -145,48 +149,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_commands("pix2face", "Dense 3D faces from photographs.", commands, arguments)
 
 
-def _for_each_face(
-    images: tuple[Path, ...],
-    box: tuple[float, float, float, float] | None,
-    predictor: Predictor,
-    out: Path,
-    write: Callable[[SeenFace], None],
-) -> int:
+def _for_each_face(config: PredictConfig | FitConfig, predictor: Predictor, write: Callable[[SeenFace], None]) -> int:
     """Finds the faces of all photographs, predicts their maps, and hands each face on.
 
     A photograph that cannot be read, or has no face, is said and does not end the run; the exit status tells.
     """
-    if not images:
+    if not config.images:
         raise UsageError("expected at least one photograph")
-    out.mkdir(parents=True, exist_ok=True)
+    config.out.mkdir(parents=True, exist_ok=True)
     n_faces, problems = 0, []
-    with progress_bar(console, "photographs", len(images)) as advance:
-        for name, path in zip(_names(images), images, strict=True):
+    with progress_bar(console, "photographs", len(config.images)) as advance:
+        for name, path in zip(_names(config.images), config.images, strict=True):
             try:
                 image = read_photograph(path)
-                boxes = _boxes(image, box, path)
+                boxes = _boxes(image, config)
                 predictions = predictor.predict_batch([(image, face) for face in boxes])
                 for index, prediction in enumerate(predictions):
                     write(SeenFace(name if len(boxes) == 1 else f"{name}-{index}", image, prediction))
                 n_faces += len(boxes)
             except (InputFileError, DegenerateGeometryError) as error:
-                problems.append(f"{path}: {error}" if str(path) not in str(error) else str(error))
+                problems.append(str(error) if str(path) in str(error) else f"{path}: {error}")
             advance()
     for problem in problems:
-        console.print(problem, highlight=False, markup=False)
-    console.print(f"{n_faces} faces in {len(images)} photographs -> {out}", highlight=False)
+        console.print(problem, highlight=False, markup=False, soft_wrap=True)
+    console.print(
+        f"photographs: {len(config.images)}, faces: {n_faces} -> {config.out}", highlight=False, soft_wrap=True
+    )
     return EXIT_REJECTED if problems else 0
 
 
-def _boxes(image: Photograph, box: tuple[float, float, float, float] | None, path: Path) -> list[FaceBox]:
-    if box is not None:
-        if not (box[0] < box[2] and box[1] < box[3]):
-            raise UsageError(f"expected --box left top right bottom with left < right and top < bottom, found {box}")
-        return [FaceBox(*box)]
+def _boxes(image: Photograph, config: PredictConfig | FitConfig) -> list[FaceBox]:
+    """The boxes to look at, largest first."""
+    if config.box is not None:
+        left, top, right, bottom = config.box
+        if not (left < right and top < bottom):
+            raise UsageError(
+                f"expected --box left top right bottom with left < right, top < bottom, found {config.box}"
+            )
+        return [FaceBox(left, top, right, bottom)]
     boxes = detect_faces(image)
     if not boxes:
-        raise DegenerateGeometryError(f"{path}: no face found; say where it is with --box left top right bottom")
-    return boxes
+        raise DegenerateGeometryError("no face found; say where it is with --box left top right bottom")
+    return boxes[:1] if config.largest else boxes
 
 
 def _names(images: tuple[Path, ...]) -> list[str]:

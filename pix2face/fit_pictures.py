@@ -9,6 +9,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 
 from pix2face.camera import Camera
+from pix2face.crops import FaceBox, crop_camera, crop_image, square_crop
 from pix2face.face_maps import FaceMaps, map_picture, point_cloud
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
@@ -16,7 +17,7 @@ from pix2face.rasterise import interpolate, rasterise
 
 LANDMARK_COLOUR = (60, 255, 60)
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.
-OVERLAY_PX = 512
+OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
 
 
@@ -32,24 +33,28 @@ def draw_landmarks(
     return picture
 
 
-def draw_overlay(image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel) -> UInt8[ndarray, "s t 3"]:
-    """The fitted face, shaded, over its picture, with the landmarks; at most 512 pixels wide or high.
+def draw_overlay(
+    image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int = OVERLAY_PX
+) -> UInt8[ndarray, "s s 3"]:
+    """The fitted face, shaded, over its part of the picture, with the landmarks.
 
     Args:
         image: The picture.
         fit: In the pixels of the picture.
         model: The model of the fit.
+        size_px: Side of the overlay, which shows twice the face box.
+
+    Raises:
+        DegenerateGeometryError: The landmarks have no extent.
     """
-    scale = min(1.0, OVERLAY_PX / max(image.shape[:2]))
-    height, width = (max(1, round(side * scale)) for side in image.shape[:2])
-    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    camera = fit.camera.transformed(np.diag([width / image.shape[1], height / image.shape[0], 1.0]))
+    crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, size_px)
+    camera, background = crop_camera(fit.camera, crop), crop_image(image, crop)
     triangles = model.triangles[model.is_face_triangle]
-    fragments = rasterise(camera.matrix, fit.vertices, triangles, height, width)
+    fragments = rasterise(camera.matrix, fit.vertices, triangles, size_px, size_px)
     shade = interpolate(fragments, _facing(fit.vertices, triangles, camera)[:, None], triangles)
-    covered = fragments.triangle >= 0
     painted = np.clip(shade, 0.15, 1) * np.array([150.0, 190.0, 255.0])
-    blend = np.where(covered[..., None], 0.5 * small + 0.5 * painted, small).astype(np.uint8)
+    covered = (fragments.triangle >= 0)[..., None]
+    blend = np.where(covered, 0.5 * background + 0.5 * painted, background).astype(np.uint8)
     return draw_landmarks(blend, camera.project(fit.landmarks3d))
 
 

@@ -89,7 +89,7 @@ def measure_and_fit(demo: Demo) -> None:
     demo.run("evaluate", *split, "--checkpoint", checkpoint, "--out", out / "evaluation")
     photograph = out / "astronaut.png"
     cv2.imwrite(str(photograph), astronaut()[..., ::-1])  # type: ignore[no-untyped-call]
-    demo.run("pix2face", "fit", photograph, "--checkpoint", checkpoint, "--out", out / "photograph")
+    demo.run("pix2face", "fit", photograph, "--largest", "--checkpoint", checkpoint, "--out", out / "photograph")
 
 
 def plot_losses(log: Path, picture: Path) -> None:

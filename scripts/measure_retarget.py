@@ -14,6 +14,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float64, Int
 from numpy import ndarray
+from threadpoolctl import threadpool_limits
 
 from pix2face.camera import nearest_weak_perspective
 from pix2face.crops import FaceBox
@@ -172,7 +173,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the table here as well")
     options = parser.parse_args()
     model = LandmarkModel.of(open_model(options.model))
-    faces = measure(options.data, model, regularisation=options.regularisation, with_depth=not options.no_depth)
+    with threadpool_limits(1, user_api="blas"):  # small systems: threads would only wait for each other
+        faces = measure(options.data, model, regularisation=options.regularisation, with_depth=not options.no_depth)
     _print_tables(faces)
     if options.json:
         table = {name: asdict(row) for name, row in summarise(faces).items()}
