@@ -68,8 +68,10 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
     fields = read_mat(path, ("Shape_Para", "Exp_Para", "Pose_Para", "pt2d", "pt3d_68"))
     missing = [name for name in ("Shape_Para", "Exp_Para", "Pose_Para") if name not in fields]
     if missing:
+        found = ", ".join(name for name, _, _ in scipy.io.whosmat(path)) or "nothing"
         raise InputFileError(
-            f"{path}: expected a coefficient file of 300W-LP or AFLW2000-3D, found none of {', '.join(missing)} in it"
+            f"{path}: expected a coefficient file of 300W-LP or AFLW2000-3D, missing are {', '.join(missing)}; "
+            f"found {found} in it"
         )
     pose = _numbers(path, fields, "Pose_Para", 7)
     return CoefficientFile(

@@ -143,7 +143,7 @@ def test_bad_samples_are_listed_and_nothing_else_is_lost(inputs: Path, tmp_path:
     reasons = {entry["sample_id"]: entry["reason"] for entry in rejected}
     assert "NaN" in reasons["nan"]
     assert "cannot be read" in reasons["truncated"]
-    assert "none of Shape_Para" in reasons["foreign"]
+    assert "missing are Shape_Para" in reasons["foreign"]
     assert "expected its picture no_picture.jpg" in reasons["no_picture"]
     with ShardReader(shard_paths(out)[0]) as reader:
         assert reader.sample_ids == ["deep/good", "good"]

@@ -209,7 +209,7 @@ def test_foreign_files_are_refused_by_name(shared_dir: Path) -> None:
     paths = sorted((shared_dir / "data" / "foreign_mat").glob("*.mat"))
     assert paths
     for path in paths:
-        with pytest.raises(InputFileError, match="found none of Shape_Para"):
+        with pytest.raises(InputFileError, match="missing are Shape_Para"):
             read_coefficient_file(path)
 
 
