@@ -1,0 +1,157 @@
+"""Errors of ours become one line and an exit status; names are printed as they stand."""
+
+import io
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+import tyro
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+from threadpoolctl import threadpool_info
+
+from pix2face.command_line import printable, progress_bar, run_commands, say
+from pix2face.errors import (
+    DegenerateGeometryError,
+    GLUnavailableError,
+    InputFileError,
+    ModelMismatchError,
+    Pix2FaceError,
+    SampleRejectedError,
+    UsageError,
+)
+
+OUR_ERRORS = [
+    InputFileError,
+    DegenerateGeometryError,
+    ModelMismatchError,
+    GLUnavailableError,
+    UsageError,
+    SampleRejectedError,
+]
+
+
+@dataclass(frozen=True)
+class CountConfig:
+    """How far to count."""
+
+    n: int = 1
+
+
+def count(config: Annotated[CountConfig, tyro.conf.arg(name="")]) -> int:
+    """Counts, and returns how far."""
+    return config.n
+
+
+def raising(error: BaseException) -> Callable[[CountConfig], int]:
+    def command(config: Annotated[CountConfig, tyro.conf.arg(name="")]) -> int:
+        raise error
+
+    return command
+
+
+def run(command: Callable[..., int], *arguments: str) -> int:
+    return run_commands("program", "Does things.", {"": command}, arguments)
+
+
+def test_the_status_is_what_the_command_returns() -> None:
+    assert run(count, "--n", "3") == 3
+    assert run_commands("program", "", {"count": count, "fail": raising(UsageError("no"))}, ["count", "--n", "7"]) == 7
+
+
+def test_without_arguments_those_of_the_process_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["program", "--n", "5"])
+    assert run_commands("program", "", {"": count}, None) == 5
+
+
+@pytest.mark.parametrize("kind", OUR_ERRORS)
+def test_an_error_of_ours_is_one_line_and_status_2(
+    kind: type[Pix2FaceError], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(raising(kind("face.mat: expected 7 numbers, found 6"))) == 2
+    captured = capsys.readouterr()
+    assert captured.err == "program: error: face.mat: expected 7 numbers, found 6\n"
+    assert captured.out == ""
+
+
+def test_every_error_of_ours_is_tested() -> None:
+    assert set(OUR_ERRORS) == set(Pix2FaceError.__subclasses__())
+
+
+def test_an_error_of_ours_cannot_grow_beyond_its_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(raising(InputFileError("two\nlines\x1b[2J.mat"))) == 2
+    assert capsys.readouterr().err == "program: error: two\\nlines\\x1b[2J.mat\n"
+
+
+def test_what_the_system_refuses_is_one_line_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(raising(PermissionError(13, "Permission denied", "out/face.json"))) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "Permission denied: 'out/face.json'" in error
+
+
+def test_an_error_that_is_a_bug_keeps_its_traceback() -> None:
+    with pytest.raises(ZeroDivisionError):
+        run(raising(ZeroDivisionError()))
+
+
+def test_an_interruption_is_status_130(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(raising(KeyboardInterrupt())) == 130
+    assert capsys.readouterr().err == "program: interrupted; what was finished is kept\n"
+
+
+@pytest.mark.parametrize("arguments", [["--n", "many"], ["--no-such-option"], ["surplus"]])
+def test_a_call_that_cannot_be_parsed_is_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(count, *arguments)
+    assert caught.value.code == 2
+
+
+def test_linear_algebra_has_one_thread_while_a_command_runs() -> None:
+    def threads(config: Annotated[CountConfig, tyro.conf.arg(name="")]) -> int:
+        return max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+    assert run(threads) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain.jpg", "plain.jpg"),
+        ("naïve 顔.jpg", "naïve 顔.jpg"),
+        ("a\tb\nc\rd", "a\\tb\\nc\\rd"),
+        ("\x1b[31m", "\\x1b[31m"),
+        ("gpj.\u202eface", "gpj.\\u202eface"),  # turns the direction of writing
+        ("caf\udce9", "caf\\udce9"),  # how Python holds a byte of a file name that is no UTF-8
+    ],
+)
+def test_control_characters_become_visible(text: str, shown: str) -> None:
+    assert printable(text) == shown
+
+
+@given(st.text(st.characters(exclude_categories=())))
+def test_whatever_is_printable_needs_no_second_pass(text: str) -> None:
+    shown = printable(text)
+    assert shown.isprintable()
+    assert printable(shown) == shown
+    shown.encode()
+
+
+@pytest.mark.parametrize("name", ["[red]a[/red]", "[/]", "[link=x]y", ":smile:", "a\\[b]", "x" * 300, "1.5 'q' /p"])
+def test_names_are_printed_as_they_stand(name: str) -> None:
+    stream = io.StringIO()
+    say(Console(file=stream, width=80, force_terminal=True), name)
+    assert stream.getvalue() == f"{name}\n"
+
+
+def test_progress_counts_up_to_the_total() -> None:
+    stream = io.StringIO()
+    with progress_bar(Console(file=stream, width=120), "faces", 3) as advance:
+        advance()
+        advance(2, note="last")
+    assert "faces" in stream.getvalue()
+    assert "3/3" in stream.getvalue()
+    assert "last" in stream.getvalue()
