@@ -71,6 +71,12 @@ class TableSource(FaceSource):
                 f"{path}: coefficients belong to model {self._table.model_name} ({self._table.model_sha256[:12]}), "
                 f"found model {model.name} ({model.sha256[:12]}); give the former with --model"
             )
+        found = self._table.identity.shape[1], self._table.expression.shape[1]
+        if found != (model.n_identity, model.n_expression):
+            raise InputFileError(
+                f"{path}: expected {model.n_identity} identity and {model.n_expression} expression coefficients for "
+                f"model {model.name}, found {found[0]} and {found[1]}; make the table again with `datagen sample`"
+            )
         self.sample_ids = self._table.sample_ids
         self.licence = model.licence
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import h5py
 import numpy as np
@@ -16,6 +16,15 @@ from pix2face.errors import InputFileError
 
 FORMAT = "pix2face-coefficients"
 SCHEMA_VERSION = 1
+# What OpenGL can draw everywhere; a table that asks for more is damaged.
+LARGEST_SIDE_PX = 16384
+# Type and shape of each column, rows aside; None is any length.
+_COLUMNS: dict[str, tuple[Any, tuple[int | None, ...]]] = {
+    "identity": (np.float32, (None,)),
+    "expression": (np.float32, (None,)),
+    "cameras": (np.float64, (4, 4)),
+    "sizes_px": (np.int32, (2,)),
+}
 
 
 @final
@@ -92,43 +101,42 @@ def save_coefficients(table: FaceCoefficients, path: Path) -> None:
     """Writes a table; a file appears under its name only when it is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.part")
-    with h5py.File(temporary, "w", track_order=False) as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["schema_version"] = SCHEMA_VERSION
-        for name in ("model_name", "model_sha256", "configuration"):
-            file.attrs[name] = getattr(table, name)
-        for name in ("identity", "expression", "cameras", "sizes_px"):
-            file.create_dataset(name, data=getattr(table, name), track_times=False)
-        for name in ("sample_ids", "image_paths"):
-            strings = np.array(getattr(table, name), dtype=h5py.string_dtype())
-            file.create_dataset(name, data=strings, track_times=False)
-    temporary.rename(path)
+    try:
+        with h5py.File(temporary, "w", track_order=False) as file:
+            file.attrs["format"] = FORMAT
+            file.attrs["schema_version"] = SCHEMA_VERSION
+            for name in ("model_name", "model_sha256", "configuration"):
+                file.attrs[name] = getattr(table, name)
+            for name in ("identity", "expression", "cameras", "sizes_px"):
+                file.create_dataset(name, data=getattr(table, name), track_times=False)
+            for name in ("sample_ids", "image_paths"):
+                strings = np.array(getattr(table, name), dtype=h5py.string_dtype())
+                file.create_dataset(name, data=strings, track_times=False)
+        temporary.rename(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def load_coefficients(path: Path) -> FaceCoefficients:
     """Reads a table.
 
     Raises:
-        InputFileError: The file is missing, no table, truncated, of a newer schema, or holds values that are not
-            finite.
+        InputFileError: The file is missing, no table, truncated, of a newer schema, or holds columns of other shapes,
+            values that are not finite, or sizes that no picture has.
     """
     try:
         with h5py.File(path, "r") as file:
             _check_format(file, path)
-            table = FaceCoefficients(
-                **{name: str(file.attrs[name]) for name in ("model_name", "model_sha256", "configuration")},
-                sample_ids=_strings(file["sample_ids"][()]),
-                image_paths=_strings(file["image_paths"][()]),
-                identity=file["identity"][()].astype(np.float32),
-                expression=file["expression"][()].astype(np.float32),
-                cameras=file["cameras"][()].astype(np.float64),
-                sizes_px=file["sizes_px"][()].astype(np.int32),
-            )
-    except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
+            sample_ids, image_paths = (_strings(file[name][()]) for name in ("sample_ids", "image_paths"))
+            columns: dict[str, Any] = {name: _column(file, path, name, len(sample_ids)) for name in _COLUMNS}
+            for name in ("model_name", "model_sha256", "configuration"):
+                columns[name] = str(file.attrs[name])
+    except (OSError, KeyError, ValueError, RuntimeError, TypeError, AttributeError) as error:
         raise InputFileError(
             f"{path}: expected a table of coefficients (as `datagen sample` writes it), found a file that cannot be "
             f"read as one ({error})"
         ) from error
+    table = FaceCoefficients(sample_ids=sample_ids, image_paths=image_paths, **columns)
     _check_rows(table, path)
     return table
 
@@ -149,16 +157,31 @@ def _check_format(file: h5py.File, path: Path) -> None:
         )
 
 
+def _column(file: h5py.File, path: Path, name: str, n: int) -> ndarray:
+    dtype, shape = _COLUMNS[name]
+    found = file[name].shape
+    if len(found) != 1 + len(shape) or any(a not in (None, b) for a, b in zip((n, *shape), found, strict=True)):
+        wanted = ", ".join("any" if length is None else str(length) for length in (n, *shape))
+        raise InputFileError(f"{path}: expected {name} of shape ({wanted}), found {found}")
+    return np.asarray(file[name][()].astype(dtype))
+
+
 def _check_rows(table: FaceCoefficients, path: Path) -> None:
     n = len(table)
-    arrays = {name: getattr(table, name) for name in ("identity", "expression", "cameras", "sizes_px", "image_paths")}
-    for name, values in arrays.items():
-        if len(values) != n:
-            raise InputFileError(f"{path}: expected {n} rows of {name}, found {len(values)}")
+    if len(table.image_paths) != n:
+        raise InputFileError(f"{path}: expected {n} rows of image_paths, found {len(table.image_paths)}")
     for name in ("identity", "expression", "cameras"):
-        bad = ~np.isfinite(arrays[name].reshape(n, -1)).all(axis=1)
+        values = getattr(table, name)
+        bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
         if bad.any():
             raise InputFileError(f"{path}: {name} of {table.sample_ids[int(bad.argmax())]!r} is not finite")
+    outside = ((table.sizes_px < 1) | (table.sizes_px > LARGEST_SIDE_PX)).any(axis=1)
+    if outside.any():
+        index = int(outside.argmax())
+        raise InputFileError(
+            f"{path}: expected pictures of 1 to {LARGEST_SIDE_PX} pixels, found {table.sizes_px[index].tolist()} for "
+            f"{table.sample_ids[index]!r}"
+        )
     if len(set(table.sample_ids)) < n:
         raise InputFileError(f"{path}: expected unique sample ids, found {n - len(set(table.sample_ids))} repeated")
 

@@ -62,7 +62,7 @@ def _to_8_bit(image: Shaped[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
     if image.dtype == np.uint16:
         return (image >> 8).astype(np.uint8)
     if image.dtype != np.uint8:
-        return np.clip(image * 255, 0, 255).astype(np.uint8)
+        return (np.nan_to_num(np.clip(image, 0, 1)) * 255).astype(np.uint8)
     return image
 
 
