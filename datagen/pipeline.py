@@ -80,7 +80,7 @@ def run_job(job: RenderJob, out: Path, executor: Executor, on_progress: Callable
     model = open_model(job.model)
     source = open_source(job.coefficients, model)
     units = list(range(-(-len(source.sample_ids) // job.shard_size)))
-    _check_folder(out, len(units), _header(job, source, model, ()))
+    _check_folder(out, len(units), shard_header(job, source, model, ()))
     missing = [unit for unit in units if not shard_path(out, unit).exists()]
     on_progress(sum(_unit_size(job, source, unit) for unit in units if unit not in set(missing)))
     futures = {executor.submit(render_unit, job, out, unit): unit for unit in missing}
@@ -110,7 +110,7 @@ def render_unit(job: RenderJob, out: Path, unit: int) -> None:
             triplets.append(maker.make(source.face(index)))
         except SampleRejectedError as error:
             rejected.append((source.sample_ids[index], str(error)))
-    write_shard(shard_path(out, unit), _header(job, source, model, tuple(rejected)), triplets)
+    write_shard(shard_path(out, unit), shard_header(job, source, model, tuple(rejected)), triplets)
 
 
 def shard_path(out: Path, unit: int) -> Path:
@@ -118,20 +118,17 @@ def shard_path(out: Path, unit: int) -> Path:
     return out / f"shard-{unit:05d}.h5"
 
 
-@lru_cache(maxsize=1)
-def _worker_state(job: RenderJob) -> tuple[MorphableModel, FaceSource, TripletMaker]:
-    """What a worker keeps between units: opening it takes longer than rendering a sample."""
-    model = open_model(job.model)
-    return model, open_source(job.coefficients, model), TripletMaker(model, create_gl_context(), job.seed)
-
-
-def _unit_size(job: RenderJob, source: FaceSource, unit: int) -> int:
-    return min(job.shard_size, len(source.sample_ids) - unit * job.shard_size)
-
-
-def _header(
+def shard_header(
     job: RenderJob, source: FaceSource, model: MorphableModel, rejected: tuple[tuple[str, str], ...]
 ) -> ShardHeader:
+    """What holds for every sample of a shard of this job.
+
+    Args:
+        job: The job.
+        source: Where its faces come from.
+        model: Their model.
+        rejected: Samples of this unit that could not be used: id and reason of each.
+    """
     configuration = {
         "coefficients": job.coefficients.name,
         "n_faces": len(source.sample_ids),
@@ -148,6 +145,17 @@ def _header(
         generator=f"pix2face {__version__}",
         rejected=json.dumps(rejected),
     )
+
+
+@lru_cache(maxsize=1)
+def _worker_state(job: RenderJob) -> tuple[MorphableModel, FaceSource, TripletMaker]:
+    """What a worker keeps between units: opening it takes longer than rendering a sample."""
+    model = open_model(job.model)
+    return model, open_source(job.coefficients, model), TripletMaker(model, create_gl_context(), job.seed)
+
+
+def _unit_size(job: RenderJob, source: FaceSource, unit: int) -> int:
+    return min(job.shard_size, len(source.sample_ids) - unit * job.shard_size)
 
 
 def _check_folder(out: Path, n_units: int, expected: ShardHeader) -> None:
