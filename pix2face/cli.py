@@ -15,7 +15,7 @@ from numpy import ndarray
 from rich.console import Console
 
 from pix2face.camera import head_pose, linearised, nearest_weak_perspective
-from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands
+from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands, say
 from pix2face.crops import FaceBox, crop_image
 from pix2face.detection import detect_faces
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
@@ -28,6 +28,8 @@ from pix2face.predictor import Prediction, Predictor
 from pix2face.runs import latest_checkpoint
 
 console = Console(stderr=True)
+
+LARGEST_BOX_PX = 1e6
 
 Photograph = UInt8[ndarray, "h w 3"]
 
@@ -84,6 +86,7 @@ class SeenFace:
 
 def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
     """Predict the maps of every face: NAME.npz (pncc, offset in mm, mask, image_from_crop) and NAME-maps.png."""
+    _check_call(config)
     predictor = Predictor.load(config.checkpoint or latest_checkpoint())
 
     def write(face: SeenFace) -> None:
@@ -102,6 +105,7 @@ def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
 
 def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
     """Fit camera, coefficients and landmarks to every face: NAME.json, .obj, .ply, -maps.png, -overlay.jpg."""
+    _check_call(config)
     model = open_model(config.model)
     predictor = Predictor.load(config.checkpoint or latest_checkpoint())
     predictor.header.check_model(model.name, model.sha256)
@@ -116,11 +120,12 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
             regularisation=config.regularisation,
             principal_point_px=crop.to_crop(np.array([width, height]) / 2),
         ).in_image(crop)
+        overlay = draw_overlay(face.image, fitted, model)  # may fail: before anything is written
         (config.out / f"{face.name}.json").write_text(fit_to_json(fitted, model))
         write_mesh(config.out / f"{face.name}.obj", fitted, model)
         write_point_cloud(config.out / f"{face.name}.ply", maps, crop_image(face.image, crop))
         _write_maps(config.out, face)
-        cv2.imwrite(str(config.out / f"{face.name}-overlay.jpg"), draw_overlay(face.image, fitted, model)[..., ::-1])
+        _write_picture(config.out / f"{face.name}-overlay.jpg", overlay)
 
     return _for_each_face(config, predictor, write)
 
@@ -154,54 +159,92 @@ def _for_each_face(config: PredictConfig | FitConfig, predictor: Predictor, writ
 
     A photograph that cannot be read, or has no face, is said and does not end the run; the exit status tells.
     """
-    if not config.images:
-        raise UsageError("expected at least one photograph")
     config.out.mkdir(parents=True, exist_ok=True)
-    n_faces, problems = 0, []
+    n_faces, problems, taken = 0, [], set[str]()
     with progress_bar(console, "photographs", len(config.images)) as advance:
-        for name, path in zip(_names(config.images), config.images, strict=True):
+        for stem, path in zip(_stems(config.images), config.images, strict=True):
             try:
                 image = read_photograph(path)
                 boxes = _boxes(image, config)
-                predictions = predictor.predict_batch([(image, face) for face in boxes])
-                for index, prediction in enumerate(predictions):
-                    write(SeenFace(name if len(boxes) == 1 else f"{name}-{index}", image, prediction))
-                n_faces += len(boxes)
             except (InputFileError, DegenerateGeometryError) as error:
-                problems.append(str(error) if str(path) in str(error) else f"{path}: {error}")
+                problems.append(_located(error, path))
+                boxes = []
+            predictions = predictor.predict_batch([(image, box) for box in boxes]) if boxes else []
+            for index, prediction in enumerate(predictions):
+                name = _unused(stem if len(boxes) == 1 else f"{stem}-{index}", taken)
+                try:
+                    write(SeenFace(name, image, prediction))
+                    n_faces += 1
+                except DegenerateGeometryError as error:
+                    problems.append(_located(error, path))
             advance()
     for problem in problems:
-        console.print(problem, highlight=False, markup=False, soft_wrap=True)
-    console.print(
-        f"photographs: {len(config.images)}, faces: {n_faces} -> {config.out}", highlight=False, soft_wrap=True
-    )
+        say(console, problem)
+    say(console, f"photographs: {len(config.images)}, faces: {n_faces} -> {config.out}")
     return EXIT_REJECTED if problems else 0
 
 
-def _boxes(image: Photograph, config: PredictConfig | FitConfig) -> list[FaceBox]:
-    """The boxes to look at, largest first."""
+def _check_call(config: PredictConfig | FitConfig) -> None:
+    """Refuses what can never work, before anything takes time.
+
+    Raises:
+        UsageError: No photographs, a box of less than a pixel, or a regularisation that is not positive.
+    """
+    if not config.images:
+        raise UsageError("expected at least one photograph")
     if config.box is not None:
         left, top, right, bottom = config.box
-        if not (left < right and top < bottom):
-            raise UsageError(
-                f"expected --box left top right bottom with left < right, top < bottom, found {config.box}"
-            )
-        return [FaceBox(left, top, right, bottom)]
+        if not (right - left >= 1 and bottom - top >= 1 and max(abs(side) for side in config.box) <= LARGEST_BOX_PX):
+            raise UsageError(f"expected --box left top right bottom, in pixels and in this order, found {config.box}")
+    if isinstance(config, FitConfig) and not 0 < config.regularisation < np.inf:
+        raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
+
+
+def _boxes(image: Photograph, config: PredictConfig | FitConfig) -> list[FaceBox]:
+    """The boxes to look at, largest first.
+
+    Raises:
+        DegenerateGeometryError: There is none, or the one given lies beside the photograph.
+    """
+    if config.box is not None:
+        height, width = image.shape[:2]
+        left, top, right, bottom = config.box
+        if not (left < width and right > 0 and top < height and bottom > 0):
+            raise DegenerateGeometryError(f"--box lies beside the picture of {width} x {height} pixels")
+        return [FaceBox(*config.box)]
     boxes = detect_faces(image)
     if not boxes:
         raise DegenerateGeometryError("no face found; say where it is with --box left top right bottom")
     return boxes[:1] if config.largest else boxes
 
 
-def _names(images: tuple[Path, ...]) -> list[str]:
-    """The stem of each file; those that occur more than once are numbered, so that nothing is overwritten."""
+def _located(error: Exception, path: Path) -> str:
+    return str(error) if str(path) in str(error) else f"{path}: {error}"
+
+
+def _stems(images: tuple[Path, ...]) -> list[str]:
+    """The stem of each file; those that occur more than once get the number of their photograph, from 000."""
     stems = [path.stem for path in images]
     return [stem if stems.count(stem) == 1 else f"{stem}-{index:03d}" for index, stem in enumerate(stems)]
 
 
+def _unused(name: str, taken: set[str]) -> str:
+    """A name that no other face of this run has, so that nothing is overwritten; capitals make no difference."""
+    unused, number = name, 2
+    while unused.casefold() in taken:
+        unused, number = f"{name}-{number}", number + 1
+    taken.add(unused.casefold())
+    return unused
+
+
 def _write_maps(out: Path, face: SeenFace) -> None:
     crop = crop_image(face.image, face.prediction.crop)
-    cv2.imwrite(str(out / f"{face.name}-maps.png"), draw_maps(crop, face.prediction.maps)[..., ::-1])
+    _write_picture(out / f"{face.name}-maps.png", draw_maps(crop, face.prediction.maps))
+
+
+def _write_picture(path: Path, picture: Photograph) -> None:
+    """Writes a picture; unlike OpenCV's own function it takes every name and says when it fails."""
+    path.write_bytes(cv2.imencode(path.suffix, picture[..., ::-1])[1].tobytes())
 
 
 if __name__ == "__main__":

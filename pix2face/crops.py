@@ -155,7 +155,8 @@ def crop_camera(camera: Camera, crop: Crop) -> Camera:
 
 def _shrunk(image: ndarray, matrix: Float64[ndarray, "2 3"]) -> tuple[ndarray, Float64[ndarray, "2 3"]]:
     """Averages blocks of whole pixels while the crop is more than twice as coarse as the image."""
-    factor = int(1 / max(np.sqrt(abs(np.linalg.det(matrix[:, :2]))), 1e-6))
+    # Beyond the longer side nothing is left to average: a huge box must not ask for a huge padding.
+    factor = min(int(1 / max(np.sqrt(abs(np.linalg.det(matrix[:, :2]))), 1e-6)), max(image.shape[:2]))
     if factor < 2:
         return image, matrix
     height, width = -(-image.shape[0] // factor), -(-image.shape[1] // factor)

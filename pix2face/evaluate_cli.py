@@ -19,6 +19,7 @@ from rich.console import Console
 from pix2face import __version__
 from pix2face.benchmark_data import BenchmarkFace, BenchmarkFiles, find_benchmark
 from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands, say
+from pix2face.errors import UsageError
 from pix2face.evaluation import Evaluator, FaceResult, evaluate_faces, model_landmarks
 from pix2face.evaluation_report import Report, make_report
 from pix2face.face_maps import FaceMaps
@@ -63,6 +64,8 @@ class EvaluateConfig:
 
 def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     """Measures a checkpoint on a benchmark: a table, report.json, an error curve and the worst cases."""
+    if not 0 < config.regularisation < float("inf"):
+        raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
     manifest = load_manifest(config.split)
     model = open_model(config.model)
     model_landmarks(model)  # a model without them is refused before anything takes time

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Float64, Int
 from numpy import ndarray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.morphable_model import MorphableModel
@@ -105,7 +105,8 @@ def fit_joint_coefficients(
         Identity and the expressions, in standard deviations.
 
     Raises:
-        DegenerateGeometryError: No image, one without a vertex, offsets that are not finite, or lambda not positive.
+        DegenerateGeometryError: No image, one without a vertex, offsets that are not finite, or lambda not positive or
+            too small for the arithmetic.
 
     Source: Crispell and Bazik 2017, Eq. 5.
     """
@@ -147,21 +148,32 @@ def _solve(
         normal, right = weighted @ weighted.T, weighted @ (root * image.s)
         aa, ab = normal[:n_identity, :n_identity], normal[:n_identity, n_identity:]
         bb = normal[n_identity:, n_identity:]
-        factor = cho_factor(bb + regularisation * np.eye(n_expression))
+        factor = _factor(bb + regularisation * np.eye(n_expression), regularisation)
         # beta = from_offsets - from_identity alpha, whatever alpha is.
         from_offsets, from_identity = cho_solve(factor, right[n_identity:]), cho_solve(factor, ab.T)
         identity_matrix += aa - ab @ from_identity
         identity_vector += right[:n_identity] - ab @ from_offsets
         eliminated.append((from_offsets, from_identity))
-    identity = np.asarray(cho_solve(cho_factor(identity_matrix), identity_vector), dtype=np.float64)
+    identity = np.asarray(cho_solve(_factor(identity_matrix, regularisation), identity_vector), dtype=np.float64)
     return identity, np.stack([from_offsets - matrix @ identity for from_offsets, matrix in eliminated])
+
+
+def _factor(matrix: Float64[ndarray, "n n"], regularisation: float) -> tuple[ndarray, bool]:
+    try:
+        factor: tuple[ndarray, bool] = cho_factor(matrix)
+    except LinAlgError as error:
+        raise DegenerateGeometryError(
+            f"expected a regularisation with which the coefficients can be solved for, found {regularisation:g}; "
+            "take a larger one"
+        ) from error
+    return factor
 
 
 def _check(images: Sequence[tuple[Int[ndarray, " _"], Float[ndarray, "_ 3"]]], regularisation: float) -> None:
     if not images or any(len(vertex_indices) == 0 for vertex_indices, _ in images):
         raise DegenerateGeometryError("expected vertices to fit the coefficients to, found none")
     n_bad = sum(int((~np.isfinite(offsets)).sum()) for _, offsets in images)
-    if n_bad or not regularisation > 0:
+    if n_bad or not 0 < regularisation < np.inf:
         raise DegenerateGeometryError(
             f"expected finite offsets and a positive regularisation, found {regularisation} and "
             f"{n_bad} values that are not finite"

@@ -82,3 +82,10 @@ def test_the_camera_of_a_crop_sees_what_the_crop_shows() -> None:
     crop = square_crop(BOX, 1.4, 128, rotation=0.3, shift=(0.1, 0.0))
     points = np.random.default_rng(1).normal(0, 60, (20, 3))
     np.testing.assert_allclose(crop_camera(camera, crop).project(points), crop.to_crop(camera.project(points)))
+
+
+@pytest.mark.parametrize("side", [1e5, 1e7, 1e9])
+def test_a_huge_box_costs_no_memory(side: float) -> None:
+    image = np.full((60, 80, 3), 200, np.uint8)
+    crop = crop_image(image, square_crop(FaceBox(-side, -side, side, side), 1.4, 32))
+    assert crop.any(axis=2).sum() <= 4  # the whole picture is less than a pixel

@@ -84,6 +84,10 @@ def test_bad_input_is_refused():
         fit_coefficients(MODEL, VERTICES[:0], offsets[:0], 1.0)
     with pytest.raises(DegenerateGeometryError, match="positive regularisation, found 0"):
         fit_coefficients(MODEL, VERTICES, offsets, 0.0)
+    with pytest.raises(DegenerateGeometryError, match="positive regularisation, found inf"):
+        fit_coefficients(MODEL, VERTICES, offsets, np.inf)
+    with pytest.raises(DegenerateGeometryError, match="found 1e-300; take a larger one"):
+        fit_coefficients(MODEL, VERTICES[:2], offsets[:2], 1e-300)
     with pytest.raises(DegenerateGeometryError, match="3 values that are not finite"):
         fit_coefficients(MODEL, VERTICES, np.where(np.arange(len(offsets))[:, None] == 4, np.nan, offsets), 1.0)
 
