@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -9,10 +10,12 @@ from numpy import ndarray
 from torch import Tensor
 
 from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.checkpoint import CheckpointHeader
+from pix2face.checkpoint import CheckpointHeader, save_checkpoint
 from pix2face.crops import INFERENCE_SCALE, FaceBox, crop_camera, square_crop
 from pix2face.face_maps import FaceMaps
+from pix2face.images import encode_image
 from pix2face.morphable_model import MorphableModel
+from pix2face.network import UNet
 from pix2face.predictor import Predictor
 from pix2face.rasterise import render_maps
 
@@ -90,3 +93,15 @@ def network_of(maps: Sequence[FaceMaps]) -> Callable[[Tensor], Tensor]:
         [np.concatenate([own.pncc / PNCC_SCALE_MM, own.offset / OFFSET_SCALE_MM], axis=2) for own in maps]
     )
     return lambda images: torch.from_numpy(planes[: len(images)]).permute(0, 3, 1, 2)
+
+
+def write_picture(path: Path, image: ndarray) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(encode_image(image))
+    return path
+
+
+def write_checkpoint(path: Path, model: MorphableModel) -> Path:
+    torch.manual_seed(0)
+    save_checkpoint(path, header_of(model, 32), UNet(32, 4))
+    return path

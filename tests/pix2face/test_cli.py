@@ -8,19 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import trimesh
-from numpy import ndarray
 from skimage.data import astronaut
 
 from pix2face.camera import Camera, pinhole_of
-from pix2face.checkpoint import save_checkpoint
 from pix2face.cli import main
 from pix2face.crops import INFERENCE_SCALE, FaceBox, crop_image, square_crop
 from pix2face.face_maps import FaceMaps, valid_pixels
-from pix2face.images import encode_image, read_photograph
+from pix2face.images import read_photograph
 from pix2face.morphable_model import MorphableModel, load_model
-from pix2face.network import UNet
 from pix2face.predictor import Predictor
 from tests.model_files import write_small_head
 from tests.pix2face.seen_faces import (
@@ -29,8 +25,9 @@ from tests.pix2face.seen_faces import (
     WIDTH_PX,
     PhotographedFace,
     exact_predictor,
-    header_of,
     photographed_face,
+    write_checkpoint,
+    write_picture,
 )
 
 DOCUMENTATION = Path(__file__).parents[2] / "docs" / "file_formats.md"
@@ -57,7 +54,7 @@ def face(model: MorphableModel) -> PhotographedFace:
 
 @pytest.fixture
 def photograph(face: PhotographedFace, tmp_path: Path) -> Path:
-    return write(tmp_path / "person.png", face.photograph())
+    return write_picture(tmp_path / "person.png", face.photograph())
 
 
 @pytest.fixture
@@ -89,18 +86,6 @@ def call(*arguments: object) -> int:
 
 def use(predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Predictor, "load", lambda path, device=None: predictor)
-
-
-def write(path: Path, image: ndarray) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(encode_image(image))
-    return path
-
-
-def write_checkpoint(path: Path, model: MorphableModel) -> Path:
-    torch.manual_seed(0)
-    save_checkpoint(path, header_of(model, 32), UNet(32, 4))
-    return path
 
 
 def written(folder: Path) -> set[str]:
@@ -186,20 +171,11 @@ def test_every_camera_finds_the_landmarks(
         np.testing.assert_allclose(principal_point, [WIDTH_PX / 2, HEIGHT_PX / 2], atol=1e-3)
 
 
-def test_the_builtin_model_is_the_default(untrained: Path, photograph: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
-    assert call("fit", photograph, "--checkpoint", untrained, "--out", tmp_path / "out") == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "small synthetic head" in error  # what the checkpoint was trained for
-    assert "pix2face" in error
-    assert "--model" in error
-
-
 def test_no_face_is_one_line_and_the_rest_is_done(
     untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    person = write(tmp_path / "person.png", astronaut())
-    empty = write(tmp_path / "sky.png", np.full((200, 300, 3), 128, np.uint8))
+    person = write_picture(tmp_path / "person.png", astronaut())
+    empty = write_picture(tmp_path / "sky.png", np.full((200, 300, 3), 128, np.uint8))
     assert call("predict", empty, person, "--largest", "--checkpoint", untrained, "--out", tmp_path / "out") == 3
     assert written(tmp_path / "out") == {"person.npz", "person-maps.png"}
     lines = capsys.readouterr().err.splitlines()
@@ -222,7 +198,7 @@ def test_photographs_that_cannot_be_read_do_not_end_the_run(
 def test_a_box_beside_one_photograph_leaves_the_others(
     fit: Run, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    small = write(tmp_path / "small.png", np.zeros((20, 30, 3), np.uint8))
+    small = write_picture(tmp_path / "small.png", np.zeros((20, 30, 3), np.uint8))
     assert fit(small, photograph) == 3
     assert f"{small}: --box lies beside the picture of 30 x 20 pixels" in capsys.readouterr().err.splitlines()
     assert "person.json" in written(tmp_path / "out")
@@ -230,7 +206,7 @@ def test_a_box_beside_one_photograph_leaves_the_others(
 
 def test_nothing_is_overwritten_whatever_the_names(fit: Run, face: PhotographedFace, tmp_path: Path) -> None:
     names = ("a/x.png", "b/x.png", "x-001.png", "X-000.png", "y.png")
-    assert fit(*(write(tmp_path / name, face.photograph()) for name in names)) == 0
+    assert fit(*(write_picture(tmp_path / name, face.photograph()) for name in names)) == 0
     fits = {name.removesuffix(".json") for name in written(tmp_path / "out") if name.endswith(".json")}
     assert fits == {"x-000", "x-001", "x-001-2", "X-000-2", "y"}
     assert len(written(tmp_path / "out")) == len(names) * len(FIT_FILES)
@@ -248,7 +224,7 @@ def test_several_faces_are_numbered(
     two_faces: list[PhotographedFace], fit: Run, photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     use(exact_predictor(two_faces[0].model, [face.maps() for face in two_faces]), monkeypatch)
-    other = write(tmp_path / "person-1.png", two_faces[0].photograph())
+    other = write_picture(tmp_path / "person-1.png", two_faces[0].photograph())
     assert fit(photograph, other, box=None) == 0
     assert len(written(tmp_path / "out")) == 4 * len(FIT_FILES)
     for index, face in enumerate(two_faces):
@@ -288,61 +264,13 @@ def test_a_face_that_cannot_be_fitted_leaves_the_other_one(
 def test_names_are_kept_in_files_and_shown_as_they_stand(
     fit: Run, face: PhotographedFace, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    photograph = write(tmp_path / "in" / f"{name}.png", face.photograph())
+    photograph = write_picture(tmp_path / "in" / f"{name}.png", face.photograph())
     missing = tmp_path / f"{name}.png"
     assert fit(photograph, missing) == 3
     assert written(tmp_path / "out") == {f"{name}-000{suffix}" for suffix in FIT_FILES}
     assert written(tmp_path) == {"in", "out"}
     shown = name.translate({9: "\\t", 10: "\\n", 27: "\\x1b", 0xDCE9: "\\udce9"})
     assert f"{tmp_path}/{shown}.png: expected a picture" in capsys.readouterr().err
-
-
-BAD_BOXES = [
-    ("30", "20", "10", "90"),
-    ("10", "90", "30", "20"),
-    ("10", "10", "10", "10"),
-    ("0", "0", "1e-9", "1e-9"),
-    ("nan", "0", "10", "10"),
-    ("0", "0", "inf", "10"),
-    ("-1e300", "0", "1e300", "10"),
-]
-
-
-@pytest.mark.parametrize("command", ["predict", "fit"])
-@pytest.mark.parametrize("box", BAD_BOXES)
-def test_a_bad_box_is_one_line(
-    command: str, box: tuple[str, ...], photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call(command, photograph, "--box", *box, "--checkpoint", "any", "--out", tmp_path / "out") == 2
-    assert_one_line(capsys, "expected --box left top right bottom")
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_box_of_three_numbers_is_refused_by_the_parser(photograph: Path) -> None:
-    with pytest.raises(SystemExit) as caught:
-        call("predict", photograph, "--box", "1", "2", "3")
-    assert caught.value.code == 2
-
-
-@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf"])
-def test_a_bad_regularisation_is_one_line(value: str, photograph: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("fit", photograph, "--checkpoint", "any", "--regularisation", value) == 2
-    assert_one_line(capsys, "expected a positive --regularisation")
-
-
-def test_without_photographs_one_line(untrained: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("predict", "--checkpoint", untrained) == 2
-    assert_one_line(capsys, "expected at least one photograph")
-
-
-def test_a_missing_checkpoint_says_how_to_train(
-    photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert call("predict", photograph) == 2
-    assert_one_line(capsys, "train --shards")
-    assert call("fit", photograph, "--checkpoint", "runs/none.safetensors") == 2
-    assert_one_line(capsys, "runs/none.safetensors: no such file; `train --shards")
 
 
 def test_the_checkpoint_trained_last_is_the_default(
@@ -354,13 +282,6 @@ def test_the_checkpoint_trained_last_is_the_default(
     assert written(tmp_path / "out" / "predict") == {"person.npz", "person-maps.png"}
 
 
-def test_an_output_folder_that_is_a_file_is_one_line(
-    untrained: Path, photograph: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call("predict", photograph, "--checkpoint", untrained, "--out", photograph) == 2
-    assert_one_line(capsys, str(photograph))
-
-
 def test_a_second_run_replaces_its_own_files_and_gives_the_same_bytes(
     fit: Run, photograph: Path, tmp_path: Path
 ) -> None:
@@ -368,10 +289,3 @@ def test_a_second_run_replaces_its_own_files_and_gives_the_same_bytes(
     before = {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")}
     assert fit(photograph) == 0
     assert {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")} == before
-
-
-def assert_one_line(capsys: pytest.CaptureFixture[str], message: str) -> None:
-    error = capsys.readouterr().err
-    assert error.startswith("pix2face: error: ")
-    assert message in error
-    assert error.count("\n") == 1
