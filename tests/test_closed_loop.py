@@ -1,4 +1,4 @@
-"""From known faces through renderer, shard and reader back to camera and landmarks: the whole geometry in one figure."""
+"""From known faces through renderer, shard and reader back to camera and landmarks: the whole geometry at once."""
 
 from dataclasses import replace
 from pathlib import Path
