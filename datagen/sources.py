@@ -81,8 +81,16 @@ class TableSource(FaceSource):
         self.licence = model.licence
 
     def face(self, index: int) -> Face:
-        """One row of the table."""
-        return self._table.face(index, self._folder)
+        """One row of the table; a photograph must be one, and of the size that the row says."""
+        face = self._table.face(index, self._folder)
+        if face.image_path is not None:
+            size_px = _size_of(face.image_path)
+            if size_px != (face.height_px, face.width_px):
+                raise SampleRejectedError(
+                    f"{face.image_path}: expected a picture of {face.width_px} x {face.height_px} pixels, as the table "
+                    f"says, found {size_px[1]} x {size_px[0]}"
+                )
+        return face
 
 
 @final
@@ -110,10 +118,9 @@ class W300LPFolder(FaceSource):
         try:
             file = read_coefficient_file(path)
             image_path = picture_of(path)
-            height, width = decode_image(read_bytes(image_path), str(image_path)).shape[:2]
         except InputFileError as error:
             raise SampleRejectedError(str(error)) from error
-        return self._face(index, file, image_path, (height, width))
+        return self._face(index, file, image_path, _size_of(image_path))
 
     def _face(self, index: int, file: CoefficientFile, image_path: Path, size_px: tuple[int, int]) -> Face:
         if self._deviations:
@@ -150,6 +157,21 @@ def picture_of(path: Path) -> Path:
             if candidate.is_file():
                 return candidate
     raise InputFileError(f"{path}: expected its picture {path.with_suffix('.jpg').name} beside it, found none")
+
+
+def _size_of(path: Path) -> tuple[int, int]:
+    """Height and width of a photograph that decodes.
+
+    Raises:
+        SampleRejectedError: It does not, or is no ordinary file (a device may have no end).
+    """
+    if path.exists() and not path.is_file():
+        raise SampleRejectedError(f"{path}: expected a picture, found something that is no ordinary file")
+    try:
+        height, width = decode_image(read_bytes(path), str(path)).shape[:2]
+    except InputFileError as error:
+        raise SampleRejectedError(str(error)) from error
+    return height, width
 
 
 def _is_text(name: str) -> bool:

@@ -14,12 +14,12 @@ from datagen.renderer import Renderer
 from datagen.visibility import visible_landmarks
 from pix2face.camera import head_pose
 from pix2face.coefficients import Face
-from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError
-from pix2face.face_maps import FaceMaps
+from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
+from pix2face.face_maps import FIXED_POINT_LIMIT_MM, FaceMaps
 from pix2face.images import encode_image, read_bytes
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
-from pix2face.shards import Triplet
+from pix2face.shards import DEPTH_STEPS_PER_MM, Triplet
 
 
 @final
@@ -41,12 +41,15 @@ class TripletMaker:
         """Renders one face.
 
         Raises:
-            SampleRejectedError: Nothing of the face is in the picture, it is partly behind the camera, or its
-                photograph cannot be read.
+            SampleRejectedError: Nothing of the face is in the picture, it is partly behind the camera, its
+                photograph cannot be read, the picture is larger than the driver can draw, or a value is beyond what
+                a shard can hold.
         """
         try:
-            return self._make(face)
-        except (DegenerateGeometryError, InputFileError) as error:
+            triplet = self._make(face)
+            _check_range(triplet)
+            return triplet
+        except (DegenerateGeometryError, InputFileError, UsageError) as error:
             raise SampleRejectedError(f"{face.sample_id}: {error}") from error
 
     def _make(self, face: Face) -> Triplet:
@@ -83,3 +86,21 @@ class TripletMaker:
         background = draw_background(rng, face.height_px, face.width_px)
         picture = renderer.render_image(vertices, face.camera, appearance, background)
         return encode_image(develop(picture, appearance)), {"picture": "rendered"}
+
+
+def _check_range(triplet: Triplet) -> None:
+    """Refuses what the format cannot hold; found only on writing, it would cost the whole shard.
+
+    Raises:
+        InputFileError: A value is not finite or too large.
+    """
+    maps, largest = triplet.maps, float(np.finfo(np.float32).max)
+    for name, values, limit in (
+        ("map values in mm", np.stack([maps.pncc, maps.offset]), FIXED_POINT_LIMIT_MM),
+        ("depths in mm", triplet.depth, np.iinfo(np.int32).max / DEPTH_STEPS_PER_MM),
+        ("landmarks in pixels", triplet.landmarks2d, largest),
+        ("landmarks in mm", triplet.landmarks3d, largest),
+    ):
+        found = float(np.abs(values).max(initial=0))
+        if not found <= limit:  # also catches NaN
+            raise InputFileError(f"expected {name} within ±{limit:g}, found {found:g}: are the coefficients sound?")
