@@ -1,21 +1,35 @@
 """Coefficient files of 300W-LP and AFLW2000-3D: one MAT 5 file for each picture (docs/conventions.md)."""
 
+import math
+import os
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import numpy as np
-import scipy.io
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.camera import FRONTAL, Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import InputFileError
+from pix2face.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
+from pix2face.mat5 import names_in_mat5, read_mat5
 
 N_IDENTITY = 199
 N_EXPRESSION = 29
-# Files of this kind hold some 10 KB; a file far beyond that is something else and is not opened.
+# Files of this kind hold some 10 KB; a file far beyond that is something else and is not read.
+USUAL_FILE_BYTES = 64 << 10
 LARGEST_FILE_BYTES = 4 << 20
+
+_LENGTHS = {
+    "Shape_Para": N_IDENTITY,
+    "Exp_Para": N_EXPRESSION,
+    "Pose_Para": 7,
+    "Illum_Para": 10,
+    "pt2d": 2 * N_IBUG68,
+    "pt3d_68": 3 * N_IBUG68,
+}
 
 
 @final
@@ -49,6 +63,7 @@ class CoefficientFile:
         landmarks3d: ``pt3d_68`` in the project's pixels (u, v) with depth (pixels, larger is farther), or None. Where
             the scale is negative the face of the file is inside out; the depth here is that of the face the right
             side out, as in ``camera_of_pose``.
+        lighting: ``Illum_Para`` as it stands, or None.
     """
 
     path: Path
@@ -57,6 +72,7 @@ class CoefficientFile:
     pose: PoseParameters
     landmarks2d: Float64[ndarray, "68 2"] | None
     landmarks3d: Float64[ndarray, "68 3"] | None
+    lighting: Float64[ndarray, "10"] | None
 
 
 def read_coefficient_file(path: Path) -> CoefficientFile:
@@ -65,26 +81,31 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
     Raises:
         InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
     """
-    fields = read_mat(path, ("Shape_Para", "Exp_Para", "Pose_Para", "pt2d", "pt3d_68"))
+    fields = read_mat(path, _LENGTHS.keys())
     missing = [name for name in ("Shape_Para", "Exp_Para", "Pose_Para") if name not in fields]
     if missing:
-        found = ", ".join(name for name, _, _ in scipy.io.whosmat(path)) or "nothing"
         raise InputFileError(
             f"{path}: expected a coefficient file of 300W-LP or AFLW2000-3D, missing are {', '.join(missing)}; "
-            f"found {found} in it"
+            f"found {', '.join(names_in_mat5(_read_small_file(path))) or 'nothing'} in it"
         )
-    pose = _numbers(path, fields, "Pose_Para", 7)
+    if "pt2d" in fields and fields["pt2d"].shape != (2, 68):
+        del fields["pt2d"]  # AFLW2000-3D has 21 points there, with -1 for missing ones
+    numbers = _numbers(path, fields)
+    pose, points2d, points3d = (numbers.get(name) for name in ("Pose_Para", "pt2d", "pt3d_68"))
+    assert pose is not None
+    if pose[6] == 0:
+        raise InputFileError(f"{path}: expected a scale in Pose_Para, found 0")
+    towards_viewer = math.copysign(1, pose[6])
     return CoefficientFile(
         path=path,
-        identity=_numbers(path, fields, "Shape_Para", N_IDENTITY),
-        expression=_numbers(path, fields, "Exp_Para", N_EXPRESSION),
+        identity=numbers["Shape_Para"],
+        expression=numbers["Exp_Para"],
         pose=PoseParameters(
-            head=HeadPose(*(float(angle) for angle in np.degrees(pose[:3]))),
-            translation_px=pose[3:6],
-            scale=float(pose[6]),
+            head=HeadPose(*np.degrees(pose[:3]).tolist()), translation_px=pose[3:6], scale=float(pose[6])
         ),
-        landmarks2d=_landmarks2d(path, fields),
-        landmarks3d=_landmarks3d(path, fields, towards_viewer=float(np.sign(pose[6]))),
+        landmarks2d=None if points2d is None else matlab_to_pixels(points2d.reshape(2, 68).T),
+        landmarks3d=None if points3d is None else points3d.reshape(3, 68).T * [1, 1, -towards_viewer] - [0.5, 0.5, 0],
+        lighting=numbers.get("Illum_Para"),
     )
 
 
@@ -101,9 +122,12 @@ def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
     name = next((name for name in ("pts_3d", "pts_2d") if name in fields), None)
     if name is None:
         raise InputFileError(f"{path}: expected pts_3d or pts_2d of 300W-LP's landmarks folder, found neither")
-    if np.shape(fields[name]) != (68, 2):
-        raise InputFileError(f"{path}: expected {name} of shape (68, 2), found {np.shape(fields[name])}")
-    return matlab_to_pixels(_numbers(path, fields, name, 136).reshape(68, 2))
+    points = fields[name].astype(np.float64)
+    if points.shape != (68, 2):
+        raise InputFileError(f"{path}: expected {name} of shape (68, 2), found {points.shape}")
+    if not np.isfinite(points).all():
+        raise InputFileError(f"{path}: expected finite numbers in {name}, found NaN or infinity")
+    return matlab_to_pixels(points)
 
 
 def camera_of_pose(pose: PoseParameters, image_height_px: int) -> Camera:
@@ -136,52 +160,43 @@ def points_of_pose(
 
 def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:
     """1-based coordinates with integer centres to the project's pixels (centres at +0.5)."""
-    return points - 0.5
+    return points + ONE_BASED_TO_CENTRES_PX
 
 
-def read_mat(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
+def read_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
     """Reads named variables of a small MAT 5 file; those that it lacks are left out.
 
     Raises:
         InputFileError: The file is missing, too large, truncated, or no MAT 5 file.
     """
+    return read_mat5(_read_small_file(path), names, str(path))
+
+
+def _read_small_file(path: Path) -> bytes:
+    # Without a file object: opening one takes longer than reading these files does.
     try:
-        size = path.stat().st_size
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            content = os.read(descriptor, USUAL_FILE_BYTES)
+            while len(content) >= USUAL_FILE_BYTES and (more := os.read(descriptor, LARGEST_FILE_BYTES)):
+                content += more
+                if len(content) > LARGEST_FILE_BYTES:
+                    found = os.fstat(descriptor).st_size >> 20
+                    raise InputFileError(f"{path}: expected a coefficient file of some 10 KB, found {found} MB")
+        finally:
+            os.close(descriptor)
     except OSError as error:
-        raise InputFileError(f"{path}: no such file") from error
-    if size > LARGEST_FILE_BYTES:
-        raise InputFileError(f"{path}: expected a coefficient file of some 10 KB, found {size >> 20} MB")
-    try:
-        fields: dict[str, Any] = scipy.io.loadmat(
-            path, variable_names=list(names), verify_compressed_data_integrity=True
-        )
-    except Exception as error:
-        raise InputFileError(
-            f"{path}: expected a MAT 5 file, found one that cannot be read ({type(error).__name__}: {error})"
-        ) from error
-    return {name: fields[name] for name in names if name in fields}
+        raise InputFileError(f"{path}: expected a coefficient file, cannot read it: {error.strerror}") from error
+    return content
 
 
-def _numbers(path: Path, fields: dict[str, Any], name: str, n: int) -> Float64[ndarray, " n"]:
-    try:
-        values = np.asarray(fields[name], dtype=np.float64).ravel()
-    except (TypeError, ValueError) as error:
-        raise InputFileError(f"{path}: expected {n} numbers in {name}, found {type(fields[name]).__name__}") from error
-    if len(values) != n:
-        raise InputFileError(f"{path}: expected {n} numbers in {name}, found {len(values)}")
-    if not np.isfinite(values).all():
-        raise InputFileError(f"{path}: expected finite numbers in {name}, found NaN or infinity")
-    return values
-
-
-def _landmarks2d(path: Path, fields: dict[str, Any]) -> Float64[ndarray, "68 2"] | None:
-    if "pt2d" not in fields or np.shape(fields["pt2d"]) != (2, 68):
-        return None
-    return matlab_to_pixels(_numbers(path, fields, "pt2d", 136).reshape(2, 68).T)
-
-
-def _landmarks3d(path: Path, fields: dict[str, Any], towards_viewer: float) -> Float64[ndarray, "68 3"] | None:
-    if "pt3d_68" not in fields:
-        return None
-    points = _numbers(path, fields, "pt3d_68", 204).reshape(3, 68).T
-    return np.column_stack([matlab_to_pixels(points[:, :2]), -towards_viewer * points[:, 2]])
+def _numbers(path: Path, fields: Mapping[str, ndarray]) -> dict[str, Float64[ndarray, " _"]]:
+    """Casts the fields; several rows one behind the other."""
+    numbers = {name: values.ravel().astype(np.float64) for name, values in fields.items()}
+    for name, values in numbers.items():
+        if len(values) != _LENGTHS[name]:
+            raise InputFileError(f"{path}: expected {_LENGTHS[name]} numbers in {name}, found {len(values)}")
+    if not np.isfinite(np.concatenate(list(numbers.values()))).all():
+        bad = ", ".join(name for name, values in numbers.items() if not np.isfinite(values).all())
+        raise InputFileError(f"{path}: expected finite numbers in {bad}, found NaN or infinity")
+    return numbers

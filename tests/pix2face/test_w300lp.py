@@ -187,7 +187,9 @@ def write_mat(path: Path, **fields: object) -> Path:
         ({"Exp_Para": None}, "Exp_Para"),
         ({"Shape_Para": np.zeros((198, 1))}, "expected 199 numbers in Shape_Para, found 198"),
         ({"Pose_Para": np.array([[0, np.nan, 0, 1, 1, 1, 1]])}, "expected finite numbers in Pose_Para"),
-        ({"Pose_Para": "seven"}, "Pose_Para"),
+        ({"Pose_Para": "seven"}, "Pose_Para should be an array of numbers and is text"),
+        ({"Pose_Para": np.array([[0, 0, 0, 225, 225, 0, 0]])}, "expected a scale in Pose_Para, found 0"),
+        ({"Illum_Para": np.zeros((1, 9))}, "expected 10 numbers in Illum_Para, found 9"),
         ({"pt3d_68": np.zeros((3, 67))}, "expected 204 numbers in pt3d_68, found 201"),
     ],
 )
@@ -214,7 +216,7 @@ def test_foreign_files_are_refused_by_name(shared_dir: Path) -> None:
 
 
 def test_missing_and_huge_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="no such file"):
+    with pytest.raises(InputFileError, match="No such file"):
         read_coefficient_file(tmp_path / "nothing.mat")
     huge = tmp_path / "huge.mat"
     huge.write_bytes(b"\0" * (5 << 20))
@@ -230,6 +232,13 @@ def test_dtypes_vary_and_are_cast(tmp_path: Path) -> None:
     assert file.identity.dtype == file.expression.dtype == np.float64
     assert file.landmarks2d is None
     assert file.landmarks3d is None
+    assert file.lighting is None
+
+
+def test_lighting_is_read_where_it_is_there(tmp_path: Path) -> None:
+    lighting = np.arange(10.0)
+    file = read_coefficient_file(write_mat(tmp_path / "face.mat", Illum_Para=lighting[None]))
+    np.testing.assert_array_equal(file.lighting, lighting)
 
 
 def test_landmark_files_prefer_the_models_own_points(tmp_path: Path) -> None:
