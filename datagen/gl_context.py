@@ -79,13 +79,15 @@ def create_gl_context(backend: str | None = None) -> GLContext:
 
 
 def _create_egl() -> moderngl.Context:
-    return moderngl.create_context(standalone=True, backend="egl")
+    settings: dict[str, Any] = {"backend": "egl"}
+    return moderngl.create_context(standalone=True, **settings)
 
 
 def _create_osmesa() -> moderngl.Context:
     context = _OSMesaContext(_load_osmesa())
+    settings: dict[str, Any] = {"context": context}
     try:
-        return moderngl.create_context(standalone=True, context=context)
+        return moderngl.create_context(standalone=True, **settings)
     except BaseException:
         context.release()
         raise

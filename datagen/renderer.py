@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.plain import MAX_LIGHTS, PlainAppearance, lights_in_model, vertex_paint
+from datagen.appearance.plain import PlainAppearance, lights_in_model, vertex_paint
 from datagen.appearance.surface import Surface
 from datagen.clip_space import ClipTransform, clip_transform
 from datagen.gl_context import GLContext
@@ -108,9 +108,9 @@ class Renderer:
         fine = self.height * PICTURE_OVERSAMPLING, self.width * PICTURE_OVERSAMPLING
         target = scene.target("picture", *fine)
         scene.draw(scene.picture_mesh, target, transform, vertices)
-        rgba = np.frombuffer(target.read(components=4), dtype=np.uint8).reshape(*fine, 4)
+        drawn = np.frombuffer(target.read(components=4), dtype=np.uint8).reshape(*fine, 4)
         scene.check()
-        rgba = cv2.resize(rgba, (self.width, self.height), interpolation=cv2.INTER_AREA)
+        rgba = cv2.resize(drawn, (self.width, self.height), interpolation=cv2.INTER_AREA)
         uncovered = background * (1 - rgba[..., 3:] * np.float32(1 / 255))
         return np.clip(rgba[..., :3] + uncovered + 0.5, 0, 255).astype(np.uint8)
 
@@ -179,7 +179,9 @@ class _Scene:
     ) -> None:
         """Draws the whole mesh into a cleared framebuffer."""
         self._vertices.write(np.ascontiguousarray(vertices))
-        mesh.program["clip_from_model"].write(np.ascontiguousarray(transform.clip_from_model.T, dtype=np.float32))
+        _uniform(mesh.program, "clip_from_model").write(
+            np.ascontiguousarray(transform.clip_from_model.T, dtype=np.float32)
+        )
         target.use()
         target.clear()
         self._context.enable_only(moderngl.DEPTH_TEST)
@@ -218,12 +220,18 @@ class _Scene:
 
 def _light(program: moderngl.Program, appearance: PlainAppearance, camera: Camera) -> None:
     directions, colours = lights_in_model(appearance, camera)
-    program["light_directions"].write(directions)
-    program["light_colours"].write(colours)
+    _uniform(program, "light_directions").write(directions)
+    _uniform(program, "light_colours").write(colours)
     program["ambient"] = appearance.ambient_rgb
     program["shine"] = appearance.shine
     towards_camera = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
     program["towards_camera"] = tuple(towards_camera)
+
+
+def _uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
+    uniform = program[name]
+    assert isinstance(uniform, moderngl.Uniform)
+    return uniform
 
 
 def _release_framebuffer(framebuffer: moderngl.Framebuffer) -> None:

@@ -94,15 +94,15 @@ def rasterise(
     weights = np.zeros((height * width, 3))
     for index, row, column in _candidates(screen, height, width):
         inside, flat_weights = _cover(screen[index], row, column)
-        index, pixel, flat_weights = index[inside], (row * width + column)[inside], flat_weights[inside]
-        true_weights = flat_weights / corners[index, :, 3]
+        covering, pixel = index[inside], (row * width + column)[inside]
+        true_weights = flat_weights[inside] / corners[covering, :, 3]
         true_weights /= true_weights.sum(axis=1, keepdims=True)
-        depth = (true_weights * corners[index, :, 2]).sum(axis=1)
-        order = np.lexsort((index, depth, pixel))
+        depth = (true_weights * corners[covering, :, 2]).sum(axis=1)
+        order = np.lexsort((covering, depth, pixel))
         first = order[np.unique(pixel[order], return_index=True)[1]]
         first = first[depth[first] < nearest[pixel[first]]]
         seen = pixel[first]
-        nearest[seen], triangle[seen], weights[seen] = depth[first], index[first], true_weights[first]
+        nearest[seen], triangle[seen], weights[seen] = depth[first], covering[first], true_weights[first]
     shape = (height, width)
     return Fragments(triangle.reshape(shape), weights.reshape(*shape, 3), nearest.reshape(shape))
 

@@ -10,7 +10,7 @@ def draw_background(rng: np.random.Generator, height: int, width: int) -> UInt8[
     """Draws a background, sRGB: one pattern over another, out of focus more or less."""
     pictures = [_PATTERNS[int(rng.integers(len(_PATTERNS)))](rng, height, width) for _ in range(2)]
     blend = rng.uniform(0, 0.5)
-    picture = (1 - blend) * pictures[0] + blend * pictures[1]
+    picture: ndarray = (1 - blend) * pictures[0] + blend * pictures[1]
     blur = rng.exponential(0.01) * max(height, width)
     if blur > 0.3:
         picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), min(blur, 8.0))
