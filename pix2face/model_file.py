@@ -12,10 +12,27 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
+from pix2face.checked_hdf5 import open_hdf5
 from pix2face.errors import InputFileError
 
 FORMAT = "pix2face-morphable-model"
 SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Alignment:
+    """How an imported model came to the project's frame. No scale was applied beyond the published unit.
+
+    Attributes:
+        frame_from_file: Rigid transform (mm) from the published frame to the project's.
+        residual_mm: RMS distance that is left, to the built-in model's landmarks or, by correspondence, its surface.
+        landmark_scale: The scale that a similarity fit to the landmarks would have wanted; NaN where there are none.
+    """
+
+    frame_from_file: Float64[ndarray, "4 4"]
+    residual_mm: float
+    landmark_scale: float
 
 
 @final
@@ -33,6 +50,10 @@ class StoredModel:
         published_basis: Name of the published basis whose coefficient files the model understands, or empty.
         identity_unit: One standard deviation of each identity component in the unit of those files, or None.
         expression_unit: Likewise for expression.
+        approximate_landmarks: Which of the 68 iBUG landmarks come by correspondence with the built-in model.
+        albedo_mean: Mean colour of each vertex, RGB, 0..1, encoded as published, or None.
+        albedo_basis: Colour for one standard deviation of each component, or None.
+        alignment: How the model came to this frame; None where it stands as published.
     """
 
     name: str
@@ -55,6 +76,10 @@ class StoredModel:
     published_basis: str = ""
     identity_unit: Float64[ndarray, " k"] | None = None
     expression_unit: Float64[ndarray, " e"] | None = None
+    approximate_landmarks: Int32[ndarray, " _"] | None = None
+    albedo_mean: Float32[ndarray, "v 3"] | None = None
+    albedo_basis: Float32[ndarray, "a v 3"] | None = None
+    alignment: Alignment | None = None
 
 
 _ARRAYS: dict[str, Any] = {
@@ -67,7 +92,13 @@ _ARRAYS: dict[str, Any] = {
     "source_vertices": np.int32,
     "identity_unit": np.float64,
     "expression_unit": np.float64,
+    "approximate_landmarks": np.int32,
+    "albedo_mean": np.float32,
+    "albedo_basis": np.float32,
 }
+_ALIGNMENT = ("frame_from_file", "residual_mm", "landmark_scale")
+# Random-looking floats hardly shrink, and unpacking them costs every process that opens the model a second.
+COMPRESSED_BYTES = 4 << 20
 
 
 def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False) -> None:
@@ -96,6 +127,9 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
             _write_array(file, f"landmarks/{name}", indices)
         for name, coefficients in model.named_expressions.items():
             _write_array(file, f"named_expressions/{name}", coefficients)
+        if model.alignment is not None:
+            for name in _ALIGNMENT:
+                _write_array(file, f"alignment/{name}", np.asarray(getattr(model.alignment, name), dtype=np.float64))
 
 
 def read_stored_model(path: Path) -> tuple[StoredModel, str]:
@@ -110,9 +144,9 @@ def read_stored_model(path: Path) -> tuple[StoredModel, str]:
     if not path.is_file():
         raise InputFileError(f"{path}: no such model file; `datagen model import` makes one, `builtin` needs none")
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             _check_format(file, path)
-            return _read(file), _content_sha256(file)
+            return _checked(_read(file), path), _content_sha256(file)
     except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
         raise InputFileError(
             f"{path}: expected a model in the project's .h5 layout, found a file that cannot be read as one ({error})"
@@ -136,8 +170,45 @@ def _read(file: h5py.File) -> StoredModel:
             name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
         },
         refinement_steps=int(attrs["refinement_steps"]),
+        alignment=_read_alignment(file),
         **arrays,
     )
+
+
+def _read_alignment(file: h5py.File) -> Alignment | None:
+    if "alignment" not in file:
+        return None
+    frame, residual, scale = (_array(file, f"alignment/{name}", np.float64) for name in _ALIGNMENT)
+    return Alignment(frame_from_file=frame, residual_mm=float(residual), landmark_scale=float(scale))
+
+
+def _checked(model: StoredModel, path: Path) -> StoredModel:
+    """The model, if its arrays fit each other: a damaged index would be met far from here otherwise."""
+    n = len(model.mean)
+    bases = [
+        model.identity_basis,
+        model.expression_basis,
+        *([] if model.albedo_basis is None else [model.albedo_basis]),
+    ]
+    tables = [model.polygons, *([] if model.symmetry is None else [model.symmetry])]
+    if model.refinement_steps == 0:  # otherwise landmarks may be vertices that refinement makes
+        tables += model.landmarks.values()
+    fits = (
+        model.mean.shape == (n, 3)
+        and all(basis.ndim == 3 and basis.shape[1:] == (n, 3) for basis in bases)
+        and model.polygons.ndim == 2
+        and model.polygons.shape[1] == 4
+        and len(model.polygon_regions) == len(model.polygons)
+        and int(model.polygon_regions.max(initial=0)) < max(len(model.region_names), 1)
+        and all(int(table.max(initial=-1)) < n for table in tables)
+        and all(int(table.min(initial=0)) >= 0 for table in [model.polygons[:, :3], *tables[1:]])
+        and bool(np.isfinite(model.mean).all())
+    )
+    if not fits:
+        raise InputFileError(
+            f"{path}: expected a model whose tables fit its {n} vertices, found some that do not; import it again"
+        )
+    return model
 
 
 def _check_format(file: h5py.File, path: Path) -> None:
@@ -156,7 +227,8 @@ def _check_format(file: h5py.File, path: Path) -> None:
 
 def _write_array(file: h5py.File, name: str, array: ndarray | None) -> None:
     if array is not None:
-        options: dict[str, Any] = {"compression": "gzip", "compression_opts": 9, "shuffle": True} if array.size else {}
+        compressed = array.size > 0 and array.ndim and (array.dtype == np.int16 or array.nbytes <= COMPRESSED_BYTES)
+        options: dict[str, Any] = {"compression": "gzip", "compression_opts": 9, "shuffle": True} if compressed else {}
         file.create_dataset(name, data=array, track_times=False, **options)
 
 

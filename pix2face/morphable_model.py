@@ -3,7 +3,7 @@
 Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import as_file, files
@@ -18,6 +18,9 @@ from pix2face.model_file import StoredModel, read_stored_model
 from pix2face.subdivision import refine
 
 BUILTIN_MODEL = "builtin"
+
+# Vertices of some hundred faces: matrix products are as fast as they get, and memory stays small.
+BATCH_BYTES = 64 << 20
 
 
 @final
@@ -46,6 +49,9 @@ class MorphableModel:
         published_basis: Name of the published basis whose coefficient files the model understands, or empty.
         identity_unit: One standard deviation of each identity component in the unit of those files, or None.
         expression_unit: Likewise for expression.
+        approximate_landmarks: Which of the 68 iBUG landmarks came by correspondence with the built-in model on import.
+        albedo_mean: Mean colour of each vertex, RGB, 0..1, encoded as published, or None.
+        albedo_basis: Colour for one standard deviation of each component, or None.
     """
 
     name: str
@@ -67,6 +73,9 @@ class MorphableModel:
     published_basis: str = ""
     identity_unit: Float64[ndarray, " k"] | None = None
     expression_unit: Float64[ndarray, " e"] | None = None
+    approximate_landmarks: Int32[ndarray, " _"] | None = None
+    albedo_mean: Float32[ndarray, "v 3"] | None = None
+    albedo_basis: Float32[ndarray, "a v 3"] | None = None
 
     @property
     def n_identity(self) -> int:
@@ -113,6 +122,20 @@ class MorphableModel:
         out += expression.astype(np.float32) @ self.expression_basis.reshape(self.n_expression, -1)
         out += self.mean.reshape(-1)
         return out.reshape(n, -1, 3)
+
+    def vertex_batches(
+        self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"], batch_bytes: int = BATCH_BYTES
+    ) -> Iterator[Float32[ndarray, "b v 3"]]:
+        """Evaluates any number of faces in order, in batches whose vertices take no more than some memory.
+
+        Args:
+            identity: As ``vertices``.
+            expression: As ``vertices``.
+            batch_bytes: Size of a batch of vertices (one face at least).
+        """
+        size = max(1, batch_bytes // self.mean.nbytes)
+        for start in range(0, len(identity), size):
+            yield self.vertices(identity[start : start + size], expression[start : start + size])
 
 
 def load_model(path: Path, refinement_steps: int | None = None) -> MorphableModel:
@@ -169,6 +192,9 @@ def model_from_stored(stored: StoredModel, sha256: str, refinement_steps: int) -
         published_basis=stored.published_basis,
         identity_unit=stored.identity_unit,
         expression_unit=stored.expression_unit,
+        approximate_landmarks=stored.approximate_landmarks,
+        albedo_mean=stored.albedo_mean,
+        albedo_basis=stored.albedo_basis,
     )
 
 

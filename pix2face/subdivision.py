@@ -54,6 +54,8 @@ def refine(stored: StoredModel) -> StoredModel:
         uv_polygons=uv_polygons,
         symmetry=None if stored.symmetry is None else refined_symmetry(step, stored.polygons, stored.symmetry),
         source_vertices=None,
+        albedo_mean=None if stored.albedo_mean is None else _apply(step.operator, stored.albedo_mean[None])[0],
+        albedo_basis=None if stored.albedo_basis is None else _apply(step.operator, stored.albedo_basis),
     )
 
 

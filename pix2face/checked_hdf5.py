@@ -1,0 +1,93 @@
+"""Reading HDF5 files that strangers made: no links out of the file, no declared size that the file cannot hold.
+
+HDF5 can point at other files (external links, external storage, virtual datasets) and can declare arrays far larger
+than what it stores. A model file needs neither.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+
+# Deflate, the only filter in use that shrinks much, never shrinks more than this.
+LARGEST_COMPRESSION = 1032
+# An array that was never written takes no space in the file and reads as its fill value: fine as long as it is small.
+UNWRITTEN_BYTES = 1 << 16
+# No published model comes near: the bases of BFM at full size take 0.25 GB in double precision.
+LARGEST_ARRAY_BYTES = 4 << 30
+
+
+@contextmanager
+def open_hdf5(path: Path) -> Iterator[h5py.File]:
+    """Opens a file for reading, after checking that everything in it is in it.
+
+    Raises:
+        InputFileError: No HDF5, damaged, or with links, external storage, virtual data or sizes beyond the file's.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            check_contained(file, path)
+            yield file
+    except InputFileError:
+        raise
+    except Exception as error:
+        # On a damaged file the library raises whatever it likes: OSError, KeyError, RuntimeError, SystemError, ...
+        raise InputFileError(
+            f"{path}: expected an HDF5 file, found one that cannot be read ({type(error).__name__}: {error})"
+        ) from error
+
+
+def check_contained(file: h5py.File, path: Path) -> None:
+    """Walks all groups and checks links and datasets.
+
+    Raises:
+        InputFileError: Something points out of the file, or declares more than the file can hold.
+    """
+    pending, seen = [(file, "")], set[Any]()
+    while pending:
+        group, prefix = pending.pop()
+        if group.id in seen:
+            continue  # hard links may form a loop
+        seen.add(group.id)
+        for name in group:
+            found = f"{prefix}/{name}"
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise InputFileError(f"{path}: expected all data in the file, found that {found} links elsewhere")
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                pending.append((item, found))
+            elif isinstance(item, h5py.Dataset):
+                _check_dataset(item, found, path)
+
+
+def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
+    """Reads a dataset of numbers as it is stored.
+
+    Raises:
+        InputFileError: There is none of that name, or it does not hold numbers.
+    """
+    item = file.get(name)
+    if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu":
+        raise InputFileError(f"{path}: expected numbers at {name}, found {'nothing' if item is None else item}")
+    return np.asarray(item[()])
+
+
+def _check_dataset(item: h5py.Dataset, name: str, path: Path) -> None:
+    properties = item.id.get_create_plist()
+    if properties.get_external_count() or item.is_virtual:
+        raise InputFileError(f"{path}: expected all data in the file, found that {name} is stored outside of it")
+    declared = int(np.prod(item.shape or (), dtype=object)) * item.dtype.itemsize
+    stored = item.id.get_storage_size()
+    holds = LARGEST_COMPRESSION * stored if item.chunks else stored
+    largest = min(max(holds, UNWRITTEN_BYTES), LARGEST_ARRAY_BYTES)
+    if declared > largest or stored > path.stat().st_size:
+        raise InputFileError(
+            f"{path}: expected {name} to hold what it declares, found {declared} bytes declared and {stored} stored "
+            f"(limit {LARGEST_ARRAY_BYTES}); the file is damaged or hostile"
+        )

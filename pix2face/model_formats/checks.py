@@ -1,0 +1,103 @@
+"""What all readers check: coordinates are finite, bases fit their mesh, polygons name vertices that exist."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+
+MAX_COMPONENTS = 4096
+
+
+def coordinates(where: str, values: Any) -> Float64[ndarray, "v 3"]:
+    """Interleaved xyz as points.
+
+    Raises:
+        InputFileError: There are none, their number is no multiple of 3, or some are not finite.
+    """
+    flat = np.asarray(values, dtype=np.float64).ravel()
+    if not len(flat) or len(flat) % 3 or not np.isfinite(flat).all():
+        raise InputFileError(f"{where}: expected 3 finite coordinates a vertex, found {len(flat)} numbers")
+    return flat.reshape(-1, 3)
+
+
+def basis_of_columns(
+    where: str, columns: Any, deviations: Any, n_vertices: int, mm_per_unit: float
+) -> Float32[ndarray, "k v 3"]:
+    """Turns a matrix with one column a component into mm for one standard deviation each.
+
+    Args:
+        where: File and names, for messages.
+        columns: (3 v, k).
+        deviations: (k) factors of the columns that make one standard deviation.
+        n_vertices: v.
+        mm_per_unit: Unit of the columns times their factors.
+
+    Raises:
+        InputFileError: The shapes do not fit each other, or something is not finite.
+    """
+    factors = np.asarray(deviations, dtype=np.float64).ravel()
+    matrix = np.asarray(columns)
+    if matrix.shape != (3 * n_vertices, len(factors)) or len(factors) > MAX_COMPONENTS:
+        raise InputFileError(
+            f"{where}: expected a basis of {3 * n_vertices} rows and {len(factors)} columns (one for each standard "
+            f"deviation), found {matrix.shape}"
+        )
+    rows = matrix.T.astype(np.float32) * (factors * mm_per_unit).astype(np.float32)[:, None]
+    if not np.isfinite(rows).all():
+        raise InputFileError(f"{where}: expected finite numbers, found some that are not")
+    return np.ascontiguousarray(rows).reshape(len(factors), n_vertices, 3)
+
+
+def vertex_numbers(where: str, values: Any, n_vertices: int, first: int = 0) -> Int32[ndarray, "..."]:
+    """Numbers of vertices, counted from 0, in the shape that they come in.
+
+    Args:
+        where: File and name, for messages.
+        values: Whole numbers of any type.
+        n_vertices: How many vertices there are.
+        first: The number that the file gives to its first vertex.
+
+    Raises:
+        InputFileError: There are none, or one names a vertex that does not exist.
+    """
+    numbers = np.asarray(values)
+    last = n_vertices - 1 + first
+    # Compared before the cast: NaN and numbers beyond the integers have no cast.
+    if not numbers.size or not bool(((numbers >= first) & (numbers <= last)).all()):
+        raise InputFileError(f"{where}: expected vertices {first} to {last}, found others")
+    return (numbers.astype(np.int64) - first).astype(np.int32)
+
+
+def triangle_polygons(where: str, triangles: Any, n_vertices: int, first: int = 0) -> Int32[ndarray, "t 4"]:
+    """Triangles (t, 3) as polygons of the project's file; arguments and errors as ``vertex_numbers``."""
+    if np.ndim(triangles) != 2 or np.shape(triangles)[1] != 3:
+        raise InputFileError(f"{where}: expected triangles (n, 3), found {np.shape(triangles)}")
+    corners = vertex_numbers(where, triangles, n_vertices, first)
+    return np.column_stack([corners, np.full(len(corners), -1, dtype=np.int32)])
+
+
+def wound_outward(vertices: ndarray, polygons: Int32[ndarray, "p 4"]) -> Int32[ndarray, "p 4"]:
+    """Turns every polygon round where most of them face the origin, which is inside the head."""
+    return turned_round(polygons) if _mostly_inward(vertices, polygons) else polygons
+
+
+def turned_round(polygons: Int32[ndarray, "p 4"]) -> Int32[ndarray, "p 4"]:
+    """The polygons seen from behind: corners in the opposite order, the first one kept."""
+    quads, triangles = polygons[:, [0, 3, 2, 1]], polygons[:, [0, 2, 1, 3]]
+    return np.ascontiguousarray(np.where(polygons[:, 3:] >= 0, quads, triangles))
+
+
+def existing(folder: Path, *names: str) -> Path | None:
+    """The first of some files that a folder has."""
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
+def _mostly_inward(vertices: ndarray, polygons: Int32[ndarray, "p 4"]) -> bool:
+    corners = vertices[polygons[:, :3]].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Summed areas, not counts: eyes and teeth are many small polygons.
+    return float(np.einsum("tc,tc->", normals, corners.mean(axis=1))) < 0

@@ -1,0 +1,62 @@
+"""FLAME 2020 and 2023 (``generic_model.pkl``, ``flame2023.pkl``): shape and expression, joints at rest.
+
+``v_template`` (v, 3), ``f``, and ``shapedirs`` (v, 3, 400): 300 identity and 100 expression components, already at one
+standard deviation, in metres. Pose blend shapes and joints are not read. No copy was at hand: the reader is tested on
+files of ours in this layout.
+
+Source: Li et al. 2017, Learning a model of facial shape and expression from 4D scans.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from pix2face.errors import InputFileError
+from pix2face.model_file import StoredModel
+from pix2face.model_formats.checks import basis_of_columns, coordinates, triangle_polygons
+from pix2face.restricted_pickle import as_array, read_pickle
+
+MM_PER_METRE = 1000.0
+N_IDENTITY, N_EXPRESSION = 300, 100
+
+
+def read_flame(path: Path) -> StoredModel:
+    """Reads the model, in mm, in its own frame (x to the subject's left, y up, z out of the face).
+
+    Raises:
+        InputFileError: Missing, truncated or foreign file, a pickle that asks for anything but arrays, or arrays that
+            do not fit each other.
+    """
+    fields = read_pickle(path)
+    missing = [name for name in ("v_template", "f", "shapedirs") if name not in fields]
+    if missing:
+        raise InputFileError(
+            f"{path}: expected v_template, f and shapedirs in it, missing are {', '.join(missing)}; "
+            f"found {sorted(fields)[:20]}"
+        )
+    mean = coordinates(f"{path} (v_template)", as_array(fields["v_template"], f"{path} (v_template)")) * MM_PER_METRE
+    directions = as_array(fields["shapedirs"], f"{path} (shapedirs)")
+    n_components = N_IDENTITY + N_EXPRESSION
+    if directions.shape != (len(mean), 3, n_components):
+        raise InputFileError(
+            f"{path}: expected shapedirs of ({len(mean)}, 3, {n_components}): {N_IDENTITY} identity and {N_EXPRESSION} "
+            f"expression components, found {directions.shape}"
+        )
+    columns = directions.reshape(-1, n_components)
+    basis = basis_of_columns(f"{path} (shapedirs)", columns, np.ones(n_components), len(mean), MM_PER_METRE)
+    triangles = as_array(fields["f"], f"{path} (f)")
+    polygons = triangle_polygons(f"{path} (f)", triangles, len(mean))
+    return StoredModel(
+        name=f"FLAME ({path.stem})",
+        licence="FLAME: registration with the Max Planck Institute for Intelligent Systems; 2020: non-commercial "
+        "research; 2023 Open: CC-BY-4.0",
+        origin=f"Li et al. 2017, {path.name}; joints at rest",
+        mean=mean.astype(np.float32),
+        identity_basis=np.ascontiguousarray(basis[:N_IDENTITY]),
+        expression_basis=np.ascontiguousarray(basis[N_IDENTITY:]),
+        polygons=polygons,
+        polygon_regions=np.zeros(len(polygons), np.uint8),
+        region_names=("skin",),
+        face_regions=("skin",),
+        landmarks={},
+    )

@@ -1,0 +1,115 @@
+"""GNM Head v3 (``gnm_head.npz``): template, identity and expression bases in metres, quads or triangles.
+
+No copy was at hand: the reader is tested on files of ours in this layout.
+
+Source: the array names of its public code.
+"""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Int32
+from numpy import ndarray
+
+from pix2face.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
+from pix2face.errors import InputFileError
+from pix2face.model_file import StoredModel
+from pix2face.model_formats.checks import MAX_COMPONENTS, coordinates, triangle_polygons, vertex_numbers
+
+MM_PER_METRE = 1000.0
+TEMPLATE = "template_vertex_positions"
+_MAX_HEADER_BYTES = 1 << 16
+
+
+def read_gnm(path: Path) -> StoredModel:
+    """Reads the model, in mm, in its own frame (x to the subject's left, y up, z out of the face).
+
+    Raises:
+        InputFileError: Missing, truncated, foreign or hostile file, or arrays that do not fit each other.
+    """
+    arrays = _read_arrays(path, (TEMPLATE, "vertex_identity_basis", "expression_basis"), ("quads", "triangles"))
+    mean = coordinates(f"{path} ({TEMPLATE})", arrays[TEMPLATE]) * MM_PER_METRE
+    polygons = _polygons(path, arrays, len(mean))
+    return StoredModel(
+        name="GNM Head",
+        licence="Apache-2.0",
+        origin=f"GNM, {path.name}",
+        mean=mean.astype(np.float32),
+        identity_basis=_basis(path, "vertex_identity_basis", arrays, len(mean)),
+        expression_basis=_basis(path, "expression_basis", arrays, len(mean)),
+        polygons=polygons,
+        polygon_regions=np.zeros(len(polygons), np.uint8),
+        region_names=("skin",),
+        face_regions=("skin",),
+        landmarks={},
+    )
+
+
+def array_names(path: Path) -> tuple[str, ...]:
+    """Names of the arrays in an ``.npz``; none where it is no such file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return tuple(name.removesuffix(".npy") for name in archive.namelist())
+    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
+        return ()
+
+
+def _read_arrays(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, ndarray]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = {name.removesuffix(".npy"): name for name in archive.namelist()}
+            missing = [name for name in needed if name not in names]
+            if missing:
+                raise InputFileError(f"{path}: expected {', '.join(needed)} in it, missing are {', '.join(missing)}")
+            wanted = [name for name in (*needed, *optional) if name in names]
+            return {name: _read_array(archive, names[name], path) for name in wanted}
+    except InputFileError:
+        raise
+    except Exception as error:
+        raise InputFileError(
+            f"{path}: expected an .npz of arrays, found a file that cannot be read as one "
+            f"({type(error).__name__}: {error})"
+        ) from error
+
+
+def _read_array(archive: zipfile.ZipFile, name: str, path: Path) -> ndarray:
+    """One array, after its declared size was held against what the archive holds."""
+    entry = archive.getinfo(name)
+    holds = min(LARGEST_COMPRESSION * entry.compress_size, entry.file_size, LARGEST_ARRAY_BYTES)
+    if entry.compress_size > path.stat().st_size:
+        raise InputFileError(f"{path}: expected {name} inside the file, found {entry.compress_size} bytes declared")
+    with archive.open(entry) as stream:
+        version = np.lib.format.read_magic(stream)
+        read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+        shape, is_fortran, dtype = read_header[version](stream, max_header_size=_MAX_HEADER_BYTES)
+        declared = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        if dtype.kind not in "fiu" or declared > holds:
+            raise InputFileError(
+                f"{path}: expected numbers that {name} can hold ({holds} bytes), found {dtype} {shape}; "
+                "the file is damaged or hostile"
+            )
+        content = stream.read(declared)
+    return np.frombuffer(content, dtype=dtype).reshape(shape, order="F" if is_fortran else "C")
+
+
+def _basis(path: Path, name: str, arrays: dict[str, ndarray], n_vertices: int) -> Float32[ndarray, "k v 3"]:
+    basis = arrays[name]
+    if basis.ndim != 3 or basis.shape[1:] != (n_vertices, 3) or len(basis) > MAX_COMPONENTS:
+        raise InputFileError(f"{path}: expected {name} of (components, {n_vertices}, 3), found {basis.shape}")
+    scaled = basis.astype(np.float32) * np.float32(MM_PER_METRE)
+    if not np.isfinite(scaled).all():
+        raise InputFileError(f"{path}: expected finite numbers in {name}, found some that are not")
+    return scaled
+
+
+def _polygons(path: Path, arrays: dict[str, ndarray], n_vertices: int) -> Int32[ndarray, "p 4"]:
+    """Quads where the file has them (one that repeats its third corner is a triangle), else triangles."""
+    quads, triangles = arrays.get("quads"), arrays.get("triangles")
+    if quads is not None and quads.ndim == 2 and quads.shape[1] == 4:
+        corners = vertex_numbers(f"{path} (quads)", quads, n_vertices)
+        fourth = np.where(corners[:, 3] == corners[:, 2], -1, corners[:, 3])
+        return np.column_stack([corners[:, :3], fourth]).astype(np.int32)
+    if triangles is None:
+        raise InputFileError(f"{path}: expected quads (n, 4) or triangles (n, 3), found neither")
+    return triangle_polygons(f"{path} (triangles)", triangles, n_vertices)
