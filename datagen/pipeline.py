@@ -131,6 +131,7 @@ def shard_header(
     """
     configuration = {
         "coefficients": job.coefficients.name,
+        "coefficients_sha256": source.sha256,
         "n_faces": len(source.sample_ids),
         "seed": job.seed,
         "shard_size": job.shard_size,

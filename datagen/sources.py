@@ -4,6 +4,8 @@ A folder of 300W-LP needs a decision for each file: with BFM 2009 imported, its 
 other model they mean nothing, and the model is fitted to the file's landmarks instead (retargeting).
 """
 
+import hashlib
+import json
 import os
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -28,10 +30,12 @@ class FaceSource(ABC):
     Attributes:
         sample_ids: Unique, in the order of work.
         licence: Terms of what the faces come from.
+        sha256: Of what tells this source from another of the same name: a table's content, a folder's names of files.
     """
 
     sample_ids: tuple[str, ...]
     licence: str
+    sha256: str
 
     @abstractmethod
     def face(self, index: int) -> Face:
@@ -79,6 +83,7 @@ class TableSource(FaceSource):
             )
         self.sample_ids = self._table.sample_ids
         self.licence = model.licence
+        self.sha256 = _table_sha256(self._table)
 
     def face(self, index: int) -> Face:
         """One row of the table; a photograph must be one, and of the size that the row says."""
@@ -108,6 +113,7 @@ class W300LPFolder(FaceSource):
             )
         self._paths = paths
         self.sample_ids = tuple(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
+        self.sha256 = hashlib.sha256(json.dumps(self.sample_ids).encode()).hexdigest()
         self.licence = f"pictures: 300W-LP / AFLW2000-3D, research use only; model: {model.licence}"
 
     def face(self, index: int) -> Face:
@@ -144,6 +150,13 @@ class W300LPFolder(FaceSource):
             image_path=image_path,
             attributes={"geometry": method},
         )
+
+
+def _table_sha256(table: FaceCoefficients) -> str:
+    digest = hashlib.sha256(json.dumps([table.sample_ids, table.image_paths]).encode())
+    for values in (table.identity, table.expression, table.cameras, table.sizes_px):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def picture_of(path: Path) -> Path:
