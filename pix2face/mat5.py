@@ -14,7 +14,7 @@ import struct
 import zlib
 from collections.abc import Collection
 from functools import lru_cache
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy import ndarray
@@ -33,7 +33,7 @@ _VERSION = slice(124, 128)
 _LITTLE_ENDIAN_5 = b"\0\1IM"
 _MATRIX, _COMPRESSED = 14, 15
 _UINT32, _INT32, _INT8 = 6, 5, 1
-_NUMBER_TYPES = {
+_NUMBER_TYPES: dict[int, np.dtype[Any]] = {
     1: np.dtype("<i1"),
     2: np.dtype("<u1"),
     3: np.dtype("<i2"),
@@ -159,7 +159,7 @@ class _Header(NamedTuple):
     name: str
     problem: str = ""
     shape: tuple[int, ...] = ()
-    dtype: "np.dtype" = _NUMBER_TYPES[1]
+    dtype: np.dtype[Any] = _NUMBER_TYPES[1]
     strides: tuple[int, ...] = ()
     start: int = 0
     end: int = 0

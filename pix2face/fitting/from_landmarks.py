@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 
 from pix2face.camera import Camera, nearest_weak_perspective
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.camera_fit import fit_weak_perspective_camera
+from pix2face.fitting.jaw_contour import JAW, JawContour
 from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
 from pix2face.fitting.similarity import Similarity
 from pix2face.landmarks import IBUG68
@@ -25,6 +26,15 @@ LANDMARK_REGULARISATION = 2.0
 RELATIVE_DECREASE = 1e-5
 LEAST_LANDMARKS = 6
 
+# Rounds after the plain fit in which jaw points slide and landmarks gain or lose trust.
+FURTHER_ROUNDS = 8
+TRUST_HAS_SETTLED = 0.02
+# 95 % efficiency under normal noise, which makes distances in the picture Rayleigh's.
+CAUCHY_SCALE = 2.385
+MEDIAN_OF_RAYLEIGH = 1.1774
+# Annotators do not agree to less than this: no landmark loses trust for it.
+LEAST_USUAL_MM = 1.0
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -36,12 +46,16 @@ class LandmarkFit:
         identity: Coefficients in standard deviations.
         expression: Coefficients in standard deviations.
         landmarks2d: All landmarks of the fitted face, used or not, pixels.
+        matched2d: The same, but jaw points where they slid to: what the given landmarks were compared with.
+        trust: For each landmark the factor (0 to 1) that a robust fit put on its weight; 1 in a plain one.
     """
 
     camera: Camera
     identity: Float64[ndarray, " k"]
     expression: Float64[ndarray, " e"]
     landmarks2d: Float64[ndarray, "m 2"]
+    matched2d: Float64[ndarray, "m 2"]
+    trust: Float64[ndarray, " m"]
 
 
 @final
@@ -73,6 +87,16 @@ class LandmarkModel:
         basis = np.concatenate([model.identity_basis[:, vertices], model.expression_basis[:, vertices]])
         return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)
 
+    def with_jaw(self, contour: JawContour, chosen: Int[ndarray, "17"]) -> "LandmarkModel":
+        """The model with other vertices as its jaw points."""
+        mean, basis = self.mean.copy(), self.basis.copy()
+        mean[list(JAW)], basis[:, list(JAW)] = contour.mean[chosen], contour.basis[:, chosen]
+        return LandmarkModel(mean, basis, self.n_identity)
+
+    def rows(self, chosen: Bool[ndarray, " m"]) -> "LandmarkModel":
+        """The model of some of the landmarks."""
+        return LandmarkModel(self.mean[chosen], self.basis[:, chosen], self.n_identity)
+
     def landmarks3d(self, coefficients: Float64[ndarray, " c"]) -> Float64[ndarray, "m 3"]:
         """Landmarks of a face, mm, model frame (identity before expression)."""
         return np.asarray(self.mean + np.tensordot(coefficients, self.basis, axes=1), dtype=np.float64)
@@ -98,6 +122,7 @@ def fit_mean_to_landmarks(
     *,
     weights: Float[ndarray, " m"] | None = None,
     initial_rotation: Float[ndarray, "3 3"] | None = None,
+    robust: bool = False,
 ) -> Camera:
     """Fits a weak-perspective camera that brings the mean face's landmarks to given ones.
 
@@ -106,6 +131,7 @@ def fit_mean_to_landmarks(
         landmarks2d: Pixels (x, y), centres at +0.5; a landmark that is not finite counts as missing.
         weights: Factor of each squared residual; None is 1, 0 leaves a landmark out.
         initial_rotation: A start (camera_from_model) instead of the affine one.
+        robust: Huber's loss instead of squares.
 
     Raises:
         DegenerateGeometryError: Fewer than 6 landmarks, or all at one place.
@@ -116,6 +142,7 @@ def fit_mean_to_landmarks(
         landmark_model.mean,
         np.nan_to_num(landmarks2d, posinf=0, neginf=0),
         weights=weights,
+        robust=robust,
         initial_rotation=initial_rotation,
     )
 
@@ -128,6 +155,8 @@ def fit_landmarks(
     regularisation: float = LANDMARK_REGULARISATION,
     depths_px: Float[ndarray, " m"] | None = None,
     initial_rotation: Float[ndarray, "3 3"] | None = None,
+    robust: bool = False,
+    contour: JawContour | None = None,
 ) -> LandmarkFit:
     """Fits weak-perspective camera, identity and expression jointly to landmarks.
 
@@ -142,6 +171,9 @@ def fit_landmarks(
         depths_px: Depth of the landmarks in the unit of the pixels, larger farther, up to a constant; None where
             unknown. 300W-LP's third coordinate grows towards the viewer: ``w300lp`` negates it on reading.
         initial_rotation: A start (camera_from_model) instead of the mean face's fit.
+        robust: Cauchy's loss instead of squares: landmarks far from what the others say (guessed behind a hand, or
+            wrong) lose their weight.
+        contour: Lets the 17 jaw points slide along it: for landmarks that follow the outline in the photograph.
 
     Raises:
         DegenerateGeometryError: Fewer than 6 landmarks, all at one place, or lambda not positive.
@@ -149,19 +181,38 @@ def fit_landmarks(
     if not regularisation > 0:
         raise DegenerateGeometryError(f"expected a positive regularisation in mm^2, found {regularisation}")
     landmark_model = _landmark_model(model)
-    camera = fit_mean_to_landmarks(landmark_model, landmarks2d, weights=weights, initial_rotation=initial_rotation)
-    targets, used = landmarks2d.astype(np.float64), _weights_of_present(landmarks2d, weights)
+    camera = fit_mean_to_landmarks(
+        landmark_model, landmarks2d, weights=weights, initial_rotation=initial_rotation, robust=robust
+    )
+    targets, given = landmarks2d.astype(np.float64), _weights_of_present(landmarks2d, weights)
     if depths_px is not None:
         targets = np.column_stack([targets, depths_px])
-    seen = used > 0
-    restricted = LandmarkModel(landmark_model.mean[seen], landmark_model.basis[:, seen], landmark_model.n_identity)
-    start = _start(restricted, camera, targets[seen], used[seen])
-    local_quadratic = _joint_quadratic(restricted, targets[seen], used[seen], regularisation, start.similarity.scale)
-    end, _ = minimise(start, local_quadratic, FaceState.moved, relative_decrease=RELATIVE_DECREASE)
-    fitted = end.similarity.camera(_centre(restricted, used[seen]))
-    k = landmark_model.n_identity
-    landmarks3d = landmark_model.landmarks3d(end.coefficients)
-    return LandmarkFit(fitted, end.coefficients[:k], end.coefficients[k:], fitted.project(landmarks3d))
+    seen = given > 0
+    problem = _Problem(targets[seen], _centre(landmark_model.rows(seen), given[seen]), regularisation, camera)
+    matched, trust = landmark_model, np.ones(len(landmarks2d))
+    state = problem.start(given[seen], len(landmark_model.basis))
+    for is_first in (True,) + (False,) * (FURTHER_ROUNDS if robust or contour else 0):
+        if not is_first:
+            before = matched, trust
+            if contour is not None:
+                chosen = contour.outermost(state.similarity.camera(problem.centre), state.coefficients)
+                matched = landmark_model.with_jaw(contour, chosen)
+            if robust:
+                trust = np.ones(len(seen))
+                trust[seen] = _trust(matched.rows(seen), problem, state)
+            if np.array_equal(before[0].mean, matched.mean) and np.abs(before[1] - trust).max() < TRUST_HAS_SETTLED:
+                break
+        quadratic = problem.quadratic(matched.rows(seen), (given * trust)[seen])
+        state, _ = minimise(state, quadratic, FaceState.moved, relative_decrease=RELATIVE_DECREASE)
+    return _landmark_fit(landmark_model, matched, state, problem, trust)
+
+
+def _landmark_fit(
+    model: LandmarkModel, matched: LandmarkModel, state: "FaceState", problem: "_Problem", trust: ndarray
+) -> LandmarkFit:
+    camera, c, k = state.similarity.camera(problem.centre), state.coefficients, model.n_identity
+    landmarks2d, matched2d = (camera.project(points.landmarks3d(c)) for points in (model, matched))
+    return LandmarkFit(camera, c[:k], c[k:], landmarks2d, matched2d, trust)
 
 
 def _landmark_model(model: MorphableModel | LandmarkModel) -> LandmarkModel:
@@ -186,38 +237,59 @@ def _centre(model: LandmarkModel, weights: Float64[ndarray, " m"]) -> Float64[nd
     return np.asarray(weights @ model.mean / weights.sum(), dtype=np.float64)
 
 
-def _start(
-    model: LandmarkModel, camera: Camera, targets: Float64[ndarray, "m d"], weights: Float64[ndarray, " m"]
-) -> FaceState:
-    """The mean face in the camera that was fitted to it."""
-    pose = nearest_weak_perspective(camera)
-    centre = camera.project(_centre(model, weights))
-    depth = weights @ targets[:, 2:] / weights.sum()  # empty where depths are unknown
-    similarity = Similarity(float(np.log(pose.scale)), pose.rotation, np.concatenate([centre, depth]))
-    return FaceState(similarity, np.zeros(len(model.basis)))
+@final
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What stays the same while weights and matches change.
+
+    Attributes:
+        targets: The landmarks that are used, pixels; the third coordinate is depth where known.
+        centre: The model point (mm) that poses turn about.
+        regularisation: mm^2.
+        camera: Fitted to the mean face.
+    """
+
+    targets: Float64[ndarray, "m d"]
+    centre: Float64[ndarray, "3"]
+    regularisation: float
+    camera: Camera
+
+    def start(self, weights: Float64[ndarray, " m"], n_coefficients: int) -> FaceState:
+        """The mean face in the camera that was fitted to it."""
+        pose = nearest_weak_perspective(self.camera)
+        depth = weights @ self.targets[:, 2:] / weights.sum()  # empty where depths are unknown
+        shift = np.concatenate([self.camera.project(self.centre), depth])
+        return FaceState(Similarity(float(np.log(pose.scale)), pose.rotation, shift), np.zeros(n_coefficients))
+
+    def quadratic(self, model: LandmarkModel, weights: Float64[ndarray, " m"]) -> Callable[[FaceState], LocalQuadratic]:
+        """The local quadratic of pose and coefficients, in mm^2."""
+        targets, weights = self.targets, weights / nearest_weak_perspective(self.camera).scale ** 2
+
+        def local_quadratic(state: FaceState) -> LocalQuadratic:
+            points = model.landmarks3d(state.coefficients) - self.centre
+            rows = state.similarity.scale * state.similarity.rotation[: targets.shape[1]]
+            jacobian = np.concatenate(
+                [state.similarity.jacobian(points), np.transpose(model.basis @ rows.T, (1, 2, 0))], axis=2
+            )
+            data = quadratic_of_residuals(state.similarity.apply(points) - targets, jacobian, weights)
+            c, n_pose = state.coefficients, jacobian.shape[2] - len(state.coefficients)
+            data.hessian[np.arange(n_pose, jacobian.shape[2]), np.arange(n_pose, jacobian.shape[2])] += (
+                self.regularisation
+            )
+            gradient = data.gradient + self.regularisation * np.concatenate([np.zeros(n_pose), c])
+            return LocalQuadratic(data.cost + self.regularisation * float(c @ c) / 2, gradient, data.hessian)
+
+        return local_quadratic
 
 
-def _joint_quadratic(
-    model: LandmarkModel,
-    targets: Float64[ndarray, "m d"],
-    weights: Float64[ndarray, " m"],
-    regularisation: float,
-    scale: float,
-) -> Callable[[FaceState], LocalQuadratic]:
-    """The local quadratic of pose and coefficients, in mm^2."""
-    centre = _centre(model, weights)
-    weights = weights / scale**2
+def _trust(model: LandmarkModel, problem: _Problem, state: FaceState) -> Float64[ndarray, " m"]:
+    """Cauchy's weights of the landmarks' distances, in units of what is usual in this face; 1 for the better half.
 
-    def local_quadratic(state: FaceState) -> LocalQuadratic:
-        points = model.landmarks3d(state.coefficients) - centre
-        rows = state.similarity.scale * state.similarity.rotation[: targets.shape[1]]
-        jacobian = np.concatenate(
-            [state.similarity.jacobian(points), np.transpose(model.basis @ rows.T, (1, 2, 0))], axis=2
-        )
-        data = quadratic_of_residuals(state.similarity.apply(points) - targets, jacobian, weights)
-        c, n_pose = state.coefficients, jacobian.shape[2] - len(state.coefficients)
-        data.hessian[np.arange(n_pose, jacobian.shape[2]), np.arange(n_pose, jacobian.shape[2])] += regularisation
-        gradient = data.gradient + regularisation * np.concatenate([np.zeros(n_pose), c])
-        return LocalQuadratic(data.cost + regularisation * float(c @ c) / 2, gradient, data.hessian)
-
-    return local_quadratic
+    The better half keeps its full weight, so that the prior means the same as in a plain fit.
+    """
+    found = state.similarity.apply(model.landmarks3d(state.coefficients) - problem.centre)
+    distances_mm = np.linalg.norm(found - problem.targets, axis=1) / state.similarity.scale
+    median_mm = float(np.median(distances_mm))
+    usual_mm = CAUCHY_SCALE * max(median_mm / MEDIAN_OF_RAYLEIGH, LEAST_USUAL_MM)
+    weights = (1 + (median_mm / usual_mm) ** 2) / (1 + (distances_mm / usual_mm) ** 2)
+    return np.minimum(weights, 1.0)

@@ -107,3 +107,45 @@ def test_bad_input_is_refused():
         fit_landmarks(MODEL, landmarks2d, regularisation=0.0)
     with pytest.raises(UsageError, match="menpo84"):
         LandmarkModel.of(small_head_model(), "menpo84")
+
+
+def spoiled_landmarks(landmarks2d, seed, n=12):
+    """Some landmarks moved by 10 to 30 % of the face, as a wrong or guessed annotation would be."""
+    rng = np.random.default_rng(seed)
+    wrong, angles = rng.choice(68, n, replace=False), rng.uniform(0, 2 * np.pi, n)
+    size = np.sqrt(np.prod(np.ptp(landmarks2d, axis=0)))
+    spoiled = landmarks2d.copy()
+    spoiled[wrong] += (size * rng.uniform(0.1, 0.3, n) * np.stack([np.cos(angles), np.sin(angles)])).T
+    return spoiled, wrong
+
+
+def test_robust_fits_do_not_follow_wrong_landmarks():
+    errors = {False: [], True: []}
+    for seed in range(15):
+        _, camera, landmarks3d = known_face(HeadPose(5, 4 * seed - 30, 3), seed)
+        landmarks2d = camera.project(landmarks3d)
+        spoiled, wrong = spoiled_landmarks(landmarks2d, seed)
+        for robust in errors:
+            fit = fit_landmarks(MODEL, spoiled, robust=robust)
+            errors[robust].append(np.linalg.norm(fit.landmarks2d - landmarks2d, axis=1).mean())
+        right = np.setdiff1d(np.arange(68), wrong)
+        assert fit.trust[wrong].mean() < 0.3 < 0.6 < fit.trust[right].mean()
+    assert np.mean(errors[True]) < 0.6 * np.mean(errors[False])
+
+
+def test_robust_fits_of_clean_landmarks_are_nearly_the_plain_ones():
+    for seed in range(5):
+        _, camera, landmarks3d = known_face(HeadPose(0, 25, 0), seed)
+        landmarks2d = camera.project(landmarks3d)
+        plain, robust = fit_landmarks(MODEL, landmarks2d), fit_landmarks(MODEL, landmarks2d, robust=True)
+        assert (plain.trust == 1).all()
+        assert (robust.trust > 0.2).all()
+        difference = np.linalg.norm(plain.landmarks2d - robust.landmarks2d, axis=1).mean()
+        assert difference < 0.01 * np.sqrt(np.prod(np.ptp(landmarks2d, axis=0)))
+
+
+def test_without_a_contour_landmarks_are_matched_with_themselves():
+    _, camera, landmarks3d = known_face(HeadPose(0, 25, 0), 1)
+    for robust in (False, True):
+        fit = fit_landmarks(MODEL, camera.project(landmarks3d), robust=robust)
+        np.testing.assert_array_equal(fit.matched2d, fit.landmarks2d)

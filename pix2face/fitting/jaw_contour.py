@@ -1,0 +1,116 @@
+"""Jaw points that slide: in a photograph the jaw is annotated where the face ends, not at fixed points of the skin.
+
+As a head turns, the outline wanders over the far cheek towards the nose. Each jaw landmark therefore has a curve on the
+surface, from itself towards the base of the nose, in the plane through both that holds the viewing axis of the frontal
+face; in a given pose its match is the point of the curve that lies farthest out in the picture. On the near side that
+is the landmark itself.
+
+Source: Zhu et al. 2015, High-Fidelity Pose and Expression Normalization (landmark marching), with planes through the
+base of the nose instead of hand-drawn horizontal lines, so that any model with the 68 landmarks has them.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.landmarks import IBUG68, IBUG68_PARTS
+from pix2face.morphable_model import MorphableModel
+
+JAW = IBUG68_PARTS["jaw"]
+NOSE_BASE = 33
+# How far along its curve a jaw point may wander, as a share of the way to the base of the nose.
+LONGEST_WAY = 0.5
+# Half the width of the strip of vertices that stands for a curve, in spacings of the mesh, and how far back the strip
+# may reach behind its landmark.
+STRIP_SPACINGS = 1.0
+BEHIND_MM = 1.0
+# A plane that holds the viewing axis cuts the surface as a curve only where the skin does not face sideways within it.
+LEAST_FACING = -0.2
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class JawContour:
+    """The curves of a model, as vertices with their bases.
+
+    Attributes:
+        owner: For each vertex the jaw landmark (0 to 16) whose curve it lies on.
+        outward: For each jaw landmark the direction away from the base of the nose, in the frontal face (x, y).
+        mean: mm.
+        basis: mm per standard deviation, identity before expression.
+    """
+
+    owner: Int[ndarray, " p"]
+    outward: Float64[ndarray, "17 2"]
+    mean: Float64[ndarray, "p 3"]
+    basis: Float64[ndarray, "c p 3"]
+
+    @classmethod
+    def of(cls, model: MorphableModel) -> "JawContour":
+        """Finds the curves on the mean face. Each holds at least its landmark."""
+        vertices, mean = model.landmarks[IBUG68], model.mean.astype(np.float64)
+        allowed = model.is_face_vertex & (_normals(mean, model.triangles)[:, 2] > LEAST_FACING)
+        half_width = STRIP_SPACINGS * _spacing(mean, model.triangles[model.is_face_triangle])
+        members, owners, outward = [], [], []
+        for jaw in JAW:
+            landmark, base = mean[vertices[jaw]], mean[vertices[NOSE_BASE]]
+            direction = (landmark - base)[:2] / np.linalg.norm((landmark - base)[:2])
+            found = np.flatnonzero(allowed & _is_on_strip(mean, landmark, base, direction, half_width))
+            found = np.union1d(found, [vertices[jaw]])
+            members.append(found)
+            owners.append(np.full(len(found), jaw))
+            outward.append(direction)
+        chosen = np.concatenate(members)
+        basis = np.concatenate([model.identity_basis[:, chosen], model.expression_basis[:, chosen]])
+        return cls(np.concatenate(owners), np.stack(outward), mean[chosen], basis.astype(np.float64))
+
+    def outermost(self, camera: Camera, coefficients: Float64[ndarray, " c"]) -> Int[ndarray, "17"]:
+        """For each jaw landmark the vertex of its curve (an index into this table) that a camera sees farthest out."""
+        points = self.mean + np.tensordot(coefficients, self.basis, axes=1)
+        pixels = camera.project(points)
+        outward = self.outward @ _upright_axes(camera)
+        reach = (pixels * outward[self.owner]).sum(axis=1)
+        order = np.lexsort([reach, self.owner])
+        last_of_owner = np.searchsorted(self.owner[order], np.arange(len(JAW)), side="right") - 1
+        return order[last_of_owner]
+
+
+def _upright_axes(camera: Camera) -> Float64[ndarray, "2 2"]:
+    """Where x and y of the frontal face point in the picture: turned by roll alone, whatever yaw and pitch are."""
+    up = camera.matrix[:2, 1] / np.linalg.norm(camera.matrix[:2, 1])
+    # In the picture y points down: x is the up axis turned clockwise as seen, (0, -1) -> (1, 0).
+    return np.array([[-up[1], up[0]], up])
+
+
+def _is_on_strip(
+    points: Float64[ndarray, "v 3"],
+    landmark: Float64[ndarray, "3"],
+    base: Float64[ndarray, "3"],
+    direction: Float64[ndarray, "2"],
+    half_width: float,
+) -> Bool[ndarray, " v"]:
+    """Whether points lie near the plane of a curve, between its landmark and the end of its way."""
+    offset = points[:, :2] - base[:2]
+    along, across = offset @ direction, offset @ np.array([-direction[1], direction[0]])
+    reach = float((landmark - base)[:2] @ direction)
+    is_between = (along >= (1 - LONGEST_WAY) * reach) & (along <= reach)
+    return np.asarray(is_between & (np.abs(across) <= half_width) & (points[:, 2] >= landmark[2] - BEHIND_MM))
+
+
+def _normals(points: Float64[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]) -> Float64[ndarray, "v 3"]:
+    corners = points[triangles]
+    of_triangles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(points)
+    for corner in range(3):
+        np.add.at(total, triangles[:, corner], of_triangles)
+    lengths = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(lengths > 0, lengths, 1))
+
+
+def _spacing(points: Float64[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]) -> float:
+    """Typical length of an edge."""
+    return float(np.median(np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2)))
