@@ -12,6 +12,7 @@ from jaxtyping import Float, Float32, Float64, Int32
 from numpy import ndarray
 
 from pix2face.camera import Camera
+from pix2face.checked_hdf5 import check_contained
 from pix2face.errors import InputFileError
 
 FORMAT = "pix2face-coefficients"
@@ -41,6 +42,7 @@ class Face:
         width_px: Width of the picture.
         image_path: The photograph, or None where a picture is to be rendered.
         attributes: What else is known, to filter on.
+        lighting: As the source describes it (``Illum_Para`` of 300W-LP), or None.
     """
 
     sample_id: str
@@ -51,6 +53,7 @@ class Face:
     width_px: int
     image_path: Path | None = None
     attributes: Mapping[str, str | float] = field(default_factory=dict)
+    lighting: Float[ndarray, " l"] | None = None
 
 
 @final
@@ -68,6 +71,10 @@ class FaceCoefficients:
         sizes_px: Height and width of each picture.
         image_paths: Photographs, relative to the file; empty where a picture is to be rendered.
         configuration: How the table was made, as JSON.
+        licence: Terms of what the table was made from; empty where nothing but the model's are known.
+        attributes: What else is known of each face, as JSON; none at all, or one for each.
+        lighting: One row for each face, NaN where unknown; or None.
+        rejected: What the source held and the table does not: id and reason.
     """
 
     model_name: str
@@ -79,6 +86,10 @@ class FaceCoefficients:
     sizes_px: Int32[ndarray, "n 2"]
     image_paths: tuple[str, ...]
     configuration: str = "{}"
+    licence: str = ""
+    attributes: tuple[str, ...] = ()
+    lighting: Float32[ndarray, "n l"] | None = None
+    rejected: tuple[tuple[str, str], ...] = ()
 
     def __len__(self) -> int:
         return len(self.sample_ids)
@@ -86,6 +97,7 @@ class FaceCoefficients:
     def face(self, index: int, folder: Path) -> Face:
         """One row. Photographs are looked for relative to ``folder``."""
         image_path = self.image_paths[index]
+        lighting = None if self.lighting is None else self.lighting[index]
         return Face(
             sample_id=self.sample_ids[index],
             identity=self.identity[index],
@@ -94,6 +106,8 @@ class FaceCoefficients:
             height_px=int(self.sizes_px[index, 0]),
             width_px=int(self.sizes_px[index, 1]),
             image_path=folder / image_path if image_path else None,
+            attributes=json.loads(self.attributes[index]) if self.attributes else {},
+            lighting=None if lighting is None or np.isnan(lighting).any() else lighting,
         )
 
 
@@ -105,13 +119,18 @@ def save_coefficients(table: FaceCoefficients, path: Path) -> None:
         with h5py.File(temporary, "w", track_order=False) as file:
             file.attrs["format"] = FORMAT
             file.attrs["schema_version"] = SCHEMA_VERSION
-            for name in ("model_name", "model_sha256", "configuration"):
+            for name in ("model_name", "model_sha256", "configuration", "licence"):
                 file.attrs[name] = getattr(table, name)
-            for name in ("identity", "expression", "cameras", "sizes_px"):
+            for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
                 file.create_dataset(name, data=getattr(table, name), track_times=False)
-            for name in ("sample_ids", "image_paths"):
-                strings = np.array(getattr(table, name), dtype=h5py.string_dtype())
-                file.create_dataset(name, data=strings, track_times=False)
+            rejected = tuple(json.dumps(entry) for entry in table.rejected)
+            for name, texts in {
+                "sample_ids": table.sample_ids,
+                "image_paths": table.image_paths,
+                "attributes": table.attributes,
+                "rejected": rejected,
+            }.items():
+                file.create_dataset(name, data=np.array(texts, dtype=h5py.string_dtype()), track_times=False)
         temporary.rename(path)
     finally:
         temporary.unlink(missing_ok=True)
@@ -127,16 +146,23 @@ def load_coefficients(path: Path) -> FaceCoefficients:
     try:
         with h5py.File(path, "r") as file:
             _check_format(file, path)
-            sample_ids, image_paths = (_strings(file[name][()]) for name in ("sample_ids", "image_paths"))
-            columns: dict[str, Any] = {name: _column(file, path, name, len(sample_ids)) for name in _COLUMNS}
+            check_contained(file, path)
+            texts = {name: _strings(file[name][()]) for name in ("sample_ids", "image_paths")}
+            texts |= {name: _strings(file[name][()]) for name in ("attributes", "rejected") if name in file}
+            n, rejected = len(texts["sample_ids"]), texts.pop("rejected", ())
+            columns: dict[str, Any] = {**texts, **{name: _column(file, path, name, n) for name in _COLUMNS}}
+            if "lighting" in file:
+                columns["lighting"] = _column(file, path, "lighting", n)
             for name in ("model_name", "model_sha256", "configuration"):
                 columns[name] = str(file.attrs[name])
+            columns["licence"] = str(file.attrs.get("licence", ""))
+            columns["rejected"] = tuple((str(name), str(reason)) for name, reason in map(json.loads, rejected))
     except (OSError, KeyError, ValueError, RuntimeError, TypeError, AttributeError) as error:
         raise InputFileError(
             f"{path}: expected a table of coefficients (as `datagen sample` writes it), found a file that cannot be "
             f"read as one ({error})"
         ) from error
-    table = FaceCoefficients(sample_ids=sample_ids, image_paths=image_paths, **columns)
+    table = FaceCoefficients(**columns)
     _check_rows(table, path)
     return table
 
@@ -158,7 +184,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
 
 
 def _column(file: h5py.File, path: Path, name: str, n: int) -> ndarray:
-    dtype, shape = _COLUMNS[name]
+    dtype, shape = _COLUMNS.get(name, (np.float32, (None,)))  # lighting is like identity
     found = file[name].shape
     if len(found) != 1 + len(shape) or any(a not in (None, b) for a, b in zip((n, *shape), found, strict=True)):
         wanted = ", ".join("any" if length is None else str(length) for length in (n, *shape))
@@ -168,8 +194,10 @@ def _column(file: h5py.File, path: Path, name: str, n: int) -> ndarray:
 
 def _check_rows(table: FaceCoefficients, path: Path) -> None:
     n = len(table)
-    if len(table.image_paths) != n:
-        raise InputFileError(f"{path}: expected {n} rows of image_paths, found {len(table.image_paths)}")
+    for texts, count in (("image_paths", n), ("attributes", n if table.attributes else 0)):
+        if len(getattr(table, texts)) != count:
+            raise InputFileError(f"{path}: expected {count} rows of {texts}, found {len(getattr(table, texts))}")
+    _check_attributes(table, path)
     for name in ("identity", "expression", "cameras"):
         values = getattr(table, name)
         bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
@@ -184,6 +212,16 @@ def _check_rows(table: FaceCoefficients, path: Path) -> None:
         )
     if len(set(table.sample_ids)) < n:
         raise InputFileError(f"{path}: expected unique sample ids, found {n - len(set(table.sample_ids))} repeated")
+
+
+def _check_attributes(table: FaceCoefficients, path: Path) -> None:
+    for sample_id, text in zip(table.sample_ids, table.attributes, strict=False):
+        try:
+            is_object = isinstance(json.loads(text), dict)
+        except ValueError:
+            is_object = False
+        if not is_object:
+            raise InputFileError(f"{path}: expected a JSON object as attributes of {sample_id!r}, found {text[:40]!r}")
 
 
 def _strings(values: ndarray) -> tuple[str, ...]:

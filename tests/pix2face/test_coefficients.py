@@ -200,3 +200,32 @@ def test_coefficients_of_another_number_than_the_models_are_refused(tmp_path: Pa
     save_coefficients(make_table(identity=np.zeros((4, 5), dtype=np.float32)), path)
     with pytest.raises(InputFileError, match=r"faces\.h5: expected 12 identity and 6 expression .*found 5 and 6"):
         open_source(path, MODEL)
+
+
+def test_tables_without_the_later_columns_are_read(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["attributes"], file["rejected"], file.attrs["licence"]
+    table = load_coefficients(path)
+    assert (table.attributes, table.rejected, table.licence, table.lighting) == ((), (), "", None)
+    assert table.face(0, path.parent).attributes == {}
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{"])
+def test_attributes_that_are_no_json_are_refused(path: Path, text: str) -> None:
+    replace_column(path, "attributes", np.array(["{}", text, "{}", "{}"], dtype=h5py.string_dtype()))
+    with pytest.raises(InputFileError, match=r"expected a JSON object as attributes of 'face/1'"):
+        load_coefficients(path)
+
+
+def test_attributes_of_another_number_than_faces_are_refused(path: Path) -> None:
+    replace_column(path, "attributes", np.array(["{}"], dtype=h5py.string_dtype()))
+    with pytest.raises(InputFileError, match="expected 4 rows of attributes, found 1"):
+        load_coefficients(path)
+
+
+def test_a_table_that_points_out_of_itself_is_refused(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["identity"]
+        file["identity"] = h5py.ExternalLink("/somewhere/else.h5", "/identity")
+    with pytest.raises(InputFileError, match="links elsewhere"):
+        load_coefficients(path)
