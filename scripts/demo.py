@@ -25,7 +25,8 @@ from skimage.data import astronaut
 PROGRAMS = Path(sys.executable).parent
 STYLE = """
 body { font-family: sans-serif; margin: 2em auto; max-width: 75em; color: #222; line-height: 1.45; }
-img { max-width: 100%; } code { background: #f2f2f2; padding: .1em .3em; } figcaption { color: #555; }
+img { max-width: 100%; } img.maps { width: 48em; image-rendering: pixelated; }
+code { background: #f2f2f2; padding: .1em .3em; } figcaption { color: #555; }
 table { border-collapse: collapse; } th, td { padding: .3em .8em; border-bottom: 1px solid #ccc; text-align: right; }
 th:first-child, td:first-child { text-align: left; }
 """
@@ -141,7 +142,8 @@ def page(demo: Demo, n_faces: int) -> str:
         ("evaluation/worst.jpg", "Held-out renders: the worst cases (green true, red fitted)"),
     ]
     shown = "".join(
-        f'<figure><img src="{html.escape(name)}" alt=""><figcaption>{html.escape(text)}</figcaption></figure>'
+        f'<figure><img {"class=maps" if "maps" in name else ""} src="{html.escape(name)}" alt="">'
+        f"<figcaption>{html.escape(text)}</figcaption></figure>"
         for name, text in figures
     )
     rows = "".join(
