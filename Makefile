@@ -29,8 +29,11 @@ types: $(INSTALLED)
 layers: $(INSTALLED)
 	$(BIN)/lint-imports
 
+# Two test processes on two cores: threads of linear algebra inside them would only wait for each other.
+tests: export OPENBLAS_NUM_THREADS ?= 1
+tests: export OMP_NUM_THREADS ?= 1
 tests: $(INSTALLED) gl
-	$(BIN)/pytest -n 2 --dist worksteal --cov --cov-report term --durations 10
+	$(BIN)/pytest -n 2 --dist loadgroup --cov --cov-report term --durations 10
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .
