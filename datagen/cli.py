@@ -135,7 +135,9 @@ def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
             if not found:
                 with ShardReader(path) as reader:
                     n_samples += len(reader)
-                    problems += [f"{path.name}: id {name!r} occurs twice" for name in seen & set(reader.sample_ids)]
+                    problems += [
+                        f"{path.name}: id {name!r} occurs twice" for name in sorted(seen & set(reader.sample_ids))
+                    ]
                     seen |= set(reader.sample_ids)
             advance()
     for problem in problems:
