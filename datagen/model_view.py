@@ -47,7 +47,10 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         )
     out.parent.mkdir(parents=True, exist_ok=True)
     if suffix in MESH_SUFFIXES:
-        mesh_of(model).export(out)
+        mesh = mesh_of(model)
+        if isinstance(mesh.visual, trimesh.visual.TextureVisuals):
+            mesh.visual.material.name = out.stem  # or the files that an .obj refers to have the same names for all
+        mesh.export(out, **({"mtl_name": f"{out.stem}.mtl"} if suffix == ".obj" else {}))
     elif not cv2.imwrite(str(out), component_sheet(model, n_components)[..., ::-1]):
         raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
 

@@ -21,6 +21,8 @@ LARGEST_COMPRESSION = 1032
 UNWRITTEN_BYTES = 1 << 16
 # No published model comes near: the bases of BFM at full size take 0.25 GB in double precision.
 LARGEST_ARRAY_BYTES = 4 << 30
+# What the library raises on damaged files, wherever it comes upon the damage.
+_LIBRARY_ERRORS = (OSError, KeyError, RuntimeError, ValueError, SystemError)
 
 
 @contextmanager
@@ -34,10 +36,7 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         with h5py.File(path, "r") as file:
             check_contained(file, path)
             yield file
-    except InputFileError:
-        raise
-    except Exception as error:
-        # On a damaged file the library raises whatever it likes: OSError, KeyError, RuntimeError, SystemError, ...
+    except _LIBRARY_ERRORS as error:
         raise InputFileError(
             f"{path}: expected an HDF5 file, found one that cannot be read ({type(error).__name__}: {error})"
         ) from error

@@ -118,10 +118,10 @@ class MorphableModel:
         Source: Crispell and Bazik 2017, Eq. 3.
         """
         n = len(identity)
-        out = identity.astype(np.float32) @ self.identity_basis.reshape(self.n_identity, -1)
-        out += expression.astype(np.float32) @ self.expression_basis.reshape(self.n_expression, -1)
+        out = identity.astype(np.float32) @ self.identity_basis.reshape(self.n_identity, self.mean.size)
+        out += expression.astype(np.float32) @ self.expression_basis.reshape(self.n_expression, self.mean.size)
         out += self.mean.reshape(-1)
-        return out.reshape(n, -1, 3)
+        return out.reshape(n, len(self.mean), 3)
 
     def vertex_batches(
         self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"], batch_bytes: int = BATCH_BYTES

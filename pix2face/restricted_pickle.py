@@ -6,7 +6,9 @@ made afterwards, from records whose sizes were checked. Any other name is refuse
 """
 
 import io
+import math
 import pickle  # noqa: TID251 (only the names of opcodes and a subclass that resolves nothing)
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar, Final, final
 
@@ -19,11 +21,12 @@ from pix2face.errors import InputFileError
 _ALLOWED: Final = {
     **{(f"numpy.{core}.multiarray", "_reconstruct"): "array" for core in ("core", "_core")},
     **{(f"numpy.{core}.multiarray", "scalar"): "scalar" for core in ("core", "_core")},
+    **{(f"numpy.{core}.numeric", "_frombuffer"): "frombuffer" for core in ("core", "_core")},
     ("numpy", "ndarray"): "ndarray",
     ("numpy", "dtype"): "dtype",
     **{(f"scipy.sparse{module}", f"csc_{kind}"): "csc" for module in (".csc", "._csc") for kind in ("matrix", "array")},
     **{(module, "_reconstructor"): "object" for module in ("copy_reg", "copyreg")},
-    **{(module, name): name for module in ("__builtin__", "builtins") for name in ("object", "set")},
+    **{(module, name): name for module in ("__builtin__", "builtins") for name in ("object", "set", "bytes")},
     ("_codecs", "encode"): "encode",
     ("collections", "OrderedDict"): "mapping",
 }
@@ -31,7 +34,7 @@ _CHUMPY_PREFIX: Final = "chumpy."
 _NUMBER_KINDS: Final = "fiub"
 _REFUSED_OPCODES: Final = (
     *(pickle.PERSID, pickle.BINPERSID, pickle.EXT1, pickle.EXT2, pickle.EXT4, pickle.INST, pickle.OBJ),
-    *(pickle.BYTEARRAY8, pickle.NEXT_BUFFER, pickle.READONLY_BUFFER, pickle.NEWOBJ_EX),
+    *(pickle.NEXT_BUFFER, pickle.READONLY_BUFFER, pickle.NEWOBJ_EX),
 )
 
 
@@ -84,10 +87,21 @@ class _Reader(pickle._Unpickler):
             raise _RefusedError(f"a state for {type(record).__name__}")
         record.state = state
 
+    def load_bytearray8(self) -> None:
+        """Reads bytes without making room for a declared number of them first."""
+        read: Callable[[int], bytes] = self.read  # type: ignore[attr-defined]
+        n_bytes = int.from_bytes(read(8), "little")
+        content = read(n_bytes)
+        if len(content) != n_bytes:
+            raise EOFError(f"{n_bytes} bytes declared, {len(content)} left")
+        stack: list[Any] = self.stack  # type: ignore[attr-defined]
+        stack.append(content)
+
     def refuse(self) -> None:
         """Any opcode that no file of arrays needs."""
         raise _RefusedError("an opcode that pickles of arrays do not need")
 
+    dispatch[pickle.BYTEARRAY8[0]] = load_bytearray8
     dispatch[pickle.REDUCE[0]] = load_reduce
     dispatch[pickle.NEWOBJ[0]] = load_reduce
     dispatch[pickle.BUILD[0]] = load_build
@@ -142,6 +156,8 @@ def _called(function: Any, arguments: Any) -> Any:
         return str(arguments[0]).encode("latin1")
     if function.kind == "set":
         return set()  # members do not matter: chumpy's bookkeeping
+    if function.kind == "bytes":
+        return b""  # how protocol 2 writes them when empty
     if function.kind == "mapping":
         return {}
     if function.kind == "object":  # copy_reg._reconstructor(class, base, state): an instance of the class
@@ -161,8 +177,11 @@ def _as_array(value: Any, depth: int) -> ndarray:
         return array
     if value.kind == "array":
         return _from_array_state(value.state)
+    if value.kind == "frombuffer" and value.arguments:  # protocol 5
+        data, dtype, shape, order = value.arguments
+        return _from_array_state((1, shape, dtype, order == "F", data))
     if value.kind == "scalar" and value.arguments:
-        return np.frombuffer(_as_bytes(value.arguments[1]), dtype=_as_dtype(value.arguments[0]), count=1)[0]
+        return np.frombuffer(_as_bytes(value.arguments[1]), dtype=_as_dtype(value.arguments[0]), count=1).reshape(())
     if value.kind == "chumpy" and isinstance(value.state, dict):
         return _from_chumpy(value, depth)
     raise ValueError(value.name)
@@ -183,12 +202,7 @@ def _from_array_state(state: Any) -> ndarray:
     """NumPy's own state of an array: version, shape, dtype, column order, data."""
     _, shape, dtype_record, is_fortran, data = state
     dtype, content = _as_dtype(dtype_record), _as_bytes(data)
-    count = 1
-    for size in shape:
-        count *= int(size)
-        if size < 0 or count * dtype.itemsize > len(content):
-            raise ValueError(f"shape {tuple(shape)} with {len(content)} bytes of data")
-    if count * dtype.itemsize != len(content):
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(content):
         raise ValueError(f"shape {tuple(shape)} with {len(content)} bytes of data")
     return np.frombuffer(content, dtype=dtype).reshape(shape, order="F" if is_fortran else "C")
 
