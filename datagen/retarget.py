@@ -18,11 +18,12 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from pix2face.annotations import picture_beside
 from pix2face.camera import Camera, WeakPerspective, nearest_weak_perspective, weak_perspective_camera
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError
 from pix2face.fitting.from_landmarks import LandmarkFit, LandmarkModel, fit_landmarks
-from pix2face.images import decode_image, read_bytes
 from pix2face.morphable_model import MorphableModel
+from pix2face.picture_size import read_size_px
 from pix2face.w300lp import CoefficientFile, camera_of_pose, read_coefficient_file, read_landmark_file
 
 COPY_NUMBER = re.compile(r"_(\d+)$")
@@ -101,7 +102,7 @@ class Retargeter:
         """
         file = read_coefficient_file(path)
         fit = self._fit_own(file)
-        image_height = decode_image(read_bytes(path.with_suffix(".jpg")), str(path)).shape[0]
+        image_height, _ = read_size_px(picture_beside(path))
         seen = nearest_weak_perspective(fit.camera)
         stated = nearest_weak_perspective(camera_of_pose(file.pose, image_height))
         rotation = seen.scale / stated.scale * stated.rotation.T @ seen.rotation

@@ -1,6 +1,7 @@
 """Coefficients of faces: what a renderer needs to know of each, as a table with a file of its own."""
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -165,6 +166,11 @@ def load_coefficients(path: Path) -> FaceCoefficients:
     table = FaceCoefficients(**columns)
     _check_rows(table, path)
     return table
+
+
+def moved_path(image_path: str, old_folder: Path, new_folder: Path) -> str:
+    """A photograph's path relative to another folder than before; empty stays empty."""
+    return os.path.relpath(old_folder / image_path, new_folder) if image_path else ""
 
 
 def configuration_to_json(configuration: Mapping[str, object]) -> str:

@@ -18,6 +18,7 @@ from pix2face.mat5 import names_in_mat5, read_mat5
 
 N_IDENTITY = 199
 N_EXPRESSION = 29
+N_LIGHTING = 10
 # Files of this kind hold some 10 KB; a file far beyond that is something else and is not read.
 USUAL_FILE_BYTES = 64 << 10
 LARGEST_FILE_BYTES = 4 << 20
@@ -26,7 +27,7 @@ _LENGTHS = {
     "Shape_Para": N_IDENTITY,
     "Exp_Para": N_EXPRESSION,
     "Pose_Para": 7,
-    "Illum_Para": 10,
+    "Illum_Para": N_LIGHTING,
     "pt2d": 2 * N_IBUG68,
     "pt3d_68": 3 * N_IBUG68,
 }

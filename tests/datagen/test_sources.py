@@ -9,7 +9,8 @@ import pytest
 from numpy import ndarray
 
 from datagen.sampling import sample_faces
-from datagen.sources import TableSource, W300LPFolder, open_source, picture_of
+from datagen.sources import TableSource, W300LPFolder, open_source
+from pix2face.annotations import picture_beside
 from pix2face.coefficients import save_coefficients
 from pix2face.errors import InputFileError, SampleRejectedError, UsageError
 from pix2face.model_formats.bfm2009 import PUBLISHED_BASIS
@@ -80,8 +81,8 @@ def test_ids_are_paths_below_the_folder_in_order(tmp_path: Path, bfm: MorphableM
 @pytest.mark.parametrize("suffix", [".png", ".JPG", ".bmp"])
 def test_pictures_of_other_kinds_are_found(tmp_path: Path, bfm: MorphableModel, suffix: str) -> None:
     write_file(tmp_path, suffix=suffix)
-    assert W300LPFolder(tmp_path, bfm).face(0).image_path == picture_of(tmp_path / "face.mat")
-    assert picture_of(tmp_path / "face.mat").name == f"face{suffix}"
+    assert W300LPFolder(tmp_path, bfm).face(0).image_path == picture_beside(tmp_path / "face.mat")
+    assert picture_beside(tmp_path / "face.mat").name == f"face{suffix}"
 
 
 def test_a_picture_that_is_no_ordinary_file_is_rejected(tmp_path: Path, bfm: MorphableModel) -> None:
