@@ -1,4 +1,4 @@
-"""The command ``datagen``: sample faces, render triplets, verify and look at shards, import models."""
+"""The command ``datagen``: sample or fit faces, render triplets, verify and look at shards, import models."""
 
 import multiprocessing
 import os
@@ -13,6 +13,7 @@ import cv2
 import tyro
 from rich.console import Console
 
+from datagen.coeffs_cli import coeffs, fit
 from datagen.model_cli import describe, model
 from datagen.pipeline import REJECTED_FILE, JobSummary, RenderJob, run_job
 from datagen.preview import contact_sheet
@@ -170,6 +171,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "verify": verify,
         "preview": preview,
         "model": model,
+        "coeffs": coeffs,
+        "fit": fit,
     }
     return run_commands(
         "datagen", "Ground truth for dense 3D faces: coefficients in, triplets out.", commands, arguments
