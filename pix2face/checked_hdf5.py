@@ -7,7 +7,6 @@ than what it stores. A model file needs neither.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -48,12 +47,13 @@ def check_contained(file: h5py.File, path: Path) -> None:
     Raises:
         InputFileError: Something points out of the file, or declares more than the file can hold.
     """
-    pending, seen = [(file, "")], set[Any]()
+    pending, seen = [(file, "")], set[int]()
     while pending:
         group, prefix = pending.pop()
-        if group.id in seen:
+        address = h5py.h5o.get_info(group.id).addr
+        if address in seen:
             continue  # hard links may form a loop
-        seen.add(group.id)
+        seen.add(address)
         for name in group:
             found = f"{prefix}/{name}"
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):

@@ -10,16 +10,20 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 
 MAX_COMPONENTS = 4096
+# In any unit that is in use (a head measures 3e5 µm), and far from what single precision cannot hold.
+LARGEST_COORDINATE = 1e12
 
 
 def coordinates(where: str, values: Any) -> Float64[ndarray, "v 3"]:
     """Interleaved xyz as points.
 
     Raises:
-        InputFileError: There are none, their number is no multiple of 3, or some are not finite.
+        InputFileError: There are none, their number is no multiple of 3, or some are not finite or absurdly large.
     """
-    flat = np.asarray(values, dtype=np.float64).ravel()
-    if not len(flat) or len(flat) % 3 or not np.isfinite(flat).all():
+    with np.errstate(invalid="ignore"):  # a signalling NaN; it is found below
+        flat = np.asarray(values, dtype=np.float64).ravel()
+    # "Not below" instead of "above", so that NaN counts, too.
+    if not len(flat) or len(flat) % 3 or not bool((np.abs(flat) < LARGEST_COORDINATE).all()):
         raise InputFileError(f"{where}: expected 3 finite coordinates a vertex, found {len(flat)} numbers")
     return flat.reshape(-1, 3)
 
@@ -46,7 +50,8 @@ def basis_of_columns(
             f"{where}: expected a basis of {3 * n_vertices} rows and {len(factors)} columns (one for each standard "
             f"deviation), found {matrix.shape}"
         )
-    rows = matrix.T.astype(np.float32) * (factors * mm_per_unit).astype(np.float32)[:, None]
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found below
+        rows = matrix.T.astype(np.float32) * (factors * mm_per_unit).astype(np.float32)[:, None]
     if not np.isfinite(rows).all():
         raise InputFileError(f"{where}: expected finite numbers, found some that are not")
     return np.ascontiguousarray(rows).reshape(len(factors), n_vertices, 3)

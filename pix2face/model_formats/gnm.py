@@ -97,7 +97,8 @@ def _basis(path: Path, name: str, arrays: dict[str, ndarray], n_vertices: int) -
     basis = arrays[name]
     if basis.ndim != 3 or basis.shape[1:] != (n_vertices, 3) or len(basis) > MAX_COMPONENTS:
         raise InputFileError(f"{path}: expected {name} of (components, {n_vertices}, 3), found {basis.shape}")
-    scaled = basis.astype(np.float32) * np.float32(MM_PER_METRE)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found below
+        scaled = basis.astype(np.float32) * np.float32(MM_PER_METRE)
     if not np.isfinite(scaled).all():
         raise InputFileError(f"{path}: expected finite numbers in {name}, found some that are not")
     return scaled

@@ -19,6 +19,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.landmarks import IBUG68
 from pix2face.model_file import StoredModel
+from pix2face.model_formats.checks import LARGEST_COORDINATE
 from pix2face.model_formats.tables import ibug68_vertices
 
 NEUTRAL = "generic_neutral_mesh.obj"
@@ -125,7 +126,7 @@ def _numbers(path: Path, lines: list[bytes], columns: int) -> Float64[ndarray, "
         rows = np.array([line.split()[1 : columns + 1] for line in lines], dtype="S32").astype(np.float64)
     except ValueError as error:
         raise InputFileError(f"{path}: expected {columns} numbers on each line of vertices: {error}") from error
-    if rows.shape != (len(lines), columns) or not len(lines) or not np.isfinite(rows).all():
+    if rows.shape != (len(lines), columns) or not len(lines) or not bool((np.abs(rows) < LARGEST_COORDINATE).all()):
         raise InputFileError(f"{path}: expected {columns} finite numbers on each line of vertices, found others")
     return rows
 

@@ -159,7 +159,7 @@ class _Body:
             packed = self._inflater.unconsumed_tail or self._raw(_CHUNK_BYTES)
             fresh = self._inflater.decompress(packed, n_bytes - len(out))
             out += fresh
-            if not packed and not fresh:
+            if self._inflater.eof or not (packed or fresh):
                 break
         return bytes(out)
 
@@ -174,6 +174,8 @@ class _Body:
 def _parsed(order: str, body: bytes) -> _Variable:
     """Flags, shape and name: three elements, each padded to 8 bytes."""
     _, flags, at = _element(order, body, 0)
+    if len(flags) != 8:
+        raise _DamagedError("a variable without flags")
     matlab_class, has_bits = (flags[0], flags[1]) if order == "<" else (flags[3], flags[2])
     if matlab_class > _NUMBER_CLASSES[-1]:
         return _Variable("", is_number=False, shape=(), data_at=0)

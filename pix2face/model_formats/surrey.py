@@ -20,7 +20,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.landmarks import IBUG68
 from pix2face.model_file import StoredModel
-from pix2face.model_formats.checks import basis_of_columns, coordinates, triangle_polygons
+from pix2face.model_formats.checks import LARGEST_COORDINATE, basis_of_columns, coordinates, triangle_polygons
 from pix2face.model_formats.tables import ibug68_vertices
 
 N_VERTICES = 3448
@@ -131,7 +131,7 @@ class _Reader:
         """One pair a vertex, v turned upward; None where the file has none."""
         count = self.number("<Q")
         pairs = self.array("<f8", 2 * count).reshape(-1, 2)
-        if count != n_vertices or not np.isfinite(pairs).all():
+        if count != n_vertices or not bool((np.abs(pairs) < LARGEST_COORDINATE).all()):
             return None
         return np.column_stack([pairs[:, 0], 1 - pairs[:, 1]]).astype(np.float32)
 
