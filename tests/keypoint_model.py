@@ -4,6 +4,7 @@
 the keypoints in µm (docs/conventions.md). It tells where the landmarks of a file lie in any other pose.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,7 +44,11 @@ def unposed_mm(file: CoefficientFile, height_px: int = 450) -> ndarray:
 
 def fit_keypoint_model(folder: Path) -> KeypointModel:
     """Regresses the model from a folder of AFLW2000-3D files."""
-    files = [read_coefficient_file(path) for path in sorted(folder.glob("*.mat"))]
+    return fit_keypoint_model_to([read_coefficient_file(path) for path in sorted(folder.glob("*.mat"))])
+
+
+def fit_keypoint_model_to(files: Sequence[CoefficientFile]) -> KeypointModel:
+    """Regresses the model from files with ``pt3d_68``."""
     design = np.stack([design_row(file) for file in files])
     scale = np.abs(design).max(axis=0)
     targets = np.stack([unposed_mm(file).ravel() for file in files])

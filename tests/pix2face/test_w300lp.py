@@ -18,6 +18,7 @@ from pix2face.w300lp import (
     read_coefficient_file,
     read_landmark_file,
 )
+from tests.keypoint_model import fit_keypoint_model, fit_keypoint_model_to
 
 
 @pytest.fixture(scope="module")
@@ -259,3 +260,28 @@ def test_landmarks_sit_on_the_photographs(shared_dir: Path, dev_files: list[Coef
         assert file.landmarks3d is not None
         centre = file.landmarks3d[:, :2].mean(axis=0)
         assert ((centre > 100) & (centre < 350)).all()
+
+
+def test_coefficients_reproduce_the_landmarks_of_every_file(dev_files: list[CoefficientFile]) -> None:
+    """Coefficients -> the keypoints' linear model -> our camera: pt3d_68 to 0.01 px, all 400 files, all 68 points."""
+    model = fit_keypoint_model(dev_files[0].path.parent)
+    largest = 0.0
+    for file in dev_files:
+        assert file.landmarks3d is not None
+        pixels = camera_of_pose(file.pose, 450).project(model.keypoints_mm(file))
+        largest = max(largest, float(np.linalg.norm(pixels - file.landmarks3d[:, :2], axis=1).max()))
+    assert largest < 0.01
+
+
+def test_the_linear_model_of_the_landmarks_holds_for_files_that_it_has_not_seen(
+    dev_files: list[CoefficientFile],
+) -> None:
+    """The check above is no tautology: 300 files (the rank is 229) predict the other 100."""
+    model = fit_keypoint_model_to(dev_files[:300])
+    errors = [
+        np.abs(camera_of_pose(file.pose, 450).project(model.keypoints_mm(file)) - file.landmarks3d[:, :2]).max()
+        for file in dev_files[300:]
+        if file.landmarks3d is not None
+    ]
+    assert len(errors) == 100
+    assert max(errors) < 0.01
