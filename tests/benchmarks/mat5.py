@@ -1,0 +1,134 @@
+"""How fast a data set of 300W-LP's size is read: python -m tests.benchmarks.mat5 --original FACE.mat --out mat5.json.
+
+Makes N copies of one real file with its picture's head, in the folder layout as distributed (four folders, their
+``_Flip`` twins, and a ``landmarks/`` folder), in a temporary place; then, in one run, reads all of them by SciPy and by
+our reader, and converts them into a table. The copies differ in their numbers, so nothing is read from a cache but the
+files' own pages. Both readers run twice, in turns; the better time counts.
+"""
+
+import argparse
+import io
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import perf_counter
+
+import cv2
+import numpy as np
+import scipy.io
+
+from pix2face.w300lp import read_coefficient_file, read_mat
+
+FOLDERS = ("AFW", "HELEN", "IBUG", "LFPW", "AFW_Flip", "HELEN_Flip", "IBUG_Flip", "LFPW_Flip")
+WANTED = ("Shape_Para", "Exp_Para", "Pose_Para", "Illum_Para", "pt2d", "pt3d_68")
+FULL_SIZE = 122_450
+
+
+def make_data_set(root: Path, original: Path, n: int) -> list[Path]:
+    """Writes n coefficient files, each with a picture and a landmark file; returns the former."""
+    fields = {name: values for name, values in scipy.io.loadmat(original).items() if not name.startswith("__")}
+    rng = np.random.default_rng(0)
+    picture = cv2.imencode(".jpg", rng.integers(0, 256, (450, 450, 3), dtype=np.uint8))[1].tobytes()[:4096]
+    landmarks = io.BytesIO()
+    scipy.io.savemat(landmarks, {"pts_2d": fields["pt2d"].T, "pts_3d": fields["pt2d"].T}, do_compression=True)
+    paths = []
+    for index in range(n):
+        folder = FOLDERS[index % len(FOLDERS)]
+        path = root / folder / f"{folder}_image_{index // 8:06}_{index // 8 % 8}.mat"
+        if index < len(FOLDERS):
+            path.parent.mkdir()
+            (root / "landmarks" / folder).mkdir(parents=True)
+        moved = fields["Shape_Para"] * rng.normal(1, 0.01, fields["Shape_Para"].shape)
+        scipy.io.savemat(path, {**fields, "Shape_Para": moved}, do_compression=True)
+        path.with_suffix(".jpg").write_bytes(picture)  # its head declares the size; nothing decodes it here
+        (root / "landmarks" / folder / f"{path.stem}_pts.mat").write_bytes(landmarks.getvalue())
+        paths.append(path)
+    return sorted(paths)
+
+
+def measure_readers(paths: Sequence[Path]) -> dict[str, float]:
+    """Files a second of both readers, for the arrays alone and for everything that a coefficient file says."""
+
+    def by_scipy(path: Path) -> object:
+        return scipy.io.loadmat(path, variable_names=list(WANTED))
+
+    def by_us(path: Path) -> object:
+        return read_mat(path, WANTED)
+
+    seconds = {"scipy": np.inf, "ours": np.inf, "whole": np.inf}
+    readers: dict[str, Callable[[Path], object]] = {"scipy": by_scipy, "ours": by_us, "whole": read_coefficient_file}
+    for _ in range(2):
+        for name, read in readers.items():
+            start = perf_counter()
+            for path in paths:
+                read(path)
+            seconds[name] = min(seconds[name], perf_counter() - start)
+    return {
+        "scipy_files_per_second": len(paths) / seconds["scipy"],
+        "ours_files_per_second": len(paths) / seconds["ours"],
+        "ratio": seconds["scipy"] / seconds["ours"],
+        "coefficient_files_per_second": len(paths) / seconds["whole"],
+    }
+
+
+def measure_conversion(root: Path, model: str, workers: int) -> dict[str, float]:
+    """The command itself, in a process of its own: faces a second, peak memory."""
+    out = root / "table" / "faces.h5"
+    arguments = [
+        "coeffs",
+        "convert",
+        "--from",
+        str(root),
+        "--out",
+        str(out),
+        "--model",
+        model,
+        "--workers",
+        str(workers),
+    ]
+    start = perf_counter()
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from datagen.cli import main; sys.exit(main(sys.argv[1:]))",
+        *arguments,
+    ]
+    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
+    seconds = perf_counter() - start
+    # Of the largest of the processes waited for, in KB; the command's own workers are among them.
+    peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    result = {"seconds": seconds, "peak_mb_of_a_process": peak_mb, "table_mb": out.stat().st_size / 2**20}
+    shutil.rmtree(out.parent)
+    return result
+
+
+def main() -> None:
+    """Measures and writes JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--original", type=Path, required=True, help="one real file of 300W-LP or AFLW2000-3D")
+    parser.add_argument("--n", type=int, default=5000)
+    parser.add_argument("--model", help="convert with this model as well: builtin (fits), or an imported BFM (reads)")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        paths = make_data_set(Path(name), options.original, options.n)
+        result: dict[str, object] = {"original": options.original.name, "files": len(paths), **measure_readers(paths)}
+        if options.model:
+            conversion = measure_conversion(Path(name), options.model, options.workers)
+            per_file = conversion["seconds"] / len(paths)
+            conversion["minutes_for_300wlp_extrapolated"] = per_file * FULL_SIZE / 60
+            result["conversion"] = {"model": Path(options.model).name, "workers": options.workers, **conversion}
+    text = json.dumps(result, indent=2)
+    print(text)  # noqa: T201
+    if options.out:
+        options.out.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
