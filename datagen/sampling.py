@@ -3,12 +3,13 @@
 Distributions (all from one seed, each face from its own stream):
 
 - identity: standard normal, cut at ±2.5;
-- expression: one in five neutral; otherwise one to four of the model's named expressions, left and right of a pair
-  together, at 0.2 to 1 of their full strength; a model without named expressions: normal with deviation 0.6;
-- head: yaw from a mixture of 60 % normal (18°) and 40 % uniform (±90°), pitch normal (12°, cut at ±40°), roll normal
-  (12°, cut at ±45°);
+- expression: one in five neutral; otherwise one to four of the model's named expressions at 0.2 to 1 of their full
+  strength; left and right of a pair together, each at 75 to 100 % of the pair's strength; with an expression that needs
+  another one (a closed mouth on an open jaw) that one too; a model without named expressions: normal, deviation 0.6;
+- head: yaw from a mixture of 60 % normal (18°) and 40 % uniform, cut at ±90°, pitch normal (12°, cut at ±40°), roll
+  normal (12°, cut at ±45°);
 - camera: pinhole with the principal point at the centre of the picture, log-uniform distance from 0.35 m (arm's
-  length) to 4 m, focal length such that the picture is 1.5 to 2.1 times the face box.
+  length) to 4 m, focal length such that the picture is 1.5 to 2.1 times the face box, centre off by up to 10 % of it.
 """
 
 from dataclasses import dataclass

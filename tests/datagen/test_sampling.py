@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from datagen.sampling import sample_faces
+from datagen.random_streams import generator_for
+from datagen.sampling import SampledView, draw_expression, draw_view, sample_faces
 from pix2face.camera import Camera, head_pose, pinhole_of
 from pix2face.coefficients import FaceCoefficients
 from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
+from pix2face.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
 
@@ -60,3 +62,42 @@ def test_poses_and_distances_cover_what_the_module_says(table: FaceCoefficients)
 def test_impossible_requests_are_refused(n: int, seed: int, size: int) -> None:
     with pytest.raises(UsageError, match="expected n >= 1"):
         sample_faces(small_head_model(), n, seed, size)
+
+
+def draws(n: int) -> list[SampledView]:
+    return [draw_view(generator_for(5, str(index))) for index in range(n)]
+
+
+def test_views_are_distributed_as_the_module_says() -> None:
+    views = draws(6000)
+    yaw, pitch, roll = np.array([(view.pose.yaw_deg, view.pose.pitch_deg, view.pose.roll_deg) for view in views]).T
+    # P(|yaw| > 60) = 0.4 * 30/90 + 0.6 * 2 Phi(-60/18); P(|yaw| < 18) = 0.4 * 18/90 + 0.6 * 0.683
+    assert abs((np.abs(yaw) > 60).mean() - 0.134) < 0.02
+    assert abs((np.abs(yaw) < 18).mean() - 0.490) < 0.025
+    assert np.abs(yaw).max() <= 90
+    for angle, limit in ((pitch, 40), (roll, 45)):
+        assert np.abs(angle).max() <= limit
+        assert abs(angle.std() - 12) < 0.6
+        assert abs(angle.mean()) < 0.6
+    log_distance = np.log([view.distance_mm for view in views])
+    assert abs(log_distance.mean() - np.log([350, 4000]).mean()) < 0.05
+    assert log_distance.min() > np.log(349)
+    assert log_distance.max() < np.log(4001)
+    scale = np.array([view.picture_per_box for view in views])
+    assert 1.5 <= scale.min() < 1.51
+    assert 2.09 < scale.max() <= 2.1
+    assert np.abs([view.shift for view in views]).max() <= 0.1
+
+
+def test_expressions_of_both_sides_come_together() -> None:
+    model = builtin_model()
+    left, right = (model.named_expressions[f"eyeBlink{side}"].astype(np.float64) for side in ("Left", "Right"))
+    drawn = np.stack([draw_expression(model, generator_for(0, str(index))) for index in range(800)])
+    neutral = ~drawn.any(axis=1)
+    assert abs(neutral.mean() - 0.2) < 0.05
+    # What draws hold of both lids closing alike, and of one closing more than the other.
+    along = drawn @ np.linalg.pinv(np.stack([left + right, left - right]))
+    together, apart = np.abs(along).T
+    active = together > 0.2
+    assert active.sum() > 20
+    assert np.median(apart[active] / together[active]) < 0.5
