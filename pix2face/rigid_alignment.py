@@ -19,13 +19,11 @@ from pix2face.errors import DegenerateGeometryError
 MIN_POINTS = 3
 # Partners beyond this share of the closest ones are taken for places that the other surface does not have.
 KEPT_SHARE = 0.8
-_COARSE_POINTS, _COARSE_STEPS = 300, 16
-_FINE_POINTS, _FINE_STEPS = 1500, 40
+_COARSE_POINTS, _COARSE_STEPS = 300, 20
+_FINE_POINTS, _FINE_STEPS = 1000, 30
 # A finer target does not make the search better, only slower.
 _TARGET_POINTS = 12000
-_FINALISTS = 8
-# A head comes with more or less neck, so its centroid says little about its height.
-_HEIGHTS_MM = (-60.0, 0.0, 60.0)
+_FINALISTS = 14
 _CONVERGED_MM = 1e-3
 # A normal that differs by 60 degrees counts as much as this distance.
 _DIRECTION_MM = 20.0
@@ -141,12 +139,15 @@ def surface_of(vertices: Float[ndarray, "v 3"], polygons: Int32[ndarray, "p 4"])
     return Surface(points, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
-def align_surfaces(source: Surface, target: Surface) -> tuple[RigidTransform, Float64[ndarray, " n"]]:
+def align_surfaces(
+    source: Surface, target: Surface, anchors: Float64[ndarray, "a 3"]
+) -> tuple[RigidTransform, Float64[ndarray, " n"]]:
     """Brings a dense surface onto another of which it is a part, from any pose along the axes.
 
     Args:
         source: Nearly all of it should have a counterpart.
         target: May extend further (neck, back of the head, teeth).
+        anchors: Points in the source's frame (mm), one of which lies near the middle of the target's box.
 
     Returns:
         The best transform of source onto target, and each source point's distance to its partner (mm).
@@ -156,11 +157,13 @@ def align_surfaces(source: Surface, target: Surface) -> tuple[RigidTransform, Fl
     coarse = source.chosen(rng.permutation(n_points)[:_COARSE_POINTS])
     fine = source.chosen(rng.permutation(n_points)[:_FINE_POINTS])
     centre = 0.5 * (target.points.min(axis=0) + target.points.max(axis=0))
-    starts = _starts(coarse.points.mean(axis=0), centre)
+    starts = [RigidTransform(axes, centre - axes @ anchor) for axes, anchor in product(_axes(), anchors)]
     found = [_iterate(coarse, index, start, _COARSE_STEPS) for start in starts]
     found.sort(key=lambda result: result[1])
-    refined = [_iterate(fine, index, transform, _FINE_STEPS) for transform, _ in found[:_FINALISTS]]
-    best = min(refined, key=lambda result: result[1])[0]
+    # Nearly all models name their axes alike: that guess is always followed to its end.
+    likely = [RigidTransform(np.eye(3), centre - anchor) for anchor in anchors]
+    finalists = likely + [transform for transform, _ in found[:_FINALISTS]]
+    best = min((_iterate(fine, index, start, _FINE_STEPS) for start in finalists), key=lambda result: result[1])[0]
     return best, SurfaceIndex(target).closest(source.moved(best))[0]
 
 
@@ -170,16 +173,13 @@ def trimmed_rms(distances: Float64[ndarray, " n"]) -> float:
     return float(np.sqrt((kept**2).mean()))
 
 
-def _starts(source_centre: Float64[ndarray, "3"], target_centre: Float64[ndarray, "3"]) -> list[RigidTransform]:
-    """The 24 ways in which axes can be named, each at several heights of the source."""
-    starts = []
-    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        rotation = np.eye(3)[list(order)] * np.array(signs)[:, None]
-        if np.linalg.det(rotation) > 0:
-            for height in _HEIGHTS_MM:
-                moved = rotation @ (source_centre + [0, height, 0])
-                starts.append(RigidTransform(rotation, target_centre - moved))
-    return starts
+def _axes() -> list[Float64[ndarray, "3 3"]]:
+    """The 24 ways in which the axes of a right-handed frame can be named."""
+    named = [
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
+    ]
+    return [axes for axes in named if np.linalg.det(axes) > 0]
 
 
 def _iterate(source: Surface, index: SurfaceIndex, start: RigidTransform, steps: int) -> tuple[RigidTransform, float]:

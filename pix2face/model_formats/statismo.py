@@ -74,7 +74,8 @@ def _component(
     """Mean and basis of one part, in units of mm or colour."""
     group = f"{part}/model"
     mean = coordinates(f"{path} ({group}/mean)", read_array(file, f"{group}/mean", path))
-    variance = read_array(file, f"{group}/pcaVariance", path).astype(np.float64).ravel()
+    with np.errstate(invalid="ignore"):  # a signalling NaN; it is found below
+        variance = read_array(file, f"{group}/pcaVariance", path).astype(np.float64).ravel()
     if len(mean) != n_vertices or not (np.isfinite(variance) & (variance >= 0)).all():
         raise InputFileError(
             f"{path}: expected {n_vertices} vertices and variances of at least 0 in {group}, found {len(mean)} vertices"

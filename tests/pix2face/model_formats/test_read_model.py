@@ -1,0 +1,77 @@
+"""Which reader takes a file: its content decides, and what nobody takes is refused with what is supported."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from pix2face.errors import InputFileError
+from pix2face.landmarks import IBUG68
+from pix2face.model_formats import read_model
+from tests.model_files import write_small_head
+from tests.published_models import (
+    small_head,
+    write_bfm,
+    write_flame,
+    write_gnm,
+    write_ict,
+    write_original_bfm,
+    write_statismo,
+    write_surrey,
+)
+from tests.synthetic_models import small_head_model
+
+
+def test_names_of_files_do_not_matter(tmp_path: Path) -> None:
+    head = small_head()
+    assert read_model(write_flame(tmp_path / "a.h5", head)).name == "FLAME (a)"
+    assert read_model(write_statismo(tmp_path / "a.pkl", head)).name == "a (statismo)"
+    write_gnm(tmp_path / "a.npz", head).replace(tmp_path / "a.bin")
+    assert read_model(tmp_path / "a.bin").name == "GNM Head"
+    write_surrey(tmp_path, head).replace(tmp_path / "a.npz")
+    assert read_model(tmp_path / "a.npz").name == "Surrey Face Model"
+
+
+def test_models_of_several_files_are_found_by_folder_and_by_any_file(tmp_path: Path) -> None:
+    head, keypoints = small_head(), small_head_model().landmarks[IBUG68]
+    for folder, name in (("bfm", "BFM 2009 (300W-LP)"), ("original", "BFM 2009"), ("ict", "ICT-FaceKit light")):
+        (tmp_path / folder).mkdir()
+        if folder == "bfm":
+            write_bfm(tmp_path / folder, head, keypoints)
+        else:
+            (write_original_bfm if folder == "original" else write_ict)(tmp_path / folder, head)
+        paths = [tmp_path / folder, *(tmp_path / folder).rglob("*.mat"), *(tmp_path / folder).rglob("generic*.obj")]
+        assert len(paths) > 1
+        assert {read_model(path).name for path in paths} == {name}
+
+
+def test_both_layouts_of_bfm_in_one_folder(tmp_path: Path) -> None:
+    head = small_head()
+    write_original_bfm(write_bfm(tmp_path, head, small_head_model().landmarks[IBUG68]), head)
+    assert read_model(tmp_path).name == "BFM 2009 (300W-LP)"
+    assert read_model(tmp_path / "01_MorphableModel.mat").name == "BFM 2009"
+
+
+def test_what_nobody_takes_is_refused_with_what_is_supported(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"] = 1
+    np.savez(tmp_path / "a.npz", x=1)
+    scipy.io.savemat(tmp_path / "a.mat", {"Shape_Para": np.zeros(199)})
+    (tmp_path / "a.txt").write_text("words")
+    (tmp_path / "empty").touch()
+    (tmp_path / "b.obj").write_text("v 0 0 0\n")
+    (tmp_path / "folder").mkdir()
+    paths = [*tmp_path.iterdir(), tmp_path, tmp_path / "absent"]
+    for path in paths:
+        with pytest.raises(
+            InputFileError, match=r"expected .*BFM 2009.*FLAME.*Surrey.*ICT-FaceKit.*GNM.*found"
+        ) as caught:
+            read_model(path)
+        assert str(path) in str(caught.value)
+
+
+def test_an_imported_model_is_not_imported_again(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match="imported already"):
+        read_model(write_small_head(tmp_path / "a.h5"))
