@@ -15,7 +15,7 @@ BACKENDS = ("egl", "osmesa")
 ENVIRONMENT_VARIABLE = "PIX2FACE_GL"
 OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 REMEDY = (
-    "install Mesa (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri for EGL, libosmesa6 for OSMesa), "
+    "install Mesa (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri for EGL, libosmesa6 for OSMesa), "
     f"or choose another backend with {ENVIRONMENT_VARIABLE}=egl or {ENVIRONMENT_VARIABLE}=osmesa"
 )
 

@@ -44,7 +44,7 @@ class Triplet:
         landmarks2d: Pixels.
         landmarks3d: mm, model frame.
         visible: Which landmarks are inside the picture and not hidden by the head itself.
-        attributes: What else is known of the sample (source, licence, pose), to filter on.
+        attributes: What else is known of the sample (pose in degrees, where geometry and picture come from), to filter on.
     """
 
     sample_id: str

@@ -23,6 +23,8 @@ from skimage.data import astronaut
 
 # The commands of this very installation, whatever PATH says.
 PROGRAMS = Path(sys.executable).parent
+# A folder that holds this file may be replaced.
+MARKER = "made_by_demo.txt"
 STYLE = """
 body { font-family: sans-serif; margin: 2em auto; max-width: 75em; color: #222; line-height: 1.45; }
 img { max-width: 100%; } img.maps { width: 48em; image-rendering: pixelated; }
@@ -56,9 +58,11 @@ def main() -> int:
     parser.add_argument("--train-options", default="", help="further options for train, e.g. '--epochs 1'")
     options = parser.parse_args()
     out: Path = options.out
-    if out.exists():
-        shutil.rmtree(out)
+    if out.exists() and any(out.iterdir()) and not (out / MARKER).is_file():
+        parser.error(f"--out {out}: not empty and not made by this demo; choose another folder")
+    shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
+    (out / MARKER).write_text("Made by scripts/demo.py, which replaces this folder when it runs again.\n")
     demo = Demo(out)
     try:
         render_and_train(demo, options.faces, shlex.split(options.train_options))

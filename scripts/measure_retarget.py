@@ -1,6 +1,6 @@
 """Measures how well a model follows the landmarks of AFLW2000-3D: the figures behind the choice of its regularisation.
 
-python scripts/measure_retarget.py --data ../shared/data/aflw2000_3d/dev [--model builtin] [--regularisation 4]
+python scripts/measure_retarget.py --data AFLW2000/ [--model builtin] [--regularisation 2]
 """
 
 import argparse

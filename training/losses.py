@@ -31,7 +31,7 @@ def map_loss(planes: Float[Tensor, "b 6 s s"], target: Float[Tensor, "b 6 s s"])
     """L1 over all pixels; the background counts and should be 0.
 
     Each map is divided by its own scale, so a millimetre of offset weighs more than a millimetre of PNCC, by the ratio
-    of the scales (4 to 6 in practice). Without that, offsets stay at 0 for a long time.
+    of the scales (docs/training.md says what that does).
 
     Source: Crispell and Bazik 2017, Sec. 3.1.
     """
