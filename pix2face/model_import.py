@@ -78,7 +78,7 @@ def import_model(path: Path) -> ImportedModel:
     # Not the jaw's: each model puts them somewhere else along the jaw.
     if (known >= INNER51[0]).sum() >= LEAST_LANDMARKS:
         return _by_landmarks(path, stored, known)
-    return _by_surface(replace(stored, landmarks={}))
+    return lay_by_surface(replace(stored, landmarks={}))
 
 
 def laid_by(stored: StoredModel, frame_from_file: RigidTransform) -> StoredModel:
@@ -129,7 +129,12 @@ def _by_landmarks(path: Path, stored: StoredModel, known: Int64[ndarray, " n"]) 
     return ImportedModel(laid, tuple(notes))
 
 
-def _by_surface(stored: StoredModel) -> ImportedModel:
+def lay_by_surface(stored: StoredModel) -> ImportedModel:
+    """Brings a model without landmarks to the project's frame by its surface alone.
+
+    Returns:
+        With landmarks and regions by correspondence; or as it was, with a note, where no face is found in it.
+    """
     file_from_frame, distances = align_surfaces(
         _builtin_surface().chosen(_builtin_face()), surface_of(stored.mean, stored.polygons), MIDDLES_MM
     )
