@@ -44,7 +44,8 @@ class Triplet:
         landmarks2d: Pixels.
         landmarks3d: mm, model frame.
         visible: Which landmarks are inside the picture and not hidden by the head itself.
-        attributes: What else is known of the sample (pose in degrees, where geometry and picture come from), to filter on.
+        attributes: What else is known of the sample (pose in degrees, where geometry and picture come from), to filter
+            on.
     """
 
     sample_id: str
@@ -146,6 +147,11 @@ class ShardReader:
             pncc, offset = (self._file[name][index, :height, :width] for name in ("pncc", "offset"))
             mask = self._file["mask"][index, :height, :width].astype(bool)
         return FaceMaps(fixed_point_to_maps(pncc), fixed_point_to_maps(offset), mask)
+
+    def stored_checksums(self) -> list[str]:
+        """The checksum that was stored with each sample; nothing is recomputed."""
+        with _reading(self.path):
+            return [text.decode() for text in self._file["checksum"][()]]
 
     def checksum_pair(self, index: int) -> tuple[str, str]:
         """The checksum that was stored with a sample, and that of what is there now."""

@@ -1,6 +1,7 @@
 """What several folders of shards hold together, read once before training."""
 
 import hashlib
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +33,8 @@ class ShardIndex:
         pncc_scale_mm: PNCC divided by this stays within ±1.
         offset_scale_mm: So do offsets divided by this.
         licence: The terms of all shards.
-        sample_ids_sha256: Hash of all sample ids in order: tells one training set from another.
+        samples_sha256: Hash of all sample ids and stored checksums in order: tells one training set from another, also
+            when samples of the same ids were rendered anew with another seed.
     """
 
     paths: tuple[Path, ...]
@@ -44,7 +46,7 @@ class ShardIndex:
     pncc_scale_mm: float
     offset_scale_mm: float
     licence: str
-    sample_ids_sha256: str
+    samples_sha256: str
 
     def __len__(self) -> int:
         return len(self.shard)
@@ -68,7 +70,7 @@ def index_shards(folders: Sequence[Path]) -> ShardIndex:
         with ShardReader(path) as reader:
             headers.append(reader.header)
             counts.append(len(reader))
-            digest.update("".join(f"{name}\n" for name in reader.sample_ids).encode())
+            digest.update(json.dumps([reader.sample_ids, reader.stored_checksums()]).encode())
             offset_limit = max(offset_limit, float(reader.offset_limits_mm.max(initial=0)))
     _check_same_model(paths, headers)
     if not sum(counts):
@@ -83,7 +85,7 @@ def index_shards(folders: Sequence[Path]) -> ShardIndex:
         pncc_scale_mm=max(header.pncc_limit_mm for header in headers),
         offset_scale_mm=max(math.ceil(offset_limit / OFFSET_SCALE_STEP_MM), 1) * OFFSET_SCALE_STEP_MM,
         licence="; ".join(sorted({header.licence for header in headers})),
-        sample_ids_sha256=digest.hexdigest(),
+        samples_sha256=digest.hexdigest(),
     )
 
 

@@ -173,7 +173,7 @@ def training_configuration(shards: ShardIndex, recipe: Recipe) -> str:
     """What the weights depend on, as JSON: two trainings with the same one are the same training."""
     data = {
         "samples": len(shards),
-        "sample_ids_sha256": shards.sample_ids_sha256,
+        "samples_sha256": shards.samples_sha256,
         "model_sha256": shards.model_sha256,
         "pncc_scale_mm": shards.pncc_scale_mm,
         "offset_scale_mm": shards.offset_scale_mm,

@@ -37,7 +37,7 @@ def test_scales_cover_every_target(shards_dir):
 def test_several_folders_make_one_set(shards_dir):
     twice = index_shards([shards_dir, shards_dir])
     assert len(twice) == 10
-    assert twice.sample_ids_sha256 != index_shards([shards_dir]).sample_ids_sha256
+    assert twice.samples_sha256 != index_shards([shards_dir]).samples_sha256
 
 
 def test_shards_of_two_models_are_refused_and_both_are_named(shards_dir, tmp_path):

@@ -2,14 +2,18 @@ import json
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
 
 from pix2face.checkpoint import load_checkpoint
 from pix2face.errors import InputFileError, Pix2FaceError, UsageError
+from pix2face.images import encode_image
 from pix2face.jitter import JitterRange
 from pix2face.runs import CHECKPOINT_NAME
+from pix2face.shard_writing import write_shard
+from pix2face.shards import ShardReader
 from training.losses import MapLoss
 from training.presets import PRESETS
 from training.resume import epochs_done
@@ -104,8 +108,21 @@ def test_another_configuration_is_refused_and_the_difference_named(shards, unint
 
 
 def test_other_samples_are_refused(shards, shards_dir, uninterrupted):
-    with pytest.raises(UsageError, match=r"sample_ids_sha256 .*samples 5 -> 10"):
+    with pytest.raises(UsageError, match=r"samples 5 -> 10; samples_sha256 "):
         train(index_shards([shards_dir, shards_dir]), RECIPE, uninterrupted.parent, HERE)
+
+
+def test_samples_of_the_same_ids_with_other_pictures_are_refused(shards_dir, tmp_path, uninterrupted):
+    shutil.copytree(shards_dir, tmp_path / "again")
+    path = tmp_path / "again" / "shard-000001.h5"
+    with ShardReader(path) as reader:
+        header, triplets = reader.header, [reader.triplet(index) for index in range(len(reader))]
+    write_shard(path, header, triplets)
+    train(index_shards([tmp_path / "again"]), RECIPE, uninterrupted.parent, HERE)  # the same content goes on
+    repainted = replace(triplets[0], image=encode_image(np.zeros((*triplets[0].maps.mask.shape, 3), np.uint8)))
+    write_shard(path, header, [repainted, *triplets[1:]])
+    with pytest.raises(UsageError, match=r"another configuration \(samples_sha256 "):
+        train(index_shards([tmp_path / "again"]), RECIPE, uninterrupted.parent, HERE)
 
 
 def test_a_cut_state_is_refused(shards, uninterrupted):
