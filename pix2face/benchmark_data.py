@@ -98,7 +98,7 @@ def find_benchmark(manifest: Manifest, data: Path | None, model: MorphableModel)
         model: The model in use: maps of another one cannot be compared.
 
     Raises:
-        UsageError: There is nothing of the split; says where it is to be had.
+        UsageError: There is nothing of the split, or shards of other faces; says where it is to be had.
         ModelMismatchError: Shards of another model.
     """
     if data is None:
@@ -194,14 +194,25 @@ def _find_shards(manifest: Manifest, data: Path, model: MorphableModel) -> Bench
         except InputFileError as error:
             unreadable.append(Unreadable(path.name, str(error)))
             continue
+        _check_samples(path, sample_ids, manifest)
         items += [
             BenchmarkItem(sample_id, partial(_read_shard_face, path, index))
             for index, sample_id in enumerate(sample_ids)
         ]
-    n_missing = manifest.n_samples - len(items)
-    return BenchmarkFiles(
-        tuple(items), (f"{n_missing} of {manifest.n_samples} samples",) * (n_missing > 0), tuple(unreadable)
-    )
+    there = {item.name for item in items}
+    missing = tuple(sample_id for sample_id in manifest.sample_ids if sample_id not in there)
+    return BenchmarkFiles(tuple(items), missing, tuple(unreadable))
+
+
+def _check_samples(path: Path, sample_ids: list[str], manifest: Manifest) -> None:
+    """Refuses samples that the split does not consist of: a network may have been trained on them."""
+    expected = manifest.sample_ids
+    foreign = sorted(set(sample_ids) - set(expected))
+    if foreign:
+        raise UsageError(
+            f"{path}: expected the samples {expected[0]} to {expected[-1]} of {manifest.split}, found {foreign[0]}. "
+            f"{manifest.how_to_get_it}"
+        )
 
 
 def _check_model(path: Path, reader: ShardReader, model: MorphableModel) -> None:

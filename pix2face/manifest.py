@@ -58,6 +58,7 @@ class Manifest:
         homes: Folders below the data folder to look in.
         parts: The pictures; empty for shards.
         n_samples: How many faces are expected.
+        seed: Of the draw whose faces a split of shards consists of; None for photographs.
     """
 
     split: str
@@ -75,6 +76,12 @@ class Manifest:
     homes: tuple[str, ...]
     parts: tuple[BenchmarkPart, ...]
     n_samples: int
+    seed: int | None = None
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """The ids of the samples in the shards, as ``datagen sample`` gives them; empty for photographs."""
+        return () if self.seed is None else tuple(f"seed{self.seed}/{index:07d}" for index in range(self.n_samples))
 
     @property
     def how_to_get_it(self) -> str:

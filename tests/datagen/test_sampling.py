@@ -9,6 +9,7 @@ from pix2face.camera import Camera, head_pose, pinhole_of
 from pix2face.coefficients import FaceCoefficients
 from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
+from pix2face.manifest import load_manifest
 from pix2face.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
@@ -23,6 +24,14 @@ def test_the_first_faces_of_a_longer_draw_are_those_of_a_shorter(table: FaceCoef
     np.testing.assert_array_equal(short.identity, table.identity[:20])
     np.testing.assert_array_equal(short.cameras, table.cameras[:20])
     assert short.sample_ids == table.sample_ids[:20]
+
+
+def test_the_heldout_split_is_what_its_own_command_draws() -> None:
+    manifest = load_manifest("builtin-heldout")
+    assert manifest.seed is not None
+    assert f"datagen sample --n {manifest.n_samples} --seed {manifest.seed} " in manifest.obtain
+    drawn = sample_faces(small_head_model(), manifest.n_samples, manifest.seed, 128)
+    assert drawn.sample_ids == manifest.sample_ids
 
 
 def test_seed_zero_is_a_seed_and_seeds_differ(table: FaceCoefficients) -> None:

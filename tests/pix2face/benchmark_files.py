@@ -52,8 +52,13 @@ def write_mat(path: Path, landmarks2d: Float64[ndarray, "68 2"], yaw_deg: float,
     scipy.io.savemat(path, fields | changes)
 
 
-def write_heldout(folder: Path, model: MorphableModel, n: int = 2, sha256: str | None = None) -> None:
-    """A shard whose maps are constant over a square: enough for everything that compares maps."""
+def write_heldout(
+    folder: Path, model: MorphableModel, n: int = 2, sha256: str | None = None, seed: int = 1_000_000
+) -> None:
+    """The first samples of the split builtin-heldout (or of another seed) as a shard.
+
+    Its maps are constant over a square: enough for everything that compares maps.
+    """
     header = ShardHeader(
         model_name=model.name,
         model_sha256=sha256 or model.sha256,
@@ -63,7 +68,7 @@ def write_heldout(folder: Path, model: MorphableModel, n: int = 2, sha256: str |
         configuration="{}",
         generator="test",
     )
-    write_shard(folder / "shard-00000.h5", header, [_triplet(model, i) for i in range(n)])
+    write_shard(folder / "shard-00000.h5", header, [_triplet(model, i, seed) for i in range(n)])
 
 
 def square_maps(pncc_mm: float = 80.0, offset_mm: float = 2.0) -> FaceMaps:
@@ -73,10 +78,10 @@ def square_maps(pncc_mm: float = 80.0, offset_mm: float = 2.0) -> FaceMaps:
     return FaceMaps(np.float32(pncc_mm) * along_x, np.float32(offset_mm) * along_x, mask)
 
 
-def _triplet(model: MorphableModel, index: int) -> Triplet:
+def _triplet(model: MorphableModel, index: int, seed: int) -> Triplet:
     camera, maps = frontal_camera(), square_maps()
     return Triplet(
-        sample_id=f"sample-{index}",
+        sample_id=f"seed{seed}/{index:07d}",
         image=encode_image(np.full((200, 200, 3), 40 * index, dtype=np.uint8)),
         maps=maps,
         depth=maps.pncc[..., 0],

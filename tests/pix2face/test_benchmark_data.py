@@ -122,14 +122,25 @@ def test_without_data_the_message_says_where_it_is_to_be_had(tmp_path, split):
 def test_heldout_renders_bring_their_maps(tmp_path):
     write_heldout(tmp_path, small_head_model())
     found = find("builtin-heldout", tmp_path)
-    assert found.missing == ("98 of 100 samples",)
+    assert found.missing == tuple(f"seed1000000/{index:07d}" for index in range(2, 100))
     faces = [item.load() for item in found.items]
-    assert [face.name for face in faces] == ["sample-0", "sample-1"]
+    assert [face.name for face in faces] == ["seed1000000/0000000", "seed1000000/0000001"]
     assert faces[1].image.max() == 40
     assert abs(faces[0].yaw_deg) < 1e-6
     assert faces[0].group == YAW_BINS[0]
     assert faces[0].maps.mask.sum() == 80 * 80
     np.testing.assert_allclose(faces[0].landmarks2d, LANDMARKS, atol=1e-4)
+
+
+def test_shards_of_other_faces_are_refused(tmp_path):
+    """Those of the training, above all."""
+    write_heldout(tmp_path, small_head_model(), seed=0)
+    with pytest.raises(
+        UsageError, match=r"shard-00000\.h5: expected .*seed1000000/0000099.*, found seed0/0000000"
+    ) as caught:
+        find("builtin-heldout", tmp_path)
+    assert "datagen sample --n 100 --seed 1000000" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_shards_of_another_model_are_refused_naming_both(tmp_path):

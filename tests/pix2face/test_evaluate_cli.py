@@ -115,7 +115,19 @@ def test_yaw_bins_of_aflw(tmp_path, small_model, capsys):
 def test_heldout_renders(tmp_path, small_model, capsys):
     write_heldout(tmp_path / "shards", MODEL)
     assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-heldout") == 0
-    assert "mask IoU" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "mask IoU" in printed
+    assert "98 missing: seed1000000/0000002, " in printed
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["n_missing"] == 98
+
+
+def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):
+    write_heldout(tmp_path / "shards", MODEL, seed=0)
+    assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-heldout") == 2
+    error = capsys.readouterr().err
+    assert "found seed0/0000000" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_checkpoint_of_another_model_names_both(tmp_path, small_model, capsys):
