@@ -29,12 +29,14 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.coefficients import FaceCoefficients, configuration_to_json
+from pix2face.coefficients import LARGEST_SIDE_PX, FaceCoefficients, configuration_to_json
 from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
 
+MOST_FACES = 10_000_000
+SMALLEST_SIDE_PX = 16
 LARGEST_DEVIATION = 2.5
 NEUTRAL_SHARE = 0.2
 EXPRESSION_DEVIATION = 0.6  # where a model has no named expressions
@@ -59,15 +61,19 @@ def sample_faces(model: MorphableModel, n: int, seed: int, size_px: int) -> Face
 
     Args:
         model: Whose coefficients are drawn; needs 68 landmarks for framing.
-        n: How many.
+        n: How many; 1 to 10,000,000, which is what seven digits of an id can tell apart.
         seed: Any integer from 0; the first faces of a longer draw are those of a shorter one.
-        size_px: Side of the pictures to be rendered.
+        size_px: Side of the pictures to be rendered; 16 to 16384 (what a table of coefficients may say).
 
     Raises:
-        UsageError: n or size_px is not positive, the seed is negative, or the model lacks landmarks.
+        UsageError: n, size_px or seed is outside these limits, or the model lacks landmarks.
     """
-    if n < 1 or size_px < 16 or seed < 0:
-        raise UsageError(f"expected n >= 1, size >= 16 px and seed >= 0, found {n}, {size_px} and {seed}")
+    if not 1 <= n <= MOST_FACES:
+        raise UsageError(f"--n: expected 1 to {MOST_FACES} faces, found {n}")
+    if not SMALLEST_SIDE_PX <= size_px <= LARGEST_SIDE_PX:
+        raise UsageError(f"--size: expected {SMALLEST_SIDE_PX} to {LARGEST_SIDE_PX} pixels, found {size_px}")
+    if seed < 0:
+        raise UsageError(f"--seed: expected 0 or more, found {seed}")
     if IBUG68 not in model.landmarks:
         raise UsageError(f"expected a model with {IBUG68} landmarks (they frame the picture), {model.name} has none")
     sample_ids = tuple(f"seed{seed}/{index:07d}" for index in range(n))

@@ -50,6 +50,10 @@ def run_commands(
         # No such right, no space, a file where a folder should be: what no command can foresee, and nobody's bug.
         sys.stderr.write(f"{program}: error: {printable(str(error))}\n")
         return EXIT_ERROR
+    except MemoryError as error:
+        found = f" ({printable(str(error))})" if str(error) else ""
+        sys.stderr.write(f"{program}: error: more memory is needed than there is{found}; ask for less at a time\n")
+        return EXIT_ERROR
     except KeyboardInterrupt:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
         return EXIT_INTERRUPTED

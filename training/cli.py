@@ -86,15 +86,15 @@ class TrainConfig:
         Raises:
             UsageError: It has no such device.
         """
-        if self.cache_gb < 0 or (self.workers or 0) < 0:
-            raise UsageError(
-                f"expected --cache-gb and --workers of 0 or more, found {self.cache_gb} and {self.workers}"
-            )
+        if not 0 <= self.cache_gb < float("inf"):
+            raise UsageError(f"--cache-gb: expected 0 or more (in 10^9 bytes), found {self.cache_gb}")
+        if (self.workers or 0) < 0:
+            raise UsageError(f"--workers: expected 0 or more, found {self.workers}")
         default_workers = min(max(_cores() // 2, 1), 8)
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         try:
-            torch.empty(0, device=device)
-        except (RuntimeError, AssertionError) as error:
+            torch.zeros(1, device=device).item()  # some devices only pretend to hold numbers
+        except (RuntimeError, AssertionError, ImportError) as error:
             raise UsageError(
                 f"--device {device}: {str(error).splitlines()[0]}; leave it out to take what is there"
             ) from error

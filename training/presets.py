@@ -20,6 +20,10 @@ from pix2face.network import level_count
 Precision = Literal["float32", "bfloat16"]
 PresetName = Literal["paper", "tiny"]
 
+# Eight times the paper's side and sixteen times its filters: beyond that no machine holds the network.
+LARGEST_SIZE_PX, MOST_FILTERS = 2048, 1024
+LARGEST_SEED = 2**63 - 1
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +61,11 @@ class Recipe:
         for name in ("filters", "batch_size", "epochs", "epoch_size", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise UsageError(f"--{name.replace('_', '-')}: expected more than 0, found {getattr(self, name)}")
-        if self.seed < 0:
-            raise UsageError(f"--seed: expected 0 or more, found {self.seed}")
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise UsageError(f"--seed: expected 0 to {LARGEST_SEED}, found {self.seed}")
+        for name, largest in (("size_px", LARGEST_SIZE_PX), ("filters", MOST_FILTERS)):
+            if getattr(self, name) > largest:
+                raise UsageError(f"--{name.replace('_', '-')}: expected at most {largest}, found {getattr(self, name)}")
         try:
             level_count(self.size_px)
         except ValueError as error:

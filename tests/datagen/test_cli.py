@@ -62,12 +62,16 @@ def test_sampling_takes_the_builtin_model_unless_told_otherwise(tmp_path: Path) 
     assert load_coefficients(tmp_path / "faces.h5").model_sha256 == builtin_model().sha256
 
 
-@pytest.mark.parametrize("arguments", [("--n", 0), ("--size", 8), ("--seed", -1)])
+@pytest.mark.parametrize("arguments", [("--n", 0), ("--n", 10**8), ("--size", 8), ("--size", 10**5), ("--seed", -1)])
 def test_a_draw_that_makes_no_sense_is_one_line(
     arguments: tuple[object, ...], tmp_path: Path, model_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call("sample", *arguments, "--model", model_path, "--out", tmp_path / "faces.h5") == 2
-    assert_one_line(capsys, "expected n >= 1, size >= 16 px and seed >= 0")
+    option, found = arguments
+    error = capsys.readouterr().err
+    assert error.startswith(f"datagen: error: {option}: expected ")
+    assert error.endswith(f"found {found}\n")
+    assert error.count("\n") == 1
     assert not (tmp_path / "faces.h5").exists()
 
 

@@ -67,9 +67,19 @@ def test_poses_and_distances_cover_what_the_module_says(table: FaceCoefficients)
     assert abs(float(np.mean(yaws))) < 8
 
 
-@pytest.mark.parametrize(("n", "seed", "size"), [(0, 0, 128), (5, -1, 128), (5, 0, 8)])
-def test_impossible_requests_are_refused(n: int, seed: int, size: int) -> None:
-    with pytest.raises(UsageError, match="expected n >= 1"):
+@pytest.mark.parametrize(
+    ("n", "seed", "size", "message"),
+    [
+        (0, 0, 128, "--n: expected 1 to 10000000 faces, found 0"),
+        (10_000_001, 0, 128, "--n: expected 1 to 10000000 faces, found 10000001"),
+        (10**30, 0, 128, "--n: expected"),
+        (5, -1, 128, "--seed: expected 0 or more, found -1"),
+        (5, 0, 8, "--size: expected 16 to 16384 pixels, found 8"),
+        (5, 0, 16385, "--size: expected 16 to 16384 pixels, found 16385"),
+    ],
+)
+def test_impossible_requests_are_refused(n: int, seed: int, size: int, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
         sample_faces(small_head_model(), n, seed, size)
 
 

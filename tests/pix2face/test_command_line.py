@@ -93,6 +93,14 @@ def test_what_the_system_refuses_is_one_line_too(capsys: pytest.CaptureFixture[s
     assert "Permission denied: 'out/face.json'" in error
 
 
+@pytest.mark.parametrize("error", [MemoryError(), MemoryError("Unable to allocate 9. TiB\nfor an array")])
+def test_too_little_memory_is_one_line_too(error: MemoryError, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(raising(error)) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("program: error: more memory is needed than there is")
+    assert said.count("\n") == 1
+
+
 def test_an_error_that_is_a_bug_keeps_its_traceback() -> None:
     with pytest.raises(ZeroDivisionError):
         run(raising(ZeroDivisionError()))

@@ -54,7 +54,13 @@ def test_the_preset_is_the_papers_unless_told_otherwise(tmp_path):
     [
         (["--shards", "missing"], "missing: expected a folder of shards, found no such folder"),
         (["--shards", "missing", "--size-px", "200"], "--size-px: expected a power of two"),
-        (["--shards", "missing", "--workers", "-1"], "--workers of 0 or more, found"),
+        (["--shards", "missing", "--workers", "-1"], "--workers: expected 0 or more, found -1"),
+        (["--shards", "missing", "--cache-gb", "nan"], "--cache-gb: expected 0 or more (in 10^9 bytes), found nan"),
+        (["--shards", "missing", "--cache-gb", "inf"], "--cache-gb: expected 0 or more (in 10^9 bytes), found inf"),
+        (["--shards", "missing", "--cache-gb", "-1"], "--cache-gb: expected 0 or more (in 10^9 bytes), found -1"),
+        (["--shards", "missing", "--seed", str(2**63)], "--seed: expected 0 to "),
+        (["--shards", "missing", "--device", "meta"], "--device meta: "),
+        (["--shards", "missing", "--device", "nonsense"], "--device nonsense: "),
         (["--shards", "missing", "--device", "cuda:9"], "--device cuda:9: "),
     ],
 )

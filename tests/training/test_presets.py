@@ -28,7 +28,10 @@ def test_presets_make_sense(name):
         ({"batch_size": 0}, "--batch-size"),
         ({"filters": 0}, "--filters"),
         ({"learning_rate": float("nan")}, "--learning-rate: expected more than 0, found nan"),
-        ({"seed": -1}, "--seed: expected 0 or more, found -1"),
+        ({"filters": 1025}, "--filters: expected at most 1024, found 1025"),
+        ({"size_px": 4096}, "--size-px: expected at most 2048, found 4096"),
+        ({"seed": -1}, "--seed: expected 0 to 9223372036854775807, found -1"),
+        ({"seed": 2**63}, "--seed: expected 0 to 9223372036854775807, found 9223372036854775808"),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(change, message):
