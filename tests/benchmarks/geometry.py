@@ -18,6 +18,7 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.morphable_model import BATCH_BYTES, MorphableModel
+from tests.benchmarks.surroundings import surroundings
 
 
 def random_model(n_vertices: int, n_identity: int = 199, n_expression: int = 29) -> MorphableModel:
@@ -92,7 +93,7 @@ def main() -> int:
     parser.add_argument("--faces", type=int, default=256)
     parser.add_argument("--out", type=Path, default=Path("out/geometry.json"))
     options = parser.parse_args()
-    text = json.dumps(measure(options.vertices, options.faces), indent=2)
+    text = json.dumps(measure(options.vertices, options.faces) | {"measured_on": surroundings()}, indent=2)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(text + "\n")
     sys.stdout.write(text + "\n")

@@ -23,6 +23,7 @@ import numpy as np
 import scipy.io
 
 from pix2face.w300lp import read_coefficient_file, read_mat
+from tests.benchmarks.surroundings import surroundings
 
 FOLDERS = ("AFW", "HELEN", "IBUG", "LFPW", "AFW_Flip", "HELEN_Flip", "IBUG_Flip", "LFPW_Flip")
 WANTED = ("Shape_Para", "Exp_Para", "Pose_Para", "Illum_Para", "pt2d", "pt3d_68")
@@ -119,6 +120,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         paths = make_data_set(Path(name), options.original, options.n)
         result: dict[str, object] = {"original": options.original.name, "files": len(paths), **measure_readers(paths)}
+        result["measured_on"] = surroundings()
         if options.model:
             conversion = measure_conversion(Path(name), options.model, options.workers)
             per_file = conversion["seconds"] / len(paths)
