@@ -20,7 +20,16 @@ from datagen.preview import contact_sheet
 from datagen.sampling import sample_faces
 from datagen.sources import open_source
 from pix2face.coefficients import save_coefficients
-from pix2face.command_line import EXIT_ERROR, EXIT_REJECTED, printable, progress_bar, run_commands, say
+from pix2face.command_line import (
+    EXIT_ERROR,
+    EXIT_REJECTED,
+    check_output_file,
+    prepare_output_folder,
+    printable,
+    progress_bar,
+    run_commands,
+    say,
+)
 from pix2face.errors import UsageError
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
 from pix2face.shard_writing import verify_shard
@@ -88,6 +97,7 @@ class PreviewConfig:
 
 def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:
     """Draw plausible faces, poses and cameras, and write them as a table of coefficients."""
+    check_output_file(config.out, (".h5",))
     table = sample_faces(open_model(config.model), config.n, config.seed, config.size)
     save_coefficients(table, config.out)
     say(console, f"{len(table)} faces of {table.model_name} -> {config.out}")
@@ -112,7 +122,7 @@ def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
             "(have BFM 2009? datagen model import, then --model)",
         )
     job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size)
-    config.out.mkdir(parents=True, exist_ok=True)
+    prepare_output_folder(config.out)
     # Work is spread over processes: threads inside one (of software GL, of linear algebra) would only fight for cores.
     for variable in ("LP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
@@ -155,10 +165,11 @@ def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
     out = config.out or config.shards / "preview.jpg"
     if config.n < 1:
         raise UsageError(f"expected at least one sample to show (--n), found {config.n}")
+    check_output_file(out, (".jpg", ".jpeg", ".png"))
     sheet = contact_sheet(config.shards, config.n)
     out.parent.mkdir(parents=True, exist_ok=True)
-    if out.suffix.lower() not in (".jpg", ".jpeg", ".png") or not cv2.imwrite(str(out), sheet[..., ::-1]):
-        raise UsageError(f"{out}: expected a .jpg or .png that can be written")
+    if not cv2.imwrite(str(out), sheet[..., ::-1]):
+        raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
     say(console, f"contact sheet -> {out}")
     return 0
 

@@ -19,7 +19,7 @@ from datagen.conversion import REJECTED_FILE, ConversionJob, ConversionSummary, 
 from datagen.model_transfer import Through, transfer_table
 from datagen.sources import coefficient_paths
 from pix2face.coefficients import load_coefficients, moved_path, save_coefficients
-from pix2face.command_line import EXIT_REJECTED, printable, progress_bar, say
+from pix2face.command_line import EXIT_REJECTED, check_output_file, printable, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
 
@@ -109,8 +109,7 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
 def _run(job: ConversionJob, config: CoeffsConvertConfig | FitConfig) -> int:
     if config.workers < 1:
         raise UsageError(f"expected at least one worker (--workers), found {config.workers}")
-    if config.out.suffix != ".h5":
-        raise UsageError(f"{config.out}: expected a table ending in .h5 as --out")
+    check_output_file(config.out, (".h5",))
     model, source = open_job(job)
     n = len(source.sample_ids)
     say(console, f"{n} faces in {job.folder}; model: {model.name} ({model.sha256[:12]})")
@@ -176,6 +175,7 @@ def _print(summary: CoefficientSummary, source: Path) -> None:
 
 
 def _retarget(config: CoeffsRetargetConfig) -> int:
+    check_output_file(config.out, (".h5",))
     source, target = open_model(config.from_model), open_model(config.to)
     table, residual = transfer_table(load_coefficients(config.source), source, target, config.through)
     paths = (moved_path(path, config.source.parent, config.out.parent) for path in table.image_paths)

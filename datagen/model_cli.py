@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from datagen.model_view import write_view
-from pix2face.command_line import printable, say
+from datagen.model_view import MESH_SUFFIXES, PICTURE_SUFFIXES, write_view
+from pix2face.command_line import check_output_file, printable, say
 from pix2face.errors import UsageError
 from pix2face.landmarks import IBUG68
 from pix2face.model_crop import without_regions
@@ -82,8 +82,7 @@ def describe(model: MorphableModel) -> str:
 
 
 def _import_model(config: ModelImportConfig) -> int:
-    if config.out.suffix.lower() != ".h5":
-        raise UsageError(f"{config.out}: expected the name of a model file to write (.h5)")
+    check_output_file(config.out, (".h5",))
     imported = import_model(config.path)
     stored = imported.model
     if config.without:
@@ -102,6 +101,7 @@ def _import_model(config: ModelImportConfig) -> int:
 def _view_model(config: ModelViewConfig) -> int:
     if config.components < 1:
         raise UsageError(f"expected at least one component to show (--components), found {config.components}")
+    check_output_file(config.out, PICTURE_SUFFIXES + MESH_SUFFIXES)
     write_view(open_model(config.model), config.out, config.components)
     say(console, f"{config.model} -> {config.out}")
     return 0

@@ -15,7 +15,7 @@ from numpy import ndarray
 from rich.console import Console
 
 from pix2face.camera import head_pose, linearised, nearest_weak_perspective
-from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands, say
+from pix2face.command_line import EXIT_REJECTED, prepare_output_folder, progress_bar, run_commands, say
 from pix2face.crops import FaceBox, crop_image
 from pix2face.detection import detect_faces
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
@@ -159,7 +159,7 @@ def _for_each_face(config: PredictConfig | FitConfig, predictor: Predictor, writ
 
     A photograph that cannot be read, or has no face, is said and does not end the run; the exit status tells.
     """
-    config.out.mkdir(parents=True, exist_ok=True)
+    prepare_output_folder(config.out)
     n_faces, problems, taken = 0, [], set[str]()
     with progress_bar(console, "photographs", len(config.images)) as advance:
         for stem, path in zip(_stems(config.images), config.images, strict=True):

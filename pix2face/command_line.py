@@ -1,9 +1,12 @@
 """What the command lines share: errors become one line and an exit status; long work shows its progress."""
 
+import os
+import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import tyro
 from rich.console import Console
@@ -11,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressC
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
-from pix2face.errors import Pix2FaceError
+from pix2face.errors import Pix2FaceError, UsageError
 
 EXIT_ERROR = 2
 EXIT_REJECTED = 3
@@ -57,6 +60,60 @@ def run_commands(
     except KeyboardInterrupt:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
         return EXIT_INTERRUPTED
+
+
+def prepare_output_folder(path: Path) -> None:
+    """Makes the folder that a command writes to, with its parents; to be called before anything takes time.
+
+    Raises:
+        UsageError: It cannot be made, or not be written to.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        obstacle = next((place for place in (path, *path.parents) if _kind(place) == "file"), None)
+        found = f"found that {obstacle} is a file" if obstacle else f"found: {error.strerror}"
+        raise UsageError(f"{path}: expected a folder that can be written to, {found}; choose another --out") from error
+    _check_writable(path, path)
+
+
+def check_output_file(path: Path, suffixes: Sequence[str]) -> None:
+    """Makes sure that a command can write its one file; to be called before anything takes time. Nothing is made.
+
+    Args:
+        path: The file; its folder need not be there yet.
+        suffixes: The endings that it may have, such as ".h5"; capitals make no difference.
+
+    Raises:
+        UsageError: It has another ending, is a folder, or lies where nothing can be written.
+    """
+    if path.suffix.lower() not in suffixes:
+        found = repr(path.suffix) if path.suffix else "no ending"
+        known = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
+        raise UsageError(f"{path}: expected a file ending in {known} as --out, found {found}")
+    if _kind(path) == "folder":
+        raise UsageError(f"{path}: expected a file to write, found a folder; choose another --out")
+    nearest = next(place for place in path.absolute().parents if _kind(place))
+    if _kind(nearest) == "file":
+        raise UsageError(f"{path}: expected a folder to write to, found that {nearest} is a file; choose another --out")
+    _check_writable(path, nearest)
+
+
+def _kind(place: Path) -> Literal["folder", "file"] | None:
+    """What is there; None where nothing is, or nothing can be (a name that is too long, a place that is closed)."""
+    try:
+        mode = place.stat().st_mode
+    except OSError:
+        return None
+    return "folder" if stat.S_ISDIR(mode) else "file"
+
+
+def _check_writable(path: Path, folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UsageError(
+            f"{path}: expected a folder that can be written to, found no permission to write to {folder}; "
+            "choose another --out"
+        )
 
 
 def say(console: Console, message: str) -> None:

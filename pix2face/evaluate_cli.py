@@ -18,7 +18,7 @@ from rich.console import Console
 
 from pix2face import __version__
 from pix2face.benchmark_data import BenchmarkFace, BenchmarkFiles, find_benchmark
-from pix2face.command_line import EXIT_REJECTED, progress_bar, run_commands, say
+from pix2face.command_line import EXIT_REJECTED, prepare_output_folder, progress_bar, run_commands, say
 from pix2face.errors import UsageError
 from pix2face.evaluation import Evaluator, FaceResult, evaluate_faces, model_landmarks
 from pix2face.evaluation_report import Report, make_report
@@ -75,8 +75,9 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     predictor.header.check_model(model.name, model.sha256)
     evaluator = Evaluator(model, predictor, partial(_fit, model, config), manifest.normaliser)
     subject = describe(config, checkpoint, predictor, model)
-    report = _evaluate(manifest, found, evaluator, subject)
     out = config.out or Path("out") / f"evaluate-{config.split}"
+    prepare_output_folder(out)
+    report = _evaluate(manifest, found, evaluator, subject)
     written = write_report(report, _worst_cases(report, found), out)
     _print(Console(), report, written)
     return EXIT_REJECTED if len(report.unreadable) > config.max_rejected else 0

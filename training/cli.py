@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from pix2face.command_line import printable, progress_bar, run_commands, say
+from pix2face.command_line import prepare_output_folder, printable, progress_bar, run_commands, say
 from pix2face.errors import UsageError
 from pix2face.runs import CHECKPOINT_NAME, RUNS
 from training.loss_log import StepReport
@@ -114,6 +114,7 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
         torch.set_num_threads(max(_cores() - surroundings.workers, 1))
     out = config.out or RUNS / config.preset
     shards = index_shards(config.shards)
+    prepare_output_folder(out)
     if config.restart:
         for name in (CHECKPOINT_NAME, RESUME_NAME, LOG_NAME):
             (out / name).unlink(missing_ok=True)

@@ -80,6 +80,48 @@ def test_a_place_that_cannot_be_written_to_is_one_line(model_path: Path, capsys:
     assert_one_line(capsys, "model.h5")
 
 
+FILES = [
+    ("sample", "--n", 10**7),
+    ("preview", "{t}/shards"),
+    ("coeffs", "convert", "--from", "{t}"),
+    ("coeffs", "retarget", "--from", "{t}/absent.h5", "--to", "builtin"),
+    ("fit", "--landmarks", "{t}"),
+    ("model", "import", "{t}/absent"),
+    ("model", "view", "{t}/absent.h5"),
+]
+
+
+@pytest.mark.parametrize("arguments", FILES)
+def test_a_file_that_cannot_be_written_is_one_line_before_any_work(
+    arguments: tuple[object, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    suffix = ".png" if arguments[0] == "preview" or "view" in arguments else ".h5"
+    call_to = [str(argument).format(t=tmp_path) for argument in arguments]
+    (tmp_path / f"folder{suffix}").mkdir()
+    (tmp_path / "file").write_bytes(b"kept")
+    for name, message in (
+        ("faces.xyz", "expected a file ending in "),
+        ("faces", "as --out, found no ending"),
+        (f"folder{suffix}", "expected a file to write, found a folder; choose another --out"),
+        (f"file/deep/faces{suffix}", f"found that {tmp_path / 'file'} is a file; choose another --out"),
+    ):
+        assert call(*call_to, "--out", tmp_path / name) == 2
+        assert_one_line(capsys, message)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", f"folder{suffix}"]
+    assert (tmp_path / "file").read_bytes() == b"kept"
+
+
+def test_shards_cannot_go_where_a_file_is(tmp_path: Path, model_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "faces.h5"
+    assert call("sample", "--n", 1, "--model", model_path, "--out", table) == 0
+    for out in (table, table / "shards"):
+        capsys.readouterr()
+        assert call("render", "--coeffs", table, "--model", model_path, "--out", out) == 2
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith(f"datagen: error: {out}: expected a folder that can be written to, found that {table}")
+    assert len(load_coefficients(table)) == 1
+
+
 def test_verified_shards_are_counted(shards: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("verify", shards) == 0
     assert capsys.readouterr().out == "2 shards, 3 samples: no problem found\n"
@@ -114,7 +156,7 @@ def test_previews_that_cannot_be_made_are_one_line(
     assert call("preview", shards, "--n", 0) == 2
     assert_one_line(capsys, "at least one sample to show (--n), found 0")
     assert call("preview", shards, "--out", tmp_path / "sheet.gif") == 2
-    assert_one_line(capsys, "sheet.gif: expected a .jpg or .png")
+    assert_one_line(capsys, "sheet.gif: expected a file ending in .jpg, .jpeg or .png as --out, found '.gif'")
     with ShardReader(shard_paths(shards)[0]) as reader:
         header = ShardHeader(**asdict(reader.header))
     write_shard(tmp_path / "empty" / "shard-00000.h5", header, [])

@@ -90,9 +90,12 @@ def test_regions_can_be_left_out(
     [
         (["import", "{t}/absent", "--out", "{t}/a.h5"], "found nothing that can be read"),
         (["import", "{t}", "--out", "{t}/a.h5"], "found a folder with"),
-        (["import", "{t}", "--out", "{t}/a.obj"], "a model file to write (.h5)"),
+        (["import", "{t}", "--out", "{t}/a.obj"], "a.obj: expected a file ending in .h5 as --out"),
         (["view", "{t}/absent.h5", "--out", "{t}/a.jpg"], "no such model file"),
-        (["view", "builtin", "--out", "{t}/a.gif"], "expected a picture (.jpg, .jpeg, .png) or a mesh"),
+        (
+            ["view", "builtin", "--out", "{t}/a.gif"],
+            "expected a file ending in .jpg, .jpeg, .png, .obj, .glb or .ply as --out",
+        ),
         (["view", "builtin", "--out", "{t}/a.jpg", "--components", "0"], "at least one component"),
         (["info", "{t}/absent.h5"], "no such model file"),
     ],

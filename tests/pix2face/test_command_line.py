@@ -4,6 +4,7 @@ import io
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from threadpoolctl import threadpool_info
 
-from pix2face.command_line import printable, progress_bar, run_commands, say
+from pix2face.command_line import check_output_file, prepare_output_folder, printable, progress_bar, run_commands, say
 from pix2face.errors import (
     DegenerateGeometryError,
     GLUnavailableError,
@@ -163,3 +164,39 @@ def test_progress_counts_up_to_the_total() -> None:
     assert "faces" in stream.getvalue()
     assert "3/3" in stream.getvalue()
     assert "last" in stream.getvalue()
+
+
+def test_a_folder_is_made_with_its_parents_and_one_that_is_there_is_left(tmp_path: Path) -> None:
+    prepare_output_folder(tmp_path / "a" / "b")
+    (tmp_path / "a" / "b" / "kept").touch()
+    prepare_output_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b" / "kept").exists()
+
+
+def test_a_file_in_the_way_of_a_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file", tmp_path / "file" / "deep" / "er"):
+        with pytest.raises(UsageError, match=r"can be written to, found that \S*/file is a file; choose another --out"):
+            prepare_output_folder(path)
+
+
+def test_a_name_that_is_too_long_is_our_error(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="found: File name too long; choose another --out"):
+        prepare_output_folder(tmp_path / ("x" * 300) / "y")
+
+
+def test_without_permission_nothing_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda folder, mode: False)  # root may write everywhere
+    with pytest.raises(UsageError, match=r"found no permission to write to .*; choose another --out"):
+        prepare_output_folder(tmp_path)
+    with pytest.raises(UsageError, match=r"faces\.h5: .*found no permission to write to .*; choose another --out"):
+        check_output_file(tmp_path / "new" / "faces.h5", (".h5",))
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("name", ["faces.h5", "FACES.H5", "new/deep/faces.h5", "sheet.png"])
+def test_a_file_that_can_be_written_is_let_through(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    check_output_file(tmp_path / name, (".h5", ".png"))
+    check_output_file(Path(name), (".h5", ".png"))
+    assert list(tmp_path.iterdir()) == []

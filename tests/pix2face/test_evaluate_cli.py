@@ -130,6 +130,16 @@ def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_file_in_the_way_of_the_report_is_said_before_evaluating(tmp_path, small_model, monkeypatch, capsys):
+    write_ibug(tmp_path)
+    (tmp_path / "out").write_bytes(b"kept")
+    monkeypatch.delattr("pix2face.evaluate_cli.evaluate_faces")
+    assert run(tmp_path, "--data", tmp_path) == 2
+    error = capsys.readouterr().err
+    assert "expected a folder that can be written to, found that" in error
+    assert error.count("\n") == 1
+
+
 def test_checkpoint_of_another_model_names_both(tmp_path, small_model, capsys):
     write_ibug(tmp_path)
     write_checkpoint(tmp_path / "checkpoint.safetensors", "Basel", "e" * 64)

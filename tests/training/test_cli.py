@@ -73,6 +73,15 @@ def test_a_wrong_call_is_one_line(arguments, message, capsys, monkeypatch, tmp_p
     assert said.count("\n") == 1
 
 
+def test_a_file_in_the_way_of_the_output_is_one_line(shards_dir, tmp_path, capsys):
+    (tmp_path / "run").write_bytes(b"kept")
+    assert main(["--shards", str(shards_dir), "--out", str(tmp_path / "run"), *SMALL]) == 2
+    said = capsys.readouterr().err
+    assert "expected a folder that can be written to" in said
+    assert said.count("\n") == 1
+    assert (tmp_path / "run").read_bytes() == b"kept"
+
+
 def test_a_shard_cut_in_half_is_one_line(shards_dir, tmp_path, capsys):
     shutil.copytree(shards_dir, tmp_path / "shards")
     path = tmp_path / "shards" / "shard-000000.h5"
