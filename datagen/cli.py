@@ -23,7 +23,9 @@ from pix2face.coefficients import save_coefficients
 from pix2face.command_line import (
     EXIT_ERROR,
     EXIT_REJECTED,
+    check_max_rejected,
     check_output_file,
+    counted,
     prepare_output_folder,
     printable,
     progress_bar,
@@ -100,13 +102,14 @@ def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:
     check_output_file(config.out, (".h5",))
     table = sample_faces(open_model(config.model), config.n, config.seed, config.size)
     save_coefficients(table, config.out)
-    say(console, f"{len(table)} faces of {table.model_name} -> {config.out}")
+    say(console, f"{counted(len(table), 'face')} of {table.model_name} -> {config.out}")
     say(console, f"next: datagen render --coeffs {config.out} --out shards/")
     return 0
 
 
 def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
     """Render image / PNCC / offset triplets into sharded HDF5. One bad sample never ends the job."""
+    check_max_rejected(config.max_rejected)
     if config.workers < 1 or config.shard_size < 1 or config.seed < 0:
         raise UsageError(
             "expected --workers and --shard-size of at least 1 and --seed of at least 0, "
@@ -114,7 +117,7 @@ def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
         )
     chosen = open_model(config.model)
     source = open_source(config.coeffs, chosen)
-    say(console, f"{len(source.sample_ids)} faces in {config.coeffs}; model: {describe(chosen)}")
+    say(console, f"{counted(len(source.sample_ids), 'face')} in {config.coeffs}; model: {describe(chosen)}")
     if config.coeffs.is_dir() and config.model == BUILTIN_MODEL:
         say(
             console,
@@ -154,9 +157,9 @@ def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
     for problem in problems:
         print(printable(problem))
     if problems:
-        print(f"{len(problems)} problems; delete the shards named above and run `datagen render` again")
+        print(f"{counted(len(problems), 'problem')}; delete the shards named above and run `datagen render` again")
         return EXIT_ERROR
-    print(f"{len(paths)} shards, {n_samples} samples: no problem found")
+    print(f"{counted(len(paths), 'shard')}, {counted(n_samples, 'sample')}: no problem found")
     return 0
 
 
@@ -191,10 +194,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _report(summary: JobSummary, config: RenderConfig) -> int:
-    kept = f" ({summary.n_shards_kept} were there already)" if summary.n_shards_kept else ""
-    say(console, f"{summary.n_triplets} triplets in {summary.n_shards} shards{kept} -> {config.out}")
+    kept = f" ({summary.n_shards_kept} there already)" if summary.n_shards_kept else ""
+    made = f"{counted(summary.n_triplets, 'triplet')} in {counted(summary.n_shards, 'shard')}"
+    say(console, f"{made}{kept} -> {config.out}")
     if summary.rejected:
-        say(console, f"{len(summary.rejected)} samples rejected, listed in {config.out / REJECTED_FILE}; the first:")
+        say(
+            console,
+            f"{counted(len(summary.rejected), 'sample')} rejected, listed in {config.out / REJECTED_FILE}; the first:",
+        )
         say(console, f"  {summary.rejected[0][1]}")
     say(console, f"next: datagen preview {config.out}; train --shards {config.out}")
     return EXIT_REJECTED if len(summary.rejected) > config.max_rejected else 0

@@ -19,7 +19,15 @@ from datagen.conversion import REJECTED_FILE, ConversionJob, ConversionSummary, 
 from datagen.model_transfer import Through, transfer_table
 from datagen.sources import coefficient_paths
 from pix2face.coefficients import load_coefficients, moved_path, save_coefficients
-from pix2face.command_line import EXIT_REJECTED, check_output_file, printable, progress_bar, say
+from pix2face.command_line import (
+    EXIT_REJECTED,
+    check_max_rejected,
+    check_output_file,
+    counted,
+    printable,
+    progress_bar,
+    say,
+)
 from pix2face.errors import UsageError
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
 
@@ -107,19 +115,20 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
 
 
 def _run(job: ConversionJob, config: CoeffsConvertConfig | FitConfig) -> int:
+    check_max_rejected(config.max_rejected)
     if config.workers < 1:
         raise UsageError(f"expected at least one worker (--workers), found {config.workers}")
     check_output_file(config.out, (".h5",))
     model, source = open_job(job)
     n = len(source.sample_ids)
-    say(console, f"{n} faces in {job.folder}; model: {model.name} ({model.sha256[:12]})")
+    say(console, f"{counted(n, 'face')} in {job.folder}; model: {model.name} ({model.sha256[:12]})")
     with _executor(config.workers) as executor, progress_bar(console, "reading", n) as advance:
         summary = convert(job, config.out, executor, advance)
     return _report(summary, config)
 
 
 def _report(summary: ConversionSummary, config: CoeffsConvertConfig | FitConfig) -> int:
-    say(console, f"{summary.n_faces} faces -> {config.out}")
+    say(console, f"{counted(summary.n_faces, 'face')} -> {config.out}")
     if summary.rejected:
         say(console, f"{len(summary.rejected)} rejected, listed in {config.out.parent / REJECTED_FILE}:")
         for reason, count in group_reasons(summary.rejected)[:SHOWN_REASONS]:
@@ -183,8 +192,8 @@ def _retarget(config: CoeffsRetargetConfig) -> int:
     save_coefficients(table, config.out)
     say(
         console,
-        f"{len(table)} faces of {source.name} -> {target.name} by {residual.n_points} points ({residual.through}): "
-        f"residual {residual.mean_mm:.2f} mm mean, {residual.percentile_95_mm:.2f} mm at 95 % "
+        f"{counted(len(table), 'face')} of {source.name} -> {target.name} by {residual.n_points} points "
+        f"({residual.through}): residual {residual.mean_mm:.2f} mm mean, {residual.percentile_95_mm:.2f} mm at 95 % "
         f"(mean faces {residual.alignment_mm:.2f} mm apart); RMS of the coefficients {residual.rms:.2f}",
     )
     say(console, f"-> {config.out}")

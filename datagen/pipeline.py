@@ -6,13 +6,13 @@ that is there and was made by the same configuration is not made again.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -164,18 +164,45 @@ def _check_folder(out: Path, n_units: int, expected: ShardHeader) -> None:
     for path in sorted(out.glob("shard-*.h5")):
         with ShardReader(path) as reader:
             found = reader.header
-        different = [
-            f"{name} was {getattr(found, name)}, is {getattr(expected, name)}"
-            for name in ("model_sha256", "configuration", "generator")
-            if getattr(found, name) != getattr(expected, name)
-        ]
+        different = _differences(_origin(found), _origin(expected))
         if different:
-            raise UsageError(f"{path} was made by another configuration ({'; '.join(different)}); choose another --out")
+            raise UsageError(
+                f"{path} was made by another configuration ({'; '.join(different)}); delete it or choose another --out"
+            )
     surplus = [
         path for path in out.glob("shard-*.h5") if path not in {shard_path(out, unit) for unit in range(n_units)}
     ]
     if surplus:
-        raise UsageError(f"{surplus[0]} does not belong to this job of {n_units} shards; choose another --out")
+        raise UsageError(
+            f"{surplus[0]} does not belong to this job, whose last shard is {shard_path(out, n_units - 1).name}; "
+            "delete it or choose another --out"
+        )
+
+
+def _origin(header: ShardHeader) -> dict[str, Any]:
+    """What the shards of one job agree in, by name."""
+    try:
+        configuration = json.loads(header.configuration)
+    except ValueError:
+        configuration = header.configuration
+    if not isinstance(configuration, dict):
+        configuration = {"configuration": configuration}
+    return {"model_sha256": header.model_sha256, "generator": header.generator, **configuration}
+
+
+def _differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
+    """Such as "seed 0 -> 3"; hashes are cut to what tells them apart."""
+    return [
+        f"{name} {_short(found.get(name))} -> {_short(expected.get(name))}"
+        for name in sorted(found.keys() | expected.keys())
+        if found.get(name) != expected.get(name)
+    ]
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    is_hash = len(text) == 64 and set(text) <= set("0123456789abcdef")
+    return text[:12] if is_hash else text[:80]
 
 
 def _summarise(out: Path, units: list[int], n_kept: int) -> JobSummary:

@@ -99,6 +99,21 @@ def check_output_file(path: Path, suffixes: Sequence[str]) -> None:
     _check_writable(path, nearest)
 
 
+def check_max_rejected(max_rejected: int) -> None:
+    """Refuses a negative ``--max-rejected``, which no job could keep.
+
+    Raises:
+        UsageError: It is negative.
+    """
+    if max_rejected < 0:
+        raise UsageError(f"--max-rejected: expected 0 or more, found {max_rejected}")
+
+
+def counted(n: int, noun: str) -> str:
+    """A number with its noun: "1 shard", "2 shards"."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
 def _kind(place: Path) -> Literal["folder", "file"] | None:
     """What is there; None where nothing is, or nothing can be (a name that is too long, a place that is closed)."""
     try:

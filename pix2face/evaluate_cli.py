@@ -18,7 +18,15 @@ from rich.console import Console
 
 from pix2face import __version__
 from pix2face.benchmark_data import BenchmarkFace, BenchmarkFiles, find_benchmark
-from pix2face.command_line import EXIT_REJECTED, prepare_output_folder, progress_bar, run_commands, say
+from pix2face.command_line import (
+    EXIT_REJECTED,
+    check_max_rejected,
+    counted,
+    prepare_output_folder,
+    progress_bar,
+    run_commands,
+    say,
+)
 from pix2face.errors import UsageError
 from pix2face.evaluation import Evaluator, FaceResult, evaluate_faces, model_landmarks
 from pix2face.evaluation_report import Report, make_report
@@ -64,6 +72,7 @@ class EvaluateConfig:
 
 def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     """Measures a checkpoint on a benchmark: a table, report.json, an error curve and the worst cases."""
+    check_max_rejected(config.max_rejected)
     if not 0 < config.regularisation < float("inf"):
         raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
     manifest = load_manifest(config.split)
@@ -78,6 +87,7 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     out = config.out or Path("out") / f"evaluate-{config.split}"
     prepare_output_folder(out)
     report = _evaluate(manifest, found, evaluator, subject)
+    _check_some_evaluated(report)
     written = write_report(report, _worst_cases(report, found), out)
     _print(Console(), report, written)
     return EXIT_REJECTED if len(report.unreadable) > config.max_rejected else 0
@@ -128,6 +138,18 @@ def _evaluate(manifest: Manifest, found: BenchmarkFiles, evaluator: Evaluator, s
     with progress_bar(Console(stderr=True), f"evaluate {manifest.split}", len(found.items)) as advance:
         results, unreadable = evaluate_faces(found.items, evaluator, advance)
     return make_report(manifest, subject, results, found.missing, (*found.unreadable, *unreadable))
+
+
+def _check_some_evaluated(report: Report) -> None:
+    """Means over no face say nothing: the reasons are all that there is to report."""
+    if report.results:
+        return
+    for face in report.unreadable[:N_WORST]:
+        say(Console(stderr=True), f"{face.name}: {face.reason}")
+    raise UsageError(
+        f"{report.manifest.split}: expected at least one face that can be evaluated, found "
+        f"{counted(len(report.unreadable), 'unreadable file')} and nothing else; no report is written"
+    )
 
 
 def _worst_cases(report: Report, found: BenchmarkFiles) -> list[tuple[BenchmarkFace, FaceResult]]:

@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pix2face.benchmark_data import BenchmarkFace
+from pix2face.command_line import counted
 from pix2face.errors import UsageError
 from pix2face.evaluation import FaceResult
 from pix2face.evaluation_report import BASELINE, BASELINE_RULE, NETWORK, Report, ReportRow, report_as_json
@@ -113,8 +114,8 @@ def report_notes(report: Report) -> list[str]:
         )
     if report.n_unusual_angles:
         notes.append(
-            f"{report.n_unusual_angles} images have an angle beyond ±99° in their truth; "
-            "they are kept, in the bin of their |yaw| wrapped to 180°."
+            f"{counted(report.n_unusual_angles, 'image')} with an angle beyond ±99° in the truth: "
+            "kept, in the bin of the |yaw| wrapped to 180°."
         )
     notes += [f"{key}: {value}" for key, value in report.subject.items() if isinstance(value, str)]
     return notes + _map_notes(report) + _lists(report)

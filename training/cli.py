@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from pix2face.command_line import prepare_output_folder, printable, progress_bar, run_commands, say
+from pix2face.command_line import counted, prepare_output_folder, printable, progress_bar, run_commands, say
 from pix2face.errors import UsageError
+from pix2face.morphable_model import builtin_model
 from pix2face.runs import CHECKPOINT_NAME, RUNS
 from training.loss_log import StepReport
 from training.presets import PRESETS, Precision, PresetName, Recipe
@@ -130,8 +131,17 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
 
         checkpoint = train(shards, recipe, out, surroundings, on_step=show)
     say(console, f"checkpoint: {checkpoint}")
-    say(console, f"next: evaluate --split builtin-heldout --checkpoint {checkpoint}")
+    say(console, f"next: {next_command(shards, checkpoint)}")
     return 0
+
+
+def next_command(shards: ShardIndex, checkpoint: Path) -> str:
+    """What to do with a checkpoint. Which benchmark suits it is known for renders of the built-in model alone."""
+    builtin = builtin_model()
+    # Renders are under the terms of their model and nothing else; photographs have terms of their own.
+    if (shards.model_sha256, shards.licence) == (builtin.sha256, builtin.licence):
+        return f"evaluate --split builtin-heldout --checkpoint {checkpoint}"
+    return f"evaluate --help lists the benchmarks for --checkpoint {checkpoint}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -150,13 +160,14 @@ def _summary(
     images = (recipe.epochs - done) * recipe.epoch_size
     seconds = images * seconds_per_image(recipe, surroundings.device) if images else 0.0
     lines = {
-        "samples": f"{len(shards)} in {len(shards.paths)} shards",
+        "samples": f"{len(shards)} in {counted(len(shards.paths), 'shard')}",
         "model": f"{shards.model_name} ({shards.model_sha256[:12]})",
         "terms": shards.licence,
         "scales": f"PNCC {shards.pncc_scale_mm:.0f} mm, offset {shards.offset_scale_mm:.0f} mm",
-        "preset": f"{config.preset}: {recipe.size_px} px, {recipe.filters} filters, batches of {recipe.batch_size}, "
-        f"{recipe.precision}",
-        "plan": f"{recipe.epochs} epochs of {recipe.epoch_size} pictures" + (f", {done} done" if done else ""),
+        "preset": f"{config.preset}: {recipe.size_px} px, {counted(recipe.filters, 'filter')}, "
+        f"batches of {recipe.batch_size}, {recipe.precision}",
+        "plan": f"{counted(recipe.epochs, 'epoch')} of {counted(recipe.epoch_size, 'picture')}"
+        + (f", {done} done" if done else ""),
         "takes": f"about {duration_in_words(seconds)} on {surroundings.device}, if loading keeps up",
         "writes": str(out / CHECKPOINT_NAME),
     }

@@ -74,7 +74,7 @@ def index_shards(folders: Sequence[Path]) -> ShardIndex:
             offset_limit = max(offset_limit, float(reader.offset_limits_mm.max(initial=0)))
     _check_same_model(paths, headers)
     if not sum(counts):
-        raise UsageError(f"{_listed(folders)}: expected samples to train on, found {len(paths)} shards without any")
+        raise UsageError(f"{_listed(folders)}: expected samples to train on, found empty shards alone")
     return ShardIndex(
         paths=tuple(paths),
         shard=np.repeat(np.arange(len(paths), dtype=np.int32), counts),

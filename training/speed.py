@@ -4,6 +4,7 @@ import time
 
 import torch
 
+from pix2face.command_line import counted
 from training.presets import Recipe
 from training.trainer import start, train_one_epoch
 
@@ -26,5 +27,5 @@ def duration_in_words(seconds: float) -> str:
     """Such as "2 minutes" or "12 days": one unit, for an estimate that is no better than that."""
     for unit, length in (("day", 86_400), ("hour", 3_600), ("minute", 60)):
         if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit}s"
-    return f"{seconds:.0f} seconds"
+            return counted(round(seconds / length), unit)
+    return counted(round(seconds), "second")

@@ -122,6 +122,29 @@ def test_shards_cannot_go_where_a_file_is(tmp_path: Path, model_path: Path, caps
     assert len(load_coefficients(table)) == 1
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("render", "--coeffs", "{t}", "--out", "{t}/out"),
+        ("coeffs", "convert", "--from", "{t}", "--out", "{t}/out.h5"),
+        ("fit", "--landmarks", "{t}", "--out", "{t}/out.h5"),
+    ],
+)
+def test_fewer_than_no_rejected_samples_are_one_line(
+    arguments: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(*(argument.format(t=tmp_path) for argument in arguments), "--max-rejected", -1) == 2
+    assert_one_line(capsys, "--max-rejected: expected 0 or more, found -1")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_single_problem_is_no_problems(shards: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = shards / "shard-00001.h5"
+    path.write_bytes(path.read_bytes()[:1000])
+    assert call("verify", shards) == 2
+    assert "\n1 problem; delete" in capsys.readouterr().out
+
+
 def test_verified_shards_are_counted(shards: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("verify", shards) == 0
     assert capsys.readouterr().out == "2 shards, 3 samples: no problem found\n"
@@ -177,10 +200,16 @@ def test_a_folder_is_not_completed_from_another_table_of_the_same_name(
     assert call(*sample, "--seed", 1) == 0
     capsys.readouterr()
     assert call(*render) == 2
-    assert "made by another configuration" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "shard-00000.h5 was made by another configuration (coefficients_sha256 " in error
+    assert "; delete it or choose another --out" in error
+    assert call(*render, "--seed", 3) == 2
+    error = capsys.readouterr().err
+    assert "; seed 0 -> 3); delete it" in error
+    assert "{" not in error
     assert call(*sample, "--seed", 0) == 0
     assert call(*render) == 0
-    assert "4 triplets in 2 shards (1 were there already)" in capsys.readouterr().err
+    assert "4 triplets in 2 shards (1 there already)" in capsys.readouterr().err
 
 
 @pytest.mark.gl
@@ -194,7 +223,7 @@ def test_shards_of_a_larger_job_are_refused(
     shutil.copy(out / "shard-00000.h5", out / "shard-00007.h5")
     capsys.readouterr()
     assert call(*render) == 2
-    assert "shard-00007.h5 does not belong to this job of 1 shards" in capsys.readouterr().err
+    assert "shard-00007.h5 does not belong to this job, whose last shard is shard-00000.h5" in capsys.readouterr().err
 
 
 @pytest.mark.gl
@@ -207,4 +236,4 @@ def test_the_builtin_model_is_said_to_be_fitted_to_landmarks(
     assert call("render", *arguments, "--max-rejected", 1) == 0
     error = capsys.readouterr().err
     assert "the built-in model is fitted to the landmarks of the files instead" in error
-    assert "0 triplets in 1 shards" in error
+    assert "0 triplets in 1 shard " in error

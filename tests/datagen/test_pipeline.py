@@ -96,7 +96,10 @@ def test_a_second_run_does_what_is_missing(rendered: Path, inputs: Path, tmp_pat
 
 def test_a_folder_of_another_configuration_is_refused(rendered: Path, inputs: Path) -> None:
     job = RenderJob(inputs / "faces.h5", str(inputs / "model.h5"), seed=1, shard_size=4)
-    with ProcessPoolExecutor(1) as executor, pytest.raises(UsageError, match=r'"seed": 1.*choose another --out'):
+    with (
+        ProcessPoolExecutor(1) as executor,
+        pytest.raises(UsageError, match=r"\(seed 0 -> 1\); delete it or choose another"),
+    ):
         run_job(job, rendered, executor, lambda n: None)
 
 

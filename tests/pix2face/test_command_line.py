@@ -14,7 +14,15 @@ from hypothesis import strategies as st
 from rich.console import Console
 from threadpoolctl import threadpool_info
 
-from pix2face.command_line import check_output_file, prepare_output_folder, printable, progress_bar, run_commands, say
+from pix2face.command_line import (
+    check_output_file,
+    counted,
+    prepare_output_folder,
+    printable,
+    progress_bar,
+    run_commands,
+    say,
+)
 from pix2face.errors import (
     DegenerateGeometryError,
     GLUnavailableError,
@@ -192,6 +200,11 @@ def test_without_permission_nothing_is_begun(tmp_path: Path, monkeypatch: pytest
     with pytest.raises(UsageError, match=r"faces\.h5: .*found no permission to write to .*; choose another --out"):
         check_output_file(tmp_path / "new" / "faces.h5", (".h5",))
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(("n", "text"), [(0, "0 shards"), (1, "1 shard"), (2, "2 shards")])
+def test_numbers_agree_with_their_nouns(n: int, text: str) -> None:
+    assert counted(n, "shard") == text
 
 
 @pytest.mark.parametrize("name", ["faces.h5", "FACES.H5", "new/deep/faces.h5", "sheet.png"])

@@ -100,6 +100,25 @@ def test_damaged_faces_are_listed_and_decide_the_exit_status(tmp_path, small_mod
     assert run(tmp_path, "--data", tmp_path, "--max-rejected", 1) == 0
 
 
+def test_fewer_than_no_rejected_faces_are_one_line(tmp_path, small_model, capsys):
+    assert run(tmp_path, "--data", tmp_path, "--max-rejected", -1) == 2
+    assert capsys.readouterr().err == "evaluate: error: --max-rejected: expected 0 or more, found -1\n"
+
+
+def test_where_no_face_can_be_evaluated_the_reasons_are_all(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    for name in ("image_003_1", "image_004_1"):
+        (tmp_path / "ibug" / f"{name}.pts").write_bytes(b"version: 1\n")
+    assert run(tmp_path, "--data", tmp_path, "--max-rejected", 9) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    reasons = captured.err.splitlines()[-3:-1]
+    assert [reason.split(":")[0] for reason in reasons] == ["ibug/image_003_1.jpg", "ibug/image_004_1.jpg"]
+    assert captured.err.splitlines()[-1].startswith("evaluate: error: ibug: expected at least one face")
+    assert "found 2 unreadable files" in captured.err
+    assert not (tmp_path / "out" / "report.json").exists()
+
+
 def test_yaw_bins_of_aflw(tmp_path, small_model, capsys):
     for name, yaw_deg in (("image00002", 5), ("image00004", 50), ("image00006", -80)):
         write_photograph(tmp_path / f"{name}.jpg")

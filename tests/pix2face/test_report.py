@@ -99,7 +99,7 @@ def test_notes_state_every_convention():
         "unweighted mean of the three bins",
         "mean face's landmarks",
         "tight box of the true 68",
-        "3 images have an angle beyond ±99°",
+        "3 images with an angle beyond ±99°",
         "12 missing: ibug/gone_0.jpg",
         "ibug/gone_9.jpg and 2 more",
         "1 unreadable",

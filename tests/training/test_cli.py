@@ -1,10 +1,13 @@
 import shutil
+from dataclasses import replace
 
 import pytest
 
 from pix2face.checkpoint import load_checkpoint
-from training.cli import TrainConfig, main
+from pix2face.morphable_model import builtin_model
+from training.cli import TrainConfig, main, next_command
 from training.presets import PRESETS
+from training.shard_index import index_shards
 from training.speed import duration_in_words, seconds_per_image
 
 SMALL = [
@@ -30,9 +33,20 @@ def test_from_shards_to_a_checkpoint(shards_dir, tmp_path, capsys):
     assert header.epoch == 2
     said = capsys.readouterr().err
     assert "5 in 2 shards" in said
-    assert "evaluate --split builtin-heldout --checkpoint" in said
+    assert "2 epochs of 4 pictures" in said
+    assert "next: evaluate --help" in said
     assert main(arguments) == 0
     assert "2 done" in capsys.readouterr().err
+
+
+def test_the_next_command_is_the_benchmark_of_the_faces_trained_on(shards_dir, tmp_path):
+    builtin, checkpoint = builtin_model(), tmp_path / "checkpoint.safetensors"
+    of_head = index_shards([shards_dir])
+    of_renders = replace(of_head, model_sha256=builtin.sha256, licence=builtin.licence)
+    of_photographs = replace(of_renders, licence=f"pictures: research use only; model: {builtin.licence}")
+    assert next_command(of_renders, checkpoint) == f"evaluate --split builtin-heldout --checkpoint {checkpoint}"
+    for shards in (of_head, of_photographs):
+        assert next_command(shards, checkpoint).startswith("evaluate --help")
 
 
 def test_restart_replaces_a_training(shards_dir, tmp_path, capsys):
@@ -98,7 +112,14 @@ def test_the_speed_is_measured():
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(0, "0 seconds"), (119, "119 seconds"), (130, "2 minutes"), (7300, "2 hours"), (1e6, "12 days")],
+    [
+        (0, "0 seconds"),
+        (1.2, "1 second"),
+        (119, "119 seconds"),
+        (130, "2 minutes"),
+        (7300, "2 hours"),
+        (1e6, "12 days"),
+    ],
 )
 def test_durations_are_in_words(seconds, words):
     assert duration_in_words(seconds) == words
