@@ -77,6 +77,35 @@ def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
     return np.asarray(item[()])
 
 
+def read_text(item: h5py.AttributeManager | h5py.Dataset, path: Path, name: str = "") -> str:
+    """Reads text of fixed length: an attribute by its name, or the only text of a dataset.
+
+    Text of variable length is refused: its length stands apart from it, the library believes it, and a damaged one
+    makes it read memory that is not the file's.
+
+    Raises:
+        InputFileError: No such text, or text of variable length.
+    """
+    try:
+        if isinstance(item, h5py.AttributeManager):
+            kind, value = item.get_id(name).dtype.kind, None
+            value = item[name] if kind == "S" else None
+        else:
+            name, kind = item.name, item.dtype.kind
+            value = np.asarray(item[()]).ravel()[0] if kind == "S" and item.size else None
+        if value is not None:
+            return bytes(value).decode("utf-8")
+    except (*_LIBRARY_ERRORS, TypeError) as error:
+        raise InputFileError(f"{path}: expected text at {name}, found none ({error})") from error
+    raise InputFileError(f"{path}: expected text of fixed length at {name}, found type {kind!r}")
+
+
+def fixed_text(text: str) -> ndarray:
+    """Text as files hold it (``read_text``); HDF5 knows no text without length, so an empty one takes a byte."""
+    content = text.encode("utf-8")
+    return np.array(content, dtype=f"S{max(1, len(content))}")
+
+
 def _check_dataset(item: h5py.Dataset, name: str, path: Path) -> None:
     properties = item.id.get_create_plist()
     if properties.get_external_count() or item.is_virtual:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
-from pix2face.checked_hdf5 import open_hdf5
+from pix2face.checked_hdf5 import fixed_text, open_hdf5, read_text
 from pix2face.errors import InputFileError
 
 FORMAT = "pix2face-morphable-model"
@@ -96,6 +96,7 @@ _ARRAYS: dict[str, Any] = {
     "albedo_mean": np.float32,
     "albedo_basis": np.float32,
 }
+_TEXTS = ("name", "licence", "origin", "published_basis", "region_names", "face_regions")
 _ALIGNMENT = ("frame_from_file", "residual_mm", "landmark_scale")
 # Random-looking floats hardly shrink, and unpacking them costs every process that opens the model a second.
 COMPRESSED_BYTES = 4 << 20
@@ -112,13 +113,13 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w", track_order=False) as file:
-        file.attrs["format"] = FORMAT
+        _write_text(file, "format", FORMAT)
         file.attrs["schema_version"] = SCHEMA_VERSION
         for name in ("name", "licence", "origin", "published_basis"):
-            file.attrs[name] = getattr(model, name)
+            _write_text(file, name, getattr(model, name))
         file.attrs["refinement_steps"] = model.refinement_steps
-        file.attrs["region_names"] = json.dumps(model.region_names)
-        file.attrs["face_regions"] = json.dumps(model.face_regions)
+        _write_text(file, "region_names", json.dumps(model.region_names))
+        _write_text(file, "face_regions", json.dumps(model.face_regions))
         for name in _ARRAYS:
             _write_array(file, name, getattr(model, name))
         _write_basis(file, "identity_basis", model.identity_basis, quantise)
@@ -146,30 +147,30 @@ def read_stored_model(path: Path) -> tuple[StoredModel, str]:
     try:
         with open_hdf5(path) as file:
             _check_format(file, path)
-            return _checked(_read(file), path), _content_sha256(file)
+            return _checked(_read(file, path), path), _content_sha256(file, path)
     except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
         raise InputFileError(
             f"{path}: expected a model in the project's .h5 layout, found a file that cannot be read as one ({error})"
         ) from error
 
 
-def _read(file: h5py.File) -> StoredModel:
-    attrs = file.attrs
+def _read(file: h5py.File, path: Path) -> StoredModel:
+    texts = {name: read_text(file.attrs, path, name) for name in _TEXTS}
     arrays = {name: _array(file, name, dtype) for name, dtype in _ARRAYS.items() if name in file}
     return StoredModel(
-        name=str(attrs["name"]),
-        licence=str(attrs["licence"]),
-        origin=str(attrs["origin"]),
-        published_basis=str(attrs["published_basis"]),
+        name=texts["name"],
+        licence=texts["licence"],
+        origin=texts["origin"],
+        published_basis=texts["published_basis"],
         identity_basis=_read_basis(file, "identity_basis"),
         expression_basis=_read_basis(file, "expression_basis"),
-        region_names=tuple(json.loads(str(attrs["region_names"]))),
-        face_regions=tuple(json.loads(str(attrs["face_regions"]))),
+        region_names=tuple(json.loads(texts["region_names"])),
+        face_regions=tuple(json.loads(texts["face_regions"])),
         landmarks={name: _array(file, f"landmarks/{name}", np.int32) for name in file.get("landmarks", ())},
         named_expressions={
             name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
         },
-        refinement_steps=int(attrs["refinement_steps"]),
+        refinement_steps=int(file.attrs["refinement_steps"]),
         alignment=_read_alignment(file),
         **arrays,
     )
@@ -213,7 +214,7 @@ def _checked(model: StoredModel, path: Path) -> StoredModel:
 
 
 def _check_format(file: h5py.File, path: Path) -> None:
-    found = file.attrs.get("format")
+    found = read_text(file.attrs, path, "format") if "format" in file.attrs else None
     if found != FORMAT:
         raise InputFileError(
             f"{path}: expected a file with format={FORMAT!r}, found format={found!r}; "
@@ -254,10 +255,15 @@ def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
     return cast(ndarray, file[name][()].astype(dtype))
 
 
-def _content_sha256(file: h5py.File) -> str:
+def _write_text(file: h5py.File, name: str, text: str) -> None:
+    file.attrs[name] = fixed_text(text)
+
+
+def _content_sha256(file: h5py.File, path: Path) -> str:
     digest = hashlib.sha256()
     for name in sorted(file.attrs):
-        digest.update(f"{name}={file.attrs[name]};".encode())
+        is_text = name in (*_TEXTS, "format")
+        digest.update(f"{name}={read_text(file.attrs, path, name) if is_text else int(file.attrs[name])};".encode())
     names: list[str] = []
     file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
     for name in sorted(names):

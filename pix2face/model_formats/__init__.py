@@ -5,7 +5,7 @@
 
 from pathlib import Path
 
-from pix2face.checked_hdf5 import open_hdf5
+from pix2face.checked_hdf5 import open_hdf5, read_text
 from pix2face.errors import InputFileError
 from pix2face.model_file import FORMAT, StoredModel
 from pix2face.model_formats.bfm2009 import ORIGINAL_FILE, SHAPE_FILE, is_bfm2009, read_bfm2009
@@ -74,7 +74,7 @@ def _read_folder(folder: Path) -> StoredModel:
 
 def _read_hdf5(path: Path) -> StoredModel:
     with open_hdf5(path) as file:
-        if file.attrs.get("format") == FORMAT:
+        if "format" in file.attrs and read_text(file.attrs, path, "format") == FORMAT:
             raise InputFileError(f"{path}: expected a published model, found one that is imported already; use it")
         if not is_statismo(file):
             raise InputFileError(f"{path}: expected {SUPPORTED}; found an HDF5 file with {sorted(file)[:10]}")

@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int32
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from pix2face.checked_hdf5 import open_hdf5, read_array
+from pix2face.checked_hdf5 import open_hdf5, read_array, read_text
 from pix2face.errors import InputFileError
 from pix2face.landmarks import IBUG68, N_IBUG68
 from pix2face.model_file import StoredModel
@@ -122,21 +122,18 @@ def _landmark_coordinates(file: h5py.File, path: Path) -> dict[str, Float64[ndar
     """Names and places from the metadata, which exist as JSON and as lines of text."""
     try:
         if "metadata/landmarks/json" in file:
-            rows = json.loads(_text(file, "metadata/landmarks/json"))
+            rows = json.loads(read_text(file["metadata/landmarks/json"], path))
             found = {str(row["id"]): np.array(row["coordinates"], dtype=np.float64) for row in rows}
         elif "metadata/landmarks/text" in file:
-            lines = (line.split() for line in _text(file, "metadata/landmarks/text").splitlines() if line.strip())
+            lines = (
+                line.split() for line in read_text(file["metadata/landmarks/text"], path).splitlines() if line.strip()
+            )
             found = {words[0]: np.array(words[2:5], dtype=np.float64) for words in lines}
         else:
             return {}
     except (ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
         raise InputFileError(f"{path}: expected landmarks in metadata/landmarks, found none ({error})") from error
     return {name: place for name, place in found.items() if place.shape == (3,) and np.isfinite(place).all()}
-
-
-def _text(file: h5py.File, name: str) -> str:
-    content = np.asarray(file[name][()]).ravel()[0]
-    return content.decode("utf-8") if isinstance(content, bytes) else str(content)
 
 
 def _albedo(file: h5py.File, path: Path, n_vertices: int) -> dict[str, Any]:

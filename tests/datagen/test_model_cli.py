@@ -1,5 +1,6 @@
 """``datagen model import``, ``info`` and ``view``, as users type them."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import trimesh
 
 from datagen.cli import main
+from datagen.gl_context import GLContext
 from pix2face.landmarks import IBUG68
 from pix2face.model_file import write_stored_model
 from pix2face.model_import import ImportedModel
@@ -109,7 +111,14 @@ def test_wrong_calls_are_one_line(
     assert said.count("\n") == 1
 
 
+@pytest.fixture
+def one_gl(gl: GLContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets the command draw with the context of all tests: a second one would leave the first not current."""
+    monkeypatch.setattr("datagen.model_view.create_gl_context", lambda: nullcontext(gl))
+
+
 @pytest.mark.gl
+@pytest.mark.usefixtures("one_gl")
 def test_contact_sheet_shows_mean_and_components(tmp_path: Path) -> None:
     path, out = tmp_path / "a.h5", tmp_path / "sheets" / "a.png"
     write_stored_model(stored_small_head(), path)
@@ -128,6 +137,7 @@ def test_contact_sheet_shows_mean_and_components(tmp_path: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.usefixtures("one_gl")
 def test_a_blendshape_is_shown_itself(tmp_path: Path) -> None:
     path, stored = tmp_path / "a.h5", stored_small_head()
     names = {"smile": np.eye(6, dtype=np.float32)[0]}

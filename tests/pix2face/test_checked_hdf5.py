@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from pix2face.checked_hdf5 import open_hdf5, read_array
+from pix2face.checked_hdf5 import fixed_text, open_hdf5, read_array, read_text
 from pix2face.errors import InputFileError
 from pix2face.morphable_model import load_model
 from tests.model_files import write_small_head
@@ -96,4 +96,45 @@ def test_the_projects_own_files_are_checked_too(tmp_path: Path) -> None:
     with h5py.File(path, "r+") as file:
         file["polygons"][0, 0] = 10**6
     with pytest.raises(InputFileError, match="tables fit its 2331 vertices"):
+        load_model(path)
+
+
+def test_text_of_fixed_length_comes_back(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, text in (("plain", "words"), ("empty", ""), ("wide", "Zhu & Büchse")):
+            file.attrs[name] = fixed_text(text)
+            file[name] = np.array([text.encode()])
+    with open_hdf5(tmp_path / "a.h5") as file:
+        assert [read_text(file.attrs, tmp_path, name) for name in ("plain", "empty", "wide")] == [
+            "words",
+            "",
+            "Zhu & Büchse",
+        ]
+        assert read_text(file["wide"], tmp_path) == "Zhu & Büchse"
+
+
+def test_text_of_variable_length_is_refused(tmp_path: Path) -> None:
+    """Its length is believed by the library: damaged, it ends the process (tests/fuzz_model_formats.py found one)."""
+    path = write_small_head(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["licence"] = "of variable length"
+        file["words"] = "of variable length"
+    with pytest.raises(InputFileError, match="expected text of fixed length at licence"):
+        load_model(path)
+    with (
+        pytest.raises(InputFileError, match="expected text of fixed length at /words"),
+        open_hdf5(path) as opened,
+    ):
+        read_text(opened["words"], path)
+
+
+def test_attributes_that_are_missing_or_no_text_are_named(tmp_path: Path) -> None:
+    path = write_small_head(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["licence"] = 3
+    with pytest.raises(InputFileError, match="fixed length at licence"):
+        load_model(path)
+    with h5py.File(path, "r+") as file:
+        del file.attrs["licence"]
+    with pytest.raises(InputFileError, match="expected text at licence"):
         load_model(path)

@@ -73,7 +73,7 @@ def test_missing_foreign_and_newer_files_say_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="no such model file"):
         load_model(tmp_path / "nothing.h5")
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
-        file.attrs["format"] = "something else"
+        file.attrs["format"] = np.bytes_("something else")
     with pytest.raises(InputFileError, match="datagen model import"):
         load_model(tmp_path / "foreign.h5")
     path = write_small_head(tmp_path / "model.h5")
