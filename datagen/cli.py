@@ -63,7 +63,8 @@ class RenderConfig:
     coeffs: Path
     """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table made by ``datagen sample``."""
     out: Path
-    """Folder of the shards. Run again with the same settings, it is completed."""
+    """Folder of the shards. Run again with the same settings, it is completed. Other settings are refused, another
+    table, and a folder in which a file has come, gone, or changed its size; not one edited to the same size."""
     model: str = BUILTIN_MODEL
     """``builtin``, or a model file made by ``datagen model import``. With an imported BFM 2009 the coefficients of
     300W-LP are used as they are; any other model is fitted to the landmarks of the files."""

@@ -4,8 +4,6 @@ Points that a person set are fitted robustly (some are guessed behind hair or a 
 the outline; points that are projections of a 3D model (``pt3d_68``) belong to fixed vertices, and their depth is known.
 """
 
-import hashlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, final
@@ -13,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy import ndarray
 
-from datagen.sources import FaceSource, is_text
+from datagen.sources import FaceSource, folder_sha256, is_text
 from pix2face.annotations import AnnotatedFace, find_annotations
 from pix2face.coefficients import Face
 from pix2face.crops import FaceBox
@@ -43,7 +41,9 @@ class AnnotatedFolder(FaceSource):
         self._contour = JawContour.of(model)
         self._annotations = find_annotations(folder)
         self.sample_ids = tuple(annotation.name for annotation in self._annotations)
-        self.sha256 = hashlib.sha256(json.dumps(self.sample_ids).encode()).hexdigest()
+        self.sha256 = folder_sha256(
+            self.sample_ids, ((annotation.path, annotation.image_path) for annotation in self._annotations)
+        )
         self.licence = f"photographs and annotations: terms of their source; model: {model.licence}"
 
     def face(self, index: int) -> Face:

@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from pathlib import Path
 from typing import final
 
@@ -32,7 +33,8 @@ class FaceSource(ABC):
     Attributes:
         sample_ids: Unique, in the order of work.
         licence: Terms of what the faces come from.
-        sha256: Of what tells this source from another of the same name: a table's content, a folder's names of files.
+        sha256: Of what tells this source from another of the same name: a table's content, a folder's names
+            and sizes of files.
         n_lighting: How many numbers describe the lighting of a face; 0 where that is unknown.
     """
 
@@ -128,7 +130,7 @@ class W300LPFolder(FaceSource):
             )
         self._paths = paths
         self.sample_ids = tuple(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
-        self.sha256 = hashlib.sha256(json.dumps(self.sample_ids).encode()).hexdigest()
+        self.sha256 = folder_sha256(self.sample_ids, ((path, None) for path in paths))
         self.licence = f"pictures: 300W-LP / AFLW2000-3D, research use only; model: {model.licence}"
 
     def face(self, index: int) -> Face:
@@ -195,6 +197,35 @@ def _declared_size_of(path: Path) -> tuple[int, int]:
         return read_size_px(path)
     except InputFileError as error:
         raise SampleRejectedError(str(error)) from error
+
+
+def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[tuple[Path, Path | None]]) -> str:
+    """What tells a folder from another: the names of its faces, and the sizes of their files.
+
+    Sizes are there for the asking, and the same wherever the folder is copied to. Contents would have to be read, all
+    of them before the first picture is drawn; times differ from copy to copy.
+
+    Args:
+        sample_ids: The names.
+        files: For each the file of its coefficients or points, and its picture; None is the picture beside it.
+    """
+    sizes = [(_size_bytes(path), _size_bytes(picture or _picture_of(path))) for path, picture in files]
+    return hashlib.sha256(json.dumps([sample_ids, sizes]).encode()).hexdigest()
+
+
+def _picture_of(path: Path) -> Path | None:
+    try:
+        return picture_beside(path)
+    except InputFileError:
+        return None
+
+
+def _size_bytes(path: Path | None) -> int | None:
+    """The size of a file; None where there is none, or it cannot be asked."""
+    try:
+        return None if path is None else path.stat().st_size
+    except (OSError, ValueError):
+        return None
 
 
 def is_text(name: str) -> bool:

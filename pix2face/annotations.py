@@ -7,7 +7,7 @@ whether the jaw points follow the outline in the photograph (annotated by hand) 
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import final
@@ -54,10 +54,14 @@ class Annotation:
     Attributes:
         name: Unique in its folder.
         load: Reads it; raises InputFileError where its files are damaged or missing.
+        path: The file that its points are in.
+        image_path: Its picture as the file names it; None where the picture is the one beside the file.
     """
 
     name: str
     load: Callable[[], AnnotatedFace]
+    path: Path
+    image_path: Path | None = None
 
 
 def find_annotations(folder: Path) -> list[Annotation]:
@@ -74,7 +78,7 @@ def find_annotations(folder: Path) -> list[Annotation]:
             f"{folder}: expected photographs with 68 points each (.pts beside the picture, .mat with pt3d_68, or "
             "dlib's .xml), found none"
         )
-    return [Annotation(name, annotation.load) for name, annotation in zip(_unique(found), found, strict=True)]
+    return [replace(annotation, name=name) for name, annotation in zip(_unique(found), found, strict=True)]
 
 
 def read_dlib_xml(path: Path) -> list[tuple[str, Float64[ndarray, "_ 2"] | InputFileError]]:
@@ -130,9 +134,9 @@ def _annotations(folder: Path) -> Iterator[Annotation]:
             path = Path(root) / name
             stem = path.relative_to(folder).with_suffix("").as_posix()
             if path.suffix == ".pts":
-                yield Annotation(stem, partial(_load_pts, path))
+                yield Annotation(stem, partial(_load_pts, path), path)
             elif path.suffix == ".mat" and not name.endswith("_pts.mat"):
-                yield Annotation(stem, partial(_load_mat, path))
+                yield Annotation(stem, partial(_load_mat, path), path)
             elif path.suffix == ".xml":
                 yield from _annotations_of_xml(path, folder)
 
@@ -141,7 +145,7 @@ def _annotations_of_xml(path: Path, folder: Path) -> Iterator[Annotation]:
     try:
         faces = read_dlib_xml(path)
     except InputFileError as error:
-        yield Annotation(path.relative_to(folder).as_posix(), partial(_fail, error))
+        yield Annotation(path.relative_to(folder).as_posix(), partial(_fail, error), path)
         return
     numbers: dict[str, int] = {}
     for image_name, points in faces:
@@ -149,7 +153,7 @@ def _annotations_of_xml(path: Path, folder: Path) -> Iterator[Annotation]:
         image_path = path.parent / image_name
         stem = Path(os.path.normpath(image_path)).with_suffix("")
         name = stem.relative_to(folder).as_posix() if stem.is_relative_to(folder) else stem.name
-        yield Annotation(f"{name}/face{number}", partial(_load_box, path, image_path, points))
+        yield Annotation(f"{name}/face{number}", partial(_load_box, path, image_path, points), path, image_path)
 
 
 def _unique(annotations: list[Annotation]) -> list[str]:

@@ -57,6 +57,17 @@ def test_a_folder_becomes_faces_with_their_photographs(folder: Path) -> None:
         source.face(3)
 
 
+def test_a_folder_is_told_from_one_with_files_of_other_sizes(folder: Path) -> None:
+    first = AnnotatedFolder(folder, MODEL).sha256
+    assert AnnotatedFolder(folder, MODEL).sha256 == first
+    hashes = {first}
+    for name in ("face1.pts", "face2.png"):
+        with (folder / name).open("ab") as file:
+            file.write(b"\n")
+        hashes.add(AnnotatedFolder(folder, MODEL).sha256)
+    assert len(hashes) == 3
+
+
 def test_jaw_points_slide_only_where_they_follow_the_outline() -> None:
     model, contour = LandmarkModel.of(MODEL), JawContour.of(MODEL)
     by_hand = annotated(yaw_deg=45)

@@ -105,8 +105,19 @@ def test_a_source_is_told_from_another_of_its_name(tmp_path: Path) -> None:
     write_file(tmp_path, "a")
     first = open_source(tmp_path, model).sha256
     assert open_source(tmp_path, model).sha256 == first
+    picture = (tmp_path / "a.jpg").read_bytes()
+    (tmp_path / "a.jpg").write_bytes(picture + b"\0")
+    other_picture = open_source(tmp_path, model).sha256
+    (tmp_path / "a.jpg").unlink()
+    no_picture = open_source(tmp_path, model).sha256
+    (tmp_path / "a.jpg").write_bytes(picture)
+    assert open_source(tmp_path, model).sha256 == first  # a copy, whatever its time
+    file = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(file + b"\0")
+    other_file = open_source(tmp_path, model).sha256
+    (tmp_path / "a.mat").write_bytes(file)
     write_file(tmp_path, "b")
-    assert open_source(tmp_path, model).sha256 != first
+    assert len({first, other_picture, no_picture, other_file, open_source(tmp_path, model).sha256}) == 5
 
 
 def test_a_place_without_faces_is_named(tmp_path: Path) -> None:
