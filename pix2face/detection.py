@@ -70,7 +70,7 @@ def detect_faces(image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
 
 
 @cache
-def _default_detector() -> LbpCascadeDetector:
+def _default_detector() -> Detector:
     return LbpCascadeDetector()
 
 
