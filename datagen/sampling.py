@@ -153,8 +153,9 @@ def frame_face(landmarks_mm: Float64[ndarray, "m 3"], view: SampledView, size_px
 
 def _landmarks(model: MorphableModel, identity: ndarray, expression: ndarray) -> Float64[ndarray, "m 3"]:
     vertices = model.landmarks[IBUG68]
-    moved = identity @ model.identity_basis[:, vertices].reshape(model.n_identity, -1)
-    moved = moved + expression @ model.expression_basis[:, vertices].reshape(model.n_expression, -1)
+    n = 3 * len(vertices)
+    moved = identity @ model.identity_basis[:, vertices].reshape(model.n_identity, n)
+    moved = moved + expression @ model.expression_basis[:, vertices].reshape(model.n_expression, n)
     return np.asarray(model.mean[vertices] + moved.reshape(-1, 3), dtype=np.float64)
 
 

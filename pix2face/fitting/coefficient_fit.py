@@ -129,8 +129,9 @@ def fit_joint_coefficients(
 def _constraints(
     model: MorphableModel, vertex_indices: Int[ndarray, " n"], offsets: Float[ndarray, "n 3"]
 ) -> _ImageConstraints:
-    a = np.take(model.identity_basis, vertex_indices, axis=1).reshape(model.n_identity, -1).astype(np.float64)
-    b = np.take(model.expression_basis, vertex_indices, axis=1).reshape(model.n_expression, -1).astype(np.float64)
+    n_rows = 3 * len(vertex_indices)  # said, not left to NumPy: a model may lack identities or expressions
+    a = np.take(model.identity_basis, vertex_indices, axis=1).reshape(model.n_identity, n_rows).astype(np.float64)
+    b = np.take(model.expression_basis, vertex_indices, axis=1).reshape(model.n_expression, n_rows).astype(np.float64)
     return _ImageConstraints(a, b, offsets.reshape(-1).astype(np.float64))
 
 
