@@ -9,33 +9,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import tyro
 from rich.console import Console
 
 from datagen.coeffs_cli import coeffs, fit
+from datagen.inspect_cli import preview, verify
 from datagen.model_cli import describe, model
 from datagen.pipeline import REJECTED_FILE, JobSummary, RenderJob, run_job
-from datagen.preview import contact_sheet
 from datagen.sampling import sample_faces
 from datagen.sources import open_source
 from pix2face.coefficients import save_coefficients
 from pix2face.command_line import (
-    EXIT_ERROR,
     EXIT_REJECTED,
     check_max_rejected,
     check_output_file,
     counted,
     prepare_output_folder,
-    printable,
     progress_bar,
     run_commands,
     say,
 )
 from pix2face.errors import UsageError
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
-from pix2face.shard_writing import verify_shard
-from pix2face.shards import ShardReader, shard_paths
 
 console = Console(stderr=True)
 
@@ -78,26 +73,6 @@ class RenderConfig:
     """How many samples may be rejected before the exit status says so (3)."""
 
 
-@dataclass(frozen=True)
-class VerifyConfig:
-    """Configuration of ``datagen verify``."""
-
-    shards: Annotated[Path, tyro.conf.Positional]
-    """Folder of shards."""
-
-
-@dataclass(frozen=True)
-class PreviewConfig:
-    """Configuration of ``datagen preview``."""
-
-    shards: Annotated[Path, tyro.conf.Positional]
-    """Folder of shards."""
-    out: Path | None = None
-    """Picture to write (.jpg or .png); without it ``preview.jpg`` in the folder."""
-    n: int = 16
-    """Samples to show, evenly spread."""
-
-
 def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:
     """Draw plausible faces, poses and cameras, and write them as a table of coefficients."""
     check_output_file(config.out, (".h5",))
@@ -137,45 +112,6 @@ def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
     ):
         summary = run_job(job, config.out, executor, advance)
     return _report(summary, config)
-
-
-def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
-    """Read every sample of a folder of shards and check it: schema, checksums, ranges, duplicate ids."""
-    paths = shard_paths(config.shards)
-    problems, seen, n_samples = [], set[str](), 0
-    with progress_bar(console, "verifying", len(paths)) as advance:
-        for path in paths:
-            found = verify_shard(path)
-            problems += [f"{path.name}: {problem}" for problem in found]
-            if not found:
-                with ShardReader(path) as reader:
-                    n_samples += len(reader)
-                    problems += [
-                        f"{path.name}: id {name!r} occurs twice" for name in sorted(seen & set(reader.sample_ids))
-                    ]
-                    seen |= set(reader.sample_ids)
-            advance()
-    for problem in problems:
-        print(printable(problem))
-    if problems:
-        print(f"{counted(len(problems), 'problem')}; delete the shards named above and run `datagen render` again")
-        return EXIT_ERROR
-    print(f"{counted(len(paths), 'shard')}, {counted(n_samples, 'sample')}: no problem found")
-    return 0
-
-
-def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
-    """Draw a contact sheet: picture, PNCC over it, offset, depth, landmarks (green: visible, red: hidden)."""
-    out = config.out or config.shards / "preview.jpg"
-    if config.n < 1:
-        raise UsageError(f"expected at least one sample to show (--n), found {config.n}")
-    check_output_file(out, (".jpg", ".jpeg", ".png"))
-    sheet = contact_sheet(config.shards, config.n)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(out), sheet[..., ::-1]):
-        raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
-    say(console, f"contact sheet -> {out}")
-    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

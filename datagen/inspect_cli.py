@@ -1,0 +1,76 @@
+"""The commands of ``datagen`` that look at shards: verify, preview."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import tyro
+from rich.console import Console
+
+from datagen.preview import contact_sheet
+from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
+from pix2face.errors import UsageError
+from pix2face.shard_writing import verify_shard
+from pix2face.shards import ShardReader, shard_paths
+
+console = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class VerifyConfig:
+    """Configuration of ``datagen verify``."""
+
+    shards: Annotated[Path, tyro.conf.Positional]
+    """Folder of shards."""
+
+
+@dataclass(frozen=True)
+class PreviewConfig:
+    """Configuration of ``datagen preview``."""
+
+    shards: Annotated[Path, tyro.conf.Positional]
+    """Folder of shards."""
+    out: Path | None = None
+    """Picture to write (.jpg or .png); without it ``preview.jpg`` in the folder."""
+    n: int = 16
+    """Samples to show, evenly spread."""
+
+
+def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
+    """Read every sample of a folder of shards and check it: schema, checksums, ranges, duplicate ids."""
+    paths = shard_paths(config.shards)
+    problems, seen, n_samples = [], set[str](), 0
+    with progress_bar(console, "verifying", len(paths)) as advance:
+        for path in paths:
+            found = verify_shard(path)
+            problems += [f"{path.name}: {problem}" for problem in found]
+            if not found:
+                with ShardReader(path) as reader:
+                    n_samples += len(reader)
+                    problems += [
+                        f"{path.name}: id {name!r} occurs twice" for name in sorted(seen & set(reader.sample_ids))
+                    ]
+                    seen |= set(reader.sample_ids)
+            advance()
+    for problem in problems:
+        print(printable(problem))
+    if problems:
+        print(f"{counted(len(problems), 'problem')}; delete the shards named above and run `datagen render` again")
+        return EXIT_ERROR
+    print(f"{counted(len(paths), 'shard')}, {counted(n_samples, 'sample')}: no problem found")
+    return 0
+
+
+def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
+    """Draw a contact sheet: picture, PNCC over it, offset, depth, landmarks (green: visible, red: hidden)."""
+    out = config.out or config.shards / "preview.jpg"
+    if config.n < 1:
+        raise UsageError(f"expected at least one sample to show (--n), found {config.n}")
+    check_output_file(out, (".jpg", ".jpeg", ".png"))
+    sheet = contact_sheet(config.shards, config.n)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(out), sheet[..., ::-1]):
+        raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
+    say(console, f"contact sheet -> {out}")
+    return 0
