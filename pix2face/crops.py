@@ -78,6 +78,11 @@ class Crop:
         """Maps homogeneous image pixels to crop pixels."""
         return np.asarray(np.linalg.inv(self.image_from_crop), dtype=np.float64)
 
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the crop shows the image with left and right exchanged."""
+        return bool(np.linalg.det(self.image_from_crop[:2, :2]) < 0)
+
     def to_image(self, points: Float[ndarray, "*n 2"]) -> Float64[ndarray, "*n 2"]:
         """Crop pixels to image pixels."""
         return _transform(self.image_from_crop, points)

@@ -1,7 +1,7 @@
 """Random variation of a training sample: crop, gamma and colour balance, the same for picture and maps.
 
 One implementation for render time and training time. The turned or enlarged crop moves pixels only: PNCC and offset
-are in the model frame and keep their values.
+are in the model frame and keep their values. Only a mirrored crop changes them: it shows the mirrored face.
 
 Source: Crispell and Bazik 2017, Sec. 3.2; ranges of the authors' code.
 Deviation from the authors' code: gamma acts on [0, 1]; there it acted on 0 to 255.
@@ -18,10 +18,12 @@ from numpy import ndarray
 from pix2face.crops import Crop, FaceBox, centres_to_integers, crop_image, square_crop
 from pix2face.face_maps import FaceMaps
 
-# Where the nose hides a cheek or the ear the scalp, the surface jumps by more than this over two pixels. Smooth
-# surface seen at a grazing angle often changes by 10 mm: there blending is several times more accurate than copying.
-STEP_MM = 20.0
-BEYOND_ALL_MM = 1e4
+# Where the nose hides a cheek, a lid the eye or a lip the teeth, the surface jumps from one pixel to the next: by more
+# than this, and by more than this many times what it changes on either side of the jump. A limit in mm alone would not
+# do: smooth surface seen at a grazing angle changes by 10 mm a pixel, and there blending beats copying; over a lip's
+# edge it jumps by 3 mm. Of the limits 2, 3, 4 and 1, 2 mm these left the least error (docs/file_formats.md, Jitter).
+STEP_MM = 1.0
+STEP_RATIO = 3.0
 
 
 @final
@@ -35,6 +37,8 @@ class JitterRange:
         rotation_deg: Largest turn either way.
         gamma: Least and largest exponent on [0, 1].
         gain: Least gain of a channel relative to the strongest one.
+        mirror: Whether every other sample is mirrored (``mirror_obstacle`` tells whether a model allows it). The
+            paper does not.
     """
 
     scale: tuple[float, float] = (1.0, 1.8)
@@ -42,6 +46,7 @@ class JitterRange:
     rotation_deg: float = 20.0
     gamma: tuple[float, float] = (0.8, 1.2)
     gain: float = 0.8
+    mirror: bool = False
 
 
 @final
@@ -55,6 +60,7 @@ class JitterParameters:
         rotation: Radians; positive turns the content anticlockwise as seen.
         gamma: Exponent on [0, 1].
         gains: Factors of red, green and blue, the largest of them 1.
+        mirror: Whether left and right change places.
     """
 
     scale: float
@@ -62,6 +68,7 @@ class JitterParameters:
     rotation: float
     gamma: float
     gains: tuple[float, float, float]
+    mirror: bool = False
 
 
 def draw_jitter(rng: np.random.Generator, limits: JitterRange) -> JitterParameters:
@@ -75,12 +82,13 @@ def draw_jitter(rng: np.random.Generator, limits: JitterRange) -> JitterParamete
         rotation=float(np.deg2rad(rng.uniform(-limits.rotation_deg, limits.rotation_deg))),
         gamma=float(rng.uniform(*limits.gamma)),
         gains=(red, green, blue),
+        mirror=limits.mirror and bool(rng.random() < 0.5),
     )
 
 
 def jitter_crop(box: FaceBox, jitter: JitterParameters, size_px: int) -> Crop:
     """The crop that a draw takes of a face."""
-    return square_crop(box, jitter.scale, size_px, shift=jitter.shift, rotation=jitter.rotation)
+    return square_crop(box, jitter.scale, size_px, shift=jitter.shift, rotation=jitter.rotation, mirror=jitter.mirror)
 
 
 def jitter_image(image: UInt8[ndarray, "h w 3"], crop: Crop, jitter: JitterParameters) -> Float32[ndarray, "s s 3"]:
@@ -103,29 +111,43 @@ def crop_maps(maps: FaceMaps, crop: Crop) -> FaceMaps:
     """Resamples maps into a crop.
 
     A pixel is valid where more than half of the weight of its four neighbours is. Its value is their blend, weighted
-    by the mask so that no background flows in. Next to a step of the surface it takes the nearest pixel's value
-    instead: a blend of two sides of a fold is a point of neither.
+    by the mask so that no background flows in. Where the surface jumps between the four it takes the nearest pixel's
+    value instead: a blend of two sides of a fold is a point of neither.
 
-    Maps are sampled at pixel centres like rendered ones, also where the crop is coarser than they are.
+    Maps are sampled at pixel centres like rendered ones, also where the crop is coarser than they are. A mirrored crop
+    shows the mirrored face: the x of PNCC and offset change sign.
     """
     weight = _warp(maps.mask.astype(np.float32), crop, cv2.INTER_LINEAR)
     nearest_mask = _warp(maps.mask.astype(np.uint8), crop, cv2.INTER_NEAREST) > 0
-    beside_step = _warp(_steps(maps).astype(np.uint8), crop, cv2.INTER_NEAREST) > 0
-    mask = np.where(beside_step, nearest_mask, weight > 0.5)
+    # Value (i, j) stands for the cell between the centres of pixels (i, j) and (i + 1, j + 1), half a pixel further.
+    over_step = _warp(_cells_over_steps(maps), crop, cv2.INTER_NEAREST, centre_px=1.0) > 0
+    mask = np.where(over_step, nearest_mask, weight > 0.5)
     share = mask / np.maximum(weight, np.float32(0.5))
-    copied = mask & beside_step
+    copied = mask & over_step
     pncc, offset = (_resampled(values, crop, share, copied) for values in (maps.pncc, maps.offset))
+    if crop.is_mirrored:
+        pncc[..., 0] *= -1
+        offset[..., 0] *= -1
     return FaceMaps(pncc, offset, mask)
 
 
-def _steps(maps: FaceMaps) -> Bool[ndarray, "h w"]:
-    """Pixels whose 3x3 neighbourhood holds a step of PNCC; background does not count."""
-    outside = ~maps.mask[..., None]
-    kernel = np.ones((3, 3), dtype=np.uint8)
-    highest = cv2.dilate(np.where(outside, np.float32(-BEYOND_ALL_MM), maps.pncc), kernel)
-    lowest = cv2.erode(np.where(outside, np.float32(BEYOND_ALL_MM), maps.pncc), kernel)
-    x, y, z = cv2.split(highest - lowest)
-    return np.asarray(np.maximum(np.maximum(x, y), z) > STEP_MM)
+def _cells_over_steps(maps: FaceMaps) -> UInt8[ndarray, "h w"]:
+    """Which cells of four pixel centres the surface jumps in; (i, j) is that of (i, j) to (i + 1, j + 1)."""
+    across = _jumps(maps.pncc, maps.mask)
+    down = _jumps(maps.pncc.transpose(1, 0, 2), maps.mask.T).T
+    cells = np.zeros(maps.mask.shape, dtype=bool)
+    cells[:, :-1] = across
+    cells[:-1, :-1] |= across[1:] | down[:, 1:]
+    cells[:-1] |= down
+    return cells.astype(np.uint8)
+
+
+def _jumps(pncc: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w-1"]:
+    """Whether the surface jumps between a pixel and the next one of its row; background does not count."""
+    change = np.linalg.norm(np.diff(pncc, axis=1), axis=2) * (mask[:, 1:] & mask[:, :-1])
+    padded = np.pad(change, ((0, 0), (1, 1)))
+    beside = np.maximum(padded[:, :-2], padded[:, 2:])
+    return np.asarray((change > STEP_MM) & (change > STEP_RATIO * beside))
 
 
 def _resampled(
@@ -141,8 +163,10 @@ def _resampled(
     return blended
 
 
-def _warp(values: ndarray, crop: Crop, interpolation: int) -> ndarray:
+def _warp(values: ndarray, crop: Crop, interpolation: int, centre_px: float = 0.5) -> ndarray:
+    """Values at the pixel centres of the crop; value (i, j) belongs at (j, i) + ``centre_px``."""
     matrix = centres_to_integers(crop.crop_from_image[:2])
+    matrix[:, 2] += matrix[:, :2] @ np.full(2, centre_px - 0.5)
     return np.asarray(
         cv2.warpAffine(
             values, matrix, (crop.size_px, crop.size_px), flags=interpolation, borderMode=cv2.BORDER_CONSTANT
