@@ -13,13 +13,14 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
-from pix2face.landmarks import INNER51, LEFT_EYE, OUTER_EYE_CORNERS, RIGHT_EYE
+from pix2face.landmarks import IBUG68_PARTS, INNER51, LEFT_EYE, OUTER_EYE_CORNERS, RIGHT_EYE
 
 # What the distances are divided by. Papers differ; no function here has a default.
 Normaliser = Literal["outer-eye", "inter-pupil", "box-sqrt", "box-diagonal"]
 
 ALL68 = tuple(range(68))
 POINT_SETS = {"68": ALL68, "51": INNER51}
+PARTS = IBUG68_PARTS
 
 
 @final
@@ -66,6 +67,21 @@ def normalising_distance(truth: Float[ndarray, "68 2"], normaliser: Normaliser) 
     return length
 
 
+def landmark_errors(
+    predicted: Float[ndarray, "68 2"], truth: Float[ndarray, "68 2"], normaliser: Normaliser
+) -> Float64[ndarray, "68"]:
+    """The distance of each landmark from its true place, divided by a length of all true landmarks.
+
+    Returns:
+        Fractions; infinity for a predicted point that is not finite.
+
+    Raises:
+        DegenerateGeometryError: The normaliser is zero or not finite.
+    """
+    distances = np.linalg.norm(predicted.astype(np.float64) - truth, axis=1) / normalising_distance(truth, normaliser)
+    return np.where(np.isfinite(distances), distances, np.inf)
+
+
 def nme(
     predicted: Float[ndarray, "68 2"],
     truth: Float[ndarray, "68 2"],
@@ -80,11 +96,7 @@ def nme(
     Raises:
         DegenerateGeometryError: The normaliser is zero or not finite.
     """
-    length = normalising_distance(truth, normaliser)
-    chosen = list(points)
-    if not np.isfinite(predicted[chosen]).all():
-        return float("inf")
-    return float(np.linalg.norm(predicted[chosen] - truth[chosen], axis=1).mean() / length)
+    return float(landmark_errors(predicted, truth, normaliser)[list(points)].mean())
 
 
 def error_curve(errors: Float[ndarray, " n"], threshold: float, n: int = 201) -> Float64[ndarray, "steps 2"]:
