@@ -1,5 +1,6 @@
 """Pictures in and out of files: what OpenCV leaves open is settled here (RGB, 8 bit, orientation, errors)."""
 
+import stat
 from pathlib import Path
 
 import cv2
@@ -8,6 +9,7 @@ from jaxtyping import Shaped, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.picture_head import check_declared_size
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 
@@ -18,11 +20,7 @@ def read_photograph(path: Path) -> UInt8[ndarray, "h w 3"]:
     Raises:
         InputFileError: There is no such file, or it cannot be decoded.
     """
-    content = read_bytes(path)
-    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
-    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags) if content else None
-    if image is None:
-        raise _undecodable(str(path), content)
+    image = _decode(read_bytes(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, str(path))
     return cv2.cvtColor(_to_8_bit(image), cv2.COLOR_BGR2RGB)
 
 
@@ -30,9 +28,12 @@ def read_bytes(path: Path) -> bytes:
     """Reads a file whole.
 
     Raises:
-        InputFileError: There is no such file, or it cannot be read.
+        InputFileError: There is no such file, it cannot be read, or it is none that ends (a device, a pipe).
     """
     try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # of a folder the system itself says what is wrong
+            raise InputFileError(f"{path}: expected a picture, found a device, pipe or socket; name a file")
         return path.read_bytes()
     except OSError as error:
         raise InputFileError(f"{path}: expected a picture, cannot read it ({error.strerror})") from error
@@ -46,10 +47,7 @@ def decode_image(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
     Raises:
         InputFileError: It cannot be decoded.
     """
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags) if content else None
-    if image is None:
-        raise _undecodable(where, content)
+    image = _decode(content, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, where)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
@@ -66,5 +64,12 @@ def _to_8_bit(image: Shaped[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
     return image
 
 
-def _undecodable(where: str, content: bytes) -> InputFileError:
-    return InputFileError(f"{where}: expected a picture (JPEG, PNG, ...), found {len(content)} bytes that are none")
+def _decode(content: bytes, flags: int, where: str) -> Shaped[ndarray, "h w 3"]:
+    check_declared_size(content, where)
+    try:
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags) if content else None
+    except cv2.error as error:  # a head that declares more pixels than OpenCV takes
+        raise InputFileError(f"{where}: expected a picture of a size that fits into memory; {error.err}") from error
+    if image is None:
+        raise InputFileError(f"{where}: expected a picture (JPEG, PNG, ...), found {len(content)} bytes that are none")
+    return image

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from pix2face.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.crops import INFERENCE_SCALE, Crop, FaceBox, crop_image, square_crop
+from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps, valid_pixels
 
 
@@ -24,10 +25,25 @@ class Prediction:
     Attributes:
         maps: In the pixels of the crop.
         crop: Leads back to the pixels of the picture.
+        n_undefined: Pixels where the network's output is not finite; they are outside the mask.
     """
 
     maps: FaceMaps
     crop: Crop
+    n_undefined: int = 0
+
+    def check_finite(self) -> None:
+        """Makes sure that the network's output was finite.
+
+        Raises:
+            DegenerateGeometryError: It was not: the weights are of no use.
+        """
+        if self.n_undefined:
+            n_pixels = self.maps.mask.size
+            raise DegenerateGeometryError(
+                f"expected finite maps from the network, found {self.n_undefined} of {n_pixels} pixels that are not; "
+                "its training diverged or its checkpoint is damaged: choose another with --checkpoint"
+            )
 
 
 @final
@@ -82,7 +98,7 @@ class Predictor:
         crops = [square_crop(box, INFERENCE_SCALE, self.header.size_px) for _, box in faces]
         pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
         planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
-        return [Prediction(self._maps(own), crop) for own, crop in zip(planes, crops, strict=True)]
+        return [self._prediction(own, crop) for own, crop in zip(planes, crops, strict=True)]
 
     def _planes(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b s s 6"]:
         with torch.inference_mode():
@@ -90,10 +106,12 @@ class Predictor:
             planes = self._network(batch).float().permute(0, 2, 3, 1)
             return np.ascontiguousarray(planes.cpu().numpy())
 
-    def _maps(self, planes: Float32[ndarray, "s s 6"]) -> FaceMaps:
+    def _prediction(self, planes: Float32[ndarray, "s s 6"], crop: Crop) -> Prediction:
+        undefined = ~np.isfinite(planes).all(axis=2)
+        planes[undefined] = 0
         pncc = planes[..., :3] * np.float32(self.header.pncc_scale_mm)
         offset = planes[..., 3:] * np.float32(self.header.offset_scale_mm)
         mask = valid_pixels(pncc, self.header.smallest_radius_mm)
         pncc[~mask] = 0
         offset[~mask] = 0
-        return FaceMaps(pncc, offset, mask)
+        return Prediction(FaceMaps(pncc, offset, mask), crop, int(undefined.sum()))

@@ -216,7 +216,7 @@ def test_nothing_is_overwritten_whatever_the_names(fit: Run, face: PhotographedF
 def two_faces(model: MorphableModel, monkeypatch: pytest.MonkeyPatch) -> list[PhotographedFace]:
     """Two faces, the first the larger one, are detected in every photograph."""
     faces = [photographed_face(model, seed, centre) for seed, centre in ((1, (140, 100)), (2, (90, 120)))]
-    monkeypatch.setattr("pix2face.cli.detect_faces", lambda image: [face.box for face in faces])
+    monkeypatch.setattr("pix2face.face_options.detect_faces", lambda image: [face.box for face in faces])
     return faces
 
 

@@ -1,0 +1,210 @@
+"""The whole of inference behind one object: photographs in; maps, cameras, meshes and landmarks out."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.crops import FaceBox
+from pix2face.detection import detect_faces
+from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
+from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.predictor import Prediction, Predictor
+from pix2face.runs import latest_checkpoint
+
+FindFaces = Callable[[UInt8[ndarray, "_ _ 3"]], list[FaceBox]]
+
+# Crops of so many faces are in the network at a time: it is no faster with more, and memory stays small.
+FACES_AT_A_TIME = 16
+SMALLEST_BOX_PX = 1.0
+
+
+@final
+class Pix2Face:
+    """Dense 3D faces from photographs: a network, its morphable model and a face detector.
+
+    It keeps nothing between calls. Photographs are RGB, 8 bit, as ``pix2face.images.read_photograph`` reads them;
+    pixels are (x, y) with centres at +0.5; millimetres are those of the model frame (docs/conventions.md).
+
+    Args:
+        predictor: The network.
+        model: The morphable model that the network was trained for; None where maps are all that is wanted.
+        find_faces: From a photograph to the boxes of its faces, largest first.
+
+    Raises:
+        ModelMismatchError: The network was trained for another model.
+    """
+
+    def __init__(
+        self, predictor: Predictor, model: MorphableModel | None, find_faces: FindFaces = detect_faces
+    ) -> None:
+        if model is not None:
+            predictor.header.check_model(model.name, model.sha256)
+        self.predictor = predictor
+        self._model = model
+        self._find_faces = find_faces
+
+    @property
+    def model(self) -> MorphableModel:
+        """The morphable model.
+
+        Raises:
+            UsageError: There is none.
+        """
+        if self._model is None:
+            raise UsageError("expected a morphable model to fit, found none; name one when loading Pix2Face")
+        return self._model
+
+    @classmethod
+    def load(
+        cls,
+        checkpoint: Path | str | None = None,
+        model: MorphableModel | str | None = BUILTIN_MODEL,
+        device: str | None = None,
+        find_faces: FindFaces = detect_faces,
+    ) -> "Pix2Face":
+        """Opens a checkpoint and the model that it was trained for.
+
+        Args:
+            checkpoint: What training wrote; None takes the last one below ``runs/``.
+            model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
+            device: Name of a torch device; None takes a GPU where there is one.
+            find_faces: As in the class.
+
+        Raises:
+            InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
+            ModelMismatchError: The checkpoint was trained for another model.
+            UsageError: No checkpoint was named, and there is none below ``runs/``.
+        """
+        path = latest_checkpoint() if checkpoint is None else Path(checkpoint)
+        opened = open_model(model) if isinstance(model, str) else model
+        return cls(Predictor.load(path, device), opened, find_faces)
+
+    def find_faces(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
+        """The boxes of the faces in a photograph, largest first; empty where there is none."""
+        return self._find_faces(image)
+
+    def predict(self, image: UInt8[ndarray, "h w 3"], boxes: Sequence[FaceBox] | None = None) -> list[Prediction]:
+        """The maps of every face of one photograph.
+
+        Args:
+            image: RGB.
+            boxes: Where the faces are, as tight boxes of their landmarks; None detects them.
+
+        Returns:
+            One for each box, in their order; empty where there is no face.
+
+        Raises:
+            DegenerateGeometryError: A box has no extent, or the network's output is not finite.
+        """
+        return self.predict_batch([image], None if boxes is None else [boxes])[0]
+
+    def predict_batch(
+        self, images: Sequence[UInt8[ndarray, "_ _ 3"]], boxes: Sequence[Sequence[FaceBox]] | None = None
+    ) -> list[list[Prediction]]:
+        """The maps of every face of several photographs, of any sizes; the network sees many faces at once.
+
+        Args:
+            images: RGB.
+            boxes: For each photograph as in ``predict``.
+
+        Raises:
+            DegenerateGeometryError: As ``predict``.
+            UsageError: Photographs and lists of boxes differ in number, or a photograph is not 8-bit RGB.
+        """
+        for image in images:
+            _check_photograph(image)
+        if boxes is None:
+            boxes = [self.find_faces(image) for image in images]
+        if len(boxes) != len(images):
+            raise UsageError(f"expected boxes for each of {len(images)} photographs, found {len(boxes)} lists of boxes")
+        faces = [(image, box) for image, own in zip(images, boxes, strict=True) for box in own]
+        for _, box in faces:
+            _check_box(box)
+        predictions: list[Prediction] = []
+        for start in range(0, len(faces), FACES_AT_A_TIME):
+            predictions += self.predictor.predict_batch(faces[start : start + FACES_AT_A_TIME])
+        for prediction in predictions:
+            prediction.check_finite()
+        ends = np.cumsum([len(own) for own in boxes]).tolist()
+        return [predictions[end - len(own) : end] for end, own in zip(ends, boxes, strict=True)]
+
+    def fit(
+        self,
+        image: UInt8[ndarray, "h w 3"],
+        boxes: Sequence[FaceBox] | None = None,
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+    ) -> list[FaceFit]:
+        """Camera, coefficients, mesh and landmarks of every face of one photograph, in its pixels.
+
+        Args:
+            image: RGB.
+            boxes: As in ``predict``.
+            camera: Kind of camera; the principal point of a pinhole is the centre of the photograph.
+            regularisation: Tikhonov weight of the coefficients, in mm^2.
+
+        Raises:
+            DegenerateGeometryError: As ``predict``, or the maps of a face do not determine it.
+        """
+        height, width = image.shape[:2]
+        return [
+            self.fit_prediction(prediction, (height, width), camera=camera, regularisation=regularisation)
+            for prediction in self.predict(image, boxes)
+        ]
+
+    def fit_prediction(
+        self,
+        prediction: Prediction,
+        image_size_px: tuple[int, int],
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+    ) -> FaceFit:
+        """As ``fit``, from maps that are there already.
+
+        Args:
+            prediction: Of one face.
+            image_size_px: Height and width of the photograph.
+            camera: As in ``fit``.
+            regularisation: As in ``fit``.
+
+        Raises:
+            DegenerateGeometryError: The maps do not determine camera and coefficients, or are not finite.
+        """
+        prediction.check_finite()
+        return fit_face(
+            prediction.maps,
+            self.model,
+            camera_kind=camera,
+            regularisation=regularisation,
+            principal_point_px=principal_point_in_crop(prediction, image_size_px),
+        ).in_image(prediction.crop)
+
+
+def principal_point_in_crop(prediction: Prediction, image_size_px: tuple[int, int]) -> ndarray:
+    """The centre of a photograph of some height and width, in the pixels of the maps."""
+    height, width = image_size_px
+    return prediction.crop.to_crop(np.array([width, height]) / 2)
+
+
+def _check_photograph(image: ndarray) -> None:
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or not image.size:
+        raise UsageError(
+            f"expected a photograph of shape (height, width, 3), RGB, uint8, found {image.dtype} of shape "
+            f"{image.shape}; pix2face.images.read_photograph brings any file there"
+        )
+
+
+def _check_box(box: FaceBox) -> None:
+    sides = np.array([box.left, box.top, box.right, box.bottom])
+    if not (np.isfinite(sides).all() and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX):
+        raise DegenerateGeometryError(
+            f"expected a face box (left, top, right, bottom) of at least {SMALLEST_BOX_PX:g} pixel, found {box}"
+        )

@@ -1,0 +1,137 @@
+"""What the commands for photographs share: every face of every photograph gets a name and is handed on."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import final
+
+import cv2
+from jaxtyping import UInt8
+from numpy import ndarray
+from rich.console import Console
+
+from pix2face.command_line import EXIT_REJECTED, progress_bar, say
+from pix2face.crops import crop_image
+from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from pix2face.face_options import FaceOptions
+from pix2face.fit_pictures import draw_maps
+from pix2face.images import read_photograph
+from pix2face.interface import Pix2Face
+from pix2face.predictor import Prediction
+
+Photograph = UInt8[ndarray, "h w 3"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SeenFace:
+    """One face of one photograph.
+
+    Attributes:
+        name: What its files are called; no other face of the run has it.
+        path: The photograph's file.
+        image: The photograph.
+        prediction: The face's maps.
+    """
+
+    name: str
+    path: Path
+    image: Photograph
+    prediction: Prediction
+
+
+@final
+@dataclass(eq=False)
+class Tally:
+    """What a run did, and what it could not do."""
+
+    n_photographs: int = 0
+    n_faces: int = 0
+    problems: list[str] = field(default_factory=list)
+
+    def report(self, console: Console, where: Path) -> int:
+        """Says it, and gives the exit status."""
+        for problem in self.problems:
+            say(console, problem)
+        say(console, f"photographs: {self.n_photographs}, faces: {self.n_faces} -> {where}")
+        return EXIT_REJECTED if self.problems else 0
+
+
+def check_photographs(images: Sequence[Path]) -> None:
+    """Refuses a call without photographs.
+
+    Raises:
+        UsageError: There are none.
+    """
+    if not images:
+        raise UsageError("expected at least one photograph")
+
+
+def for_each_face(
+    images: Sequence[Path],
+    options: FaceOptions,
+    pix2face: Pix2Face,
+    console: Console,
+    use: Callable[[SeenFace], None],
+) -> Tally:
+    """Finds the faces of all photographs, predicts their maps, and hands each face on.
+
+    A photograph that cannot be read, or has no face, goes to the tally's problems and does not end the run.
+    """
+    tally, taken = Tally(len(images)), set[str]()
+    with progress_bar(console, "photographs", len(images)) as advance:
+        for stem, path in zip(_stems(images), images, strict=True):
+            for face in _faces(stem, path, options, pix2face, tally, taken):
+                try:
+                    use(face)
+                    tally.n_faces += 1
+                except DegenerateGeometryError as error:
+                    tally.problems.append(_located(error, path))
+            advance()
+    return tally
+
+
+def write_maps_picture(out: Path, face: SeenFace) -> None:
+    """Writes ``NAME-maps.png``: crop, PNCC and offset side by side."""
+    crop = crop_image(face.image, face.prediction.crop)
+    write_picture(out / f"{face.name}-maps.png", draw_maps(crop, face.prediction.maps))
+
+
+def write_picture(path: Path, picture: Photograph) -> None:
+    """Writes a picture; unlike OpenCV's own function it takes every name and says when it fails."""
+    path.write_bytes(cv2.imencode(path.suffix, picture[..., ::-1])[1].tobytes())
+
+
+def _faces(
+    stem: str, path: Path, options: FaceOptions, pix2face: Pix2Face, tally: Tally, taken: set[str]
+) -> list[SeenFace]:
+    try:
+        image = read_photograph(path)
+        predictions = pix2face.predict(image, options.boxes(image, pix2face))
+    except (InputFileError, DegenerateGeometryError) as error:
+        tally.problems.append(_located(error, path))
+        return []
+    names = [stem] if len(predictions) == 1 else [f"{stem}-{index}" for index in range(len(predictions))]
+    return [
+        SeenFace(_unused(name, taken), path, image, prediction)
+        for name, prediction in zip(names, predictions, strict=True)
+    ]
+
+
+def _located(error: Exception, path: Path) -> str:
+    return str(error) if str(path) in str(error) else f"{path}: {error}"
+
+
+def _stems(images: Sequence[Path]) -> list[str]:
+    """The stem of each file; those that occur more than once get the number of their photograph, from 000."""
+    stems = [path.stem for path in images]
+    return [stem if stems.count(stem) == 1 else f"{stem}-{index:03d}" for index, stem in enumerate(stems)]
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """A name that no other face of this run has, so that nothing is overwritten; capitals make no difference."""
+    unused, number = name, 2
+    while unused.casefold() in taken:
+        unused, number = f"{name}-{number}", number + 1
+    taken.add(unused.casefold())
+    return unused
