@@ -4,8 +4,7 @@ A file of some kilobytes may declare a picture that no memory holds. Formats: JP
 """
 
 import struct
-from io import BytesIO
-from typing import BinaryIO
+from io import BufferedIOBase, BytesIO
 
 from pix2face.errors import InputFileError
 
@@ -49,7 +48,7 @@ def check_size(size_px: tuple[int, int] | None, where: str) -> None:
         )
 
 
-def declared_size_px(file: BinaryIO) -> tuple[int, int] | None:
+def declared_size_px(file: BufferedIOBase) -> tuple[int, int] | None:
     """Height and width; None where the head declares none, or is of no format known here.
 
     Args:
@@ -74,7 +73,7 @@ def _size_in_head(start: bytes) -> tuple[int, int] | None:
     if start.startswith(b"BM"):
         width, height = struct.unpack("<ii", start[18:26])
         return abs(height), abs(width)  # a negative height counts rows from the top
-    if start[:4] == b"RIFF" and start[8:12] == b"WEBP":
+    if start[:4] == b"RIFF" and start[8:12] == b"WEBP" and len(start) >= 30:
         return _size_of_webp(start)
     return None
 
@@ -93,7 +92,7 @@ def _size_of_webp(start: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _size_of_tiff(file: BinaryIO, start: bytes) -> tuple[int, int] | None:
+def _size_of_tiff(file: BufferedIOBase, start: bytes) -> tuple[int, int] | None:
     order = "<" if start[:2] == b"II" else ">"
     magic, place = struct.unpack(f"{order}HI", start[2:8])
     if magic != 42:
@@ -109,7 +108,7 @@ def _size_of_tiff(file: BinaryIO, start: bytes) -> tuple[int, int] | None:
     return (found[_TIFF_HEIGHT], found[_TIFF_WIDTH]) if len(found) == 2 else None
 
 
-def _size_of_jpeg(file: BinaryIO) -> tuple[int, int] | None:
+def _size_of_jpeg(file: BufferedIOBase) -> tuple[int, int] | None:
     while True:
         if file.read(1) != b"\xff":
             return None
