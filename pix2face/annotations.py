@@ -19,11 +19,13 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.images import IMAGE_SUFFIXES
-from pix2face.landmarks import N_IBUG68, read_pts
-from pix2face.w300lp import read_coefficient_file
+from pix2face.landmarks import IBUG68, INNER51, N_IBUG68, SCHEMES, read_pts
+from pix2face.w300lp import read_aflw21_landmarks, read_coefficient_file
 
 # The lists of 300-W for dlib hold 7,764 faces in 23 MB.
 LARGEST_XML_BYTES = 512 << 20
+INNER51_SCHEME, AFLW21_SCHEME = "inner51", "aflw21"
+IN_MAT_FILES, IN_LISTS = (IBUG68, INNER51_SCHEME, AFLW21_SCHEME), (IBUG68, INNER51_SCHEME)
 # 300-VW keeps points and frames in sister folders.
 SISTER_FOLDERS = {"annot": "imgs"}
 
@@ -36,13 +38,14 @@ class AnnotatedFace:
     Attributes:
         image_path: The photograph.
         landmarks2d: Pixels of the stored picture (x right, y down, centres at +0.5); NaN where a point is missing.
+            68 of them where no other scheme was asked for.
         depths_px: In the unit of the pixels, larger is farther, up to a constant; None where unknown.
         follows_outline: Whether jaw points lie on the outline of the face rather than at fixed points of the skin.
     """
 
     image_path: Path
-    landmarks2d: Float64[ndarray, "68 2"]
-    depths_px: Float64[ndarray, "68"] | None = None
+    landmarks2d: Float64[ndarray, "m 2"]
+    depths_px: Float64[ndarray, " m"] | None = None
     follows_outline: bool = True
 
 
@@ -64,19 +67,23 @@ class Annotation:
     image_path: Path | None = None
 
 
-def find_annotations(folder: Path) -> list[Annotation]:
+def find_annotations(folder: Path, scheme: str = IBUG68) -> list[Annotation]:
     """Finds all annotated faces below a folder, in the order of their names.
+
+    Args:
+        folder: With its subfolders; links to folders are not followed.
+        scheme: One of ``landmarks.SCHEMES``. The 51 inner points are also taken out of 68.
 
     Raises:
         UsageError: There is no such folder, or nothing in it.
     """
     if not folder.is_dir():
         raise UsageError(f"{folder}: expected a folder of annotated photographs, found none there")
-    found = sorted(_annotations(folder), key=lambda annotation: annotation.name)
+    found = sorted(_annotations(folder, scheme), key=lambda annotation: annotation.name)
     if not found:
         raise UsageError(
-            f"{folder}: expected photographs with 68 points each (.pts beside the picture, .mat with pt3d_68, or "
-            "dlib's .xml), found none"
+            f"{folder}: expected photographs with {SCHEMES[scheme]} points each (.pts beside the picture, .mat with "
+            "pt3d_68, or dlib's .xml), found none"
         )
     return [replace(annotation, name=name) for name, annotation in zip(_unique(found), found, strict=True)]
 
@@ -127,21 +134,21 @@ def picture_beside(path: Path) -> Path:
     raise InputFileError(f"{path}: expected its picture {path.with_suffix('.jpg').name} beside it, found none")
 
 
-def _annotations(folder: Path) -> Iterator[Annotation]:
+def _annotations(folder: Path, scheme: str) -> Iterator[Annotation]:
     for root, folders, names in os.walk(folder):
         folders.sort()
         for name in sorted(names):
             path = Path(root) / name
             stem = path.relative_to(folder).with_suffix("").as_posix()
             if path.suffix == ".pts":
-                yield Annotation(stem, partial(_load_pts, path), path)
-            elif path.suffix == ".mat" and not name.endswith("_pts.mat"):
-                yield Annotation(stem, partial(_load_mat, path), path)
-            elif path.suffix == ".xml":
-                yield from _annotations_of_xml(path, folder)
+                yield Annotation(stem, partial(_load_pts, path, scheme), path)
+            elif path.suffix == ".mat" and not name.endswith("_pts.mat") and scheme in IN_MAT_FILES:
+                yield Annotation(stem, partial(_load_mat, path, scheme), path)
+            elif path.suffix == ".xml" and scheme in IN_LISTS:
+                yield from _annotations_of_xml(path, folder, scheme)
 
 
-def _annotations_of_xml(path: Path, folder: Path) -> Iterator[Annotation]:
+def _annotations_of_xml(path: Path, folder: Path, scheme: str) -> Iterator[Annotation]:
     try:
         faces = read_dlib_xml(path)
     except InputFileError as error:
@@ -153,7 +160,7 @@ def _annotations_of_xml(path: Path, folder: Path) -> Iterator[Annotation]:
         image_path = path.parent / image_name
         stem = Path(os.path.normpath(image_path)).with_suffix("")
         name = stem.relative_to(folder).as_posix() if stem.is_relative_to(folder) else stem.name
-        yield Annotation(f"{name}/face{number}", partial(_load_box, path, image_path, points), path, image_path)
+        yield Annotation(f"{name}/face{number}", partial(_load_box, path, image_path, points, scheme), path, image_path)
 
 
 def _unique(annotations: list[Annotation]) -> list[str]:
@@ -166,30 +173,39 @@ def _unique(annotations: list[Annotation]) -> list[str]:
     return names
 
 
-def _load_pts(path: Path) -> AnnotatedFace:
-    return AnnotatedFace(landmarks2d=read_pts(path), image_path=picture_beside(path))
+def _load_pts(path: Path, scheme: str) -> AnnotatedFace:
+    try:
+        landmarks2d = read_pts(path, SCHEMES[scheme])
+    except InputFileError:
+        if scheme != INNER51_SCHEME:
+            raise
+        landmarks2d = read_pts(path)[list(INNER51)]
+    return AnnotatedFace(landmarks2d=landmarks2d, image_path=picture_beside(path))
 
 
-def _load_mat(path: Path) -> AnnotatedFace:
+def _load_mat(path: Path, scheme: str) -> AnnotatedFace:
+    if scheme == AFLW21_SCHEME:
+        return AnnotatedFace(image_path=picture_beside(path), landmarks2d=read_aflw21_landmarks(path))
     file = read_coefficient_file(path)
     if file.landmarks3d is None:
         raise InputFileError(
             f"{path}: expected pt3d_68 (AFLW2000-3D), found none; for files of 300W-LP use `datagen coeffs convert`"
         )
+    landmarks3d = file.landmarks3d if scheme == IBUG68 else file.landmarks3d[list(INNER51)]
     return AnnotatedFace(
         image_path=picture_beside(path),
-        landmarks2d=file.landmarks3d[:, :2].copy(),
-        depths_px=file.landmarks3d[:, 2].copy(),
+        landmarks2d=landmarks3d[:, :2].copy(),
+        depths_px=landmarks3d[:, 2].copy(),
         follows_outline=False,
     )
 
 
-def _load_box(path: Path, image_path: Path, points: ndarray | InputFileError) -> AnnotatedFace:
+def _load_box(path: Path, image_path: Path, points: ndarray | InputFileError, scheme: str) -> AnnotatedFace:
     if isinstance(points, InputFileError):
         raise points
     if not image_path.is_file():
         raise InputFileError(f"{path}: expected the picture {image_path}, found none")
-    return AnnotatedFace(image_path=image_path, landmarks2d=points)
+    return AnnotatedFace(image_path=image_path, landmarks2d=points if scheme == IBUG68 else points[list(INNER51)])
 
 
 def _fail(error: InputFileError) -> AnnotatedFace:

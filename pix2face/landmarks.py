@@ -19,6 +19,10 @@ from pix2face.errors import InputFileError
 IBUG68: Final = "ibug68"
 N_IBUG68: Final = 68
 
+# How many points each known scheme has. AFLW's 21 come with AFLW2000-3D (pt2d, -1 where a point is missing); the 84 are
+# those of the Menpo 3D face tracking challenge (Zafeiriou et al. 2017).
+SCHEMES: Final[Mapping[str, int]] = {IBUG68: N_IBUG68, "inner51": 51, "aflw21": 21, "menpo84": 84}
+
 # Each run goes along the contour as the annotation does, from the image's left to its right, eyes and mouth around.
 IBUG68_GROUPS: Final[Mapping[str, tuple[int, ...]]] = {
     "jaw": tuple(range(17)),

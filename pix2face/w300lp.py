@@ -131,6 +131,27 @@ def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
     return matlab_to_pixels(points)
 
 
+def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
+    """Reads the 21 points of AFLW that files of AFLW2000-3D hold as ``pt2d``, in the project's pixels.
+
+    They are points set by hand where they are visible. Missing ones stand in the files as (-1, 452) or (-1, -1) and are
+    NaN here: 452 is H + 1 - (-1), so these points went through the same turn of the y axis as all else in these files,
+    and are counted from 1 like it.
+
+    Raises:
+        InputFileError: Missing, truncated or foreign file; other counts; values that are not finite.
+    """
+    points = read_mat(path, ("pt2d",)).get("pt2d")
+    if points is None or points.shape != (2, 21):
+        found = "none" if points is None else f"an array of {' x '.join(map(str, points.shape))}"
+        raise InputFileError(f"{path}: expected pt2d with 21 points (AFLW2000-3D), found {found}")
+    points = points.T.astype(np.float64)
+    if not np.isfinite(points).all():
+        raise InputFileError(f"{path}: expected finite numbers in pt2d, found NaN or infinity")
+    missing = points[:, :1] < 0
+    return np.where(missing, np.nan, matlab_to_pixels(points))
+
+
 def camera_of_pose(pose: PoseParameters, image_height_px: int) -> Camera:
     """The camera that ``Pose_Para`` describes, for model points in mm.
 

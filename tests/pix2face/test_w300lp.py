@@ -15,6 +15,7 @@ from pix2face.w300lp import (
     PoseParameters,
     camera_of_pose,
     points_of_pose,
+    read_aflw21_landmarks,
     read_coefficient_file,
     read_landmark_file,
 )
@@ -285,3 +286,22 @@ def test_the_linear_model_of_the_landmarks_holds_for_files_that_it_has_not_seen(
     ]
     assert len(errors) == 100
     assert max(errors) < 0.01
+
+
+def test_the_21_points_of_aflw_lie_where_the_68_do(shared_dir):
+    """An independent check: the outer eye corners of both schemes (AFLW's points 7 and 12, 1-based) agree."""
+    folder = shared_dir / "data/aflw2000_3d/dev"
+    distances = []
+    for path in sorted(folder.glob("*.mat"))[:80]:
+        points, file = read_aflw21_landmarks(path), read_coefficient_file(path)
+        for ours, theirs in ((6, 36), (11, 45)):
+            size = np.ptp(file.landmarks3d[:, :2], axis=0).prod() ** 0.5
+            distances.append(np.linalg.norm(points[ours] - file.landmarks3d[theirs, :2]) / size)
+    assert np.isnan(distances).any()  # a profile hides one
+    assert np.nanmedian(distances) < 0.03
+
+
+def test_a_file_without_the_21_points_is_refused(shared_dir):
+    path = next((shared_dir / "data/300wlp").glob("*.mat"))
+    with pytest.raises(InputFileError, match="21 points"):
+        read_aflw21_landmarks(path)
