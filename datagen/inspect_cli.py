@@ -11,7 +11,7 @@ from rich.console import Console
 from datagen.preview import contact_sheet
 from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
 from pix2face.errors import UsageError
-from pix2face.shard_writing import verify_shard
+from pix2face.shard_checks import verify_shard
 from pix2face.shards import ShardReader, shard_paths
 
 console = Console(stderr=True)

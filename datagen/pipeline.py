@@ -22,6 +22,7 @@ from datagen.triplets import TripletMaker
 from pix2face import __version__
 from pix2face.coefficients import configuration_to_json
 from pix2face.errors import SampleRejectedError, UsageError
+from pix2face.layers import DEFAULT_LAYERS
 from pix2face.morphable_model import MorphableModel, open_model
 from pix2face.shard_writing import write_shard
 from pix2face.shards import ShardHeader, ShardReader, Triplet
@@ -145,6 +146,8 @@ def shard_header(
         configuration=configuration_to_json(configuration),
         generator=f"pix2face {__version__}",
         rejected=json.dumps(rejected),
+        layers=(*DEFAULT_LAYERS, "depth"),
+        region_names=model.region_names,
     )
 
 

@@ -33,7 +33,7 @@ def contact_sheet(shards: Path, n: int) -> UInt8[ndarray, "h w 3"]:
 
 def sample_strip(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
     """One sample: picture, PNCC over the picture, offset, depth, landmarks (green: visible, red: hidden)."""
-    image, maps = decode_image(triplet.image, triplet.sample_id), triplet.maps
+    image, maps = decode_image(triplet.image or b"", triplet.sample_id), triplet.maps
     pncc = map_picture(maps.pncc, maps.mask, limit_mm=120)
     blend = np.where(maps.mask[..., None], (0.45 * image + 0.55 * pncc).astype(np.uint8), image)
     offset = map_picture(maps.offset, maps.mask, limit_mm=15)
@@ -57,7 +57,7 @@ def _spread_triplets(shards: Path, n: int) -> list[Triplet]:
 
 
 def _depth_picture(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
-    mask, depth = triplet.maps.mask, triplet.depth
+    mask, depth = triplet.maps.mask, triplet.layers["depth"]
     picture = np.full((*mask.shape, 3), 128, dtype=np.uint8)
     near, far = depth[mask].min(), depth[mask].max()
     shade = 255 * (1 - (depth[mask] - near) / max(float(far - near), 1e-6))

@@ -15,11 +15,12 @@ from datagen.visibility import visible_landmarks
 from pix2face.camera import head_pose
 from pix2face.coefficients import Face
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
-from pix2face.face_maps import FIXED_POINT_LIMIT_MM, FaceMaps
+from pix2face.face_maps import FIXED_POINT_LIMIT_MM
 from pix2face.images import encode_image, read_bytes
 from pix2face.landmarks import IBUG68
+from pix2face.layers import LAYERS
 from pix2face.morphable_model import MorphableModel
-from pix2face.shards import DEPTH_STEPS_PER_MM, Triplet
+from pix2face.shards import Triplet
 
 
 @final
@@ -66,8 +67,12 @@ class TripletMaker:
         return Triplet(
             sample_id=face.sample_id,
             image=image,
-            maps=FaceMaps(rendered.pncc, rendered.offset, rendered.mask),
-            depth=rendered.depth,
+            layers={
+                "pncc": rendered.pncc,
+                "offset": rendered.offset,
+                "mask": rendered.mask,
+                "depth": rendered.depth,
+            },
             camera=face.camera,
             identity=face.identity,
             expression=face.expression,
@@ -94,10 +99,10 @@ def _check_range(triplet: Triplet) -> None:
     Raises:
         InputFileError: A value is not finite or too large.
     """
-    maps, largest = triplet.maps, float(np.finfo(np.float32).max)
+    layers, largest = triplet.layers, float(np.finfo(np.float32).max)
     for name, values, limit in (
-        ("map values in mm", np.stack([maps.pncc, maps.offset]), FIXED_POINT_LIMIT_MM),
-        ("depths in mm", triplet.depth, np.iinfo(np.int32).max / DEPTH_STEPS_PER_MM),
+        ("map values in mm", np.stack([layers["pncc"], layers["offset"]]), FIXED_POINT_LIMIT_MM),
+        ("depths in mm", layers["depth"], LAYERS["depth"].limit),
         ("landmarks in pixels", triplet.landmarks2d, largest),
         ("landmarks in mm", triplet.landmarks3d, largest),
     ):

@@ -4,7 +4,7 @@ HDF5 can point at other files (external links, external storage, virtual dataset
 than what it stores. A model file needs neither.
 """
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -41,8 +41,13 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         ) from error
 
 
-def check_contained(file: h5py.File, path: Path) -> None:
+def check_contained(file: h5py.File, path: Path, sliced: Container[str] = ()) -> None:
     """Walks all groups and checks links and datasets.
+
+    Args:
+        file: The file.
+        path: Its name, for messages.
+        sliced: Datasets (``/name``) that may be of any size, since their reader takes and checks a part at a time.
 
     Raises:
         InputFileError: Something points out of the file, or declares more than the file can hold.
@@ -62,7 +67,7 @@ def check_contained(file: h5py.File, path: Path) -> None:
             if isinstance(item, h5py.Group):
                 pending.append((item, found))
             elif isinstance(item, h5py.Dataset):
-                _check_dataset(item, found, path)
+                _check_dataset(item, found, path, found in sliced)
 
 
 def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
@@ -106,7 +111,7 @@ def fixed_text(text: str) -> ndarray:
     return np.array(content, dtype=f"S{max(1, len(content))}")
 
 
-def _check_dataset(item: h5py.Dataset, name: str, path: Path) -> None:
+def _check_dataset(item: h5py.Dataset, name: str, path: Path, is_sliced: bool) -> None:
     properties = item.id.get_create_plist()
     if properties.get_external_count() or item.is_virtual:
         raise InputFileError(f"{path}: expected all data in the file, found that {name} is stored outside of it")
@@ -114,7 +119,7 @@ def _check_dataset(item: h5py.Dataset, name: str, path: Path) -> None:
     stored = item.id.get_storage_size()
     holds = LARGEST_COMPRESSION * stored if item.chunks else stored
     largest = min(max(holds, UNWRITTEN_BYTES), LARGEST_ARRAY_BYTES)
-    if declared > largest or stored > path.stat().st_size:
+    if (declared > largest and not is_sliced) or stored > path.stat().st_size:
         raise InputFileError(
             f"{path}: expected {name} to hold what it declares, found {declared} bytes declared and {stored} stored "
             f"(limit {LARGEST_ARRAY_BYTES}); the file is damaged or hostile"

@@ -30,6 +30,43 @@ class FaceMaps:
     offset: Float32[ndarray, "h w 3"]
     mask: Bool[ndarray, "h w"]
 
+    def layers(self) -> dict[str, ndarray]:
+        """By the names that a shard knows them by."""
+        return {"pncc": self.pncc, "offset": self.offset, "mask": self.mask}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FaceCut:
+    """Maps in steps of 1/128 mm, cut to where there is a face.
+
+    Attributes:
+        pncc: See FaceMaps.
+        offset: See FaceMaps.
+        mask: Where both hold.
+        corner: Top left corner (x, y) of the cut in the picture, px.
+    """
+
+    pncc: Int16[ndarray, "y x 3"]
+    offset: Int16[ndarray, "y x 3"]
+    mask: Bool[ndarray, "y x"]
+    corner: tuple[int, int]
+
+
+def cut_to_face(pncc: Int16[ndarray, "h w 3"], offset: Int16[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> FaceCut:
+    """Copies the mask's bounding box out of maps in steps; one pixel where the mask is empty."""
+    rows, columns = face_box(mask)
+    cut = np.s_[rows, columns] if rows.stop else np.s_[0:1, 0:1]
+    return FaceCut(pncc[cut].copy(), offset[cut].copy(), mask[cut].copy(), (int(cut[1].start), int(cut[0].start)))
+
+
+def face_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
+    """Rows and columns of the mask's bounding box; both empty where the mask is."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
 
 def maps_to_fixed_point(values_mm: Float32[ndarray, "*h 3"]) -> Int16[ndarray, "*h 3"]:
     """Rounds millimetres to steps of 1/128 mm.

@@ -1,145 +1,269 @@
-"""Writing shards, and checking them."""
+"""Writing shards: samples are packed one by one, then written together, read back and renamed."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import h5py
 import numpy as np
 from numpy import ndarray
 
-from pix2face.errors import InputFileError
-from pix2face.face_maps import FIXED_POINT_STEPS_PER_MM, maps_to_fixed_point
-from pix2face.images import decode_image
-from pix2face.shards import (
-    DEPTH_STEPS_PER_MM,
-    FORMAT,
-    PER_SAMPLE,
-    SCHEMA_VERSION,
-    ShardHeader,
-    ShardReader,
-    Triplet,
-    sample_checksum,
-)
+from pix2face.checked_hdf5 import fixed_text
+from pix2face.errors import InputFileError, UsageError
+from pix2face.face_maps import face_box
+from pix2face.layers import IMAGE, LANDMARKS, LAYERS, WHOLE_HEAD_LAYERS, Layer, to_stored
+from pix2face.map_storage import create_layer_dataset, pack_chunk, unpack_chunk
+from pix2face.shard_layout import COLUMNS, CONTENT_COLUMNS, FORMAT, SCHEMA_VERSION, content_checksum
+from pix2face.shards import ShardHeader, Triplet
+
+# Text has a fixed length for each shard: the longest of its samples decides, so one must not be without bounds.
+LARGEST_TEXT_BYTES = {"sample_id": 4096, "attributes": 16384}
 
 
-def write_shard(path: Path, header: ShardHeader, triplets: Sequence[Triplet]) -> None:
+@final
+@dataclass(frozen=True, eq=False)
+class PackedTriplet:
+    """A sample as a shard holds it: a tenth of the memory of a Triplet.
+
+    Attributes:
+        texts: ``sample_id`` and ``attributes``, UTF-8.
+        image: Content of a picture's file; empty where the set has none.
+        chunks: The compressed layers, by name.
+        size_px: Height and width of the layers.
+        columns: The rows that go into ``pix2face.shard_layout.COLUMNS``.
+    """
+
+    texts: Mapping[str, bytes]
+    image: bytes
+    chunks: Mapping[str, bytes]
+    size_px: tuple[int, int]
+    columns: Mapping[str, ndarray]
+
+
+def pack_triplet(triplet: Triplet, layers: Sequence[str]) -> PackedTriplet:
+    """Rounds and compresses one sample.
+
+    Args:
+        triplet: The sample. Where it has a mask, what its layers hold outside the mask's bounding box is taken to be 0
+            (but for layers of the whole head).
+        layers: What to keep of it: names of ``pix2face.layers.LAYER_NAMES``.
+
+    Raises:
+        InputFileError: It lacks a layer, or a value does not fit the format.
+    """
+    image = _image(triplet) if IMAGE in layers else b""
+    stored = _stored_layers(triplet, [name for name in layers if name in LAYERS])
+    texts = {"sample_id": _text(triplet.sample_id, "sample_id")}
+    texts["attributes"] = _text(json.dumps(dict(triplet.attributes), sort_keys=True), "attributes")
+    columns = _content_columns(triplet, LANDMARKS in layers)
+    size_px = next((array.shape[:2] for array in stored.values()), (0, 0))
+    offset = stored.get("offset", np.zeros(0, np.int16))
+    largest = max(int(offset.max(initial=0)), -int(offset.min(initial=0)))
+    columns["size_px"] = np.array(size_px)
+    columns["offset_limit_mm"] = np.array(largest / LAYERS["offset"].steps_per_unit)
+    columns["checksum"] = np.array(content_checksum(image, list(stored.values()), columns, texts["attributes"]))
+    chunks = {name: pack_chunk(array) for name, array in stored.items()}
+    return PackedTriplet(texts, image, chunks, size_px, columns)
+
+
+def write_shard(path: Path, header: ShardHeader, triplets: Iterable[Triplet]) -> None:
     """Writes a shard under a temporary name, reads it back, and renames it.
 
     Args:
         path: Where it goes; its folder is made.
-        header: What holds for all samples.
+        header: What holds for all samples; its ``layers`` are kept, others are not.
         triplets: The samples, all of one model. May be empty.
 
     Raises:
         InputFileError: A value does not fit the format, or what was written does not read back.
+        UsageError: The file cannot be written, for instance since the disk is full.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    write_packed(path, header, [pack_triplet(triplet, header.layers) for triplet in triplets])
+
+
+def write_packed(path: Path, header: ShardHeader, samples: Sequence[PackedTriplet]) -> None:
+    """As ``write_shard``, of samples that were packed as they were made: a whole shard of them fits in memory.
+
+    The file is put together in memory and written in one go, so a full disk is an ordinary error; inside the HDF5
+    library it is not.
+
+    Args:
+        path: Where it goes; its folder is made.
+        header: What holds for all samples.
+        samples: Packed with the layers that ``header`` names.
+
+    Raises:
+        InputFileError: Ids are not unique, samples do not match, or what was written does not read back.
+        UsageError: The file cannot be written, for instance since the disk is full.
+    """
+    content = _file_content(header, samples)
     temporary = path.with_name(f".{path.name}.part")
     try:
-        with h5py.File(temporary, "w", track_order=False) as file:
-            _write_header(file, header)
-            _write_samples(file, triplets)
-        problems = verify_shard(temporary)
-        if problems:
-            raise InputFileError(f"{path}: written, but does not read back: {problems[0]}; is the disk sound?")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        _check_written(temporary, content, path)
         temporary.rename(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise UsageError(
+            f"{path}: expected to write {len(content) / 1e6:.1f} MB, found that it cannot be ({error.strerror}); "
+            "make room or choose another folder, and run the same command again: finished shards are kept"
+        ) from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def verify_shard(path: Path) -> list[str]:
-    """Reads every sample of a shard and checks it.
-
-    Returns:
-        What is wrong with it, in words; empty where nothing is.
-    """
-    problems = []
-    try:
-        with ShardReader(path) as reader:
-            if len(set(reader.sample_ids)) < len(reader):
-                problems.append("sample ids are not unique")
-            for index in range(len(reader)):
-                problems += [f"sample {reader.sample_ids[index]!r}: {text}" for text in _sample_problems(reader, index)]
-    except InputFileError as error:
-        problems.append(str(error))
-    return problems
-
-
-def _sample_problems(reader: ShardReader, index: int) -> list[str]:
-    triplet = reader.triplet(index)
-    maps, problems = triplet.maps, []
-    image = decode_image(triplet.image, f"{reader.path}, sample {index}")
-    if image.shape[:2] != maps.mask.shape:
-        problems.append(f"the picture is {image.shape[:2]}, the maps are {maps.mask.shape}")
-    if not maps.mask.any():
-        problems.append("the mask is empty")
-    for name, values in (("PNCC", maps.pncc), ("offset", maps.offset), ("depth", triplet.depth)):
-        if values[~maps.mask].any():
-            problems.append(f"{name} is not 0 outside the mask")
-    if not np.abs(maps.pncc).max(initial=0) <= reader.header.pncc_limit_mm + 0.01:
-        problems.append(f"PNCC exceeds the model's {reader.header.pncc_limit_mm:.1f} mm")
-    stored, found = reader.checksum_pair(index)
-    if stored != found:
-        problems.append("the checksum differs: the content has changed since it was written")
-    arrays = ("identity", "expression", "landmarks2d", "landmarks3d")
-    return problems + [f"{name} is not finite" for name in arrays if not np.isfinite(getattr(triplet, name)).all()]
+def _file_content(header: ShardHeader, samples: Sequence[PackedTriplet]) -> bytes:
+    ids = [sample.texts["sample_id"] for sample in samples]
+    if len(set(ids)) < len(ids):
+        raise InputFileError("expected unique sample ids in a shard, found that sample ids are not unique")
+    with h5py.File("shard", "w", driver="core", backing_store=False, track_order=False) as file:
+        file.attrs["format"] = fixed_text(FORMAT)
+        file.attrs["schema_version"] = SCHEMA_VERSION
+        file["header"] = fixed_text(json.dumps(asdict(header), sort_keys=True))
+        for name in ("sample_id", "attributes"):
+            _write_texts(file, name, [sample.texts[name] for sample in samples])
+        for name in COLUMNS:
+            _write_column(file, name, [sample.columns[name] for sample in samples])
+        if IMAGE in header.layers:
+            _write_images(file, [sample.image for sample in samples])
+        _write_layers(file, [name for name in header.layers if name in LAYERS], samples)
+        file.flush()
+        return bytes(file.id.get_file_image())
 
 
-def _write_header(file: h5py.File, header: ShardHeader) -> None:
-    file.attrs["format"] = FORMAT
-    file.attrs["schema_version"] = SCHEMA_VERSION
-    file.attrs["header"] = json.dumps(asdict(header), sort_keys=True)
-    file.attrs["fixed_point_steps_per_mm"] = FIXED_POINT_STEPS_PER_MM
-    file.attrs["depth_steps_per_mm"] = DEPTH_STEPS_PER_MM
+def _write_texts(file: h5py.File, name: str, texts: Sequence[bytes]) -> None:
+    kind = h5py.string_dtype("utf-8", max([1, *map(len, texts)]))
+    file.create_dataset(name, data=np.array(texts, dtype=kind), track_times=False)
 
 
-def _write_samples(file: h5py.File, triplets: Sequence[Triplet]) -> None:
-    n = len(triplets)
+def _write_column(file: h5py.File, name: str, rows: Sequence[ndarray]) -> None:
+    column = COLUMNS[name]
+    shapes = {row.shape for row in rows}
+    if len(shapes) > 1:
+        raise InputFileError(f"expected samples of one model in a shard, found {name} of shapes {sorted(shapes)}")
+    shape = shapes.pop() if shapes else tuple(length or 0 for length in column.shape)
+    values = np.stack(rows) if rows else np.zeros((0, *shape))
+    file.create_dataset(name, data=values.astype(column.dtype), track_times=False)
+
+
+def _write_images(file: h5py.File, images: Sequence[bytes]) -> None:
+    content = np.frombuffer(b"".join(images), dtype=np.uint8)
+    file.create_dataset("image_bytes", data=content, track_times=False)
+    ends = np.cumsum([len(image) for image in images], dtype=np.int64)
+    file.create_dataset("image_end", data=ends, dtype="<i8", track_times=False)
+
+
+def _write_layers(file: h5py.File, names: Sequence[str], samples: Sequence[PackedTriplet]) -> None:
     # Pictures of several sizes share one shape; what lies beyond a picture's own size compresses to nothing.
-    shapes = [triplet.maps.mask.shape for triplet in triplets]
-    height, width = (max(lengths, default=0) for lengths in zip(*shapes, strict=True)) if n else (0, 0)
-    _create(file, "pncc", n, (height, width, 3), np.int16)
-    _create(file, "offset", n, (height, width, 3), np.int16)
-    _create(file, "mask", n, (height, width), np.uint8)
-    _create(file, "depth", n, (height, width), np.int32)
-    for name, dtype in PER_SAMPLE.items():
-        first = _per_sample(triplets[0], name) if n else np.zeros(0)
-        _create(file, name, n, first.shape, dtype)
-    file.create_dataset("image", (n,), dtype=h5py.vlen_dtype(np.uint8), track_times=False)
-    for name in ("sample_id", "attributes", "checksum"):
-        file.create_dataset(name, (n,), dtype=h5py.string_dtype(), track_times=False)
-    file.create_dataset("size_px", (n, 2), dtype=np.int32, track_times=False)
-    file.create_dataset("offset_limit_mm", (n,), dtype=np.float32, track_times=False)
-    for index, triplet in enumerate(triplets):
-        _write_sample(file, index, triplet)
+    height, width = (
+        max([0, *lengths]) for lengths in zip(*(sample.size_px for sample in samples), (0, 0), strict=True)
+    )
+    datasets = {
+        name: create_layer_dataset(file, name, (len(samples), *LAYERS[name].shape(height, width)), LAYERS[name].stored)
+        for name in names
+    }
+    for index, sample in enumerate(samples):
+        for name, dataset in datasets.items():
+            if dataset.size:
+                chunk = _padded(LAYERS[name], sample.chunks[name], sample.size_px, (height, width))
+                dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), chunk)
 
 
-def _write_sample(file: h5py.File, index: int, triplet: Triplet) -> None:
-    height, width = triplet.maps.mask.shape
-    file["size_px"][index] = height, width
-    file["pncc"][index, :height, :width] = maps_to_fixed_point(triplet.maps.pncc)
-    file["offset"][index, :height, :width] = maps_to_fixed_point(triplet.maps.offset)
-    file["mask"][index, :height, :width] = triplet.maps.mask
-    file["depth"][index, :height, :width] = np.rint(triplet.depth * DEPTH_STEPS_PER_MM).astype(np.int32)
-    for name in PER_SAMPLE:
-        file[name][index] = _per_sample(triplet, name)
-    file["image"][index] = np.frombuffer(triplet.image, dtype=np.uint8)
-    file["sample_id"][index] = triplet.sample_id
-    file["attributes"][index] = json.dumps(dict(triplet.attributes), sort_keys=True)
-    file["offset_limit_mm"][index] = np.abs(triplet.maps.offset).max(initial=0)
-    file["checksum"][index] = sample_checksum(file, index)
+def _padded(layer: Layer, chunk: bytes, size_px: tuple[int, int], wanted_px: tuple[int, int]) -> bytes:
+    if size_px == wanted_px:
+        return chunk
+    padded = np.zeros(layer.shape(*wanted_px), dtype=layer.stored)
+    padded[: size_px[0], : size_px[1]] = unpack_chunk(chunk, layer.stored, layer.shape(*size_px))
+    return pack_chunk(padded)
 
 
-def _per_sample(triplet: Triplet, name: str) -> ndarray:
-    return triplet.camera.matrix if name == "camera" else np.asarray(getattr(triplet, name))
+def _stored_layers(triplet: Triplet, names: Sequence[str]) -> dict[str, ndarray]:
+    """Layers in steps. Only the box of the mask is converted: most of a picture is background."""
+    mask = triplet.layers.get("mask")
+    box = np.s_[:, :] if mask is None else face_box(mask.astype(bool, copy=False))
+    stored: dict[str, ndarray] = {}
+    for name in names:
+        if name not in triplet.layers:
+            raise InputFileError(
+                f"{triplet.sample_id}: expected the layer {name}, found {','.join(triplet.layers) or 'none'}"
+            )
+        layer, values = LAYERS[name], triplet.layers[name]
+        if values.shape != layer.shape(*values.shape[:2]) or (stored and values.shape[:2] != _size(stored)):
+            raise InputFileError(f"{triplet.sample_id}: expected {name} like the other layers, found {values.shape}")
+        if name in WHOLE_HEAD_LAYERS:
+            stored[name] = to_stored(layer, values)
+            continue
+        stored[name] = np.zeros(values.shape, dtype=layer.stored)
+        stored[name][box] = to_stored(layer, values[box])
+    return stored
 
 
-def _create(file: h5py.File, name: str, n: int, shape: tuple[int, ...], dtype: Any) -> None:
-    # One chunk a sample: random access decodes nothing but the sample asked for.
-    options: dict[str, Any] = {}
-    if n and all(shape):
-        options = {"chunks": (1, *shape), "compression": "gzip", "compression_opts": 4, "shuffle": True}
-    file.create_dataset(name, (n, *shape), dtype=dtype, track_times=False, **options)
+def _size(stored: Mapping[str, ndarray]) -> tuple[int, ...]:
+    return next(iter(stored.values())).shape[:2]
+
+
+def _content_columns(triplet: Triplet, has_landmarks: bool) -> dict[str, Any]:
+    kept = np.s_[:] if has_landmarks else np.s_[:0]
+    values = {
+        "camera": triplet.camera.matrix,
+        "identity": triplet.identity,
+        "expression": triplet.expression,
+        "landmarks2d": triplet.landmarks2d[kept],
+        "landmarks3d": triplet.landmarks3d[kept],
+        "visible": triplet.visible[kept],
+    }
+    columns = {}
+    for name, value in values.items():
+        with np.errstate(over="ignore"):
+            columns[name] = np.asarray(value).astype(CONTENT_COLUMNS[name].dtype)
+        if not np.isfinite(columns[name]).all():
+            raise InputFileError(f"{triplet.sample_id}: expected finite {name}, found others; are they sound?")
+    return columns
+
+
+def _image(triplet: Triplet) -> bytes:
+    if not triplet.image:
+        raise InputFileError(f"{triplet.sample_id}: expected a picture, since the shard is to have them; found none")
+    return triplet.image
+
+
+def _text(text: str, name: str) -> bytes:
+    largest = LARGEST_TEXT_BYTES[name]
+    try:
+        content, found = text.encode("utf-8"), "a NUL character" if "\0" in text else ""
+    except UnicodeEncodeError:
+        content, found = b"", "characters that UTF-8 has not"
+    if len(content) > largest:
+        found = f"{len(content)} bytes"
+    if found:
+        raise InputFileError(f"{text[:40]!r}: expected at most {largest} bytes of UTF-8 as {name}, found {found}")
+    return content
+
+
+def _check_written(temporary: Path, content: bytes, path: Path) -> None:
+    """Compares the file with what was to be written, and reads its first sample with the HDF5 library alone."""
+    if temporary.read_bytes() != content:
+        raise InputFileError(f"{path}: written, but does not read back the same; is the disk sound?")
+    try:
+        with h5py.File(temporary, "r") as file:
+            for name in LAYERS:
+                if name in file and file[name].size:
+                    file[name][0]
+    except (OSError, RuntimeError) as error:
+        raise InputFileError(f"{path}: written, but the HDF5 library cannot read it ({error})") from error
+
+
+def _sync_folder(folder: Path) -> None:
+    """Makes a new name last through a power failure."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

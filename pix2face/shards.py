@@ -4,44 +4,45 @@ Reading needs only HDF5's built-in filters. A shard appears under its name when 
 then it has a temporary name, so an interrupted job leaves no half shard.
 """
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, final
+from typing import final
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32, Shaped, UInt8
 from numpy import ndarray
 
 from pix2face.camera import Camera
 from pix2face.errors import InputFileError, UsageError
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps
+from pix2face.face_maps import FaceCut, FaceMaps, cut_to_face
 from pix2face.images import decode_image
+from pix2face.layers import DEFAULT_LAYERS, IMAGE, LAYERS, from_stored
+from pix2face.map_storage import is_shuffle_deflate, unpack_chunk
+from pix2face.shard_layout import CONTENT_COLUMNS, check_layout, content_checksum, read_header_fields
 
-FORMAT = "pix2face-shard"
-SCHEMA_VERSION = 1
-DEPTH_STEPS_PER_MM = 128
+MAP_LAYERS = ("pncc", "offset", "mask")
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Triplet:
-    """One sample: a picture, its maps, and what they were made from.
+    """One sample: a picture, its layers, and what they were made from.
 
     Attributes:
         sample_id: Unique in its set of shards.
-        image: Content of a JPEG or PNG file: a photograph's own bytes where it was not resampled.
-        maps: Ground truth.
-        depth: mm, larger is farther; 0 outside the mask.
+        image: Content of a JPEG or PNG file: a photograph's own bytes where it was not resampled; None where the set
+            has no pictures.
+        layers: By name (``pix2face.layers.LAYERS``), in the units given there. On the way into a shard also in steps,
+            the layer's stored dtype.
         camera: Sees the model in this picture.
         identity: Standard deviations.
         expression: Standard deviations.
-        landmarks2d: Pixels.
+        landmarks2d: Pixels; none where the set has no landmarks.
         landmarks3d: mm, model frame.
         visible: Which landmarks are inside the picture and not hidden by the head itself.
         attributes: What else is known of the sample (pose in degrees, where geometry and picture come from), to filter
@@ -49,9 +50,8 @@ class Triplet:
     """
 
     sample_id: str
-    image: bytes
-    maps: FaceMaps
-    depth: Float32[ndarray, "h w"]
+    image: bytes | None
+    layers: Mapping[str, ndarray]
     camera: Camera
     identity: Float[ndarray, " k"]
     expression: Float[ndarray, " e"]
@@ -59,6 +59,16 @@ class Triplet:
     landmarks3d: Float[ndarray, "m 3"]
     visible: Bool[ndarray, " m"]
     attributes: Mapping[str, str | float]
+
+    @property
+    def maps(self) -> FaceMaps:
+        """PNCC, offset and mask together.
+
+        Raises:
+            UsageError: One of them is not there.
+        """
+        check_has_maps(self.layers, self.sample_id)
+        return FaceMaps(*(self.layers[name] for name in MAP_LAYERS))
 
 
 @final
@@ -75,6 +85,8 @@ class ShardHeader:
         configuration: The resolved configuration of the job, as JSON.
         generator: Program and version.
         rejected: The samples of this unit of work that could not be used, as JSON: id and reason of each.
+        layers: What each sample has, of ``pix2face.layers.LAYER_NAMES``.
+        region_names: Of the model: what the layer ``regions`` counts.
     """
 
     model_name: str
@@ -85,36 +97,34 @@ class ShardHeader:
     configuration: str
     generator: str
     rejected: str = "[]"
-
-
-# Small arrays that every sample has, and how they are stored.
-PER_SAMPLE = {
-    "camera": np.float64,
-    "identity": np.float32,
-    "expression": np.float32,
-    "landmarks2d": np.float32,
-    "landmarks3d": np.float32,
-    "visible": np.bool_,
-}
+    layers: tuple[str, ...] = DEFAULT_LAYERS
+    region_names: tuple[str, ...] = ()
 
 
 @final
 class ShardReader:
-    """Reads one shard; a sample at a time, nothing kept.
+    """Reads one shard; a sample at a time, nothing of its pictures and layers kept.
 
     Raises:
-        InputFileError: The file is missing, no shard, truncated, or of a newer schema.
+        InputFileError: The file is missing, no shard, truncated, damaged, or of another schema.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         with _reading(path):
             self._file = h5py.File(path, "r")
-            _check_format(self._file)
-            fields = json.loads(str(self._file.attrs["header"]))
-            self.header = ShardHeader(**fields)
-            self.sample_ids: list[str] = [name.decode() for name in self._file["sample_id"][()]]
-            self.offset_limits_mm: Float32[ndarray, " n"] = self._file["offset_limit_mm"][()]
+        try:
+            with _reading(path):
+                self.header = ShardHeader(**read_header_fields(self._file, path))
+                self._columns: dict[str, ndarray] = {}
+                self._layers = {name: self._file[name] for name in self.header.layers if name in LAYERS}
+                check_layout(self._file, self.header.layers)
+                self.sample_ids: list[str] = [text.decode("utf-8") for text in self._file["sample_id"][()].tolist()]
+                self.offset_limits_mm: Float32[ndarray, " n"] = self._column("offset_limit_mm")
+                self._is_ours = {name: is_shuffle_deflate(dataset) for name, dataset in self._layers.items()}
+        except BaseException:
+            self._file.close()
+            raise
 
     def __len__(self) -> int:
         return len(self.sample_ids)
@@ -132,52 +142,121 @@ class ShardReader:
         self._file.close()
 
     def image_bytes(self, index: int) -> bytes:
-        """The encoded picture of a sample."""
+        """The encoded picture of a sample.
+
+        Raises:
+            UsageError: The shard has none.
+        """
+        if IMAGE not in self.header.layers:
+            raise UsageError(f"{self.path}: expected pictures, found layers {','.join(self.header.layers)}")
         with _reading(self.path):
-            return bytes(self._file["image"][index].tobytes())
+            ends = self._column("image_end")
+            start = int(ends[index - 1]) if index else 0
+            return bytes(self._file["image_bytes"][start : int(ends[index])].tobytes())
 
     def image(self, index: int) -> UInt8[ndarray, "h w 3"]:
         """The picture of a sample, RGB."""
         return decode_image(self.image_bytes(index), f"{self.path}, sample {index}")
 
+    def stored_layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
+        """A layer of a sample in steps, as the file holds it.
+
+        Raises:
+            UsageError: The shard has no such layer.
+            InputFileError: What is stored is damaged.
+        """
+        if name not in self._layers:
+            raise UsageError(
+                f"{self.path}: expected the layer {name}, found {','.join(self.header.layers)}; render with --layers"
+            )
+        with _reading(self.path):
+            dataset = self._layers[name]
+            height, width = self._column("size_px")[index]
+            if not self._is_ours[name]:
+                return np.asarray(dataset[index])[:height, :width]
+            chunk = dataset.id.read_direct_chunk((index, *(0 for _ in dataset.shape[1:])))[1]
+            return unpack_chunk(chunk, LAYERS[name].stored, dataset.shape[1:])[:height, :width]
+
+    def layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
+        """A layer of a sample in its unit.
+
+        Raises:
+            UsageError: The shard has no such layer.
+            InputFileError: What is stored is damaged.
+        """
+        return from_stored(LAYERS[name], self.stored_layer(index, name))
+
     def maps(self, index: int) -> FaceMaps:
-        """The maps of a sample, mm."""
-        with _reading(self.path):
-            height, width = self._file["size_px"][index]
-            pncc, offset = (self._file[name][index, :height, :width] for name in ("pncc", "offset"))
-            mask = self._file["mask"][index, :height, :width].astype(bool)
-        return FaceMaps(fixed_point_to_maps(pncc), fixed_point_to_maps(offset), mask)
+        """PNCC, offset and mask of a sample, mm.
 
-    def stored_checksums(self) -> list[str]:
-        """The checksum that was stored with each sample; nothing is recomputed."""
-        with _reading(self.path):
-            return [text.decode() for text in self._file["checksum"][()]]
+        Raises:
+            UsageError: The shard has not all of them.
+        """
+        check_has_maps(self._layers, str(self.path))
+        return FaceMaps(*(self.layer(index, name) for name in MAP_LAYERS))
 
-    def checksum_pair(self, index: int) -> tuple[str, str]:
-        """The checksum that was stored with a sample, and that of what is there now."""
-        with _reading(self.path):
-            return self._file["checksum"][index].decode(), sample_checksum(self._file, index)
+    def face_cut(self, index: int) -> FaceCut:
+        """PNCC, offset and mask of a sample in steps, cut to the mask's bounding box: what a trainer keeps.
+
+        Raises:
+            UsageError: The shard has not all of them.
+        """
+        check_has_maps(self._layers, str(self.path))
+        pncc, offset, mask = (self.stored_layer(index, name) for name in MAP_LAYERS)
+        return cut_to_face(pncc, offset, mask.astype(bool))
 
     def landmarks2d(self, index: int) -> Float32[ndarray, "m 2"]:
         """The landmarks of a sample, px."""
         with _reading(self.path):
-            return np.asarray(self._file["landmarks2d"][index])
+            return self._column("landmarks2d")[index]
+
+    def stored_checksums(self) -> list[str]:
+        """The checksum that was stored with each sample, in hexadecimal digits; nothing is recomputed."""
+        with _reading(self.path):
+            return [f"{value:08x}" for value in self._column("checksum").tolist()]
+
+    def checksum_pair(self, index: int) -> tuple[int, int]:
+        """The checksum that was stored with a sample, and that of what is there now."""
+        image = self.image_bytes(index) if IMAGE in self.header.layers else None
+        layers = [self.stored_layer(index, name) for name in self._layers]
+        with _reading(self.path):
+            columns = {name: self._column(name)[index] for name in CONTENT_COLUMNS}
+            found = content_checksum(image, layers, columns, bytes(self._file["attributes"][index]))
+            return int(self._column("checksum")[index]), found
 
     def triplet(self, index: int) -> Triplet:
         """Everything that is known of a sample."""
         with _reading(self.path):
-            values: dict[str, Any] = {name: self._file[name][index] for name in PER_SAMPLE}
-            height, width = self._file["size_px"][index]
-            depth = (self._file["depth"][index, :height, :width] / DEPTH_STEPS_PER_MM).astype(np.float32)
-            attributes = json.loads(self._file["attributes"][index])
-        values["camera"] = Camera(values["camera"])
-        return Triplet(
-            sample_id=self.sample_ids[index],
-            image=self.image_bytes(index),
-            maps=self.maps(index),
-            depth=depth,
-            attributes=attributes,
-            **values,
+            attributes = json.loads(bytes(self._file["attributes"][index]).decode("utf-8"))
+            return Triplet(
+                sample_id=self.sample_ids[index],
+                image=self.image_bytes(index) if IMAGE in self.header.layers else None,
+                layers={name: self.layer(index, name) for name in self._layers},
+                camera=Camera(self._column("camera")[index]),
+                attributes=attributes,
+                visible=self._column("visible")[index].astype(bool),
+                **{
+                    name: self._column(name)[index] for name in ("identity", "expression", "landmarks2d", "landmarks3d")
+                },
+            )
+
+    def _column(self, name: str) -> ndarray:
+        if name not in self._columns:
+            self._columns[name] = self._file[name][()]
+        return self._columns[name]
+
+
+def check_has_maps(layers: Mapping[str, object], where: str) -> None:
+    """Refuses layers without PNCC, offset or mask.
+
+    Raises:
+        UsageError: One is missing.
+    """
+    missing = [name for name in MAP_LAYERS if name not in layers]
+    if missing:
+        raise UsageError(
+            f"{where}: expected the layers {','.join(MAP_LAYERS)}, found no {missing[0]}; render with --layers that "
+            "name it"
         )
 
 
@@ -196,27 +275,6 @@ def shard_paths(folder: Path) -> list[Path]:
     return paths
 
 
-def sample_checksum(file: h5py.File, index: int) -> str:
-    """SHA-256 over the stored picture and arrays of a sample."""
-    digest = hashlib.sha256(file["image"][index].tobytes())
-    for name in ("size_px", "pncc", "offset", "mask", "depth", *PER_SAMPLE):
-        digest.update(np.ascontiguousarray(file[name][index]).tobytes())
-    return digest.hexdigest()
-
-
-def _check_format(file: h5py.File) -> None:
-    if file.attrs.get("format") != FORMAT:
-        raise InputFileError(
-            f"{file.filename}: expected a shard (format={FORMAT!r}), found format={file.attrs.get('format')!r}"
-        )
-    version = int(file.attrs["schema_version"])
-    if version > SCHEMA_VERSION:
-        raise InputFileError(
-            f"{file.filename}: shard schema {version} is newer than {SCHEMA_VERSION}, which this version reads; "
-            "upgrade pix2face"
-        )
-
-
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     """Turns what h5py raises on a missing, foreign or truncated file into one error of ours."""
@@ -224,7 +282,7 @@ def _reading(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError as error:
         raise InputFileError(f"{path}: no such shard") from error
-    except (OSError, KeyError, ValueError, RuntimeError, TypeError, UnicodeDecodeError) as error:
+    except (OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError, UnicodeDecodeError) as error:
         raise InputFileError(
             f"{path}: expected a complete shard, found one that cannot be read ({error}); "
             "delete it and run `datagen render` again: it writes what is missing"

@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from pix2face.crops import Crop, FaceBox
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps, maps_to_fixed_point
+from pix2face.face_maps import FaceMaps, fixed_point_to_maps
 from pix2face.jitter import crop_maps, draw_jitter, jitter_crop, jitter_image
 from pix2face.shards import ShardReader
 from training.presets import Recipe
@@ -124,7 +124,8 @@ class TripletDataset(Dataset[tuple[Tensor, Tensor]]):
             self._readers[shard] = ShardReader(self._shards.paths[shard])
         reader = self._readers[shard]
         box = FaceBox.around(reader.landmarks2d(position))
-        return _cut_to_face(reader.image(position), reader.maps(position), box)
+        cut = reader.face_cut(position)
+        return DecodedSample(reader.image(position), cut.pncc, cut.offset, cut.mask, cut.corner, box)
 
     def _forget(self) -> None:
         self._process = os.getpid()
@@ -153,19 +154,6 @@ class EpochDraws(Sampler[int]):
 def _order(seed: int, turn: int, count: int) -> Int64[ndarray, " n"]:
     """The order in which a pass over all samples takes them."""
     return np.random.default_rng([ORDER_STREAM, seed, turn]).permutation(count)
-
-
-def _cut_to_face(image: UInt8[ndarray, "h w 3"], maps: FaceMaps, box: FaceBox) -> DecodedSample:
-    rows, columns = np.flatnonzero(maps.mask.any(axis=1)), np.flatnonzero(maps.mask.any(axis=0))
-    cut = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if len(rows) else np.s_[0:1, 0:1]
-    return DecodedSample(
-        image=image,
-        pncc=maps_to_fixed_point(maps.pncc[cut]),
-        offset=maps_to_fixed_point(maps.offset[cut]),
-        mask=maps.mask[cut].copy(),
-        corner=(int(cut[1].start), int(cut[0].start)),
-        box=box,
-    )
 
 
 def _moved(crop: Crop, corner: tuple[int, int]) -> Crop:

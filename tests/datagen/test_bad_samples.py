@@ -12,7 +12,7 @@ from datagen.cli import main
 from datagen.sampling import sample_faces
 from pix2face.coefficients import FaceCoefficients, save_coefficients
 from pix2face.morphable_model import load_model
-from pix2face.shard_writing import verify_shard
+from pix2face.shard_checks import verify_shard
 from pix2face.shards import ShardReader, shard_paths
 from tests.model_files import write_small_head
 from tests.pix2face.benchmark_files import frontal_camera

@@ -163,11 +163,11 @@ def test_a_contact_sheet_survives_pictures_of_other_shapes_and_far_landmarks(tmp
     write_heldout(tmp_path, small_head_model(), n=1)
     with ShardReader(tmp_path / "shard-00000.h5") as reader:
         header, triplet = reader.header, reader.triplet(0)
-    maps = replace(triplet.maps, **{name: value[:, :150] for name, value in vars(triplet.maps).items()})
+    layers = {name: value[:, :150] for name, value in triplet.layers.items()}
     landmarks2d = triplet.landmarks2d.copy()
     landmarks2d[:2] = [[1e30, 0], [-1e5, 20]]
     image = encode_image(np.zeros((200, 150, 3), np.uint8))
-    narrow = replace(triplet, maps=maps, depth=triplet.depth[:, :150], image=image, landmarks2d=landmarks2d)
+    narrow = replace(triplet, layers=layers, image=image, landmarks2d=landmarks2d)
     write_shard(tmp_path / "shard-00001.h5", header, [replace(narrow, sample_id="narrow")])
     assert call("preview", tmp_path) == 0
     assert cv2.imread(str(tmp_path / "preview.jpg")).shape == (180, 1800, 3)

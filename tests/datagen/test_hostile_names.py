@@ -14,7 +14,7 @@ from datagen.sampling import sample_faces
 from pix2face.coefficients import save_coefficients
 from pix2face.model_file import write_stored_model
 from pix2face.morphable_model import load_model
-from pix2face.shard_writing import verify_shard
+from pix2face.shard_checks import verify_shard
 from pix2face.shards import ShardReader, shard_paths
 from tests.model_files import stored_small_head, write_small_head
 from tests.pix2face.benchmark_files import frontal_camera, write_mat, write_photograph

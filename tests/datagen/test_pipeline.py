@@ -19,7 +19,7 @@ from pix2face.errors import UsageError
 from pix2face.images import decode_image
 from pix2face.morphable_model import load_model
 from pix2face.rasterise import render_maps
-from pix2face.shard_writing import verify_shard
+from pix2face.shard_checks import verify_shard
 from pix2face.shards import ShardReader, shard_paths
 from tests.model_files import write_small_head
 

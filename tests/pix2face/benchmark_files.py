@@ -15,6 +15,7 @@ from pix2face.crops import Crop, FaceBox, square_crop
 from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps
 from pix2face.images import encode_image
+from pix2face.layers import DEFAULT_LAYERS
 from pix2face.morphable_model import MorphableModel
 from pix2face.shard_writing import write_shard
 from pix2face.shards import ShardHeader, Triplet
@@ -67,6 +68,7 @@ def write_heldout(
         licence="CC0",
         configuration="{}",
         generator="test",
+        layers=(*DEFAULT_LAYERS, "depth"),
     )
     write_shard(folder / "shard-00000.h5", header, [_triplet(model, i, seed) for i in range(n)])
 
@@ -83,8 +85,7 @@ def _triplet(model: MorphableModel, index: int, seed: int) -> Triplet:
     return Triplet(
         sample_id=f"seed{seed}/{index:07d}",
         image=encode_image(np.full((200, 200, 3), 40 * index, dtype=np.uint8)),
-        maps=maps,
-        depth=maps.pncc[..., 0],
+        layers={**maps.layers(), "depth": maps.pncc[..., 0]},
         camera=camera,
         identity=np.zeros(model.n_identity),
         expression=np.zeros(model.n_expression),

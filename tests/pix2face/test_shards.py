@@ -8,9 +8,10 @@ import pytest
 
 from pix2face.camera import Camera
 from pix2face.errors import InputFileError, UsageError
-from pix2face.face_maps import FaceMaps
 from pix2face.images import encode_image
-from pix2face.shard_writing import verify_shard, write_shard
+from pix2face.layers import DEFAULT_LAYERS
+from pix2face.shard_checks import verify_shard
+from pix2face.shard_writing import write_shard
 from pix2face.shards import ShardHeader, ShardReader, Triplet, shard_paths
 
 HEADER = ShardHeader(
@@ -21,6 +22,7 @@ HEADER = ShardHeader(
     licence="CC0-1.0",
     configuration="{}",
     generator="test",
+    layers=(*DEFAULT_LAYERS, "depth"),
 )
 
 
@@ -33,8 +35,12 @@ def make_triplet(seed: int, size: int = 24) -> Triplet:
     return Triplet(
         sample_id=f"face/{seed}",
         image=encode_image(rng.integers(0, 256, (size, size, 3), dtype=np.uint8)),
-        maps=FaceMaps(pncc, offset, mask),
-        depth=(rng.uniform(300, 400, (size, size)) * mask).astype(np.float32),
+        layers={
+            "pncc": pncc,
+            "offset": offset,
+            "mask": mask,
+            "depth": (rng.uniform(300, 400, (size, size)) * mask).astype(np.float32),
+        },
         camera=Camera(rng.normal(size=(4, 4))),
         identity=rng.normal(size=5),
         expression=rng.normal(size=3),
@@ -60,14 +66,14 @@ def test_what_is_written_is_read_back_within_half_a_step(shard: Path) -> None:
             expected, found = make_triplet(index), reader.triplet(index)
             assert np.abs(found.maps.pncc - expected.maps.pncc).max() <= 0.5 / 128 + 1e-5
             assert np.abs(found.maps.offset - expected.maps.offset).max() <= 0.5 / 128 + 1e-5
-            assert np.abs(found.depth - expected.depth).max() <= 0.5 / 128 + 1e-4
+            assert np.abs(found.layers["depth"] - expected.layers["depth"]).max() <= 0.5 / 128 + 1e-4
             np.testing.assert_array_equal(found.maps.mask, expected.maps.mask)
             np.testing.assert_array_equal(found.camera.matrix, expected.camera.matrix)
             np.testing.assert_array_equal(found.visible, expected.visible)
             np.testing.assert_allclose(found.landmarks2d, expected.landmarks2d, atol=1e-4)
             assert found.attributes == expected.attributes
             assert found.image == expected.image
-            assert reader.offset_limits_mm[index] == np.abs(expected.maps.offset).max()
+            assert reader.offset_limits_mm[index] == np.abs(found.maps.offset).max()
 
 
 def test_same_samples_give_the_same_bytes(tmp_path: Path) -> None:
@@ -97,7 +103,7 @@ def test_a_shard_may_be_empty(tmp_path: Path) -> None:
 def test_an_error_leaves_neither_shard_nor_temporary_file(tmp_path: Path) -> None:
     bad = make_triplet(0)
     bad.maps.pncc[10, 10] = 300
-    with pytest.raises(InputFileError, match=r"within ±255\.9 mm"):
+    with pytest.raises(InputFileError, match=r"pncc within ±255\.9 mm"):
         write_shard(tmp_path / "shard-00000.h5", HEADER, [bad])
     assert list(tmp_path.iterdir()) == []
 
@@ -123,7 +129,7 @@ def test_verify_notices_a_changed_value(shard: Path) -> None:
 def test_verify_notices_values_outside_the_mask(shard: Path) -> None:
     with h5py.File(shard, "r+") as file:
         file["pncc"][1, 0, 0] = 5
-    assert any("PNCC is not 0 outside the mask" in problem for problem in verify_shard(shard))
+    assert any("pncc is not 0 outside the mask" in problem for problem in verify_shard(shard))
 
 
 def test_verify_notices_duplicate_ids(tmp_path: Path) -> None:
@@ -140,7 +146,7 @@ def test_foreign_and_newer_files_are_refused(shard: Path, tmp_path: Path) -> Non
         ShardReader(foreign)
     with h5py.File(shard, "r+") as file:
         file.attrs["schema_version"] = 99
-    with pytest.raises(InputFileError, match="newer than 1"):
+    with pytest.raises(InputFileError, match="newer than 2"):
         ShardReader(shard)
 
 

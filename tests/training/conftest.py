@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.face_maps import FaceMaps
 from pix2face.images import encode_image
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import render_maps
@@ -32,8 +31,7 @@ def head_triplet(model: MorphableModel, seed: int) -> Triplet:
     return Triplet(
         sample_id=f"head-{seed:03d}",
         image=encode_image(image),
-        maps=FaceMaps(rendered.pncc, rendered.offset, rendered.mask),
-        depth=rendered.depth,
+        layers={"pncc": rendered.pncc, "offset": rendered.offset, "mask": rendered.mask},
         camera=camera,
         identity=identity[0],
         expression=expression[0],
