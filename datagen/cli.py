@@ -13,6 +13,7 @@ import tyro
 from rich.console import Console
 
 from datagen.coeffs_cli import coeffs, fit
+from datagen.doctor_cli import doctor
 from datagen.inspect_cli import preview, verify
 from datagen.model_cli import describe, model
 from datagen.pipeline import REJECTED_FILE, JobSummary, RenderJob, run_job
@@ -121,6 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "render": render,
         "verify": verify,
         "preview": preview,
+        "doctor": doctor,
         "model": model,
         "coeffs": coeffs,
         "fit": fit,
