@@ -54,6 +54,8 @@ def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
         OSError: There is no such library, or it cannot list devices.
     """
     egl = ctypes.CDLL(library)
+    if not hasattr(egl, "eglGetProcAddress"):
+        raise OSError(f"{library} is no EGL: it has no eglGetProcAddress")
     query_devices = _function(egl, "eglQueryDevicesEXT", ctypes.c_uint, [ctypes.c_int, _POINTER, _POINTER])
     count = ctypes.c_int()
     if not query_devices(0, None, ctypes.byref(count)):

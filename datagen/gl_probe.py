@@ -38,6 +38,7 @@ from pix2face.rasterise import RenderedMaps, render_maps
 
 SIZE_PX, N_FACES, SEED = 128, 4, 7
 SECONDS_AT_MOST = 300
+PROGRAM = "import sys; from datagen.gl_probe import answer; sys.stdout.write(answer(sys.argv[1]))"
 # A pixel that is further off than this shows another surface, or the driver computes something else.
 LIMIT_MM = 0.02
 # Settings are asked with them resolved; in the environment of the other process they would be resolved again.
@@ -141,13 +142,12 @@ def answer(question: str) -> str:
 
 
 def _ask(question: Mapping[str, Any], environment: Mapping[str, str]) -> tuple[dict[str, Any] | None, str]:
-    code = "import sys; from datagen.gl_probe import answer; sys.stdout.write(answer(sys.argv[1]))"
     packages = str(Path(__file__).parents[1])
     paths = os.pathsep.join([packages, *filter(None, [environment.get("PYTHONPATH")])])
     inherited = {name: value for name, value in environment.items() if name not in OUR_VARIABLES}
     try:
         done = subprocess.run(  # noqa: S603 - this interpreter, this package
-            [sys.executable, "-c", code, json.dumps(question)],
+            [sys.executable, "-c", PROGRAM, json.dumps(question)],
             env={**inherited, "PYTHONPATH": paths},
             check=False,
             capture_output=True,
