@@ -1,6 +1,6 @@
 """What every command that finds faces asks for: which network, and where the faces are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
@@ -43,6 +43,10 @@ class FaceOptions:
         left, top, right, bottom = self.box
         if not (right - left >= 1 and bottom - top >= 1 and max(abs(side) for side in self.box) <= LARGEST_BOX_PX):
             raise UsageError(f"expected --box left top right bottom, in pixels and in this order, found {self.box}")
+
+    def only_largest(self) -> "FaceOptions":
+        """The same with one face for each photograph."""
+        return replace(self, largest=True)
 
     def open(self, *, with_model: bool = True) -> Pix2Face:
         """The network and its model.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, final
+from typing import Annotated, Literal, final
 
 import numpy as np
 import tyro
@@ -10,19 +10,28 @@ from rich.console import Console
 
 from pix2face.command_line import prepare_output_folder
 from pix2face.crops import crop_image
-from pix2face.errors import UsageError
+from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.face_options import FaceOptions
-from pix2face.fit_files import fit_to_json
-from pix2face.fit_pictures import draw_overlay, write_mesh, write_point_cloud
+from pix2face.fit_files import write_fit
+from pix2face.fit_pictures import draw_overlay, write_point_cloud
 from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
-from pix2face.fitting.face_fit import CameraKind
+from pix2face.fitting.face_fit import CameraKind, FaceFit
+from pix2face.interface import Pix2Face
+from pix2face.mesh_files import FaceMesh, parse_mesh_formats, write_mesh
+from pix2face.morphable_model import MorphableModel
 from pix2face.photograph_jobs import (
+    Photograph,
     SeenFace,
+    Tally,
     check_photographs,
     for_each_face,
+    located,
     write_maps_picture,
     write_picture,
 )
+from pix2face.texture import face_texture, vertex_colours
+
+Colour = Literal["auto", "none", "vertex", "texture"]
 
 
 @final
@@ -40,30 +49,93 @@ class FitConfig:
     """Camera of the fit; the principal point of a pinhole is the centre of the photograph."""
     regularisation: float = PREDICTED_MAPS_REGULARISATION
     """Tikhonov weight of the coefficients, in mm^2."""
+    joint: bool = False
+    """The photographs show one person (the largest face of each): one identity, an expression for each."""
+    mesh: str = "obj,glb"
+    """Formats of the mesh, several separated by commas: obj, ply, glb; or none."""
+    colour: Colour = "auto"
+    """Colours of the mesh, from the photograph: one a vertex, a texture, or none; auto is a texture where the model has
+    texture coordinates, else vertex. A .ply has vertex colours in place of a texture."""
 
 
 def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
-    """Fit camera, coefficients and landmarks to every face: NAME.json, .obj, .ply, -maps.png, -overlay.jpg."""
+    """Fit camera, coefficients and landmarks to every face: NAME.json, mesh, -points.ply, -maps.png, -overlay.jpg."""
     check_photographs(config.images)
     config.faces.check()
+    formats = parse_mesh_formats(config.mesh)
     if not 0 < config.regularisation < np.inf:
         raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
     pix2face = config.faces.open()
-    prepare_output_folder(config.out)
-    model = pix2face.model
-
-    def use(face: SeenFace) -> None:
-        height, width = face.image.shape[:2]
-        fitted = pix2face.fit_prediction(
-            face.prediction, (height, width), camera=config.camera, regularisation=config.regularisation
+    if config.colour == "texture" and pix2face.model.uv is None:
+        raise UsageError(
+            f"expected texture coordinates in the model {pix2face.model.name!r} for --colour texture, found none; "
+            "take --colour vertex"
         )
-        overlay = draw_overlay(face.image, fitted, model)  # may fail: before anything is written
-        (config.out / f"{face.name}.json").write_text(fit_to_json(fitted, model))
-        write_mesh(config.out / f"{face.name}.obj", fitted, model)
-        crop = crop_image(face.image, face.prediction.crop)
-        write_point_cloud(config.out / f"{face.name}.ply", face.prediction.maps, crop)
-        write_maps_picture(config.out, face)
-        write_picture(config.out / f"{face.name}-overlay.jpg", overlay)
+    prepare_output_folder(config.out)
+    run = _fit_jointly if config.joint else _fit_each
+    return run(config, formats, pix2face).report(Console(stderr=True), config.out)
 
+
+def _fit_each(config: FitConfig, formats: tuple[str, ...], pix2face: Pix2Face) -> Tally:
+    def use(face: SeenFace) -> None:
+        fitted = pix2face.fit_prediction(
+            face.prediction, face.size_px, camera=config.camera, regularisation=config.regularisation
+        )
+        _write(config, formats, face, fitted, pix2face.model)
+
+    return for_each_face(config.images, config.faces, pix2face, Console(stderr=True), use)
+
+
+def _fit_jointly(config: FitConfig, formats: tuple[str, ...], pix2face: Pix2Face) -> Tally:
+    """Two passes: maps of all photographs, of which only the maps are kept, then one fit, then what is written."""
+    seen: list[SeenFace] = []
+    options = config.faces.only_largest()
     console = Console(stderr=True)
-    return for_each_face(config.images, config.faces, pix2face, console, use).report(console, config.out)
+
+    def keep(face: SeenFace) -> None:
+        pix2face.fit_prediction(face.prediction, face.size_px, regularisation=config.regularisation)
+        seen.append(face.without_image())
+
+    tally = for_each_face(config.images, options, pix2face, console, keep)
+    if not seen:
+        return tally
+    fits = pix2face.fit_predictions_joint(
+        [face.prediction for face in seen],
+        [face.size_px for face in seen],
+        camera=config.camera,
+        regularisation=config.regularisation,
+    )
+    for face, fitted in zip(seen, fits, strict=True):
+        try:
+            _write(config, formats, face.with_image(), fitted, pix2face.model)
+        except DegenerateGeometryError as error:
+            tally.n_faces -= 1
+            tally.problems.append(located(error, face.path))
+    return tally
+
+
+def _write(config: FitConfig, formats: tuple[str, ...], face: SeenFace, fitted: FaceFit, model: MorphableModel) -> None:
+    overlay = draw_overlay(face.image, fitted, model)  # may fail: before anything is written
+    mesh = _coloured(config.colour, formats, face.image, fitted, model)
+    for name in formats:
+        write_mesh(config.out / f"{face.name}.{name}", mesh)
+    write_fit(config.out / f"{face.name}.json", fitted, model, face.path)
+    crop = crop_image(face.image, face.prediction.crop)
+    write_point_cloud(config.out / f"{face.name}-points.ply", face.prediction.maps, crop)
+    write_maps_picture(config.out, face)
+    write_picture(config.out / f"{face.name}-overlay.jpg", overlay)
+
+
+def _coloured(
+    colour: Colour, formats: tuple[str, ...], image: Photograph, fitted: FaceFit, model: MorphableModel
+) -> FaceMesh:
+    wants_texture = colour == "texture" or (colour == "auto" and model.uv is not None)
+    wants_vertices = not wants_texture or "ply" in formats
+    if not formats or colour == "none":
+        return FaceMesh(fitted.vertices, model)
+    return FaceMesh(
+        fitted.vertices,
+        model,
+        vertex_colours(image, fitted, model) if wants_vertices else None,
+        face_texture(image, fitted, model) if wants_texture else None,
+    )

@@ -1,18 +1,51 @@
 """A fit as JSON, and back (layout: docs/file_formats.md)."""
 
 import json
-from dataclasses import asdict
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, final
 
-from pix2face.camera import head_pose, linearised, nearest_weak_perspective
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from pix2face.camera import Camera, head_pose, linearised, nearest_weak_perspective
+from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
 
+# A fit of some thousand coefficients has some ten thousand characters; nothing of this size is one.
+LARGEST_FILE_BYTES = 32 << 20
 
-def fit_to_json(fitted: FaceFit, model: MorphableModel) -> str:
-    """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5)."""
+
+@final
+@dataclass(frozen=True, eq=False)
+class StoredFit:
+    """What a fit's file holds.
+
+    Attributes:
+        fit: In the pixels of the photograph.
+        photograph: Where the photograph was.
+    """
+
+    fit: FaceFit
+    photograph: Path
+
+
+def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str) -> str:
+    """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5).
+
+    Args:
+        fitted: In the pixels of the photograph.
+        model: The model of the fit.
+        photograph: Path of the photograph, from the folder of the file if it is relative.
+    """
     pose = head_pose(fitted.camera)
     return json.dumps(
         {
+            "photograph": photograph,
             "model": {"name": model.name, "sha256": model.sha256},
             "camera_matrix": fitted.camera.matrix.tolist(),
             "pose_deg": {name.removesuffix("_deg"): angle for name, angle in asdict(pose).items()},
@@ -24,3 +57,65 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel) -> str:
         },
         indent=1,
     )
+
+
+def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path) -> None:
+    """Writes a fit; the photograph is named by its way from the file's folder."""
+    path.write_text(fit_to_json(fitted, model, os.path.relpath(photograph.absolute(), path.parent.absolute())))
+
+
+def read_fit(path: Path, model: MorphableModel) -> StoredFit:
+    """Reads what ``write_fit`` wrote.
+
+    Raises:
+        InputFileError: The file is missing, or no fit.
+        ModelMismatchError: It is the fit of another model.
+    """
+    fields = _read_fields(path)
+    try:
+        name, sha256 = str(fields["model"]["name"]), str(fields["model"]["sha256"])
+        photograph = path.parent / str(fields["photograph"])
+        camera = Camera(_numbers(fields, "camera_matrix", (4, 4)))
+        landmarks2d, landmarks3d = (
+            _numbers(fields, "landmarks2d_px", (-1, 2)),
+            _numbers(fields, "landmarks3d_mm", (-1, 3)),
+        )
+        if sha256 != model.sha256:
+            raise ModelMismatchError(
+                f"{path}: a fit of the morphable model {name!r} ({sha256[:12]}), the one in use is {model.name!r} "
+                f"({model.sha256[:12]}); choose the former with --model"
+            )
+        identity = _numbers(fields, "identity", (model.n_identity,))
+        expression = _numbers(fields, "expression", (model.n_expression,))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputFileError(
+            f"{path}: expected a fit that `pix2face fit` wrote, found one without a valid {error}; fit again"
+        ) from error
+    vertices = model.vertices(identity[None], expression[None])[0]
+    return StoredFit(FaceFit(camera, identity, expression, vertices, landmarks2d, landmarks3d), photograph)
+
+
+def _read_fields(path: Path) -> Mapping[str, Any]:
+    try:
+        if path.is_file() and path.stat().st_size > LARGEST_FILE_BYTES:
+            raise InputFileError(f"{path}: expected a fit that `pix2face fit` wrote, found a file too large for one")
+        fields = json.loads(path.read_text())
+    except OSError as error:
+        raise InputFileError(f"{path}: expected a fit (JSON), cannot read it ({error.strerror})") from error
+    except (ValueError, RecursionError) as error:
+        raise InputFileError(f"{path}: expected a fit that `pix2face fit` wrote, found no JSON ({error})") from error
+    if not isinstance(fields, dict):
+        raise InputFileError(f"{path}: expected a fit that `pix2face fit` wrote, found other JSON")
+    return fields
+
+
+def _numbers(fields: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Float64[ndarray, "..."]:
+    """A field as finite numbers of a shape; -1 stands for any length."""
+    try:
+        values = np.array(fields[name], dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(repr(name)) from error
+    fits = values.ndim == len(shape) and all(n in (m, -1) or m == -1 for n, m in zip(values.shape, shape, strict=True))
+    if not fits or not np.isfinite(values).all():
+        raise ValueError(repr(name))
+    return values

@@ -1,4 +1,4 @@
-"""Pictures and files of a fitted face: overlay, mesh, point cloud."""
+"""Pictures of a fitted face: overlay, maps; and its point cloud."""
 
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from pix2face.face_maps import FaceMaps, map_picture, point_cloud
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import interpolate, rasterise
+from pix2face.texture import facing
 
 LANDMARK_COLOUR = (60, 255, 60)
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.
@@ -49,13 +50,28 @@ def draw_overlay(
     """
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, size_px)
     camera, background = crop_camera(fit.camera, crop), crop_image(image, crop)
+    blend = shaded_face(background, fit.vertices, model, camera)
+    return draw_landmarks(blend, camera.project(fit.landmarks3d))
+
+
+def shaded_face(
+    background: UInt8[ndarray, "h w 3"], vertices: Float[ndarray, "v 3"], model: MorphableModel, camera: Camera
+) -> UInt8[ndarray, "h w 3"]:
+    """A face, shaded and half transparent, over a picture.
+
+    Args:
+        background: The picture.
+        vertices: The face, mm, model frame.
+        model: For its face triangles.
+        camera: From the model frame to the pixels of the picture.
+    """
+    height, width = background.shape[:2]
     triangles = model.triangles[model.is_face_triangle]
-    fragments = rasterise(camera.matrix, fit.vertices, triangles, size_px, size_px)
-    shade = interpolate(fragments, _facing(fit.vertices, triangles, camera)[:, None], triangles)
+    fragments = rasterise(camera.matrix, vertices, triangles, height, width)
+    shade = interpolate(fragments, facing(vertices, triangles, camera)[:, None], triangles)
     painted = np.clip(shade, 0.15, 1) * np.array([150.0, 190.0, 255.0])
     covered = (fragments.triangle >= 0)[..., None]
-    blend = np.where(covered, 0.5 * background + 0.5 * painted, background).astype(np.uint8)
-    return draw_landmarks(blend, camera.project(fit.landmarks3d))
+    return np.where(covered, 0.5 * background + 0.5 * painted, background).astype(np.uint8)
 
 
 def draw_maps(image: UInt8[ndarray, "h w 3"], maps: FaceMaps) -> UInt8[ndarray, "h w3 3"]:
@@ -67,25 +83,7 @@ def draw_maps(image: UInt8[ndarray, "h w 3"], maps: FaceMaps) -> UInt8[ndarray, 
     return np.hstack([image, pncc, offset])
 
 
-def write_mesh(path: Path, fit: FaceFit, model: MorphableModel) -> None:
-    """Writes the fitted mesh (mm, model frame) in the format of the file's suffix: .obj, .ply or .glb."""
-    mesh = trimesh.Trimesh(fit.vertices, model.triangles, process=False)
-    mesh.export(path)
-
-
 def write_point_cloud(path: Path, maps: FaceMaps, image: UInt8[ndarray, "h w 3"]) -> None:
     """Writes PNCC + offset of every valid pixel (mm, model frame) with the pixel's colour as .ply."""
     points, colours = point_cloud(maps, image)
     trimesh.PointCloud(points, colours).export(path)  # type: ignore[no-untyped-call]
-
-
-def _facing(vertices: Float[ndarray, "v 3"], triangles: ndarray, camera: Camera) -> Float[ndarray, " v"]:
-    """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
-    corners = vertices[triangles].astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros((len(vertices), 3))
-    for corner in range(3):
-        np.add.at(total, triangles[:, corner], normals)
-    towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
-    lengths = np.linalg.norm(total, axis=1)
-    return np.asarray(total @ towards / np.where(lengths > 0, lengths, 1), dtype=np.float64)

@@ -11,8 +11,10 @@ from numpy import ndarray
 from pix2face.crops import FaceBox
 from pix2face.detection import detect_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
-from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION, fit_joint_coefficients
+from pix2face.fitting.face_fit import COEFFICIENT_VERTICES, CameraKind, FaceFit, fit_face, spread_vertices
+from pix2face.fitting.localise import localise_vertices
+from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.predictor import Prediction, Predictor
 from pix2face.runs import latest_checkpoint
@@ -186,6 +188,81 @@ class Pix2Face:
             regularisation=regularisation,
             principal_point_px=principal_point_in_crop(prediction, image_size_px),
         ).in_image(prediction.crop)
+
+    def fit_joint(
+        self,
+        images: Sequence[UInt8[ndarray, "_ _ 3"]],
+        boxes: Sequence[FaceBox] | None = None,
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+    ) -> list[FaceFit]:
+        """Fits photographs of one person: one identity, and for each photograph its camera and expression (Eq. 5).
+
+        Args:
+            images: RGB, each showing the person.
+            boxes: For each photograph where the person is; None takes the largest face.
+            camera: As in ``fit``.
+            regularisation: As in ``fit``.
+
+        Returns:
+            One fit for each photograph, in its pixels; all have the same identity.
+
+        Raises:
+            DegenerateGeometryError: As ``fit``, or no face is found in a photograph.
+            UsageError: As ``predict_batch``.
+        """
+        if boxes is None:
+            boxes = [self._largest_face(image, index) for index, image in enumerate(images)]
+        predictions = [prediction for (prediction,) in self.predict_batch(images, [[box] for box in boxes])]
+        sizes = [(image.shape[0], image.shape[1]) for image in images]
+        return self.fit_predictions_joint(predictions, sizes, camera=camera, regularisation=regularisation)
+
+    def fit_predictions_joint(
+        self,
+        predictions: Sequence[Prediction],
+        image_sizes_px: Sequence[tuple[int, int]],
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+    ) -> list[FaceFit]:
+        """As ``fit_joint``, from maps that are there already.
+
+        Args:
+            predictions: Of one face in each photograph.
+            image_sizes_px: Height and width of each.
+            camera: As in ``fit``.
+            regularisation: As in ``fit``.
+
+        Raises:
+            DegenerateGeometryError: As ``fit_prediction``, or there is no photograph.
+        """
+        alone = [
+            self.fit_prediction(prediction, size, camera=camera, regularisation=regularisation)
+            for prediction, size in zip(predictions, image_sizes_px, strict=True)
+        ]
+        found = [
+            localise_vertices(own.maps, self.model.mean, spread_vertices(self.model, COEFFICIENT_VERTICES))
+            for own in predictions
+        ]
+        identity, expressions = fit_joint_coefficients(
+            self.model, [(own.vertex_indices, own.offsets) for own in found], regularisation
+        )
+        return [
+            self._with_coefficients(own, identity, expression)
+            for own, expression in zip(alone, expressions, strict=True)
+        ]
+
+    def _with_coefficients(self, fit: FaceFit, identity: ndarray, expression: ndarray) -> FaceFit:
+        vertices = self.model.vertices(identity[None], expression[None])[0]
+        landmarks3d = vertices[self.model.landmarks[IBUG68]].astype(np.float64)
+        return FaceFit(fit.camera, identity, expression, vertices, fit.camera.project(landmarks3d), landmarks3d)
+
+    def _largest_face(self, image: UInt8[ndarray, "h w 3"], index: int) -> FaceBox:
+        boxes = self.find_faces(image)
+        if not boxes:
+            raise DegenerateGeometryError(f"no face found in photograph {index} (from 0); say where it is with boxes")
+        return boxes[0]
 
 
 def principal_point_in_crop(prediction: Prediction, image_size_px: tuple[int, int]) -> ndarray:

@@ -1,11 +1,12 @@
 """What the commands for photographs share: every face of every photograph gets a name and is handed on."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
 import cv2
+import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 from rich.console import Console
@@ -32,12 +33,29 @@ class SeenFace:
         path: The photograph's file.
         image: The photograph.
         prediction: The face's maps.
+        size_px: Height and width of the photograph.
     """
 
     name: str
     path: Path
     image: Photograph
     prediction: Prediction
+    size_px: tuple[int, int]
+
+    def without_image(self) -> "SeenFace":
+        """The same without its photograph, for when many are kept."""
+        return replace(self, image=np.zeros((0, 0, 3), dtype=np.uint8))
+
+    def with_image(self) -> "SeenFace":
+        """The same with its photograph read again.
+
+        Raises:
+            InputFileError: It is gone, or another one.
+        """
+        image = read_photograph(self.path)
+        if image.shape[:2] != self.size_px:
+            raise InputFileError(f"{self.path}: the photograph changed while it was worked on; run again")
+        return replace(self, image=image)
 
 
 @final
@@ -86,7 +104,7 @@ def for_each_face(
                     use(face)
                     tally.n_faces += 1
                 except DegenerateGeometryError as error:
-                    tally.problems.append(_located(error, path))
+                    tally.problems.append(located(error, path))
             advance()
     return tally
 
@@ -109,16 +127,17 @@ def _faces(
         image = read_photograph(path)
         predictions = pix2face.predict(image, options.boxes(image, pix2face))
     except (InputFileError, DegenerateGeometryError) as error:
-        tally.problems.append(_located(error, path))
+        tally.problems.append(located(error, path))
         return []
     names = [stem] if len(predictions) == 1 else [f"{stem}-{index}" for index in range(len(predictions))]
     return [
-        SeenFace(_unused(name, taken), path, image, prediction)
+        SeenFace(_unused(name, taken), path, image, prediction, (image.shape[0], image.shape[1]))
         for name, prediction in zip(names, predictions, strict=True)
     ]
 
 
-def _located(error: Exception, path: Path) -> str:
+def located(error: Exception, path: Path) -> str:
+    """An error's message with the photograph that it is about."""
     return str(error) if str(path) in str(error) else f"{path}: {error}"
 
 

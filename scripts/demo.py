@@ -71,7 +71,7 @@ def main() -> int:
         print(f"demo: {Path(error.cmd[0]).name} ended with status {error.returncode}; its message is above")
         return 1
     plot_losses(out / "run" / "log.jsonl", out / "losses.png")
-    plot_point_cloud(out / "photograph" / "astronaut.ply", out / "point_cloud.png")
+    plot_point_cloud(out / "photograph" / "astronaut-points.ply", out / "point_cloud.png")
     (out / "report.html").write_text(page(demo, options.faces), encoding="utf-8")
     print(f"\n{sum(seconds for _, seconds in demo.timings):.0f} s in all; open {out / 'report.html'}")
     return 0
@@ -163,7 +163,7 @@ It shows that every station works; it is far from converged.</p>
 <h2>Error on held-out renders</h2>{table}
 {shown}
 <p>Files: <a href="evaluation/report.json">report.json</a>, <a href="photograph/astronaut.json">fit</a>,
-<a href="photograph/astronaut.obj">mesh</a>, <a href="photograph/astronaut.ply">point cloud</a>.</p>
+<a href="photograph/astronaut.glb">mesh</a>, <a href="photograph/astronaut-points.ply">point cloud</a>.</p>
 </body></html>
 """
 

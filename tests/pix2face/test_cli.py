@@ -31,7 +31,7 @@ from tests.pix2face.seen_faces import (
 )
 
 DOCUMENTATION = Path(__file__).parents[2] / "docs" / "file_formats.md"
-FIT_FILES = (".json", ".obj", ".ply", "-maps.png", "-overlay.jpg")
+FIT_FILES = (".json", ".obj", ".glb", "-points.ply", "-maps.png", "-overlay.jpg")
 PREDICT_FILES = (".npz", "-maps.png")
 
 Run = Callable[..., int]
@@ -149,7 +149,7 @@ def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photogr
     mesh = trimesh.load(tmp_path / "out" / "person.obj", process=False, maintain_order=True)
     np.testing.assert_array_equal(mesh.faces, face.model.triangles)
     assert np.linalg.norm(mesh.vertices - face.vertices, axis=1).max() < 0.5  # mm
-    cloud = trimesh.load(tmp_path / "out" / "person.ply")
+    cloud = trimesh.load(tmp_path / "out" / "person-points.ply")
     inside = valid_pixels(face.maps().pncc, face.model.smallest_radius_mm)
     crop = square_crop(face.box, INFERENCE_SCALE, SIZE_PX)
     np.testing.assert_array_equal(cloud.colors[:, :3], crop_image(face.photograph(), crop)[inside])

@@ -26,7 +26,6 @@ from pix2face.fit_pictures import (
     draw_landmarks,
     draw_maps,
     draw_overlay,
-    write_mesh,
     write_point_cloud,
 )
 from pix2face.fitting.face_fit import FaceFit
@@ -163,16 +162,6 @@ def test_maps_are_shown_beside_the_crop() -> None:
         assert (picture[~mask] == 128).all()
         expected = np.clip(values[mask] / (2 * limit) + 0.5, 0, 1) * 255
         assert np.abs(picture[mask] - expected).max() <= 1
-
-
-@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
-def test_the_mesh_is_that_of_the_fit(tmp_path: Path, suffix: str) -> None:
-    fit = fitted(weak())
-    write_mesh(tmp_path / f"face{suffix}", fit, MODEL)
-    mesh = trimesh.load_mesh(tmp_path / f"face{suffix}", process=False, maintain_order=True)
-    np.testing.assert_array_equal(mesh.faces, MODEL.triangles)
-    np.testing.assert_allclose(mesh.vertices, fit.vertices, atol=1e-4)
-    assert mesh.volume > 0  # wound counter-clockwise seen from outside
 
 
 def test_the_cloud_has_a_point_for_every_valid_pixel_in_its_colour(tmp_path: Path) -> None:

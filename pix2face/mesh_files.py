@@ -1,0 +1,152 @@
+"""Fitted meshes as ``.obj``, ``.ply`` and ``.glb``, with colours per vertex or a texture.
+
+Layouts: docs/file_formats.md. All are in mm, model frame: x to the subject's left, y up, z out of the face.
+"""
+
+import re
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, final
+
+import cv2
+import numpy as np
+import trimesh
+from jaxtyping import Float, Float64, Int, UInt8
+from numpy import ndarray
+from PIL import Image
+
+from pix2face.errors import UsageError
+from pix2face.images import encode_image
+from pix2face.morphable_model import MorphableModel
+
+MeshFormat = Literal["obj", "ply", "glb"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FaceMesh:
+    """A mesh with what colours it; a texture goes before vertex colours where a format has both.
+
+    Attributes:
+        vertices: mm, model frame.
+        model: Whose triangles and texture coordinates they have.
+        vertex_colours: RGB, or None.
+        texture: RGB in the model's texture coordinates, first row at v = 1, or None.
+    """
+
+    vertices: Float[ndarray, "v 3"]
+    model: MorphableModel
+    vertex_colours: UInt8[ndarray, "v 3"] | None = None
+    texture: UInt8[ndarray, "s s 3"] | None = None
+
+
+def parse_mesh_formats(text: str) -> tuple[str, ...]:
+    """The formats in a list such as ``obj,glb``; none for ``none``.
+
+    Raises:
+        UsageError: One is not known.
+    """
+    if text.strip() == "none":
+        return ()
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    if not set(names) <= set(_WRITERS):
+        raise UsageError(f"expected --mesh to list some of {', '.join(_WRITERS)}, or none, found {text!r}")
+    return names
+
+
+def write_mesh(path: Path, mesh: FaceMesh) -> None:
+    """Writes a mesh in the format of the file's suffix: .obj, .ply or .glb.
+
+    The k-th vertex of .obj and .ply is the k-th of the model; .glb repeats vertices where the texture has a seam. A
+    .ply has no texture: give it vertex colours. With a texture an .obj gets a .mtl and a .png beside it.
+
+    Raises:
+        UsageError: The suffix is another one.
+    """
+    writer = _WRITERS.get(path.suffix.lower().removeprefix("."))
+    if writer is None:
+        raise UsageError(f"{path}: expected a mesh file ending in {', '.join('.' + name for name in _WRITERS)}")
+    writer(path, mesh)
+
+
+def material_stem(stem: str) -> str:
+    """What the files beside an .obj are called: its own stem where the format, which has no quotes, can name it."""
+    if re.fullmatch(r"(?!-)[^\s#\\\x00-\x1f\x7f\ud800-\udfff]+", stem):
+        return stem
+    return f"material-{zlib.crc32(stem.encode(errors='surrogateescape')):08x}"
+
+
+def split_at_seams(
+    model: MorphableModel,
+) -> tuple[Int[ndarray, " n"], Float64[ndarray, "n 2"], Int[ndarray, "t 3"]]:
+    """The mesh with one texture coordinate a vertex.
+
+    Returns:
+        For each new vertex the model's vertex and its texture coordinate; the triangles of new vertices.
+
+    Raises:
+        UsageError: The model has no texture coordinates.
+    """
+    if model.uv is None or model.uv_triangles is None:
+        raise UsageError(f"expected texture coordinates in the model {model.name!r}, found none")
+    pairs = np.stack([model.triangles.ravel(), model.uv_triangles.ravel()], axis=1)
+    unique, triangles = np.unique(pairs, axis=0, return_inverse=True)
+    return unique[:, 0], model.uv[unique[:, 1]].astype(np.float64), triangles.reshape(-1, 3)
+
+
+def _write_obj(path: Path, mesh: FaceMesh) -> None:
+    lines = ["# mm; x to the subject's left, y up, z out of the face"]
+    uv, uv_triangles = mesh.model.uv, mesh.model.uv_triangles
+    textured = mesh.texture is not None and uv is not None and uv_triangles is not None
+    if textured:
+        lines += [f"mtllib {material_stem(path.stem)}.mtl", "usemtl face"]
+    columns = [mesh.vertices]
+    if mesh.vertex_colours is not None and not textured:
+        columns.append(mesh.vertex_colours / 255)
+    lines += ["v " + " ".join(f"{value:.6g}" for value in row) for row in np.hstack(columns).tolist()]
+    triangles = (mesh.model.triangles + 1).tolist()
+    if textured and uv is not None and uv_triangles is not None and mesh.texture is not None:
+        lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv.tolist()]
+        corners = zip(triangles, (uv_triangles + 1).tolist(), strict=True)
+        lines += ["f " + " ".join(f"{v}/{t}" for v, t in zip(vs, ts, strict=True)) for vs, ts in corners]
+        _write_material(path.with_name(f"{material_stem(path.stem)}.mtl"), mesh.texture)
+    else:
+        lines += [f"f {a} {b} {c}" for a, b, c in triangles]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:
+    picture = path.with_suffix(".png")
+    picture.write_bytes(encode_image(texture))
+    path.write_text(f"newmtl face\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n")
+
+
+def _write_ply(path: Path, mesh: FaceMesh) -> None:
+    plain = trimesh.Trimesh(mesh.vertices, mesh.model.triangles, vertex_colors=mesh.vertex_colours, process=False)
+    path.write_bytes(plain.export(file_type="ply"))
+
+
+def _write_glb(path: Path, mesh: FaceMesh) -> None:
+    if mesh.texture is not None:
+        vertex, uv, triangles = split_at_seams(mesh.model)
+        material = trimesh.visual.material.PBRMaterial(
+            name="face", baseColorTexture=Image.fromarray(mesh.texture), metallicFactor=0.0, roughnessFactor=1.0
+        )
+        visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+        shown = trimesh.Trimesh(mesh.vertices[vertex], triangles, visual=visual, process=False)
+    else:
+        colours = None if mesh.vertex_colours is None else srgb_to_linear(mesh.vertex_colours)
+        shown = trimesh.Trimesh(mesh.vertices, mesh.model.triangles, vertex_colors=colours, process=False)
+    path.write_bytes(shown.export(file_type="glb"))
+
+
+def srgb_to_linear(colours: UInt8[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
+    """Colours of a photograph as glTF wants those of vertices: proportional to light."""
+    encoded = np.arange(256) / 255
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.asarray(cv2.LUT(colours, np.rint(linear * 255).astype(np.uint8)))
+
+
+_WRITERS: dict[str, Callable[[Path, FaceMesh], None]] = {"obj": _write_obj, "ply": _write_ply, "glb": _write_glb}

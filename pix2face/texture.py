@@ -1,0 +1,186 @@
+"""Colours for a fitted mesh, taken from its photograph: per vertex, or as a texture."""
+
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, Float64, Int, Int32, UInt8
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
+from pix2face.errors import UsageError
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.morphable_model import MorphableModel
+from pix2face.rasterise import rasterise
+
+TEXTURE_PX = 2048
+# The photograph is sampled at this size: finer than any texel of a face, and coarse enough for large photographs.
+PICTURE_PX = 1024
+DEPTH_PX = 512
+# A point is seen where nothing is nearer than this; half a millimetre a pixel, and slopes, are to be forgiven.
+DEPTH_TOLERANCE_MM = 2.0
+# A surface counts fully from this cosine to the viewer up, and not at all below the other: there a pixel is smeared.
+FULL_COSINE, LEAST_COSINE = 0.5, 0.15
+NO_COLOUR = 128.0
+# Around each island of the texture, so that a viewer's filter does not blend in what lies beyond.
+PADDING_PX = 8
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SurfacePoints:
+    """Points of a mesh.
+
+    Attributes:
+        corners: For each point the vertices of its triangle.
+        weights: Barycentric weights.
+    """
+
+    corners: Int32[ndarray, "n 3"]
+    weights: Float64[ndarray, "n 3"]
+
+    def interpolate(self, attribute: Float[ndarray, "v ..."]) -> Float64[ndarray, "n ..."]:
+        """A quantity given per vertex at the points."""
+        weights = self.weights.reshape(*self.weights.shape, *[1] * (attribute.ndim - 1))
+        return np.asarray((attribute[self.corners] * weights).sum(axis=1), dtype=np.float64)
+
+
+@final
+class PhotographColours:
+    """What a photograph knows of the colours of the face that was fitted to it.
+
+    Where a point of the face is seen, its colour is the photograph's; where it is hidden, the mirrored point's, if the
+    model is symmetric and that one is seen; the rest, and all that is not face, is the median colour of what is seen.
+    In between the colours are blended by how much the surface turns to the viewer.
+
+    Args:
+        image: RGB.
+        fit: In the pixels of the image.
+        model: The model of the fit.
+
+    Raises:
+        DegenerateGeometryError: The face has no extent in the image, or is not in front of the camera.
+    """
+
+    def __init__(self, image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel) -> None:
+        box = FaceBox.around(fit.camera.project(fit.vertices[model.is_face_vertex].astype(np.float64)))
+        self._model = model
+        self._vertices = fit.vertices.astype(np.float64)
+        self._to_picture = square_crop(box, 1.1, PICTURE_PX)
+        self._picture = crop_image(image, self._to_picture).astype(np.float32)
+        self._inside = crop_image(np.full(image.shape[:2], 255, np.uint8), self._to_picture)
+        self._camera = fit.camera
+        self._depth_camera, self._depth = _nearest_depth(fit, model, square_crop(box, 1.1, DEPTH_PX))
+        self._cosines = facing(self._vertices, model.triangles, fit.camera)
+        self._is_face = model.is_face_vertex
+
+    def at(self, points: SurfacePoints) -> UInt8[ndarray, "n 3"]:
+        """Colours (RGB) of points of the mesh."""
+        colour, weight = self._seen(points)
+        sure = weight > 0.5
+        neutral = np.median(colour[sure], axis=0) if sure.any() else np.full(3, NO_COLOUR)
+        below = np.broadcast_to(neutral, colour.shape)
+        if self._model.symmetry is not None:
+            mirrored = SurfacePoints(self._model.symmetry[points.corners], points.weights)
+            below = _blend(*self._seen(mirrored), below)
+        return np.clip(np.rint(_blend(colour, weight, below)), 0, 255).astype(np.uint8)
+
+    def _seen(self, points: SurfacePoints) -> tuple[Float32[ndarray, "n 3"], Float64[ndarray, " n"]]:
+        """The photograph's colour where each point is projected, and how much it is worth, 0 to 1."""
+        places = points.interpolate(self._vertices)
+        cosines = points.interpolate(self._cosines)
+        weight = np.clip((cosines - LEAST_COSINE) / (FULL_COSINE - LEAST_COSINE), 0, 1)
+        depth = _sample(self._depth, self._depth_camera.project(places), cv2.INTER_NEAREST)
+        weight *= self._depth_camera.depth(places) <= depth + DEPTH_TOLERANCE_MM
+        pixels = self._to_picture.to_crop(self._camera.project(places))
+        weight *= _sample(self._inside, pixels, cv2.INTER_LINEAR) >= 255
+        weight *= self._is_face[points.corners].all(axis=1)
+        return _sample(self._picture, pixels, cv2.INTER_LINEAR), weight
+
+
+def vertex_colours(image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel) -> UInt8[ndarray, "v 3"]:
+    """The colour (RGB) of each vertex of a fitted face, from its photograph.
+
+    Raises:
+        DegenerateGeometryError: As ``PhotographColours``.
+    """
+    vertices = np.arange(len(model.mean), dtype=np.int32)
+    points = SurfacePoints(np.repeat(vertices[:, None], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(vertices), 1)))
+    return PhotographColours(image, fit, model).at(points)
+
+
+def face_texture(
+    image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int = TEXTURE_PX
+) -> UInt8[ndarray, "s s 3"]:
+    """A texture in the model's own texture coordinates (u right, v up), from a photograph.
+
+    Raises:
+        DegenerateGeometryError: As ``PhotographColours``.
+        UsageError: The model has no texture coordinates.
+    """
+    if model.uv is None or model.uv_triangles is None:
+        raise UsageError(
+            f"expected texture coordinates in the model {model.name!r}, found none; take vertex colours instead"
+        )
+    is_face = model.is_face_triangle
+    places = np.column_stack([model.uv[:, 0] * size_px, (1 - model.uv[:, 1]) * size_px, np.zeros(len(model.uv))])
+    texels = rasterise(np.eye(4), places, model.uv_triangles[is_face], size_px, size_px)
+    drawn = texels.triangle >= 0
+    corners = model.triangles[is_face][texels.triangle[drawn]]
+    colours = PhotographColours(image, fit, model).at(SurfacePoints(corners, texels.barycentric[drawn]))
+    neutral = np.median(colours, axis=0) if len(colours) else np.full(3, NO_COLOUR)
+    texture = np.broadcast_to(neutral.astype(np.uint8), (size_px, size_px, 3)).copy()
+    texture[drawn] = colours
+    return _padded(texture, drawn)
+
+
+def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], camera: Camera) -> Float64[ndarray, " v"]:
+    """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
+    corners = vertices[triangles].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.stack(
+        [np.bincount(triangles.ravel(), np.repeat(normals[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
+    )
+    towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
+    lengths = np.linalg.norm(total, axis=1)
+    return np.asarray(total @ towards / np.where(lengths > 0, lengths, 1), dtype=np.float64)
+
+
+def _nearest_depth(fit: FaceFit, model: MorphableModel, crop: Crop) -> tuple[Camera, Float32[ndarray, "s s"]]:
+    """Depth of whatever part of the head is nearest, and the camera of its pixels."""
+    camera = crop_camera(fit.camera, crop)
+    depth = rasterise(camera.matrix, fit.vertices, model.triangles, crop.size_px, crop.size_px).depth
+    return camera, depth.astype(np.float32)
+
+
+def _sample(picture: ndarray, pixels: Float[ndarray, "n 2"], how: int) -> ndarray:
+    """A picture at pixel positions (centres at +0.5); beyond the border 0."""
+    # OpenCV's maps are pictures themselves, and of limited height and width.
+    width = 4096
+    rows = -(-len(pixels) // width)
+    positions = np.full((rows * width, 2), -10.0, dtype=np.float32)
+    positions[: len(pixels)] = np.clip(pixels - 0.5, -10, 1e6)
+    sampled = cv2.remap(
+        picture, positions.reshape(rows, width, 2), None, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    return np.asarray(sampled.reshape(rows * width, *picture.shape[2:])[: len(pixels)])
+
+
+def _blend(colour: ndarray, weight: Float64[ndarray, " n"], below: ndarray) -> Float64[ndarray, "n 3"]:
+    return np.asarray(weight[:, None] * colour + (1 - weight[:, None]) * below, dtype=np.float64)
+
+
+def _padded(texture: UInt8[ndarray, "s s 3"], drawn: ndarray) -> UInt8[ndarray, "s s 3"]:
+    """Grows the drawn islands by some pixels of the colour that is nearest."""
+    if not drawn.any():
+        return texture
+    distance, nearest = cv2.distanceTransformWithLabels(
+        (~drawn).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    colour_of_label = np.zeros((int(nearest.max()) + 1, 3), dtype=np.uint8)
+    colour_of_label[nearest[drawn]] = texture[drawn]
+    around = (distance > 0) & (distance <= PADDING_PX)
+    texture[around] = colour_of_label[nearest[around]]
+    return texture
