@@ -63,6 +63,7 @@ _HEADER_TYPES: Mapping[str, type | tuple[type, ...]] = {
     "rejected": str,
     "layers": list,
     "region_names": list,
+    "mirror_obstacle": str,
 }
 
 

@@ -47,6 +47,7 @@ class TrainConfig:
         filters: Filters of the network's first level.
         learning_rate: Adam's in the first epoch; it falls to 0.021 of that.
         precision: Arithmetic of the network's layers.
+        mirror: Mirror every other sample. The paper does not; refused where the model is not symmetric.
         seed: Of the first weights, the order of the samples and their jitter.
         restart: Replace what the output folder holds of an earlier training.
         workers: Processes that load samples; None takes one for each second core, at most 8.
@@ -64,6 +65,7 @@ class TrainConfig:
     filters: int | None = None
     learning_rate: float | None = None
     precision: Precision | None = None
+    mirror: bool = False
     seed: int | None = None
     restart: bool = False
     workers: int | None = None
@@ -78,6 +80,8 @@ class TrainConfig:
         """
         given: dict[str, Any] = {name: getattr(self, name) for name in _OVERRIDABLE}
         recipe = replace(PRESETS[self.preset], **{name: value for name, value in given.items() if value is not None})
+        if self.mirror:
+            recipe = replace(recipe, jitter=replace(recipe.jitter, mirror=True))
         recipe.check()
         return recipe
 
@@ -115,6 +119,8 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
         torch.set_num_threads(max(_cores() - surroundings.workers, 1))
     out = config.out or RUNS / config.preset
     shards = index_shards(config.shards)
+    if recipe.jitter.mirror and shards.mirror_obstacle:
+        raise UsageError(f"--mirror: expected shards whose samples can be mirrored, but {shards.mirror_obstacle}")
     prepare_output_folder(out)
     if config.restart:
         for name in (CHECKPOINT_NAME, RESUME_NAME, LOG_NAME):

@@ -33,6 +33,7 @@ class ShardIndex:
         pncc_scale_mm: PNCC divided by this stays within ±1.
         offset_scale_mm: So do offsets divided by this.
         licence: The terms of all shards.
+        mirror_obstacle: Why samples cannot be mirrored; empty where they can.
         samples_sha256: Hash of all sample ids and stored checksums in order: tells one training set from another, also
             when samples of the same ids were rendered anew with another seed.
     """
@@ -46,6 +47,7 @@ class ShardIndex:
     pncc_scale_mm: float
     offset_scale_mm: float
     licence: str
+    mirror_obstacle: str
     samples_sha256: str
 
     def __len__(self) -> int:
@@ -85,6 +87,7 @@ def index_shards(folders: Sequence[Path]) -> ShardIndex:
         pncc_scale_mm=max(header.pncc_limit_mm for header in headers),
         offset_scale_mm=max(math.ceil(offset_limit / OFFSET_SCALE_STEP_MM), 1) * OFFSET_SCALE_STEP_MM,
         licence="; ".join(sorted({header.licence for header in headers})),
+        mirror_obstacle=next((header.mirror_obstacle for header in headers if header.mirror_obstacle), ""),
         samples_sha256=digest.hexdigest(),
     )
 

@@ -5,6 +5,9 @@ import pytest
 
 from pix2face.checkpoint import load_checkpoint
 from pix2face.morphable_model import builtin_model
+from pix2face.shard_writing import write_shard
+from tests.synthetic_models import small_head_model
+from tests.training.conftest import head_triplet, shard_header
 from training.cli import TrainConfig, main, next_command
 from training.presets import PRESETS
 from training.shard_index import index_shards
@@ -94,6 +97,15 @@ def test_a_file_in_the_way_of_the_output_is_one_line(shards_dir, tmp_path, capsy
     assert "expected a folder that can be written to" in said
     assert said.count("\n") == 1
     assert (tmp_path / "run").read_bytes() == b"kept"
+
+
+def test_mirroring_is_refused_where_the_model_is_not_symmetric(tmp_path, capsys):
+    model, folder = small_head_model(), tmp_path / "shards"
+    header = shard_header(model, mirror_obstacle="the mean face of test is not symmetric")
+    write_shard(folder / "shard-00000.h5", header, [head_triplet(model, 0)])
+    assert main(["--shards", str(folder), "--preset", "tiny", "--mirror", "--out", str(tmp_path / "run")]) == 2
+    assert "--mirror: expected shards whose samples can be mirrored, but the mean face" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_shard_cut_in_half_is_one_line(shards_dir, tmp_path, capsys):

@@ -77,6 +77,24 @@ def test_targets_are_the_maps_of_the_crop_over_their_scales(shards):
     assert seen == 5
 
 
+def test_a_mirrored_sample_is_the_mirror_image_with_x_negated(shards):
+    """Two data sets that differ in nothing but mirroring: every draw is the same, or its mirror image."""
+    plain = TripletDataset(shards, replace(RECIPE, jitter=STILL))
+    mirrored = TripletDataset(shards, replace(RECIPE, jitter=replace(STILL, mirror=True)))
+    sign = torch.tensor([-1.0, 1, 1, -1, 1, 1])[:, None, None]
+    n_mirrored = 0
+    for draw in range(30):
+        (image, target), (other_image, other_target) = plain[draw], mirrored[draw]
+        is_mirrored = not torch.equal(image, other_image)
+        n_mirrored += is_mirrored
+        if is_mirrored:
+            other_image, other_target = other_image.flip(2), other_target.flip(2) * sign
+            assert (image - other_image).abs().max() < 0.02
+        off = (target - other_target).abs().amax(dim=0) > 1e-3
+        assert off.float().mean() < 0.02  # at the outline, where half a weight goes either way
+    assert 8 < n_mirrored < 22
+
+
 def test_values_are_in_the_networks_range(shards):
     dataset = TripletDataset(shards, RECIPE)
     for draw in range(20):
