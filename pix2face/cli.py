@@ -5,7 +5,9 @@ from collections.abc import Callable, Sequence
 
 from pix2face.command_line import run_commands
 from pix2face.fit_cli import fit
+from pix2face.landmarks_cli import landmarks
 from pix2face.predict_cli import predict
+from pix2face.view_cli import view
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -13,6 +15,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands: dict[str, Callable[..., int]] = {
         "predict": predict,
         "fit": fit,
+        "view": view,
+        "landmarks": landmarks,
     }
     return run_commands("pix2face", "Dense 3D faces from photographs.", commands, arguments)
 

@@ -1,0 +1,110 @@
+"""Landmarks of a model chosen by the user: a JSON file that says which vertex is which (docs/file_formats.md)."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, final
+
+import numpy as np
+
+from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.images import read_bytes
+from pix2face.landmark_selection import LandmarkSelection
+from pix2face.landmarks import SCHEMES
+from pix2face.morphable_model import MorphableModel
+
+FORMAT = "pix2face-landmarks"
+SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True)
+class LandmarkChoice:
+    """Which vertices of which model are the landmarks of a scheme.
+
+    Attributes:
+        scheme: One of ``landmarks.SCHEMES``.
+        vertices: One for each landmark.
+        model_name: The model.
+        model_sha256: Its hash: vertices of another mesh mean nothing.
+    """
+
+    scheme: str
+    vertices: tuple[int, ...]
+    model_name: str
+    model_sha256: str
+
+
+def save_landmarks(
+    path: Path, model: MorphableModel, scheme: str, selection: LandmarkSelection, origin: dict[str, Any]
+) -> None:
+    """Writes a choice with its errors.
+
+    Args:
+        path: Where to.
+        model: Whose vertices were chosen.
+        scheme: Of the landmarks.
+        selection: The vertices and their errors.
+        origin: What the choice was made on, for the reader of the file.
+    """
+    content = {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "scheme": scheme,
+        "model": {"name": model.name, "sha256": model.sha256},
+        "vertices": selection.vertices.tolist(),
+        "error": selection.error.round(6).tolist(),
+        "held_out_error": selection.held_out_error.round(6).tolist(),
+        "n_frames": selection.n_frames.tolist(),
+        "origin": origin,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def load_landmarks(path: Path) -> LandmarkChoice:
+    """Reads a choice.
+
+    Raises:
+        InputFileError: The file is missing, no such file, of a newer schema, or has another number of landmarks.
+    """
+    try:
+        content = json.loads(read_bytes(path))
+        if content["format"] != FORMAT:
+            raise ValueError(f"format={content['format']!r}")
+        if int(content["schema_version"]) > SCHEMA_VERSION:
+            raise InputFileError(
+                f"{path}: schema {content['schema_version']} is newer than {SCHEMA_VERSION}, which this version reads; "
+                "upgrade pix2face"
+            )
+        scheme, vertices = str(content["scheme"]), tuple(int(vertex) for vertex in content["vertices"])
+        model = content["model"]
+        choice = LandmarkChoice(scheme, vertices, str(model["name"]), str(model["sha256"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputFileError(
+            f"{path}: expected landmarks as `pix2face landmarks select` writes them, found something else ({error})"
+        ) from error
+    if len(vertices) != SCHEMES.get(scheme):
+        raise InputFileError(f"{path}: expected the {SCHEMES.get(scheme)} vertices of {scheme}, found {len(vertices)}")
+    return choice
+
+
+def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
+    """The model with the landmarks of a file in place of its own of the same scheme.
+
+    Raises:
+        InputFileError: As ``load_landmarks``, or a vertex that the model does not have.
+        ModelMismatchError: The file was made for another model.
+    """
+    choice = load_landmarks(path)
+    if choice.model_sha256 != model.sha256:
+        raise ModelMismatchError(
+            f"{path}: landmarks of the model {choice.model_name} ({choice.model_sha256[:12]}), found "
+            f"{model.name} ({model.sha256[:12]}); choose them again with `pix2face landmarks select`"
+        )
+    vertices = np.array(choice.vertices)
+    if not ((vertices >= 0) & (vertices < len(model.mean))).all():
+        raise InputFileError(f"{path}: expected vertices of 0 to {len(model.mean) - 1}, found {vertices.max()}")
+    landmarks = MappingProxyType({**model.landmarks, choice.scheme: vertices.astype(np.int32)})
+    return replace(model, landmarks=landmarks)
