@@ -78,9 +78,9 @@ class ReprojectionErrors:
         present = np.isfinite(annotated).all(axis=1)
         if not np.isfinite(projected).all():
             raise DegenerateGeometryError("expected a fit with finite projections, found some that are not")
-        box = FaceBox.around(annotated[present]) if present.any() else None
-        if box is None or not box.width * box.height > 0:
-            raise DegenerateGeometryError("expected annotated points of some extent, found none")
+        box = FaceBox.around(annotated)
+        if not box.width * box.height > 0:
+            raise DegenerateGeometryError("expected annotated points around a face, found them all in one line")
         size_px = float(np.sqrt(box.width * box.height))
         for landmark in np.flatnonzero(present):
             distances = np.linalg.norm(projected - annotated[landmark], axis=1)
