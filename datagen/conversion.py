@@ -76,7 +76,7 @@ def open_job(job: ConversionJob) -> tuple[MorphableModel, FaceSource]:
         return model, AnnotatedFolder(job.folder, model)
     if not job.folder.is_dir():
         raise UsageError(f"{job.folder}: expected a folder of 300W-LP or AFLW2000-3D files, found none there")
-    return model, W300LPFolder(job.folder, model, decode_pictures=False)
+    return model, W300LPFolder(job.folder, model)
 
 
 def convert(

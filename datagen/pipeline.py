@@ -1,51 +1,30 @@
 """The job: coefficients in, a folder of shards out.
 
-One unit of work is one shard. Units go to any ``concurrent.futures.Executor``; what a unit writes depends on its
-number, the seed and the names of its samples alone, so neither the number of workers nor their order matters. A shard
-that is there and was made by the same configuration is not made again.
+One unit of work is one shard (``render_unit``). A shard that is there and was made by the same configuration is not
+made again, so a job that was stopped, killed, or ran out of disk goes on where it was; the folder ends up byte for byte
+as if nothing had happened. One job at a time writes to a folder (``folder_lock``).
 """
 
 import json
-from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from functools import lru_cache
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
-import numpy as np
-
-from datagen.gl_context import create_gl_context
+from datagen.executors import WorkPlace
+from datagen.folder_lock import job_lock, remove_unfinished
+from datagen.gl_context import GLSettings
+from datagen.render_job import RenderJob, look_into, shard_header, shard_path
+from datagen.render_unit import Unit, UnitReport, render_unit
 from datagen.sources import FaceSource, open_source
-from datagen.triplets import TripletMaker
-from pix2face import __version__
-from pix2face.coefficients import configuration_to_json
-from pix2face.errors import SampleRejectedError, UsageError
-from pix2face.layers import DEFAULT_LAYERS
-from pix2face.morphable_model import MorphableModel, open_model
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardHeader, ShardReader, Triplet
+from datagen.stage_times import StageTimes
+from datagen.work_units import finish_units
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.shards import ShardReader
 
 REJECTED_FILE = "rejected.jsonl"
-
-
-@final
-@dataclass(frozen=True)
-class RenderJob:
-    """What determines the content of the shards.
-
-    Attributes:
-        coefficients: A folder of 300W-LP files, or a table.
-        model: ``builtin`` or the path of a model file.
-        seed: Of everything random in rendered pictures.
-        shard_size: Samples in a shard.
-    """
-
-    coefficients: Path
-    model: str
-    seed: int
-    shard_size: int
 
 
 @final
@@ -58,163 +37,129 @@ class JobSummary:
         rejected: Samples that could not be used, in the order of the source: id and reason.
         n_shards: Shards in the folder.
         n_shards_kept: Of these, how many were there already.
+        times: Of all workers together, in this run.
+        peak_memory_bytes: Of the largest worker of this run; 0 where none was needed.
     """
 
     n_triplets: int
     rejected: tuple[tuple[str, str], ...]
     n_shards: int
     n_shards_kept: int
+    times: StageTimes = field(default_factory=StageTimes)
+    peak_memory_bytes: int = 0
 
 
-def run_job(job: RenderJob, out: Path, executor: Executor, on_progress: Callable[[int], None]) -> JobSummary:
+@final
+@dataclass(frozen=True, eq=False)
+class OpenedJob:
+    """A job with what it works on: listing a large folder takes seconds, and is done once.
+
+    Attributes:
+        job: With absolute paths: the workers of a cluster have working directories of their own.
+        model: Its model.
+        source: Its faces.
+    """
+
+    job: RenderJob
+    model: MorphableModel
+    source: FaceSource
+
+
+def open_job(job: RenderJob) -> OpenedJob:
+    """Opens model and faces of a job.
+
+    Raises:
+        UsageError: There is nothing at the place of the coefficients.
+        InputFileError: The model or the table cannot be read.
+        ModelMismatchError: The table belongs to another model.
+    """
+    name = job.model if job.model == BUILTIN_MODEL else os.fspath(Path(job.model).absolute())
+    job = replace(job, coefficients=job.coefficients.absolute(), model=name)
+    model = open_model(job.model)
+    return OpenedJob(job, model, open_source(job.coefficients, model))
+
+
+@final
+@dataclass(frozen=True)
+class Listener:
+    """Whom a job tells how it goes.
+
+    Attributes:
+        on_kept: Called once, with the number of samples that were there already.
+        on_progress: Called with the number of samples that have just been finished.
+        on_notice: Called with what a user should know, and that stops nothing.
+    """
+
+    on_kept: Callable[[int], None] = lambda n: None
+    on_progress: Callable[[int], None] = lambda n: None
+    on_notice: Callable[[str], None] = lambda text: None
+
+
+def run_job(
+    opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings | None = None, listener: Listener | None = None
+) -> JobSummary:
     """Makes every shard that is missing.
 
     Args:
-        job: What to make.
+        opened: What to make.
         out: The folder of the shards.
-        executor: Where units run; its workers see the same file system.
-        on_progress: Called with the number of samples that have just been finished.
+        place: Where units run; its workers see the same files.
+        gl: What workers draw with.
+        listener: Whom to tell how it goes.
 
     Raises:
-        UsageError: The folder holds shards of another configuration, or a worker died.
+        UsageError: The folder holds shards of another configuration, another job writes to it, or workers died.
     """
-    model = open_model(job.model)
-    source = open_source(job.coefficients, model)
-    units = list(range(-(-len(source.sample_ids) // job.shard_size)))
-    _check_folder(out, len(units), shard_header(job, source, model, ()))
-    missing = [unit for unit in units if not shard_path(out, unit).exists()]
-    on_progress(sum(_unit_size(job, source, unit) for unit in units if unit not in set(missing)))
-    futures = {executor.submit(render_unit, job, out, unit): unit for unit in missing}
-    try:
-        for future in as_completed(futures):
-            future.result()
-            on_progress(_unit_size(job, source, futures[future]))
-    except BrokenProcessPool as error:
-        raise UsageError(
-            f"a worker died (out of memory?); finished shards in {out} are kept: run the same command again, "
-            "perhaps with fewer --workers"
-        ) from error
-    finally:
-        for future in futures:
-            future.cancel()
-    return _summarise(out, units, len(units) - len(missing))
-
-
-def render_unit(job: RenderJob, out: Path, unit: int) -> None:
-    """Makes one shard: what a worker runs."""
-    model, source, maker = _worker_state(job)
-    triplets: list[Triplet] = []
-    rejected: list[tuple[str, str]] = []
-    start = unit * job.shard_size
-    for index in range(start, start + _unit_size(job, source, unit)):
+    out, listener = out.absolute(), listener or Listener()
+    out.mkdir(parents=True, exist_ok=True)
+    with job_lock(out) as warning:
+        if warning:
+            listener.on_notice(warning)
+        if not remove_unfinished(out):
+            listener.on_notice(f"{out}: workers of an earlier run still write there; what they leave unfinished stays")
         try:
-            triplets.append(maker.make(source.face(index)))
-        except SampleRejectedError as error:
-            rejected.append((source.sample_ids[index], str(error)))
-    write_shard(shard_path(out, unit), shard_header(job, source, model, tuple(rejected)), triplets)
+            return _run(opened, out, place, gl or GLSettings(), listener)
+        finally:
+            remove_unfinished(out)
 
 
-def shard_path(out: Path, unit: int) -> Path:
-    """Where the shard of a unit goes. Its name holds a number and nothing that came from a file."""
-    return out / f"shard-{unit:05d}.h5"
+def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listener: Listener) -> JobSummary:
+    job, source, n_units = opened.job, opened.source, opened.job.n_units(opened.source)
+    found = look_into(out, job, source, shard_header(job, source, opened.model, ()))
+    for path in found.damaged:
+        listener.on_notice(f"{path} is cut short or damaged: it is made anew")
+    listener.on_kept(len(source.sample_ids) - sum(len(job.faces_of(source, unit)) for unit in found.missing))
+    times, peaks = StageTimes(), [0]
+
+    def submit(executor: Executor, number: int) -> Future[UnitReport]:
+        return executor.submit(render_unit, Unit(job, number, out, gl, source.sha256, opened.model.sha256))
+
+    def on_finished(unit: int, report: UnitReport) -> None:
+        times.add(report.seconds, report.cpu_seconds)
+        peaks.append(report.peak_memory_bytes)
+        listener.on_progress(report.n_faces)
+
+    finish_units(found.missing, place, submit, on_finished)
+    n_triplets, rejected = _count(out, n_units)
+    write_rejected(out / REJECTED_FILE, rejected)
+    return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(found.missing), times, max(peaks))
 
 
-def shard_header(
-    job: RenderJob, source: FaceSource, model: MorphableModel, rejected: tuple[tuple[str, str], ...]
-) -> ShardHeader:
-    """What holds for every sample of a shard of this job.
-
-    Args:
-        job: The job.
-        source: Where its faces come from.
-        model: Their model.
-        rejected: Samples of this unit that could not be used: id and reason of each.
-    """
-    configuration = {
-        "coefficients": job.coefficients.name,
-        "coefficients_sha256": source.sha256,
-        "n_faces": len(source.sample_ids),
-        "seed": job.seed,
-        "shard_size": job.shard_size,
-    }
-    return ShardHeader(
-        model_name=model.name,
-        model_sha256=model.sha256,
-        pncc_limit_mm=float(np.abs(model.mean).max()),
-        smallest_radius_mm=model.smallest_radius_mm,
-        licence=source.licence,
-        configuration=configuration_to_json(configuration),
-        generator=f"pix2face {__version__}",
-        rejected=json.dumps(rejected),
-        layers=(*DEFAULT_LAYERS, "depth"),
-        region_names=model.region_names,
-    )
-
-
-@lru_cache(maxsize=1)
-def _worker_state(job: RenderJob) -> tuple[MorphableModel, FaceSource, TripletMaker]:
-    """What a worker keeps between units: opening it takes longer than rendering a sample."""
-    model = open_model(job.model)
-    return model, open_source(job.coefficients, model), TripletMaker(model, create_gl_context(), job.seed)
-
-
-def _unit_size(job: RenderJob, source: FaceSource, unit: int) -> int:
-    return min(job.shard_size, len(source.sample_ids) - unit * job.shard_size)
-
-
-def _check_folder(out: Path, n_units: int, expected: ShardHeader) -> None:
-    """Refuses a folder whose shards another configuration made: mixing them would go unnoticed."""
-    for path in sorted(out.glob("shard-*.h5")):
-        with ShardReader(path) as reader:
-            found = reader.header
-        different = _differences(_origin(found), _origin(expected))
-        if different:
-            raise UsageError(
-                f"{path} was made by another configuration ({'; '.join(different)}); delete it or choose another --out"
-            )
-    surplus = [
-        path for path in out.glob("shard-*.h5") if path not in {shard_path(out, unit) for unit in range(n_units)}
-    ]
-    if surplus:
-        raise UsageError(
-            f"{surplus[0]} does not belong to this job, whose last shard is {shard_path(out, n_units - 1).name}; "
-            "delete it or choose another --out"
-        )
-
-
-def _origin(header: ShardHeader) -> dict[str, Any]:
-    """What the shards of one job agree in, by name."""
+def write_rejected(path: Path, rejected: Sequence[tuple[str, str]]) -> None:
+    """Writes the list of rejected samples, whole or not at all."""
+    temporary = path.with_name(f".{path.name}.part")
+    lines = (json.dumps({"sample_id": sample_id, "reason": reason}) for sample_id, reason in rejected)
     try:
-        configuration = json.loads(header.configuration)
-    except ValueError:
-        configuration = header.configuration
-    if not isinstance(configuration, dict):
-        configuration = {"configuration": configuration}
-    return {"model_sha256": header.model_sha256, "generator": header.generator, **configuration}
+        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
-def _differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
-    """Such as "seed 0 -> 3"; hashes are cut to what tells them apart."""
-    return [
-        f"{name} {_short(found.get(name))} -> {_short(expected.get(name))}"
-        for name in sorted(found.keys() | expected.keys())
-        if found.get(name) != expected.get(name)
-    ]
-
-
-def _short(value: Any) -> str:
-    text = str(value)
-    is_hash = len(text) == 64 and set(text) <= set("0123456789abcdef")
-    return text[:12] if is_hash else text[:80]
-
-
-def _summarise(out: Path, units: list[int], n_kept: int) -> JobSummary:
-    """Counts what is in the folder, and writes the list of rejected samples beside it."""
+def _count(out: Path, n_units: int) -> tuple[int, list[tuple[str, str]]]:
     n_triplets, rejected = 0, []
-    for unit in units:
+    for unit in range(n_units):
         with ShardReader(shard_path(out, unit)) as reader:
             n_triplets += len(reader)
             rejected += [(sample_id, reason) for sample_id, reason in json.loads(reader.header.rejected)]
-    lines = (json.dumps({"sample_id": sample_id, "reason": reason}) for sample_id, reason in rejected)
-    (out / REJECTED_FILE).write_text("".join(f"{line}\n" for line in lines))
-    return JobSummary(n_triplets, tuple(rejected), len(units), n_kept)
+    return n_triplets, rejected

@@ -6,11 +6,20 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, final
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
@@ -143,25 +152,40 @@ def printable(text: str) -> str:
     )
 
 
+@final
+class _RateColumn(ProgressColumn):
+    """How many a second."""
+
+    def render(self, task: Task) -> Text:
+        """Nothing until something is done."""
+        rate = task.finished_speed or task.speed
+        return Text("" if rate is None else f"{rate:.1f}/s" if rate < 100 else f"{rate:.0f}/s")
+
+
 @contextmanager
 def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[..., None]]:
     """A progress bar with rate and time left.
 
     Yields:
-        ``advance(n=1, note="")``: counts n more as done, and shows a note behind the bar.
+        ``advance(n=1, note="", already_done=False)``: counts n more as done, and shows a note behind the bar. What
+        was done before this run counts for no rate.
     """
     columns: list[Any] = [
         TextColumn("[bold]{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
-        TaskProgressColumn(show_speed=True),
+        TaskProgressColumn(),
+        _RateColumn(),
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
     ]
     with Progress(*columns, console=console, refresh_per_second=4) as progress:
         task = progress.add_task(what, total=total, note="")
 
-        def advance(n: int = 1, note: str = "") -> None:
-            progress.update(task, advance=n, note=note)
+        def advance(n: int = 1, note: str = "", already_done: bool = False) -> None:
+            if already_done:
+                progress.reset(task, completed=n)
+            else:
+                progress.update(task, advance=n, note=note)
 
         yield advance

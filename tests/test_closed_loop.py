@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from datagen.gl_context import create_gl_context
-from datagen.pipeline import RenderJob, shard_header
+from datagen.render_job import RenderJob, shard_header
 from datagen.sampling import sample_faces
 from datagen.sources import open_source
 from datagen.triplets import TripletMaker

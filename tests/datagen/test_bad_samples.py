@@ -11,6 +11,7 @@ import pytest
 from datagen.cli import main
 from datagen.sampling import sample_faces
 from pix2face.coefficients import FaceCoefficients, save_coefficients
+from pix2face.layers import DEFAULT_LAYERS
 from pix2face.morphable_model import load_model
 from pix2face.shard_checks import verify_shard
 from pix2face.shards import ShardReader, shard_paths
@@ -31,7 +32,8 @@ def reasons(table: FaceCoefficients, model_path: Path, folder: Path) -> dict[str
     """Renders a table whose first row is good and all others are bad; why each was rejected."""
     save_coefficients(table, folder / "faces.h5")
     arguments = ["--coeffs", str(folder / "faces.h5"), "--out", str(folder / "out"), "--model", str(model_path)]
-    assert main(["render", *arguments, "--workers", "1"]) == 3
+    layers = ",".join((*DEFAULT_LAYERS, "depth"))
+    assert main(["render", *arguments, "--workers", "1", "--layers", layers]) == 3
     (path,) = shard_paths(folder / "out")
     assert verify_shard(path) == []
     with ShardReader(path) as reader:
@@ -56,9 +58,9 @@ def test_numbers_that_no_face_has(model_path: Path, tmp_path: Path) -> None:
     found = reasons(
         replace(table, sample_ids=names, identity=identity, cameras=cameras, sizes_px=sizes), model_path, tmp_path
     )
-    assert "map values in mm within ±255.9" in found["huge identity"]
+    assert "expected offset within ±255.9 mm" in found["huge identity"]
     assert "finite vertices" in found["overflow"]
-    assert "depths in mm within" in found["far"]
+    assert "expected depth within" in found["far"]
     assert "nothing of the face" in found["beside"]
     assert "independent rows" in found["flat"]
     assert "draws no larger ones" in found["enormous picture"]

@@ -1,9 +1,7 @@
 """The job from coefficients to shards: complete, resumable, the same for any number of workers, hard to break."""
 
 import json
-import multiprocessing
 import shutil
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -12,11 +10,14 @@ import pytest
 import scipy.io
 
 from datagen.cli import main
-from datagen.pipeline import JobSummary, RenderJob, run_job
+from datagen.executors import ProcessPool
+from datagen.pipeline import JobSummary, open_job, run_job
+from datagen.render_job import RenderJob
 from datagen.sampling import sample_faces
 from pix2face.coefficients import load_coefficients, save_coefficients
 from pix2face.errors import UsageError
 from pix2face.images import decode_image
+from pix2face.layers import DEFAULT_LAYERS
 from pix2face.morphable_model import load_model
 from pix2face.rasterise import render_maps
 from pix2face.shard_checks import verify_shard
@@ -36,9 +37,10 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(inputs: Path, out: Path, workers: int = 1) -> JobSummary:
-    job = RenderJob(inputs / "faces.h5", str(inputs / "model.h5"), seed=0, shard_size=4)
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
-        return run_job(job, out, executor, lambda n: None)
+    job = RenderJob(
+        inputs / "faces.h5", str(inputs / "model.h5"), seed=0, shard_size=4, layers=(*DEFAULT_LAYERS, "depth")
+    )
+    return run_job(open_job(job), out, ProcessPool(workers))
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +97,11 @@ def test_a_second_run_does_what_is_missing(rendered: Path, inputs: Path, tmp_pat
 
 
 def test_a_folder_of_another_configuration_is_refused(rendered: Path, inputs: Path) -> None:
-    job = RenderJob(inputs / "faces.h5", str(inputs / "model.h5"), seed=1, shard_size=4)
-    with (
-        ProcessPoolExecutor(1) as executor,
-        pytest.raises(UsageError, match=r"\(seed 0 -> 1\); delete it or choose another"),
-    ):
-        run_job(job, rendered, executor, lambda n: None)
+    job = RenderJob(
+        inputs / "faces.h5", str(inputs / "model.h5"), seed=1, shard_size=4, layers=(*DEFAULT_LAYERS, "depth")
+    )
+    with pytest.raises(UsageError, match=r"\(seed 0 -> 1\); delete it or choose another"):
+        run_job(open_job(job), rendered, ProcessPool(1))
 
 
 def mat_fields(**changes: object) -> dict[str, object]:

@@ -1,0 +1,128 @@
+"""The command ``datagen render``."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+
+from datagen.executors import DaskCluster, ProcessPool, WorkPlace
+from datagen.gl_context import GLSettings
+from datagen.model_cli import describe
+from datagen.pipeline import REJECTED_FILE, JobSummary, Listener, OpenedJob, open_job, run_job
+from datagen.render_job import RenderJob
+from datagen.stop_signals import StoppedBySignal, stopping_on_signals
+from pix2face.command_line import (
+    EXIT_REJECTED,
+    check_max_rejected,
+    counted,
+    prepare_output_folder,
+    progress_bar,
+    say,
+)
+from pix2face.errors import UsageError
+from pix2face.layers import DEFAULT_LAYERS, parse_layers
+from pix2face.morphable_model import BUILTIN_MODEL
+
+console = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """Configuration of ``datagen render``."""
+
+    coeffs: Path
+    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table made by ``datagen sample``."""
+    out: Path
+    """Folder of the shards. Run again with the same settings, it is completed. Other settings are refused, another
+    table, and a folder in which a file has come, gone, or changed its size; not one edited to the same size."""
+    model: str = BUILTIN_MODEL
+    """``builtin``, or a model file made by ``datagen model import``. With an imported BFM 2009 the coefficients of
+    300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
+    layers: str = ",".join(DEFAULT_LAYERS)
+    """What each sample has: any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks."""
+    seed: int = 0
+    """Seed of light, colours and background of rendered pictures."""
+    shard_size: int = 100
+    """Samples in a shard."""
+    workers: int = os.cpu_count() or 1
+    """Processes that render, on this machine."""
+    scheduler: str | None = None
+    """Render on the workers of this dask scheduler instead, such as tcp://host:8786 (docs/scaling.md). Its connections
+    are neither encrypted nor authenticated: whoever reaches it can run code on its workers."""
+    gl: Literal["egl", "osmesa"] | None = None
+    """How to reach OpenGL; without it EGL is tried, then OSMesa."""
+    device: int | None = None
+    """Number of the GPU, as `datagen doctor` lists them."""
+    rasteriser: Literal["auto", "compute", "fragment"] = "auto"
+    """``compute`` needs OpenGL 4.3; ``auto`` takes it where there is one, else ``fragment``."""
+    max_rejected: int = 0
+    """How many samples may be rejected before the exit status says so (3)."""
+
+
+def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
+    """Render image / PNCC / offset triplets into sharded HDF5. One bad sample never ends the job.
+
+    Ctrl-C and SIGTERM stop it cleanly (a second one at once): finished shards are kept, and the same command goes on.
+    """
+    with stopping_on_signals():
+        try:
+            return _render(config)
+        except StoppedBySignal as stop:
+            n_kept = len(list(config.out.glob("shard-*.h5")))
+            say(
+                console,
+                f"stopped by {stop}: {counted(n_kept, 'finished shard')} kept in {config.out}, nothing unfinished is "
+                "left behind; run the same command again to go on",
+            )
+            return stop.exit_status
+
+
+def _render(config: RenderConfig) -> int:
+    check_max_rejected(config.max_rejected)
+    if config.workers < 1 or config.shard_size < 1 or config.seed < 0:
+        raise UsageError(
+            "expected --workers and --shard-size of at least 1 and --seed of at least 0, "
+            f"found {config.workers}, {config.shard_size} and {config.seed}"
+        )
+    layers, gl = parse_layers(config.layers), GLSettings(config.gl, config.device, config.rasteriser)
+    gl.resolved()  # contradictions are found here, not by every worker
+    place: WorkPlace = ProcessPool(config.workers) if config.scheduler is None else DaskCluster(config.scheduler)
+    opened = open_job(RenderJob(config.coeffs, config.model, config.seed, config.shard_size, layers))
+    _introduce(config, opened)
+    prepare_output_folder(config.out)
+    with progress_bar(console, "rendering", len(opened.source.sample_ids)) as advance:
+        listener = Listener(
+            on_kept=lambda n: advance(n, already_done=True),
+            on_progress=advance,
+            on_notice=lambda text: say(console, text),
+        )
+        summary = run_job(opened, config.out, place, gl, listener)
+    return _report(summary, config)
+
+
+def _introduce(config: RenderConfig, opened: OpenedJob) -> None:
+    n_faces = counted(len(opened.source.sample_ids), "face")
+    say(console, f"{n_faces} in {config.coeffs}; model: {describe(opened.model)}")
+    if config.coeffs.is_dir() and config.model == BUILTIN_MODEL:
+        say(
+            console,
+            "the coefficients are BFM's: the built-in model is fitted to the landmarks of the files instead "
+            "(have BFM 2009? datagen model import, then --model)",
+        )
+
+
+def _report(summary: JobSummary, config: RenderConfig) -> int:
+    kept = f" ({summary.n_shards_kept} there already)" if summary.n_shards_kept else ""
+    made = f"{counted(summary.n_triplets, 'triplet')} in {counted(summary.n_shards, 'shard')}"
+    say(console, f"{made}{kept} -> {config.out}")
+    if summary.rejected:
+        say(
+            console,
+            f"{counted(len(summary.rejected), 'sample')} rejected, listed in {config.out / REJECTED_FILE}; the first:",
+        )
+        say(console, f"  {summary.rejected[0][1]}")
+    say(console, f"next: datagen preview {config.out}; train --shards {config.out}")
+    return EXIT_REJECTED if len(summary.rejected) > config.max_rejected else 0

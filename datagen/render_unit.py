@@ -1,0 +1,189 @@
+"""One unit of work: the faces of one shard are read, rendered, packed and written. What a worker runs.
+
+What a unit writes depends on its number, the seed and the names of its samples alone, so neither the number of workers
+nor their order matters, and a unit that is tried again writes the same bytes.
+"""
+
+import resource
+import sys
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import islice
+from pathlib import Path
+from typing import final
+
+import cv2
+from threadpoolctl import threadpool_limits
+
+from datagen.executors import limit_threads
+from datagen.folder_lock import worker_lock
+from datagen.gl_context import GLContext, GLSettings, create_gl_context
+from datagen.render_job import RenderJob, shard_header, shard_path
+from datagen.sources import FaceSource, open_source
+from datagen.stage_times import StageTimes
+from datagen.triplets import TripletMaker
+from pix2face.coefficients import Face
+from pix2face.errors import InputFileError, SampleRejectedError, UsageError
+from pix2face.morphable_model import MorphableModel, open_model
+from pix2face.shard_writing import PackedTriplet, pack_triplet, write_packed
+from pix2face.shards import Triplet
+
+# The vertices of so many faces come from one matrix product, which reads the basis once for all of them.
+FACES_AT_A_TIME = 16
+
+
+@final
+@dataclass(frozen=True)
+class Unit:
+    """A shard to be made.
+
+    Attributes:
+        job: What it belongs to.
+        number: Which shard.
+        out: The folder of the shards.
+        gl: What to draw with.
+        source_sha256: Of the faces, as the job saw them: a worker that sees others would mix them.
+        model_sha256: Likewise of the model.
+    """
+
+    job: RenderJob
+    number: int
+    out: Path
+    gl: GLSettings
+    source_sha256: str
+    model_sha256: str
+
+
+@final
+@dataclass(frozen=True)
+class UnitReport:
+    """What a unit took.
+
+    Attributes:
+        n_faces: Faces that were tried.
+        seconds: By stage.
+        cpu_seconds: Of the processor, by stage.
+        peak_memory_bytes: Of the worker so far.
+    """
+
+    n_faces: int
+    seconds: Mapping[str, float]
+    cpu_seconds: Mapping[str, float]
+    peak_memory_bytes: int
+
+
+def render_unit(unit: Unit) -> UnitReport:
+    """Makes one shard.
+
+    Raises:
+        UsageError: The worker sees another model or other faces than the job, or the shard cannot be written.
+        GLUnavailableError: The worker cannot draw.
+    """
+    return _drawing_thread().submit(_render_unit, unit).result()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Worker:
+    """What a worker keeps between units: opening it takes longer than rendering a sample."""
+
+    model: MorphableModel
+    source: FaceSource
+    gl: GLContext
+    maker: TripletMaker
+
+
+# The worker of this process, by its job; of one thread.
+_KEPT: dict[Unit, _Worker] = {}
+
+
+def _render_unit(unit: Unit) -> UnitReport:
+    times = StageTimes()
+    if not unit.out.is_dir():
+        raise UsageError(f"{unit.out}: expected the worker to see the folder of the shards, found that it does not")
+    with worker_lock(unit.out), threadpool_limits(1, user_api="blas"):
+        with times.stage("open model and source"):
+            worker = _worker(unit)
+        faces = unit.job.faces_of(worker.source, unit.number)
+        order = {worker.source.sample_ids[face]: face for face in faces}
+        rejected: list[tuple[str, str]] = []
+        packed = list(_packed(unit, worker, rejected, times))
+        rejected.sort(key=lambda entry: order[entry[0]])
+        with times.stage("write, check"):
+            header = shard_header(unit.job, worker.source, worker.model, rejected)
+            write_packed(shard_path(unit.out, unit.number), header, packed)
+    return UnitReport(len(faces), times.seconds, times.cpu_seconds, _peak_memory_bytes())
+
+
+def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times: StageTimes) -> Iterator[PackedTriplet]:
+    """The samples of a unit in the order of the source; those that cannot be used are added to ``rejected``."""
+    faces = _faces(unit, worker, rejected, times)
+    while batch := list(islice(faces, FACES_AT_A_TIME)):
+        for face, made in zip(batch, worker.maker.make_all(batch, times), strict=True):
+            if isinstance(made, SampleRejectedError):
+                rejected.append((face.sample_id, str(made)))
+                continue
+            try:
+                with times.stage("encode"):
+                    variants = [pack_triplet(variant, unit.job.layers) for variant in _variants(made)]
+            except InputFileError as error:  # a value that the format cannot hold would cost the whole shard
+                rejected.append((face.sample_id, str(error)))
+                continue
+            yield from variants
+
+
+def _variants(triplet: Triplet) -> list[Triplet]:
+    """What becomes of one rendered sample: itself alone. Jittered copies belong here."""
+    return [triplet]
+
+
+def _faces(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times: StageTimes) -> Iterator[Face]:
+    for index in unit.job.faces_of(worker.source, unit.number):
+        try:
+            with times.stage("read coefficients"):
+                face = worker.source.face(index)
+            yield face
+        except SampleRejectedError as error:
+            rejected.append((worker.source.sample_ids[index], str(error)))
+
+
+@lru_cache(maxsize=1)
+def _drawing_thread() -> ThreadPoolExecutor:
+    """A context of OpenGL belongs to one thread; the workers of a cluster may call from several."""
+    return ThreadPoolExecutor(1, thread_name_prefix="drawing")
+
+
+def _worker(unit: Unit) -> _Worker:
+    key = replace(unit, number=0)
+    if key not in _KEPT:
+        for _, worker in [_KEPT.popitem() for _ in range(len(_KEPT))]:
+            worker.gl.release()
+        _KEPT[key] = _open_worker(unit)
+    return _KEPT[key]
+
+
+def _open_worker(unit: Unit) -> _Worker:
+    limit_threads()
+    cv2.setNumThreads(1)
+    job = unit.job
+    model = open_model(job.model)
+    _check_same("model", job.model, model.sha256, unit.model_sha256)
+    source = open_source(job.coefficients, model)
+    _check_same("faces", str(job.coefficients), source.sha256, unit.source_sha256)
+    gl = create_gl_context(unit.gl)
+    return _Worker(model, source, gl, TripletMaker(model, gl, job.seed, job.layers))
+
+
+def _check_same(what: str, place: str, found: str, expected: str) -> None:
+    if found != expected:
+        raise UsageError(
+            f"{place}: expected the worker to see the {what} of the job ({expected[:12]}), found others "
+            f"({found[:12]}); do all workers see the same files, and do they stay as they are while the job runs?"
+        )
+
+
+def _peak_memory_bytes() -> int:
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return kilobytes if sys.platform == "darwin" else kilobytes * 1024
