@@ -138,14 +138,18 @@ def face_texture(
 
 def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], camera: Camera) -> Float64[ndarray, " v"]:
     """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
-    corners = vertices[triangles].astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(normals[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
-    )
     towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
-    lengths = np.linalg.norm(total, axis=1)
-    return np.asarray(total @ towards / np.where(lengths > 0, lengths, 1), dtype=np.float64)
+    return np.asarray(vertex_normals(vertices, triangles) @ towards, dtype=np.float64)
+
+
+def vertex_normals(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]) -> Float64[ndarray, "v 3"]:
+    """Unit normals, the mean of the triangles' at each vertex weighted by area; 0 where no triangle is."""
+    corners = vertices[triangles].astype(np.float64)
+    normals = np.repeat(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), 3, axis=0)
+    columns = [np.bincount(triangles.ravel(), normals[:, axis], minlength=len(vertices)) for axis in range(3)]
+    total = np.stack(columns, axis=1)
+    lengths = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(lengths > 0, lengths, 1), dtype=np.float64)
 
 
 def _nearest_depth(fit: FaceFit, model: MorphableModel, crop: Crop) -> tuple[Camera, Float32[ndarray, "s s"]]:
