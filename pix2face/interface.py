@@ -11,10 +11,9 @@ from numpy import ndarray
 from pix2face.crops import FaceBox
 from pix2face.detection import detect_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION, fit_joint_coefficients
-from pix2face.fitting.face_fit import COEFFICIENT_VERTICES, CameraKind, FaceFit, fit_face, spread_vertices
-from pix2face.fitting.localise import localise_vertices
-from pix2face.landmarks import IBUG68
+from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
+from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.fitting.joint_fit import fit_joint
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.predictor import Prediction, Predictor
 from pix2face.runs import latest_checkpoint
@@ -237,26 +236,20 @@ class Pix2Face:
         Raises:
             DegenerateGeometryError: As ``fit_prediction``, or there is no photograph.
         """
-        alone = [
-            self.fit_prediction(prediction, size, camera=camera, regularisation=regularisation)
+        for prediction in predictions:
+            prediction.check_finite()
+        principal_points = [
+            principal_point_in_crop(prediction, size)
             for prediction, size in zip(predictions, image_sizes_px, strict=True)
         ]
-        found = [
-            localise_vertices(own.maps, self.model.mean, spread_vertices(self.model, COEFFICIENT_VERTICES))
-            for own in predictions
-        ]
-        identity, expressions = fit_joint_coefficients(
-            self.model, [(own.vertex_indices, own.offsets) for own in found], regularisation
+        joint = fit_joint(
+            (prediction.maps for prediction in predictions),
+            self.model,
+            camera_kind=camera,
+            regularisation=regularisation,
+            principal_points_px=principal_points,
         )
-        return [
-            self._with_coefficients(own, identity, expression)
-            for own, expression in zip(alone, expressions, strict=True)
-        ]
-
-    def _with_coefficients(self, fit: FaceFit, identity: ndarray, expression: ndarray) -> FaceFit:
-        vertices = self.model.vertices(identity[None], expression[None])[0]
-        landmarks3d = vertices[self.model.landmarks[IBUG68]].astype(np.float64)
-        return FaceFit(fit.camera, identity, expression, vertices, fit.camera.project(landmarks3d), landmarks3d)
+        return [fit.in_image(prediction.crop) for fit, prediction in zip(joint.fits, predictions, strict=True)]
 
     def _largest_face(self, image: UInt8[ndarray, "h w 3"], index: int) -> FaceBox:
         boxes = self.find_faces(image)

@@ -1,10 +1,11 @@
 """From the maps of one picture to camera, coefficients, mesh and landmarks."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int
+from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
 
 from pix2face.camera import Camera
@@ -12,9 +13,10 @@ from pix2face.crops import Crop
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.camera_fit import fit_affine_camera, fit_weak_perspective_camera
-from pix2face.fitting.coefficient_fit import fit_coefficients
-from pix2face.fitting.localise import check_finite_pixels, localise_vertices
+from pix2face.fitting.linear_system import ImageSystem, image_system
+from pix2face.fitting.localise import ValidPixels, localise_prepared, valid_pixel_values
 from pix2face.fitting.pinhole_fit import fit_pinhole_camera
+from pix2face.fitting.prepared_model import evenly_spread, prepared_model, vertex_basis
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
 
@@ -24,6 +26,9 @@ CameraKind = Literal["affine", "weak-perspective", "pinhole"]
 # hundred coefficients as well as all of them do, at a fraction of the time.
 CAMERA_PIXELS = 2000
 COEFFICIENT_VERTICES = 2500
+
+# Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda from here on.
+SINGLE_PRECISION_FROM = 0.5
 
 # Fewer valid pixels are noise at the edge of a picture without a face.
 LEAST_PIXELS = 50
@@ -38,7 +43,7 @@ class FaceFit:
         camera: From the model frame to the picture.
         identity: Coefficients in standard deviations.
         expression: Coefficients in standard deviations.
-        vertices: The mesh of these coefficients, mm, model frame.
+        model: What the coefficients are of.
         landmarks2d: Projections of the landmark vertices, seen or hidden, pixels (x, y), centres at +0.5.
         landmarks3d: The landmark vertices, mm, model frame.
     """
@@ -46,9 +51,14 @@ class FaceFit:
     camera: Camera
     identity: Float64[ndarray, " k"]
     expression: Float64[ndarray, " e"]
-    vertices: Float32[ndarray, "v 3"]
+    model: MorphableModel
     landmarks2d: Float64[ndarray, "m 2"]
     landmarks3d: Float64[ndarray, "m 3"]
+
+    @cached_property
+    def vertices(self) -> Float32[ndarray, "v 3"]:
+        """The mesh of these coefficients, mm, model frame: computed when asked for."""
+        return self.model.vertices(self.identity[None], self.expression[None])[0]
 
     def in_image(self, crop: Crop) -> "FaceFit":
         """The fit in the pixels of the image that the maps' crop was taken from."""
@@ -83,34 +93,93 @@ def fit_face(
 
     Source: Crispell and Bazik 2017, Sections 3.4 and 4.
     """
-    if scheme not in model.landmarks:
-        raise UsageError(f"expected landmarks {scheme!r} in the model {model.name!r}, found {sorted(model.landmarks)}")
-    points3d, points2d = correspondences(maps, CAMERA_PIXELS)
+    check_scheme(model, scheme)
+    camera, system = fit_camera_and_system(
+        maps, model, camera_kind=camera_kind, regularisation=regularisation, principal_point_px=principal_point_px
+    )
+    coefficients = system.solve(regularisation)
+    identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]
+    return face_of_coefficients(model, camera, identity, expression, scheme)
+
+
+def fit_camera_and_system(
+    maps: FaceMaps,
+    model: MorphableModel,
+    *,
+    camera_kind: CameraKind,
+    regularisation: float,
+    principal_point_px: Float[ndarray, "2"] | None,
+) -> tuple[Camera, ImageSystem]:
+    """What one picture says: its camera, and the linear system of its coefficients (arguments as ``fit_face``).
+
+    Raises:
+        DegenerateGeometryError: As ``fit_face``.
+        UsageError: There is no such kind of camera.
+    """
+    pixels = valid_pixel_values(maps)
+    points3d, points2d = correspondences(pixels, maps.mask.shape[1], CAMERA_PIXELS)
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
     camera = fit_camera(points3d, points2d, camera_kind, principal_point_px)
-    found = localise_vertices(maps, model.mean, spread_vertices(model, COEFFICIENT_VERTICES))
-    identity, expression = fit_coefficients(model, found.vertex_indices, found.offsets, regularisation)
-    vertices = model.vertices(identity[None], expression[None])[0]
-    landmarks3d = vertices[model.landmarks[scheme]].astype(np.float64)
-    return FaceFit(camera, identity, expression, vertices, camera.project(landmarks3d), landmarks3d)
+    prepared = prepared_model(model, COEFFICIENT_VERTICES)
+    found = localise_prepared(maps, pixels, prepared)
+    basis = prepared.basis[found.places]
+    if regularisation < SINGLE_PRECISION_FROM:
+        basis = basis.astype(np.float64)
+    return camera, image_system(basis, found.offsets, regularisation, robust=True)
 
 
-def correspondences(maps: FaceMaps, at_most: int) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n 2"]]:
+def face_of_coefficients(
+    model: MorphableModel,
+    camera: Camera,
+    identity: Float64[ndarray, " k"],
+    expression: Float64[ndarray, " e"],
+    scheme: str = IBUG68,
+) -> FaceFit:
+    """Puts a face together from its camera and coefficients.
+
+    Raises:
+        UsageError: The model has no such landmarks.
+    """
+    check_scheme(model, scheme)
+    mean, basis = _landmark_basis(model, scheme)
+    landmarks3d = np.asarray(mean + basis @ np.concatenate([identity, expression]), dtype=np.float64)
+    return FaceFit(camera, identity, expression, model, camera.project(landmarks3d), landmarks3d)
+
+
+def check_scheme(model: MorphableModel, scheme: str) -> None:
+    """Refuses landmarks that a model does not have.
+
+    Raises:
+        UsageError: See above.
+    """
+    if scheme not in model.landmarks:
+        raise UsageError(f"expected landmarks {scheme!r} in the model {model.name!r}, found {sorted(model.landmarks)}")
+
+
+@lru_cache(maxsize=4)
+def _landmark_basis(model: MorphableModel, scheme: str) -> tuple[Float64[ndarray, "m 3"], Float64[ndarray, "m 3 c"]]:
+    vertices = model.landmarks[scheme]
+    return model.mean[vertices].astype(np.float64), vertex_basis(model, vertices).astype(np.float64)
+
+
+def correspondences(
+    pixels: ValidPixels, width: int, at_most: int
+) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n 2"]]:
     """Points of the face (x_i = PNCC + offset, mm) and the centres of their pixels, evenly spread over the valid ones.
 
     Raises:
-        DegenerateGeometryError: Fewer than 50 valid pixels, or values that are not finite.
+        DegenerateGeometryError: Fewer than 50 valid pixels.
     """
-    rows, columns = np.nonzero(maps.mask)
-    kept = evenly_spread(len(rows), at_most)
-    points3d = maps.pncc[maps.mask].astype(np.float64) + maps.offset[maps.mask]
-    check_finite_pixels(points3d)
-    if len(rows) < LEAST_PIXELS:
+    if len(pixels.places) < LEAST_PIXELS:
         raise DegenerateGeometryError(
-            f"expected at least {LEAST_PIXELS} valid pixels in the maps, found {len(rows)}: no face is in the crop"
+            f"expected at least {LEAST_PIXELS} valid pixels in the maps, found {len(pixels.places)}: "
+            "no face is in the crop"
         )
-    return points3d[kept], np.column_stack([columns, rows])[kept] + 0.5
+    kept = evenly_spread(len(pixels.places), at_most)
+    rows, columns = np.divmod(pixels.places[kept], width)
+    points3d = pixels.pncc[kept].astype(np.float64) + pixels.offset[kept]
+    return points3d, np.column_stack([columns, rows]) + 0.5
 
 
 def fit_camera(
@@ -132,14 +201,3 @@ def fit_camera(
     if camera_kind == "pinhole":
         return fit_pinhole_camera(points3d, points2d, principal_point_px, fit_affine_camera(points3d, points2d))
     raise UsageError(f"expected a camera of affine, weak-perspective or pinhole, found {camera_kind!r}")
-
-
-def spread_vertices(model: MorphableModel, at_most: int) -> Int[ndarray, " n"]:
-    """Vertices of the face, evenly spread over its list of vertices."""
-    face = np.flatnonzero(model.is_face_vertex)
-    return face[evenly_spread(len(face), at_most)]
-
-
-def evenly_spread(total: int, at_most: int) -> Int[ndarray, " n"]:
-    """At most so many indices below a total, at even distances."""
-    return np.unique(np.linspace(0, max(total - 1, 0), min(total, at_most)).astype(np.intp))

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int
+from jaxtyping import Bool, Float, Float32, Float64, Int
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps
+from pix2face.fitting.prepared_model import PreparedModel
 
 # A vertex is taken as seen where, after refinement, the PNCC is within this multiple of the distance that the nearest
 # quarter of the vertices keeps (those are surely seen). Exact maps reach 0.01 mm there, and hidden vertices stand out
@@ -24,6 +25,9 @@ FOLD_RATIO = 3.0
 # A difference to a lone neighbour counts up to this multiple of the median difference of the picture.
 LONE_NEIGHBOUR_RATIO = 8.0
 
+# A pixel looks its vertex up in a grid only where a vertex has this many pixels; with fewer, some would go without.
+LEAST_PIXELS_A_VERTEX = 4
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -32,12 +36,14 @@ class VertexPixels:
 
     Attributes:
         vertex_indices: Which vertices, in the order of the query.
+        places: Their places in the query.
         points2d: Where, in pixels (x, y), centres at +0.5.
         offsets: The offset map there, mm.
         distance_mm: From the PNCC there to the vertex of the mean face.
     """
 
     vertex_indices: Int[ndarray, " n"]
+    places: Int[ndarray, " n"]
     points2d: Float64[ndarray, "n 2"]
     offsets: Float64[ndarray, "n 3"]
     distance_mm: Float64[ndarray, " n"]
@@ -69,23 +75,62 @@ def localise_vertices(
 
     Deviation from the paper: which stops at the pixel. Half a pixel is up to 1 mm of the face in a 128 pixel crop.
     """
-    rows, columns = np.nonzero(maps.mask)
-    values = np.concatenate([maps.pncc[maps.mask], maps.offset[maps.mask]], axis=1).astype(np.float64)
-    check_finite_pixels(values)
+    pixels = valid_pixel_values(maps)
     targets = mean[vertex_indices].astype(np.float64)
-    # Neighbouring pixels are neighbours in space, so a tree that is built in a hurry is as good as a balanced one.
-    tree = cKDTree(values[:, :3], balanced_tree=False, compact_nodes=False)
-    _, nearest = tree.query(targets)  # Eq. (2)
-    rows, columns = rows[nearest], columns[nearest]
-    centre = values[nearest]
-    difference = targets - centre[:, :3]
-    gradients = _gradients(maps, rows, columns)
-    step = _least_squares_step(gradients[:, :, :3], difference)
-    refined = centre + np.einsum("na,nac->nc", step, gradients)
-    distance = np.linalg.norm(targets - refined[:, :3], axis=1)
-    seen = distance <= (_visible_limit(distance) if visible_within_mm is None else visible_within_mm)
-    points2d = np.column_stack([columns, rows]) + 0.5 + step
-    return VertexPixels(vertex_indices[seen], points2d[seen], refined[seen, 3:], distance[seen])
+    nearest = _nearest_by_tree(pixels.pncc, targets)
+    places = np.arange(len(vertex_indices))
+    return _refined(maps, vertex_indices, targets, places, pixels.places[nearest], visible_within_mm)
+
+
+def localise_prepared(maps: FaceMaps, pixels: "ValidPixels", prepared: PreparedModel) -> VertexPixels:
+    """As ``localise_vertices`` for the vertices of a prepared model, at a fraction of the time.
+
+    Each pixel looks up the vertex that its PNCC is near to, and each vertex keeps the nearest of its pixels. Where
+    pixels are few, a tree answers instead.
+
+    Args:
+        maps: The maps of one picture.
+        pixels: Their valid pixels.
+        prepared: The vertices to look for.
+    """
+    if len(pixels.places) < LEAST_PIXELS_A_VERTEX * len(prepared.mean):
+        nearest = _nearest_by_tree(pixels.pncc, prepared.mean.astype(np.float64))
+    else:
+        nearest = _nearest_by_grid(pixels.pncc, prepared)
+    places = np.flatnonzero(nearest >= 0)
+    targets = prepared.mean[places].astype(np.float64)
+    return _refined(maps, prepared.vertex_indices[places], targets, places, pixels.places[nearest[places]], None)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ValidPixels:
+    """The pixels inside the mask.
+
+    Attributes:
+        places: Row times width plus column.
+        pncc: mm.
+        offset: mm.
+    """
+
+    places: Int[ndarray, " n"]
+    pncc: Float32[ndarray, "n 3"]
+    offset: Float32[ndarray, "n 3"]
+
+
+def valid_pixel_values(maps: FaceMaps) -> ValidPixels:
+    """Takes the pixels inside the mask.
+
+    Raises:
+        DegenerateGeometryError: There are none, or they are not finite.
+    """
+    places = np.flatnonzero(maps.mask)
+    pixels = ValidPixels(
+        places, *(np.take(values.reshape(-1, 3), places, axis=0) for values in (maps.pncc, maps.offset))
+    )
+    check_finite_pixels(pixels.pncc)
+    check_finite_pixels(pixels.offset)
+    return pixels
 
 
 def check_finite_pixels(values: Float[ndarray, "n c"]) -> None:
@@ -101,26 +146,84 @@ def check_finite_pixels(values: Float[ndarray, "n c"]) -> None:
         raise DegenerateGeometryError(f"expected finite maps, found {bad} of {len(values)} valid pixels not finite")
 
 
+def _nearest_by_tree(pncc: Float32[ndarray, "n 3"], targets: Float64[ndarray, "m 3"]) -> Int[ndarray, " m"]:
+    # Neighbouring pixels are neighbours in space, so a tree that is built in a hurry is as good as a balanced one.
+    tree = cKDTree(pncc, balanced_tree=False, compact_nodes=False)
+    return np.asarray(tree.query(targets)[1])  # Eq. (2)
+
+
+def _nearest_by_grid(pncc: Float32[ndarray, "n 3"], prepared: PreparedModel) -> Int[ndarray, " m"]:
+    """For each prepared vertex the nearest of the pixels that looked it up; -1 where none did."""
+    vertex = prepared.grid.look_up(pncc)
+    squared = ((pncc - prepared.mean[vertex]) ** 2).sum(axis=1)
+    squared[vertex < 0] = np.inf
+    least = np.full(len(prepared.mean), np.inf, dtype=np.float32)
+    np.minimum.at(least, vertex, squared)
+    nearest = np.full(len(prepared.mean), -1, dtype=np.intp)
+    is_nearest = np.flatnonzero((squared == least[vertex]) & np.isfinite(squared))
+    nearest[vertex[is_nearest]] = is_nearest
+    return nearest
+
+
+def _refined(
+    maps: FaceMaps,
+    vertex_indices: Int[ndarray, " n"],
+    targets: Float64[ndarray, "n 3"],
+    places: Int[ndarray, " n"],
+    pixels: Int[ndarray, " n"],
+    visible_within_mm: float | None,
+) -> VertexPixels:
+    """Moves from the centres of pixels to where the PNCC is nearest to the targets, and leaves the hidden ones out."""
+    rows, columns = np.divmod(pixels, maps.mask.shape[1])
+    centre = _values_at(maps, pixels)
+    gradients = _gradients(maps, rows, columns, centre)
+    step = _least_squares_step(gradients[:, :, :3], targets - centre[:, :3])
+    refined = centre + step[:, :1] * gradients[:, 0] + step[:, 1:] * gradients[:, 1]
+    distance = np.sqrt(((targets - refined[:, :3]) ** 2).sum(axis=1))
+    limit = _visible_limit(distance) if visible_within_mm is None else visible_within_mm
+    seen = np.flatnonzero(distance <= limit)
+    points2d = np.column_stack([columns, rows])[seen] + 0.5 + step[seen]
+    return VertexPixels(vertex_indices[seen], places[seen], points2d, refined[seen, 3:], distance[seen])
+
+
+def _values_at(maps: FaceMaps, pixels: Int[ndarray, " n"]) -> Float64[ndarray, "n 6"]:
+    """PNCC and offset of pixels."""
+    out = np.empty((len(pixels), 6))
+    out[:, :3] = np.take(maps.pncc.reshape(-1, 3), pixels, axis=0)
+    out[:, 3:] = np.take(maps.offset.reshape(-1, 3), pixels, axis=0)
+    return out
+
+
 def _visible_limit(distances_mm: Float64[ndarray, " n"]) -> float:
     if len(distances_mm) == 0:
         return VISIBLE_MOST_MM
-    quarter = float(np.percentile(distances_mm, 25))
+    rank = len(distances_mm) // 4
+    quarter = float(np.partition(distances_mm, rank)[rank])
     return float(np.clip(VISIBLE_MULTIPLE * quarter, VISIBLE_LEAST_MM, VISIBLE_MOST_MM))
 
 
-def _gradients(maps: FaceMaps, rows: Int[ndarray, " n"], columns: Int[ndarray, " n"]) -> Float64[ndarray, "n 2 6"]:
+def _gradients(
+    maps: FaceMaps, rows: Int[ndarray, " n"], columns: Int[ndarray, " n"], centre: Float64[ndarray, "n 6"]
+) -> Float64[ndarray, "n 2 6"]:
     """Derivatives of PNCC and offset (mm per pixel) towards x and y; 0 where no neighbour tells."""
-    values = np.pad(np.concatenate([maps.pncc, maps.offset], axis=2), ((1, 1), (1, 1), (0, 0)))
-    mask = np.pad(maps.mask, 1)
-    centre = values[rows + 1, columns + 1].astype(np.float64)
+    height, width = maps.mask.shape
+    mask = maps.mask.reshape(-1)
     per_axis = []
-    for down, right in ((0, 1), (1, 0)):
-        after = (rows + 1 + down, columns + 1 + right)
-        before = (rows + 1 - down, columns + 1 - right)
-        per_axis.append((values[after] - centre, mask[after], centre - values[before], mask[before]))
-    lengths = [np.linalg.norm(forward[has, :3], axis=1) for forward, has, _, _ in per_axis]
+    for position, size, stride in ((columns, width, 1), (rows, height, width)):
+        pixel = rows * width + columns
+        differences, has = [], []
+        for sign in (1, -1):
+            inside = (position < size - 1) if sign > 0 else (position > 0)
+            neighbour = np.where(inside, pixel + sign * stride, pixel)
+            valid = inside & mask[neighbour]
+            difference = sign * (_values_at(maps, neighbour) - centre)
+            difference[~valid] = 0  # whatever stands outside the mask
+            differences.append(difference)
+            has.append(valid)
+        per_axis.append((differences[0], has[0], differences[1], has[1]))
+    lengths = [np.sqrt((forward[valid, :3] ** 2).sum(axis=1)) for forward, valid, _, _ in per_axis]
     longest = LONE_NEIGHBOUR_RATIO * float(np.median(np.concatenate([*lengths, np.zeros(1)])))
-    return np.stack([_one_derivative(*differences, longest) for differences in per_axis], axis=1)
+    return np.stack([_one_derivative(*both_sides, longest) for both_sides in per_axis], axis=1)
 
 
 def _one_derivative(
@@ -131,19 +234,26 @@ def _one_derivative(
     longest_mm: float,
 ) -> Float64[ndarray, "n 6"]:
     """The central difference; one-sided beside background and folds."""
-    a = np.where(has_forward, np.linalg.norm(forward[:, :3], axis=1), np.inf)
-    b = np.where(has_backward, np.linalg.norm(backward[:, :3], axis=1), np.inf)
+    a = np.where(has_forward, np.sqrt((forward[:, :3] ** 2).sum(axis=1)), np.inf)
+    b = np.where(has_backward, np.sqrt((backward[:, :3] ** 2).sum(axis=1)), np.inf)
     shorter, is_smooth = np.minimum(a, b), np.maximum(a, b) <= FOLD_RATIO * np.minimum(a, b)
-    one_sided = np.where((a <= b)[:, None], forward, backward)
-    derivative = np.where((is_smooth & np.isfinite(shorter))[:, None], (forward + backward) / 2, one_sided)
-    return np.where((shorter <= longest_mm)[:, None], derivative, 0.0)
+    usable = shorter <= longest_mm
+    is_central = is_smooth & np.isfinite(shorter)
+    # Shares of the two differences in the derivative.
+    ahead = np.where(is_central, 0.5, a <= b) * usable
+    behind = np.where(is_central, 0.5, a > b) * usable
+    return ahead[:, None] * forward + behind[:, None] * backward
 
 
 def _least_squares_step(
     gradient: Float64[ndarray, "n 2 3"], difference: Float64[ndarray, "n 3"]
 ) -> Float64[ndarray, "n 2"]:
     """The step in pixels that brings the linear model nearest to the target, at most one pixel along each axis."""
-    normal = np.einsum("nac,nbc->nab", gradient, gradient)
-    normal += np.eye(2) * (1e-9 + 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None])
-    right = np.einsum("nac,nc->na", gradient, difference)
-    return np.clip(np.linalg.solve(normal, right[:, :, None])[:, :, 0], -1, 1)
+    x, y = gradient[:, 0], gradient[:, 1]
+    xx, xy, yy = (x * x).sum(axis=1), (x * y).sum(axis=1), (y * y).sum(axis=1)
+    ridge = 1e-9 + 1e-6 * (xx + yy)
+    xx, yy = xx + ridge, yy + ridge
+    right_x, right_y = (x * difference).sum(axis=1), (y * difference).sum(axis=1)
+    inverse = 1 / (xx * yy - xy * xy)
+    step = np.column_stack([(yy * right_x - xy * right_y) * inverse, (xx * right_y - xy * right_x) * inverse])
+    return np.clip(step, -1, 1)

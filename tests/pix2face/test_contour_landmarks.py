@@ -14,7 +14,7 @@ def fit_of_mean(yaw_deg: float) -> FaceFit:
     camera = weak_perspective_camera(WeakPerspective(1.0, rotation, np.full(2, 150.0)))
     landmarks3d = model.mean[model.landmarks[IBUG68]].astype(np.float64)
     identity, expression = np.zeros(model.n_identity), np.zeros(model.n_expression)
-    return FaceFit(camera, identity, expression, model.mean, camera.project(landmarks3d), landmarks3d)
+    return FaceFit(camera, identity, expression, model, camera.project(landmarks3d), landmarks3d)
 
 
 def test_jaw_points_of_a_frontal_face_stay():

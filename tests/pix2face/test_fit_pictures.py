@@ -43,7 +43,7 @@ def fitted(camera: Camera, landmarks: ndarray | None = None, seed: int = 0) -> F
     identity, expression = rng.normal(size=MODEL.n_identity), rng.normal(size=MODEL.n_expression)
     vertices = MODEL.vertices(identity[None], expression[None])[0]
     landmarks3d = vertices[MODEL.landmarks["ibug68"]].astype(np.float64) if landmarks is None else landmarks
-    return FaceFit(camera, identity, expression, vertices, camera.project(landmarks3d), landmarks3d)
+    return FaceFit(camera, identity, expression, MODEL, camera.project(landmarks3d), landmarks3d)
 
 
 def weak(yaw_deg: float = 0.0, centre: tuple[float, float] = (150.0, 120.0)) -> Camera:

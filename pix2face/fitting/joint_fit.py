@@ -1,0 +1,83 @@
+"""Several pictures of one person: one identity, and a camera and an expression for each picture (Eq. 5)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from pix2face.face_maps import FaceMaps
+from pix2face.fitting.coefficient_fit import JointAccumulator
+from pix2face.fitting.face_fit import (
+    CameraKind,
+    FaceFit,
+    check_scheme,
+    face_of_coefficients,
+    fit_camera_and_system,
+)
+from pix2face.landmarks import IBUG68
+from pix2face.morphable_model import MorphableModel
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """One person in several pictures.
+
+    Attributes:
+        identity: Coefficients in standard deviations, the same in all fits.
+        fits: One for each picture, in the pixels of its maps.
+    """
+
+    identity: Float64[ndarray, " k"]
+    fits: tuple[FaceFit, ...]
+
+
+def fit_joint(
+    maps: Iterable[FaceMaps],
+    model: MorphableModel,
+    *,
+    camera_kind: CameraKind = "weak-perspective",
+    regularisation: float,
+    principal_points_px: Sequence[Float[ndarray, "2"] | None] | None = None,
+    scheme: str = IBUG68,
+) -> JointFit:
+    """Fits pictures of one person together: the identity is shared, cameras and expressions are not.
+
+    Maps are taken one after the other, so they may come from a generator: of each picture only its camera and a block
+    of (expressions x identities) numbers are kept. Time and memory are linear in the number of pictures.
+
+    Args:
+        maps: Of each picture.
+        model: The model that the maps are of.
+        camera_kind: As ``fit_face``.
+        regularisation: As ``fit_face``. Identity pays the penalty once, whatever the number of pictures.
+        principal_points_px: As ``fit_face``, one for each picture.
+        scheme: As ``fit_face``.
+
+    Raises:
+        DegenerateGeometryError: As ``fit_face``, or there is no picture.
+        UsageError: As ``fit_face``.
+
+    Source: Crispell and Bazik 2017, Eq. 5.
+    """
+    check_scheme(model, scheme)
+    joint, cameras = JointAccumulator(model.n_identity, regularisation), []
+    for index, own in enumerate(maps):
+        camera, system = fit_camera_and_system(
+            own,
+            model,
+            camera_kind=camera_kind,
+            regularisation=regularisation,
+            principal_point_px=None if principal_points_px is None else principal_points_px[index],
+        )
+        joint.add(system)
+        cameras.append(camera)
+    identity, expressions = joint.solve()
+    fits = (
+        face_of_coefficients(model, camera, identity, np.asarray(expression), scheme)
+        for camera, expression in zip(cameras, expressions, strict=True)
+    )
+    return JointFit(identity, tuple(fits))

@@ -1,0 +1,126 @@
+"""What every fit needs of a morphable model, gathered once: some vertices of the face, their basis, a way to find them.
+
+The gathering takes tenths of a second; a fit then touches a few megabytes instead of the whole basis.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Int32
+from numpy import ndarray
+from scipy.spatial import cKDTree
+
+from pix2face.morphable_model import MorphableModel
+
+# Edge of a cell of the grid: well below the distance of the vertices that are looked for.
+CELL_MM = 2.0
+# A cell farther from all vertices than this (some cells more than their distance) has none.
+REACH_MM = 7.0
+
+# Errors of a network are alike over patches of the face; of the whole face, a picture shows about half the patches.
+N_PATCHES = 60
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class VertexGrid:
+    """The nearest vertex of each cell of a grid over the mean face: pixels look their vertex up.
+
+    Attributes:
+        origin_mm: Corner of the grid.
+        table: For each cell the nearest vertex (its number in the list that the grid was made of), -1 is none.
+    """
+
+    origin_mm: Float32[ndarray, "3"]
+    table: Int32[ndarray, "x y z"]
+
+    @classmethod
+    def of(cls, points: Float32[ndarray, "n 3"]) -> "VertexGrid":
+        """Makes the grid of some vertices (mm, model frame)."""
+        origin = points.min(axis=0) - np.float32(REACH_MM)
+        shape = np.ceil((points.max(axis=0) + REACH_MM - origin) / CELL_MM).astype(int)
+        centres = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3) + 0.5
+        tree = cKDTree(points)
+        nearest = tree.query(origin + CELL_MM * centres, distance_upper_bound=REACH_MM)[1].astype(np.int32)
+        nearest[nearest == len(points)] = -1
+        return cls(origin, nearest.reshape(shape))
+
+    def look_up(self, points: Float32[ndarray, "n 3"]) -> Int32[ndarray, " n"]:
+        """The vertex of the cell that each point (mm, finite) is in; -1 where there is none."""
+        limits = np.array(self.table.shape)
+        scaled = (points - self.origin_mm) * np.float32(1 / CELL_MM)
+        inside = ((scaled >= 0) & (scaled < limits)).all(axis=1)
+        cell = np.where(inside[:, None], scaled, 0).astype(np.int32)
+        flat = (cell[:, 0] * limits[1] + cell[:, 1]) * limits[2] + cell[:, 2]
+        return np.where(inside, self.table.reshape(-1)[flat], np.int32(-1))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PreparedModel:
+    """Some vertices of a model's face.
+
+    Attributes:
+        vertex_indices: Which.
+        mean: Where they are in the mean face, mm.
+        basis: Identity, then expression, mm per standard deviation; components last, so that a vertex is one run of
+            memory.
+        n_identity: How many components are identity.
+        grid: Finds the vertex for a PNCC value.
+        patches: For each vertex the number of the patch of the face that it lies in.
+    """
+
+    vertex_indices: Int[ndarray, " n"]
+    mean: Float32[ndarray, "n 3"]
+    basis: Float32[ndarray, "n 3 c"]
+    n_identity: int
+    grid: VertexGrid
+    patches: Int[ndarray, " n"]
+
+
+@lru_cache(maxsize=4)
+def prepared_model(model: MorphableModel, at_most: int) -> PreparedModel:
+    """Gathers at most so many vertices, evenly spread over the face; remembers the last four answers."""
+    vertex_indices = spread_vertices(model, at_most)
+    mean = model.mean[vertex_indices]
+    return PreparedModel(
+        vertex_indices,
+        mean,
+        vertex_basis(model, vertex_indices),
+        model.n_identity,
+        VertexGrid.of(mean),
+        patches_of(mean, N_PATCHES),
+    )
+
+
+def vertex_basis(model: MorphableModel, vertex_indices: Int[ndarray, " n"]) -> Float32[ndarray, "n 3 c"]:
+    """Both bases at some vertices, mm per standard deviation, identity before expression, components last."""
+    both = [np.take(basis, vertex_indices, axis=1) for basis in (model.identity_basis, model.expression_basis)]
+    return np.ascontiguousarray(np.concatenate(both).transpose(1, 2, 0))
+
+
+def spread_vertices(model: MorphableModel, at_most: int) -> Int[ndarray, " n"]:
+    """Vertices of the face, evenly spread over its list of vertices."""
+    face = np.flatnonzero(model.is_face_vertex)
+    return face[evenly_spread(len(face), at_most)]
+
+
+def evenly_spread(total: int, at_most: int) -> Int[ndarray, " n"]:
+    """At most so many indices below a total, at even distances."""
+    return np.linspace(0, max(total - 1, 0), min(total, at_most)).astype(np.intp)
+
+
+def patches_of(points: Float[ndarray, "n 3"], count: int) -> Int[ndarray, " n"]:
+    """Divides points into patches around centres that are as far from each other as they can be (farthest first)."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.intp)
+    patch, distance = np.zeros(len(points), dtype=np.intp), np.full(len(points), np.inf)
+    centre = int(np.argmin(points[:, 0]))
+    for index in range(min(count, len(points))):
+        to_centre = ((points - points[centre]) ** 2).sum(axis=1)
+        patch[to_centre < distance] = index
+        distance = np.minimum(distance, to_centre)
+        centre = int(np.argmax(distance))
+    return patch
