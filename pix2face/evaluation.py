@@ -1,80 +1,28 @@
-"""A benchmark through a predictor and a fit: one result a face, and the trivial baseline beside it.
+"""A benchmark through whatever finds landmarks: one result a face, and the trivial baseline beside it.
 
-Predictor and fit are passed in. A face whose fit fails stays in the figures with the error infinity; a face whose files
-are damaged is listed and left out.
+What is measured is passed in (``evaluation_subjects``). A face that it does not find stays in the figures with the
+error infinity; a face whose own files are damaged is listed and left out.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, final, runtime_checkable
+from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float64, UInt8
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from pix2face.benchmark_data import BenchmarkFace, BenchmarkItem, Unreadable
-from pix2face.crops import Crop, FaceBox
+from pix2face.alignment3d import Alignment, distances3d
+from pix2face.benchmark_data import BenchmarkFace, BenchmarkItem, Unreadable, wrap_angle_deg
+from pix2face.crops import FaceBox
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
-from pix2face.face_maps import FaceMaps
-from pix2face.jitter import crop_maps
+from pix2face.evaluation_subjects import FoundFace, Subject
 from pix2face.landmarks import IBUG68
-from pix2face.metrics import POINT_SETS, Normaliser, nme
+from pix2face.metrics import POINT_SETS, Normaliser, landmark_errors, normalising_distance
 from pix2face.morphable_model import MorphableModel
+from pix2face.truth_errors import CoefficientErrors, MapErrors, compare_coefficients, compare_maps
 
-
-@runtime_checkable
-class PredictedMaps(Protocol):
-    """Maps in the pixels of a crop."""
-
-    @property
-    def maps(self) -> FaceMaps:
-        """The maps."""
-
-    @property
-    def crop(self) -> Crop:
-        """Where they lie in the image."""
-
-
-@runtime_checkable
-class MapPredictor(Protocol):
-    """Predicts maps from a picture."""
-
-    def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> PredictedMaps:
-        """Maps of the face in a box."""
-
-
-@runtime_checkable
-class FittedFace(Protocol):
-    """A fit, of which the evaluation wants the landmarks."""
-
-    @property
-    def landmarks2d(self) -> Float[ndarray, "68 2"]:
-        """Projected landmarks in the pixels that were fitted."""
-
-    def in_image(self, crop: Crop) -> "FittedFace":
-        """The same in the pixels of the image that the crop was taken from."""
-
-
-# From maps, and where the image's centre lies in them (the principal point of a pinhole), to a fitted face.
-Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FittedFace]
-
-
-@final
-@dataclass(frozen=True)
-class MapErrors:
-    """How far predicted maps are from the true ones, over the pixels of the crop that both call face.
-
-    Attributes:
-        pncc_mm: Mean distance; None where no pixel is common.
-        offset_mm: Mean distance.
-        offset_baseline_mm: Mean length of the true offset: the error of predicting none.
-        mask_iou: Pixels that both call face over pixels that either does.
-    """
-
-    pncc_mm: float | None
-    offset_mm: float | None
-    offset_baseline_mm: float | None
-    mask_iou: float
+BASELINE = "baseline"
 
 
 @final
@@ -85,106 +33,145 @@ class FaceResult:
     Attributes:
         name: What lists call it.
         group: The column of the table that it counts in.
+        clip: The clip that it is a frame of, or None.
         yaw_deg: True yaw, where known.
         has_unusual_angle: Whether an angle of the truth is beyond ±99°.
-        errors: For each point set ("68", "51") the error; infinity where the fit failed.
-        baseline: The same for the mean face placed in the box.
-        landmarks2d: Fitted landmarks in image pixels; None where the fit failed.
-        failure: Why there is no fit, or None.
+        landmark_errors: For each landmark the error, a fraction; infinity where the face was not found.
+        baseline_errors: The same for the mean face placed in the box.
+        landmarks2d: Found landmarks in image pixels; None where the face was not found.
+        failure: Why it was not found, or None.
+        pose_deg: Found pitch, yaw, roll, where known.
+        pose_errors_deg: Found minus true pitch, yaw, roll, where both are known.
+        distances3d: For each landmark the distance in space, in the data's unit; infinity where there is none; None
+            where the truth has no 3D landmarks.
+        baseline_distances3d: The same for the mean face.
         maps: Errors of the maps, where the truth knows them.
+        coefficients: Errors of the coefficients, where the truth knows them.
     """
 
     name: str
     group: str
+    clip: str | None
     yaw_deg: float | None
     has_unusual_angle: bool
-    errors: Mapping[str, float]
-    baseline: Mapping[str, float]
+    landmark_errors: Float64[ndarray, "68"]
+    baseline_errors: Float64[ndarray, "68"]
     landmarks2d: Float64[ndarray, "68 2"] | None
     failure: str | None
-    maps: MapErrors | None
+    pose_deg: Float64[ndarray, "3"] | None = None
+    pose_errors_deg: Float64[ndarray, "3"] | None = None
+    distances3d: Float64[ndarray, "68"] | None = None
+    baseline_distances3d: Float64[ndarray, "68"] | None = None
+    maps: MapErrors | None = None
+    coefficients: CoefficientErrors | None = None
+
+    def error(self, points: str = "68", method: str | None = None) -> float:
+        """The mean error over a point set of the baseline, or (any other method) of what was found."""
+        errors = self.baseline_errors if method == BASELINE else self.landmark_errors
+        return float(errors[list(POINT_SETS[points])].mean())
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evaluator:
     """Everything that one evaluation holds fixed.
 
     Attributes:
         model: Its mean face is the baseline.
-        predictor: Picture and box to maps.
-        fit: Maps to a fitted face; raises DegenerateGeometryError where they hold none.
+        subject: What is measured.
         normaliser: What errors are divided by.
+        alignment: How 3D landmarks are laid onto the true ones.
     """
 
     model: MorphableModel
-    predictor: MapPredictor
-    fit: Fit
+    subject: Subject
     normaliser: Normaliser
+    alignment: Alignment = "rigid"
 
-    def evaluate(self, face: BenchmarkFace) -> FaceResult:
-        """Predicts, fits and measures one face in the tight box of its true landmarks.
+    def evaluate(self, faces: Sequence[BenchmarkFace]) -> list[FaceResult]:
+        """Finds and measures some faces at once.
 
         Raises:
-            DegenerateGeometryError: The true landmarks have no extent.
+            DegenerateGeometryError: True landmarks have no extent.
         """
-        box = FaceBox.around(face.landmarks2d)
-        prediction = self.predictor.predict(face.image, box)
-        landmarks2d, failure = self._fit(prediction, face.image)
+        found = self.subject.find(faces)
+        return [self._measure(face, own) for face, own in zip(faces, found, strict=True)]
+
+    def _measure(self, face: BenchmarkFace, found: FoundFace) -> FaceResult:
+        landmarks2d, failure = found.landmarks2d, found.failure
+        if landmarks2d is not None and not np.isfinite(landmarks2d).all():
+            landmarks2d, failure = None, "the landmarks are not finite"
         fitted = np.full((68, 2), np.nan) if landmarks2d is None else landmarks2d
+        baseline = mean_face_in_box(self.model, FaceBox.around(face.landmarks2d))
         return FaceResult(
             name=face.name,
             group=face.group,
+            clip=face.clip,
             yaw_deg=face.yaw_deg,
             has_unusual_angle=face.has_unusual_angle,
-            errors=self._errors(fitted, face),
-            baseline=self._errors(mean_face_in_box(self.model, box), face),
+            landmark_errors=landmark_errors(fitted, face.landmarks2d, self.normaliser),
+            baseline_errors=landmark_errors(baseline, face.landmarks2d, self.normaliser),
             landmarks2d=landmarks2d,
             failure=failure,
-            maps=None if face.maps is None else compare_maps(prediction.maps, crop_maps(face.maps, prediction.crop)),
+            pose_deg=found.pose_deg,
+            pose_errors_deg=_pose_errors(face, found),
+            distances3d=self._distances3d(face, None if landmarks2d is None else found.landmarks3d),
+            baseline_distances3d=self._distances3d(face, model_landmarks(self.model).astype(np.float64)),
+            maps=compare_maps(found, face),
+            coefficients=compare_coefficients(self.model, found, face),
         )
 
-    def _fit(
-        self, prediction: PredictedMaps, image: UInt8[ndarray, "h w 3"]
-    ) -> tuple[Float64[ndarray, "68 2"] | None, str | None]:
-        image_centre = prediction.crop.to_crop(np.array([image.shape[1], image.shape[0]]) / 2)
+    def _distances3d(
+        self, face: BenchmarkFace, landmarks3d: Float64[ndarray, "68 3"] | None
+    ) -> Float64[ndarray, "68"] | None:
+        if face.landmarks3d is None:
+            return None
+        if landmarks3d is None:
+            return np.full(68, np.inf)
         try:
-            fitted = self.fit(prediction.maps, image_centre).in_image(prediction.crop)
-        except DegenerateGeometryError as error:
-            return None, str(error)
-        landmarks2d = np.asarray(fitted.landmarks2d, dtype=np.float64)
-        if not np.isfinite(landmarks2d).all():
-            return None, "the fitted landmarks are not finite"
-        return landmarks2d, None
-
-    def _errors(self, landmarks2d: Float64[ndarray, "68 2"], face: BenchmarkFace) -> dict[str, float]:
-        return {
-            name: nme(landmarks2d, face.landmarks2d, self.normaliser, points) for name, points in POINT_SETS.items()
-        }
+            return distances3d(landmarks3d, face.landmarks3d, self.alignment)
+        except DegenerateGeometryError:
+            return np.full(68, np.inf)
 
 
 def evaluate_faces(
-    items: Sequence[BenchmarkItem], evaluator: Evaluator, on_done: Callable[[], None] = lambda: None
+    items: Sequence[BenchmarkItem],
+    evaluator: Evaluator,
+    on_done: Callable[[int], None] = lambda n: None,
+    batch_size: int = 1,
 ) -> tuple[list[FaceResult], list[Unreadable]]:
     """Evaluates all faces of a benchmark.
 
     Args:
         items: The faces.
         evaluator: How.
-        on_done: Called after each face.
+        on_done: Called with the number of faces that were just done.
+        batch_size: How many faces go through the network at once; all of their pictures are in memory.
 
     Returns:
         Results in the order of the items, and the faces whose files cannot be used.
     """
     results: list[FaceResult] = []
     unreadable: list[Unreadable] = []
+    for start in range(0, len(items), max(batch_size, 1)):
+        batch = items[start : start + max(batch_size, 1)]
+        results += evaluator.evaluate(list(_readable(batch, evaluator, unreadable)))
+        on_done(len(batch))
+    return results, unreadable
+
+
+def _readable(
+    items: Sequence[BenchmarkItem], evaluator: Evaluator, unreadable: list[Unreadable]
+) -> Iterator[BenchmarkFace]:
+    """The faces whose truth (and picture, where it is looked at) can be used; the others are added to the list."""
     for item in items:
         try:
-            results.append(evaluator.evaluate(item.load()))
+            face = item.load()
+            normalising_distance(face.landmarks2d, evaluator.normaliser)
+            FaceBox.around(face.landmarks2d)
+            yield face.with_image() if evaluator.subject.needs_images else face
         except (InputFileError, DegenerateGeometryError) as error:
             unreadable.append(Unreadable(item.name, str(error)))
-        on_done()
-    return results, unreadable
 
 
 def mean_face_in_box(model: MorphableModel, box: FaceBox) -> Float64[ndarray, "68 2"]:
@@ -196,10 +183,15 @@ def mean_face_in_box(model: MorphableModel, box: FaceBox) -> Float64[ndarray, "6
     Raises:
         UsageError: The model has no 68 landmarks.
     """
-    frontal = model_landmarks(model)[:, :2].astype(np.float64) * [1, -1]
+    frontal = frontal_landmarks(model)
     tight = FaceBox.around(frontal)
     scale = np.sqrt(box.width * box.height / (tight.width * tight.height))
     return (frontal - tight.centre) * scale + box.centre
+
+
+def frontal_landmarks(model: MorphableModel) -> Float64[ndarray, "68 2"]:
+    """The 68 landmarks of the mean face seen from the front: x right, y down, mm."""
+    return model_landmarks(model)[:, :2].astype(np.float64) * [1, -1]
 
 
 def model_landmarks(model: MorphableModel) -> Float[ndarray, "68 3"]:
@@ -214,19 +206,8 @@ def model_landmarks(model: MorphableModel) -> Float[ndarray, "68 3"]:
     return model.mean[model.landmarks[IBUG68]]
 
 
-def compare_maps(predicted: FaceMaps, truth: FaceMaps) -> MapErrors:
-    """Errors of predicted maps against true ones of the same pixels."""
-    common, either = predicted.mask & truth.mask, predicted.mask | truth.mask
-    iou = float(common.sum() / either.sum()) if either.any() else 1.0
-    if not common.any():
-        return MapErrors(None, None, None, iou)
-    return MapErrors(
-        pncc_mm=_mean_length(predicted.pncc[common] - truth.pncc[common]),
-        offset_mm=_mean_length(predicted.offset[common] - truth.offset[common]),
-        offset_baseline_mm=_mean_length(truth.offset[common]),
-        mask_iou=iou,
-    )
-
-
-def _mean_length(vectors: Float[ndarray, "n 3"]) -> float:
-    return float(np.linalg.norm(vectors, axis=1).mean(dtype=np.float64))
+def _pose_errors(face: BenchmarkFace, found: FoundFace) -> Float64[ndarray, "3"] | None:
+    if face.pose is None or found.pose_deg is None or found.failure is not None:
+        return None
+    true = (face.pose.pitch_deg, face.pose.yaw_deg, face.pose.roll_deg)
+    return np.array([wrap_angle_deg(float(own) - angle) for own, angle in zip(found.pose_deg, true, strict=True)])

@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float64
@@ -76,7 +76,7 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
 
 def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
     """Writes the ``.npz`` that ``read_predictions`` reads, 0-based with integer centres."""
-    arrays = {
+    arrays: dict[str, Any] = {
         "names": np.asarray(predicted.names, dtype=np.str_),
         "landmarks": predicted.landmarks2d - TO_PROJECT_PX["0-based"],
     }

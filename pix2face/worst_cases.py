@@ -1,4 +1,4 @@
-"""A sheet of the worst cases: each face with its true and its fitted landmarks and its error."""
+"""A sheet of cases, the worst or the best: each face with its true and its fitted landmarks and its error."""
 
 from collections.abc import Sequence
 
@@ -16,14 +16,15 @@ TILE_PX = 280
 CAPTION_PX = 40
 COLUMNS = 4
 CROP_SCALE = 1.8  # wide enough to show where a fit went instead
-TRUE_RGB, FITTED_RGB = (40, 220, 40), (240, 40, 40)
+TRUE_RGB, FOUND_RGB = (40, 220, 40), (240, 40, 40)
 CAPTION_CHARACTERS = 40
+UNREADABLE_GREY = 128
 # OpenCV draws with integer coordinates that carry this many fractional bits.
 SHIFT_BITS = 4
 
 
-def worst_cases_sheet(cases: Sequence[tuple[BenchmarkFace, FaceResult]]) -> UInt8[ndarray, "h w 3"]:
-    """A picture of tiles, worst case first; green are true landmarks, red fitted ones."""
+def cases_sheet(cases: Sequence[tuple[BenchmarkFace, FaceResult]]) -> UInt8[ndarray, "h w 3"]:
+    """A picture of tiles in the order of the cases; green are true landmarks, red found ones."""
     tiles = [_tile(face, result) for face, result in cases]
     columns = min(COLUMNS, max(len(tiles), 1))
     blank = np.full((TILE_PX + CAPTION_PX, TILE_PX, 3), 255, dtype=np.uint8)
@@ -47,12 +48,14 @@ def draw_landmarks(
 
 def _tile(face: BenchmarkFace, result: FaceResult) -> UInt8[ndarray, "h w 3"]:
     crop: Crop = square_crop(FaceBox.around(face.landmarks2d), CROP_SCALE, TILE_PX)
-    picture = crop_image(face.image, crop).copy()
+    picture = np.full((TILE_PX, TILE_PX, 3), UNREADABLE_GREY, dtype=np.uint8)
+    if face.image is not None:
+        picture = crop_image(face.image, crop).copy()
     draw_landmarks(picture, crop.to_crop(face.landmarks2d), TRUE_RGB)
     if result.landmarks2d is not None:
-        draw_landmarks(picture, crop.to_crop(result.landmarks2d), FITTED_RGB)
+        draw_landmarks(picture, crop.to_crop(result.landmarks2d), FOUND_RGB)
     caption = np.full((CAPTION_PX, TILE_PX, 3), 255, dtype=np.uint8)
-    error = "no fit" if result.failure is not None else f"{100 * result.errors['68']:.1f} %"
+    error = "not found" if result.failure is not None else f"{100 * result.error():.1f} %"
     yaw = "" if face.yaw_deg is None else f", yaw {face.yaw_deg:.0f}"
     for line, text in enumerate((error + yaw, face.name)):
         _write(caption, text, 15 + 17 * line)
