@@ -8,13 +8,15 @@ import cv2
 import tyro
 from rich.console import Console
 
-from datagen.preview import contact_sheet
+from datagen.preview import contact_sheet, spread_triplets
+from datagen.preview_page import preview_page
 from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.shard_checks import verify_shard
 from pix2face.shards import ShardReader, shard_paths
 
 console = Console(stderr=True)
+N_ON_A_SHEET, N_ON_A_PAGE = 16, 24
 
 
 @dataclass(frozen=True)
@@ -32,9 +34,10 @@ class PreviewConfig:
     shards: Annotated[Path, tyro.conf.Positional]
     """Folder of shards."""
     out: Path | None = None
-    """Picture to write (.jpg or .png); without it ``preview.jpg`` in the folder."""
-    n: int = 16
-    """Samples to show, evenly spread."""
+    """What to write: a contact sheet (.jpg or .png), or a page to go through samples and layers (.html). Without it
+    ``preview.jpg`` in the folder."""
+    n: int | None = None
+    """Samples to show, evenly spread. Without it 16 on a sheet, 24 on a page."""
 
 
 def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
@@ -63,12 +66,23 @@ def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
 
 
 def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
-    """Draw a contact sheet: picture, PNCC over it, offset, depth, landmarks (green: visible, red: hidden)."""
+    """Draw samples and their layers: as a contact sheet, or as an HTML page (--out page.html) to go through them.
+
+    A page is one file with its pictures in it: arrow keys change sample and layer, a slider blends layer and picture.
+    Landmarks are green where visible, red where hidden.
+    """
     out = config.out or config.shards / "preview.jpg"
-    if config.n < 1:
+    if config.n is not None and config.n < 1:
         raise UsageError(f"expected at least one sample to show (--n), found {config.n}")
-    check_output_file(out, (".jpg", ".jpeg", ".png"))
-    sheet = contact_sheet(config.shards, config.n)
+    check_output_file(out, (".jpg", ".jpeg", ".png", ".html"))
+    if out.suffix.lower() == ".html":
+        samples = spread_triplets(config.shards, config.n or N_ON_A_PAGE)
+        page = preview_page(printable(f"Samples of {config.shards}"), samples)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(page, encoding="utf-8")
+        say(console, f"page ({len(page) / 1e6:.1f} MB) -> {out}")
+        return 0
+    sheet = contact_sheet(config.shards, config.n or N_ON_A_SHEET)
     out.parent.mkdir(parents=True, exist_ok=True)
     if not cv2.imwrite(str(out), sheet[..., ::-1]):
         raise UsageError(f"{out}: expected a file that can be written, found that it cannot")

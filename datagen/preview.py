@@ -1,5 +1,6 @@
 """Contact sheets: people would rather look than read."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -7,10 +8,11 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from datagen.layer_pictures import GREY, layer_picture
 from pix2face.errors import UsageError
-from pix2face.face_maps import map_picture
 from pix2face.images import decode_image
-from pix2face.shards import ShardReader, Triplet, shard_paths
+from pix2face.layers import LANDMARKS, LAYERS
+from pix2face.shards import ShardHeader, ShardReader, Triplet, shard_paths
 
 TILE_PX = 180
 VISIBLE_COLOUR, HIDDEN_COLOUR = (60, 255, 60), (255, 80, 80)
@@ -22,47 +24,66 @@ def contact_sheet(shards: Path, n: int) -> UInt8[ndarray, "h w 3"]:
     Raises:
         UsageError: There are no shards, or no samples in them.
     """
-    rows = [sample_strip(triplet) for triplet in _spread_triplets(shards, n)]
-    if not rows:
-        raise UsageError(f"{shards}: expected samples to show, found empty shards; see rejected.jsonl for the reasons")
+    rows = [sample_strip(triplet, header.layers) for header, triplet in spread_triplets(shards, n)]
     if len(rows) % 2:
         rows.append(np.full_like(rows[0], 255))
     half = len(rows) // 2
     return np.hstack([np.vstack(rows[:half]), np.vstack(rows[half:])])
 
 
-def sample_strip(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
-    """One sample: picture, PNCC over the picture, offset, depth, landmarks (green: visible, red: hidden)."""
-    image, maps = decode_image(triplet.image or b"", triplet.sample_id), triplet.maps
-    pncc = map_picture(maps.pncc, maps.mask, limit_mm=120)
-    blend = np.where(maps.mask[..., None], (0.45 * image + 0.55 * pncc).astype(np.uint8), image)
-    offset = map_picture(maps.offset, maps.mask, limit_mm=15)
-    tiles = [image, blend, offset, _depth_picture(triplet), _with_landmarks(image, triplet)]
+def sample_strip(triplet: Triplet, layers: tuple[str, ...]) -> UInt8[ndarray, "h w 3"]:
+    """One sample: picture, PNCC over the picture, the other layers, landmarks (green: visible, red: hidden).
+
+    Args:
+        triplet: The sample.
+        layers: What the set has; every sample gets the same tiles.
+    """
+    image = sample_picture(triplet)
+    tiles = [] if triplet.image is None else [image]
+    if "pncc" in layers:
+        pncc, mask = layer_picture("pncc", triplet.layers), triplet.layers.get("mask")
+        blend = (0.45 * image + 0.55 * pncc).astype(np.uint8)
+        tiles.append(pncc if mask is None else np.where(mask[..., None], blend, image))
+    # PNCC shows the mask already.
+    others = [name for name in LAYERS if name in layers and name not in ("pncc", "mask" if "pncc" in layers else "")]
+    tiles += [layer_picture(name, triplet.layers) for name in others]
+    if LANDMARKS in layers:
+        tiles.append(_with_landmarks(image, triplet))
     return np.hstack([_tile(tile) for tile in tiles])
 
 
-def _spread_triplets(shards: Path, n: int) -> list[Triplet]:
-    triplets = []
-    readers = [ShardReader(path) for path in shard_paths(shards)]
-    try:
-        starts = np.concatenate([[0], np.cumsum([len(reader) for reader in readers])])
-        total = int(starts[-1])
-        for position in np.unique(np.linspace(0, total - 1, min(n, total)).astype(int)) if total else ():
-            which = int(np.searchsorted(starts, position, side="right")) - 1
-            triplets.append(readers[which].triplet(int(position - starts[which])))
-    finally:
-        for reader in readers:
-            reader.close()
-    return triplets
+def sample_picture(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
+    """The picture of a sample; grey where it has none.
+
+    Raises:
+        InputFileError: It cannot be decoded.
+    """
+    if triplet.image is not None:
+        return decode_image(triplet.image, triplet.sample_id)
+    height, width = next((values.shape[:2] for values in triplet.layers.values()), (TILE_PX, TILE_PX))
+    return np.full((height, width, 3), GREY, dtype=np.uint8)
 
 
-def _depth_picture(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
-    mask, depth = triplet.maps.mask, triplet.layers["depth"]
-    picture = np.full((*mask.shape, 3), 128, dtype=np.uint8)
-    near, far = depth[mask].min(), depth[mask].max()
-    shade = 255 * (1 - (depth[mask] - near) / max(float(far - near), 1e-6))
-    picture[mask] = shade[:, None].astype(np.uint8)
-    return picture
+def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Triplet]]:
+    """Reads n samples, evenly spread over a folder of shards, one after the other.
+
+    Raises:
+        UsageError: There are no shards, or no samples in them.
+    """
+    paths, lengths = shard_paths(shards), []
+    for path in paths:
+        with ShardReader(path) as reader:
+            lengths.append(len(reader))
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    total = int(starts[-1])
+    if not total:
+        raise UsageError(f"{shards}: expected samples to show, found empty shards; see rejected.jsonl for the reasons")
+    positions = np.unique(np.linspace(0, total - 1, min(n, total)).astype(int))
+    which = np.searchsorted(starts, positions, side="right") - 1
+    for shard in np.unique(which):
+        with ShardReader(paths[shard]) as reader:
+            for position in positions[which == shard]:
+                yield reader.header, reader.triplet(int(position - starts[shard]))
 
 
 def _with_landmarks(image: UInt8[ndarray, "h w 3"], triplet: Triplet) -> UInt8[ndarray, "h w 3"]:

@@ -179,7 +179,7 @@ def test_previews_that_cannot_be_made_are_one_line(
     assert call("preview", shards, "--n", 0) == 2
     assert_one_line(capsys, "at least one sample to show (--n), found 0")
     assert call("preview", shards, "--out", tmp_path / "sheet.gif") == 2
-    assert_one_line(capsys, "sheet.gif: expected a file ending in .jpg, .jpeg or .png as --out, found '.gif'")
+    assert_one_line(capsys, "sheet.gif: expected a file ending in .jpg, .jpeg, .png or .html as --out, found '.gif'")
     with ShardReader(shard_paths(shards)[0]) as reader:
         header = ShardHeader(**asdict(reader.header))
     write_shard(tmp_path / "empty" / "shard-00000.h5", header, [])
