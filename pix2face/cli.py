@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pix2face.command_line import run_commands
+from pix2face.export_cli import export
 from pix2face.fit_cli import fit
 from pix2face.landmarks_cli import landmarks
 from pix2face.predict_cli import predict
@@ -16,6 +17,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "predict": predict,
         "fit": fit,
         "view": view,
+        "export": export,
         "landmarks": landmarks,
     }
     return run_commands("pix2face", "Dense 3D faces from photographs.", commands, arguments)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from pix2face.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.crops import INFERENCE_SCALE, Crop, FaceBox, crop_image, square_crop
-from pix2face.errors import DegenerateGeometryError
+from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.face_maps import FaceMaps, valid_pixels
 
 
@@ -68,14 +68,20 @@ class Predictor:
         """Opens a checkpoint.
 
         Args:
-            path: What training wrote.
+            path: What training wrote; or what ``export_onnx`` wrote (.onnx), which runs on the CPU.
             device: Name of a torch device; None takes a GPU where there is one.
 
         Raises:
             InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
+            UsageError: There is no such device, or the package for ONNX is not installed.
         """
+        if path.suffix.lower() == ".onnx":
+            from pix2face.onnx_export import load_onnx
+
+            own_header, run = load_onnx(path)
+            return cls(run, own_header)
         header, network = load_checkpoint(path)
-        chosen = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        chosen = _device(device)
         return cls(network.to(chosen), header, chosen)
 
     def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> Prediction:
@@ -115,3 +121,14 @@ class Predictor:
         pncc[~mask] = 0
         offset[~mask] = 0
         return Prediction(FaceMaps(pncc, offset, mask), crop, int(undefined.sum()))
+
+
+def _device(name: str | None) -> torch.device:
+    """The device of a name; None takes a GPU where there is one."""
+    try:
+        device = torch.device(name or ("cuda" if torch.cuda.is_available() else "cpu"))
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).splitlines()[0]
+        raise UsageError(f"expected a torch device that is there, such as cpu, found {name!r} ({reason})") from error
+    return device

@@ -106,6 +106,8 @@ def _stored_points(path: Path) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, 
     try:
         with path.open("rb") as file:
             cloud = trimesh.load(file, file_type="ply")
+        if not isinstance(cloud, trimesh.PointCloud):
+            raise TypeError("a mesh")
         points, colours = np.asarray(cloud.vertices, dtype=np.float32), np.asarray(cloud.colors)[:, :3]
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError) as error:
         raise InputFileError(f"{path}: expected a point cloud that `pix2face fit` wrote, found another file") from error
