@@ -11,12 +11,11 @@ from rich.console import Console
 from pix2face.command_line import prepare_output_folder
 from pix2face.crops import crop_image
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.face_options import FaceOptions
+from pix2face.face_options import FaceFinder, FaceOptions
 from pix2face.fit_files import write_fit
 from pix2face.fit_pictures import draw_overlay, write_point_cloud
 from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind, FaceFit
-from pix2face.interface import Pix2Face
 from pix2face.mesh_files import FaceMesh, parse_mesh_formats, write_mesh
 from pix2face.morphable_model import MorphableModel
 from pix2face.photograph_jobs import (
@@ -65,38 +64,40 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
     formats = parse_mesh_formats(config.mesh)
     if not 0 < config.regularisation < np.inf:
         raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
-    pix2face = config.faces.open()
-    if config.colour == "texture" and pix2face.model.uv is None:
+    finder = config.faces.open()
+    model = finder.pix2face.model
+    if config.colour == "texture" and model.uv is None:
         raise UsageError(
-            f"expected texture coordinates in the model {pix2face.model.name!r} for --colour texture, found none; "
+            f"expected texture coordinates in the model {model.name!r} for --colour texture, found none; "
             "take --colour vertex"
         )
     prepare_output_folder(config.out)
     run = _fit_jointly if config.joint else _fit_each
-    return run(config, formats, pix2face).report(Console(stderr=True), config.out)
+    return run(config, formats, finder).report(Console(stderr=True), config.out)
 
 
-def _fit_each(config: FitConfig, formats: tuple[str, ...], pix2face: Pix2Face) -> Tally:
+def _fit_each(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder) -> Tally:
+    pix2face = finder.pix2face
+
     def use(face: SeenFace) -> None:
         fitted = pix2face.fit_prediction(
             face.prediction, face.size_px, camera=config.camera, regularisation=config.regularisation
         )
         _write(config, formats, face, fitted, pix2face.model)
 
-    return for_each_face(config.images, config.faces, pix2face, Console(stderr=True), use)
+    return for_each_face(config.images, finder, Console(stderr=True), use)
 
 
-def _fit_jointly(config: FitConfig, formats: tuple[str, ...], pix2face: Pix2Face) -> Tally:
+def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder) -> Tally:
     """Two passes: maps of all photographs, of which only the maps are kept, then one fit, then what is written."""
     seen: list[SeenFace] = []
-    options = config.faces.only_largest()
-    console = Console(stderr=True)
+    pix2face = finder.pix2face
 
     def keep(face: SeenFace) -> None:
         pix2face.fit_prediction(face.prediction, face.size_px, regularisation=config.regularisation)
         seen.append(face.without_image())
 
-    tally = for_each_face(config.images, options, pix2face, console, keep)
+    tally = for_each_face(config.images, finder.only_largest(), Console(stderr=True), keep)
     if not seen:
         return tally
     fits = pix2face.fit_predictions_joint(

@@ -91,8 +91,7 @@ def read_fit(path: Path, model: MorphableModel) -> StoredFit:
         raise InputFileError(
             f"{path}: expected a fit that `pix2face fit` wrote, found one without a valid {error}; fit again"
         ) from error
-    vertices = model.vertices(identity[None], expression[None])[0]
-    return StoredFit(FaceFit(camera, identity, expression, vertices, landmarks2d, landmarks3d), photograph)
+    return StoredFit(FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d), photograph)
 
 
 def _read_fields(path: Path) -> Mapping[str, Any]:

@@ -1,6 +1,6 @@
 """The whole of inference behind one object: photographs in; maps, cameras, meshes and landmarks out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import final
 
@@ -9,16 +9,15 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.crops import FaceBox
-from pix2face.detection import detect_faces
+from pix2face.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
 from pix2face.fitting.joint_fit import fit_joint
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.predictor import Prediction, Predictor
+from pix2face.refined_detection import find_faces
 from pix2face.runs import latest_checkpoint
-
-FindFaces = Callable[[UInt8[ndarray, "_ _ 3"]], list[FaceBox]]
 
 # Crops of so many faces are in the network at a time: it is no faster with more, and memory stays small.
 FACES_AT_A_TIME = 16
@@ -35,20 +34,26 @@ class Pix2Face:
     Args:
         predictor: The network.
         model: The morphable model that the network was trained for; None where maps are all that is wanted.
-        find_faces: From a photograph to the boxes of its faces, largest first.
+        detector: What finds faces; None takes the default of ``pix2face.detection``.
+        refine: Whether a first prediction in the detector's boxes corrects, confirms and refutes them; needs the model.
 
     Raises:
         ModelMismatchError: The network was trained for another model.
     """
 
     def __init__(
-        self, predictor: Predictor, model: MorphableModel | None, find_faces: FindFaces = detect_faces
+        self,
+        predictor: Predictor,
+        model: MorphableModel | None,
+        detector: Detector | None = None,
+        refine: bool = True,
     ) -> None:
         if model is not None:
             predictor.header.check_model(model.name, model.sha256)
         self.predictor = predictor
         self._model = model
-        self._find_faces = find_faces
+        self._detector = detector
+        self._refine = refine
 
     @property
     def model(self) -> MorphableModel:
@@ -67,7 +72,8 @@ class Pix2Face:
         checkpoint: Path | str | None = None,
         model: MorphableModel | str | None = BUILTIN_MODEL,
         device: str | None = None,
-        find_faces: FindFaces = detect_faces,
+        detector: str = DEFAULT_DETECTOR,
+        refine: bool = True,
     ) -> "Pix2Face":
         """Opens a checkpoint and the model that it was trained for.
 
@@ -75,20 +81,29 @@ class Pix2Face:
             checkpoint: What training wrote; None takes the last one below ``runs/``.
             model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
             device: Name of a torch device; None takes a GPU where there is one.
-            find_faces: As in the class.
+            detector: Name of a face detector, one of ``pix2face.detection.DETECTORS``.
+            refine: As in the class.
 
         Raises:
             InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
             ModelMismatchError: The checkpoint was trained for another model.
-            UsageError: No checkpoint was named, and there is none below ``runs/``.
+            UsageError: No checkpoint was named, and there is none below ``runs/``; or no such detector or device.
         """
         path = latest_checkpoint() if checkpoint is None else Path(checkpoint)
         opened = open_model(model) if isinstance(model, str) else model
-        return cls(Predictor.load(path, device), opened, find_faces)
+        return cls(Predictor.load(path, device), opened, open_detector(detector), refine)
 
     def find_faces(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
-        """The boxes of the faces in a photograph, largest first; empty where there is none."""
-        return self._find_faces(image)
+        """The boxes of the faces in a photograph, largest first; empty where there is none.
+
+        Raises:
+            UsageError: The photograph is not 8-bit RGB.
+        """
+        _check_photograph(image)
+        detector = self._detector or open_detector()
+        if self._refine and self._model is not None:
+            return find_faces(image, detector, self.predictor, self._model)
+        return detector.detect(image)
 
     def predict(self, image: UInt8[ndarray, "h w 3"], boxes: Sequence[FaceBox] | None = None) -> list[Prediction]:
         """The maps of every face of one photograph.

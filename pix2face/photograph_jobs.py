@@ -14,10 +14,9 @@ from rich.console import Console
 from pix2face.command_line import EXIT_REJECTED, progress_bar, say
 from pix2face.crops import crop_image
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
-from pix2face.face_options import FaceOptions
+from pix2face.face_options import FaceFinder
 from pix2face.fit_pictures import draw_maps
 from pix2face.images import read_photograph
-from pix2face.interface import Pix2Face
 from pix2face.predictor import Prediction
 
 Photograph = UInt8[ndarray, "h w 3"]
@@ -86,11 +85,7 @@ def check_photographs(images: Sequence[Path]) -> None:
 
 
 def for_each_face(
-    images: Sequence[Path],
-    options: FaceOptions,
-    pix2face: Pix2Face,
-    console: Console,
-    use: Callable[[SeenFace], None],
+    images: Sequence[Path], finder: FaceFinder, console: Console, use: Callable[[SeenFace], None]
 ) -> Tally:
     """Finds the faces of all photographs, predicts their maps, and hands each face on.
 
@@ -99,7 +94,7 @@ def for_each_face(
     tally, taken = Tally(len(images)), set[str]()
     with progress_bar(console, "photographs", len(images)) as advance:
         for stem, path in zip(_stems(images), images, strict=True):
-            for face in _faces(stem, path, options, pix2face, tally, taken):
+            for face in _faces(stem, path, finder, tally, taken):
                 try:
                     use(face)
                     tally.n_faces += 1
@@ -120,12 +115,10 @@ def write_picture(path: Path, picture: Photograph) -> None:
     path.write_bytes(cv2.imencode(path.suffix, picture[..., ::-1])[1].tobytes())
 
 
-def _faces(
-    stem: str, path: Path, options: FaceOptions, pix2face: Pix2Face, tally: Tally, taken: set[str]
-) -> list[SeenFace]:
+def _faces(stem: str, path: Path, finder: FaceFinder, tally: Tally, taken: set[str]) -> list[SeenFace]:
     try:
         image = read_photograph(path)
-        predictions = pix2face.predict(image, options.boxes(image, pix2face))
+        predictions = finder.pix2face.predict(image, finder.boxes_of(path, image))
     except (InputFileError, DegenerateGeometryError) as error:
         tally.problems.append(located(error, path))
         return []

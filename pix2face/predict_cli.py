@@ -33,7 +33,7 @@ def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
     check_photographs(config.images)
     config.faces.check()
     formats = parse_formats(config.format)
-    pix2face = config.faces.open(with_model=False)
+    finder = config.faces.open(needs_model=False)
     prepare_output_folder(config.out)
 
     def use(face: SeenFace) -> None:
@@ -42,4 +42,4 @@ def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
         write_maps_picture(config.out, face)
 
     console = Console(stderr=True)
-    return for_each_face(config.images, config.faces, pix2face, console, use).report(console, config.out)
+    return for_each_face(config.images, finder, console, use).report(console, config.out)

@@ -76,7 +76,8 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
 def _fit_photographs(
     config: ViewConfig, photographs: list[Path], console: Console, show: Callable[[FaceData], None]
 ) -> Tally:
-    pix2face = config.faces.open()
+    finder = config.faces.open()
+    pix2face = finder.pix2face
 
     def use(face: SeenFace) -> None:
         fitted = pix2face.fit_prediction(
@@ -85,7 +86,7 @@ def _fit_photographs(
         points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
         show(face_data(ViewedFace(face.name, face.image, fitted, points, colours), pix2face.model))
 
-    return for_each_face(photographs, config.faces, pix2face, console, use)
+    return for_each_face(photographs, finder, console, use)
 
 
 def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:

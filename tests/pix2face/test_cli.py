@@ -24,6 +24,7 @@ from tests.pix2face.seen_faces import (
     SIZE_PX,
     WIDTH_PX,
     PhotographedFace,
+    SureDetector,
     exact_predictor,
     photographed_face,
     write_checkpoint,
@@ -176,7 +177,8 @@ def test_no_face_is_one_line_and_the_rest_is_done(
 ) -> None:
     person = write_picture(tmp_path / "person.png", astronaut())
     empty = write_picture(tmp_path / "sky.png", np.full((200, 300, 3), 128, np.uint8))
-    assert call("predict", empty, person, "--largest", "--checkpoint", untrained, "--out", tmp_path / "out") == 3
+    options = ("--largest", "--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
+    assert call("predict", empty, person, *options) == 3
     assert written(tmp_path / "out") == {"person.npz", "person-maps.png"}
     lines = capsys.readouterr().err.splitlines()
     assert f"{empty}: no face found; say where it is with --box left top right bottom" in lines
@@ -216,7 +218,8 @@ def test_nothing_is_overwritten_whatever_the_names(fit: Run, face: PhotographedF
 def two_faces(model: MorphableModel, monkeypatch: pytest.MonkeyPatch) -> list[PhotographedFace]:
     """Two faces, the first the larger one, are detected in every photograph."""
     faces = [photographed_face(model, seed, centre) for seed, centre in ((1, (140, 100)), (2, (90, 120)))]
-    monkeypatch.setattr("pix2face.face_options.detect_faces", lambda image: [face.box for face in faces])
+    detector = SureDetector([face.box for face in faces])
+    monkeypatch.setattr("pix2face.interface.open_detector", lambda name="lbp": detector)
     return faces
 
 
@@ -225,7 +228,7 @@ def test_several_faces_are_numbered(
 ) -> None:
     use(exact_predictor(two_faces[0].model, [face.maps() for face in two_faces]), monkeypatch)
     other = write_picture(tmp_path / "person-1.png", two_faces[0].photograph())
-    assert fit(photograph, other, box=None) == 0
+    assert fit(photograph, other, "--no-refine", box=None) == 0
     assert len(written(tmp_path / "out")) == 4 * len(FIT_FILES)
     for index, face in enumerate(two_faces):
         found = json.loads((tmp_path / "out" / f"person-{index}.json").read_text())
@@ -236,7 +239,7 @@ def test_the_largest_face_alone_keeps_the_name(
     two_faces: list[PhotographedFace], fit: Run, photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     use(exact_predictor(two_faces[0].model, [two_faces[0].maps()]), monkeypatch)
-    assert fit(photograph, "--largest", box=None) == 0
+    assert fit(photograph, "--largest", "--no-refine", box=None) == 0
     assert written(tmp_path / "out") == {f"person{suffix}" for suffix in FIT_FILES}
 
 
@@ -251,7 +254,7 @@ def test_a_face_that_cannot_be_fitted_leaves_the_other_one(
     zeros = np.zeros((SIZE_PX, SIZE_PX, 3), dtype=np.float32)
     nothing = FaceMaps(zeros, zeros, np.zeros((SIZE_PX, SIZE_PX), dtype=bool))
     use(exact_predictor(two_faces[0].model, [nothing, two_faces[1].maps()]), monkeypatch)
-    assert fit(photograph, box=None) == 3
+    assert fit(photograph, "--no-refine", box=None) == 3
     assert written(tmp_path / "out") == {f"person-1{suffix}" for suffix in FIT_FILES}
     lines = capsys.readouterr().err.splitlines()
     assert sum(line.startswith(f"{photograph}: expected maps with a face") for line in lines) == 1

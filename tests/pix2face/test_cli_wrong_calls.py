@@ -93,5 +93,5 @@ def test_a_missing_checkpoint_says_how_to_train(
 def test_an_output_folder_that_is_a_file_is_one_line(
     untrained: Path, photograph: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call("predict", photograph, "--checkpoint", untrained, "--out", photograph) == 2
+    assert call("predict", photograph, "--no-refine", "--checkpoint", untrained, "--out", photograph) == 2
     assert_one_line(capsys, str(photograph))
