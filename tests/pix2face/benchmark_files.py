@@ -1,6 +1,7 @@
 """Small benchmarks on disk and stand-ins for predictor and fit, for tests of everything around them."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +36,14 @@ def write_photograph(path: Path, seed: int = 0) -> None:
     cv2.imwrite(str(path), image)
 
 
-def write_pts(path: Path, landmarks2d: Float64[ndarray, "68 2"]) -> None:
+def write_pts(path: Path, landmarks2d: Float64[ndarray, "n 2"]) -> None:
+    write_points(path, landmarks2d + 0.5)  # files count from 1
+
+
+def write_points(path: Path, points: Float64[ndarray, "n d"]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    lines = "\n".join(f"{x:.9f} {y:.9f}" for x, y in landmarks2d + 0.5)  # files count from 1
-    path.write_text(f"version: 1\nn_points: 68\n{{\n{lines}\n}}\n")
+    lines = "\n".join(" ".join(f"{value:.9f}" for value in point) for point in points)
+    path.write_text(f"version: 1\nn_points: {len(points)}\n{{\n{lines}\n}}\n")
 
 
 def write_mat(path: Path, landmarks2d: Float64[ndarray, "68 2"], yaw_deg: float, **changes: Any) -> None:
@@ -101,6 +106,9 @@ class StubPrediction:
     maps: FaceMaps
     crop: Crop
 
+    def check_finite(self) -> None:
+        pass
+
 
 @dataclass(frozen=True, eq=False)
 class StubPredictor:
@@ -109,7 +117,10 @@ class StubPredictor:
     pncc_mm: float = 80.0
     offset_mm: float = 0.0
 
-    def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> StubPrediction:
+    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[StubPrediction]:
+        return [self.predict(box) for _, box in faces]
+
+    def predict(self, box: FaceBox) -> StubPrediction:
         along_x = np.array([1, 0, 0], dtype=np.float32) * np.ones((100, 100, 1), dtype=np.float32)
         maps = FaceMaps(self.pncc_mm * along_x, self.offset_mm * along_x, np.ones((100, 100), dtype=bool))
         return StubPrediction(maps, square_crop(box, 1.4, 100))
@@ -121,6 +132,10 @@ class StubFit:
 
     landmarks2d: Float64[ndarray, "68 2"]
     error_px: float = 0.0
+    camera: Camera = field(default_factory=frontal_camera)
+    identity: Float64[ndarray, " k"] = field(default_factory=lambda: np.zeros(12))
+    expression: Float64[ndarray, " e"] = field(default_factory=lambda: np.zeros(6))
+    landmarks3d: Float64[ndarray, "68 3"] = field(default_factory=lambda: np.ones((68, 3)))
 
     def in_image(self, crop: Crop) -> "StubFit":
         return replace(self, landmarks2d=crop.to_image(self.landmarks2d) + np.array([self.error_px, 0.0]))

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pix2face.benchmark_data import YAW_BINS, find_benchmark, wrap_angle_deg, yaw_bin
+from pix2face.benchmark_data import YAW_BINS, wrap_angle_deg, yaw_bin
+from pix2face.benchmark_search import find_benchmark
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.manifest import load_manifest
 from tests.pix2face.benchmark_files import (
@@ -33,7 +34,8 @@ def test_ibug_is_found_in_the_usual_places(tmp_path, folder):
     (item,) = found.items
     face = item.load()
     assert (face.name, face.group) == ("ibug/image_004_1.jpg", "ibug")
-    assert face.image.shape == (200, 200, 3)
+    assert face.image is None
+    assert face.with_image().image.shape == (200, 200, 3)
     np.testing.assert_allclose(face.landmarks2d, LANDMARKS, atol=1e-6)
     assert len(found.missing) == 134
     assert found.missing[0] == "ibug/image_003_1.jpg"
@@ -102,10 +104,13 @@ def test_truncated_mat_and_picture_are_refused_when_read(tmp_path):
     with pytest.raises(InputFileError, match=r"image00002\.mat"):
         first.load()
     with pytest.raises(InputFileError, match=r"image00004\.jpg"):
-        second.load()
+        second.load().with_image()
+    picture.unlink()
+    with pytest.raises(InputFileError, match=r"expected a picture at .*image00004\.jpg, found none"):
+        second.load().with_image()
 
 
-@pytest.mark.parametrize("split", ["ibug", "300w-full", "aflw2000-3d", "builtin-heldout"])
+@pytest.mark.parametrize("split", ["ibug", "300w-full", "300vw", "aflw2000-3d", "menpo3d-tracking", "builtin-heldout"])
 def test_without_data_the_message_says_where_it_is_to_be_had(tmp_path, split):
     manifest = load_manifest(split)
     with pytest.raises(UsageError, match="PIX2FACE_DATA") as nothing_said:
@@ -125,11 +130,67 @@ def test_heldout_renders_bring_their_maps(tmp_path):
     assert found.missing == tuple(f"seed1000000/{index:07d}" for index in range(2, 100))
     faces = [item.load() for item in found.items]
     assert [face.name for face in faces] == ["seed1000000/0000000", "seed1000000/0000001"]
-    assert faces[1].image.max() == 40
+    assert faces[1].with_image().image.max() == 40
     assert abs(faces[0].yaw_deg) < 1e-6
     assert faces[0].group == YAW_BINS[0]
     assert faces[0].maps.mask.sum() == 80 * 80
     np.testing.assert_allclose(faces[0].landmarks2d, LANDMARKS, atol=1e-4)
+
+
+def write_reannotated(path, *landmarks2d):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, np.stack([points.T + 0.5 for points in landmarks2d]))
+
+
+def find_reannotated(data, reannotated=None):
+    manifest = load_manifest("aflw2000-3d").with_truth("reannotated")
+    return find_benchmark(manifest, data, small_head_model(), reannotated)
+
+
+@pytest.mark.parametrize("place", ["dev_reannotated_pts68.npy", "dev/AFLW2000-3D-Reannotated.pts68.npy"])
+def test_reannotated_landmarks_take_the_place_of_the_original_ones_by_sorted_name(tmp_path, place):
+    for name in ("image00006", "image00004"):
+        write_photograph(tmp_path / "dev" / f"{name}.jpg")
+        write_mat(tmp_path / "dev" / f"{name}.mat", LANDMARKS, 40)
+    write_reannotated(tmp_path / place, LANDMARKS + 4, LANDMARKS + 6)
+    first, second = (item.load() for item in find_reannotated(tmp_path / "dev").items)
+    assert (first.name, second.name) == ("aflw2000-3d/image00004.jpg", "aflw2000-3d/image00006.jpg")
+    np.testing.assert_allclose(first.landmarks2d, LANDMARKS + 4, atol=1e-9)
+    np.testing.assert_allclose(second.landmarks2d, LANDMARKS + 6, atol=1e-9)
+    assert first.group == YAW_BINS[1]
+
+
+def test_reannotated_landmarks_that_do_not_fit_are_refused(tmp_path):
+    write_photograph(tmp_path / "image00004.jpg")
+    write_mat(tmp_path / "image00004.mat", LANDMARKS, 0)
+    with pytest.raises(UsageError, match=r"expected re-annotated landmarks .* found none; pass --reannotated"):
+        find_reannotated(tmp_path)
+    file = tmp_path / "other.npy"
+    write_reannotated(file, LANDMARKS, LANDMARKS)
+    with pytest.raises(UsageError, match=r"other\.npy: expected landmarks of all 2000 .* the 1 in .*, found 2"):
+        find_reannotated(tmp_path, file)
+    np.save(file, np.zeros((1, 68, 2)))
+    with pytest.raises(UsageError, match=r"expected landmarks of shape \(n, 2, 68\), found shape \(1, 68, 2\)"):
+        find_reannotated(tmp_path, file)
+    file.write_bytes(b"\x93NUMPY")
+    with pytest.raises(UsageError, match=r"other\.npy: expected a \.npy file"):
+        find_reannotated(tmp_path, file)
+    write_reannotated(file, np.full((68, 2), np.nan))
+    with pytest.raises(InputFileError, match="expected finite re-annotated landmarks"):
+        find_reannotated(tmp_path, file).items[0].load()
+    with pytest.raises(UsageError, match="expected --truth reannotated with it, found original"):
+        find_benchmark(load_manifest("aflw2000-3d"), tmp_path, small_head_model(), file)
+
+
+def test_poses_that_cannot_be_trusted_are_left_out(tmp_path):
+    poses = {"image00002": (10, 1e-3), "image00004": (120, 1e-3), "image00006": (10, -1e-3)}
+    for name, (yaw_deg, scale) in poses.items():
+        write_photograph(tmp_path / f"{name}.jpg")
+        pose = np.array([[0, np.radians(yaw_deg), 0, 100, 100, 0, scale]], dtype=np.float32)
+        write_mat(tmp_path / f"{name}.mat", LANDMARKS, 0, Pose_Para=pose)
+    faces = [item.load() for item in find("aflw2000-3d", tmp_path).items]
+    assert faces[0].pose.yaw_deg == pytest.approx(10, abs=1e-4)
+    assert [face.pose for face in faces[1:]] == [None, None]
 
 
 def test_shards_of_other_faces_are_refused(tmp_path):

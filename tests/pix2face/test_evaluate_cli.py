@@ -188,5 +188,5 @@ def test_the_last_trained_checkpoint_is_the_default(tmp_path, small_model, monke
 
 def test_unknown_split_is_refused_by_the_parser(capsys):
     with pytest.raises(SystemExit) as caught:
-        main(["--split", "menpo"])
+        main(["--split", "cofw"])
     assert caught.value.code == 2

@@ -14,6 +14,8 @@ from pix2face.manifest import SPLITS, load_manifest
         ("300w-full", 689, "outer-eye", 0.08),
         ("aflw2000-3d", 2000, "box-sqrt", 0.10),
         ("builtin-heldout", 100, "box-sqrt", 0.10),
+        ("300vw", 64, "outer-eye", 0.08),
+        ("menpo3d-tracking", 30, "outer-eye", 0.08),
     ],
 )
 def test_every_split_says_what_it_is(split, n_samples, normaliser, threshold):
@@ -52,3 +54,28 @@ def test_unknown_split_lists_the_known_ones():
     with pytest.raises(UsageError, match=r"ibug.*found 'menpo'"):
         load_manifest("menpo")
     assert "ibug" in SPLITS
+
+
+def test_the_clips_of_300vw_are_sixty_four_in_three_scenarios():
+    *scenarios, rest = load_manifest("300vw").parts
+    assert [len(part.clips) for part in scenarios] == [31, 19, 14]
+    assert len({clip for part in scenarios for clip in part.clips}) == 64
+    assert (rest.all_others, rest.clips) == (True, ())
+
+
+def test_menpos_indices_are_every_second_jaw_point_and_all_inner_ones():
+    indices = load_manifest("menpo3d-tracking").landmark_indices
+    assert indices[:17] == tuple(range(0, 33, 2))
+    assert indices[17:] == tuple(range(33, 84))
+
+
+def test_another_truth_changes_word_and_sentence_and_no_other_is_known():
+    original = load_manifest("aflw2000-3d")
+    reannotated = original.with_truth("reannotated")
+    assert (original.truth, reannotated.truth) == ("original", "reannotated")
+    assert "Bulat" in reannotated.ground_truth
+    assert original.with_truth("original") is original
+    with pytest.raises(UsageError, match="aflw2000-3d: expected original or reannotated as --truth, found mine"):
+        original.with_truth("mine")
+    with pytest.raises(UsageError, match="ibug: expected hand-marked"):
+        load_manifest("ibug").with_truth("reannotated")

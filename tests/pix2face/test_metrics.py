@@ -13,6 +13,7 @@ from pix2face.metrics import (
     area_under_curve,
     error_curve,
     failure_rate,
+    landmark_errors,
     nme,
     normalising_distance,
     summarise,
@@ -62,6 +63,14 @@ def test_a_fit_that_is_not_finite_has_the_error_infinity():
     predicted[3] = np.nan
     assert nme(predicted, truth, "box-sqrt") == math.inf
     assert nme(predicted, truth, "box-sqrt", INNER51) == 0  # point 3 is on the jaw
+
+
+def test_errors_of_landmarks_average_to_that_of_the_face():
+    truth, predicted = some_landmarks(1), some_landmarks(2)
+    errors = landmark_errors(predicted, truth, "box-diagonal")
+    assert errors.mean() == pytest.approx(nme(predicted, truth, "box-diagonal"))
+    assert errors[5] == pytest.approx(math.dist(predicted[5], truth[5]) / length_by_hand(truth, "box-diagonal"))
+    assert landmark_errors(np.full((68, 2), np.nan), truth, "box-sqrt").min() == math.inf
 
 
 @pytest.mark.parametrize("normaliser", NORMALISERS)
