@@ -53,13 +53,6 @@ class FaceCut:
     corner: tuple[int, int]
 
 
-def cut_to_face(pncc: Int16[ndarray, "h w 3"], offset: Int16[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> FaceCut:
-    """Copies the mask's bounding box out of maps in steps; one pixel where the mask is empty."""
-    rows, columns = face_box(mask)
-    cut = np.s_[rows, columns] if rows.stop else np.s_[0:1, 0:1]
-    return FaceCut(pncc[cut].copy(), offset[cut].copy(), mask[cut].copy(), (int(cut[1].start), int(cut[0].start)))
-
-
 def face_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
     """Rows and columns of the mask's bounding box; both empty where the mask is."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

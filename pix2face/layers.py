@@ -26,8 +26,9 @@ class Layer:
         n_channels: Values of a pixel; arrays are (h, w, n_channels), or (h, w) where it is 1.
         unit: Of the values.
         dtype: Of the values in memory.
-        stored: Of the values in a file.
-        steps_per_unit: Stored value of 1; rounding is at most half a step off.
+        stored: Of the values in steps.
+        steps_per_unit: Steps of 1; rounding is at most half a step off.
+        is_smooth: Neighbours differ little, so that files hold what a predictor leaves (``pix2face.map_storage``).
         meaning: In a sentence.
     """
 
@@ -37,6 +38,7 @@ class Layer:
     dtype: Any
     stored: Any
     steps_per_unit: int
+    is_smooth: bool
     meaning: str
 
     def shape(self, height_px: int, width_px: int) -> tuple[int, ...]:
@@ -57,6 +59,7 @@ _TABLE = (
         dtype=np.float32,
         stored=np.dtype("<i2"),
         steps_per_unit=FIXED_POINT_STEPS_PER_MM,
+        is_smooth=True,
         meaning="the matching point of the mean face, model frame; 0 outside the mask",
     ),
     Layer(
@@ -66,6 +69,7 @@ _TABLE = (
         dtype=np.float32,
         stored=np.dtype("<i2"),
         steps_per_unit=FIXED_POINT_STEPS_PER_MM,
+        is_smooth=True,
         meaning="what leads from there to the same point of this face, model frame; 0 outside the mask",
     ),
     Layer(
@@ -75,6 +79,7 @@ _TABLE = (
         dtype=np.bool_,
         stored=np.dtype("u1"),
         steps_per_unit=1,
+        is_smooth=False,
         meaning="where PNCC and offset hold: the nearest triangle is of the face and shows its outside",
     ),
     Layer(
@@ -84,6 +89,7 @@ _TABLE = (
         dtype=np.float32,
         stored=np.dtype("<i4"),
         steps_per_unit=128,
+        is_smooth=True,
         meaning="camera z, larger is farther; 0 outside the mask",
     ),
     Layer(
@@ -93,6 +99,7 @@ _TABLE = (
         dtype=np.float32,
         stored=np.dtype("<i2"),
         steps_per_unit=4096,
+        is_smooth=True,
         meaning="unit normals of the surface, camera frame (x right, y down, z forward); 0 outside the mask",
     ),
     Layer(
@@ -102,6 +109,7 @@ _TABLE = (
         dtype=np.float32,
         stored=np.dtype("<i2"),
         steps_per_unit=16384,
+        is_smooth=True,
         meaning="texture coordinates of the model; 0 outside the mask",
     ),
     Layer(
@@ -111,6 +119,7 @@ _TABLE = (
         dtype=np.uint8,
         stored=np.dtype("u1"),
         steps_per_unit=1,
+        is_smooth=False,
         meaning="0 background, else 1 + place of the region in the model's region_names, on the whole head",
     ),
 )

@@ -12,8 +12,10 @@ from isal import isal_zlib
 from numpy import ndarray
 
 from pix2face.checked_hdf5 import check_contained, read_text
+from pix2face.compressions import PLAIN, PREDICTED
 from pix2face.errors import InputFileError
-from pix2face.layers import IMAGE, LAYER_NAMES, LAYERS
+from pix2face.layers import IMAGE, LAYER_NAMES, LAYERS, WHOLE_HEAD_LAYERS, Layer
+from pix2face.map_storage import Box
 
 FORMAT = "pix2face-shard"
 SCHEMA_VERSION = 2
@@ -47,6 +49,7 @@ CONTENT_COLUMNS: Mapping[str, Column] = {
 COLUMNS: Mapping[str, Column] = {
     **CONTENT_COLUMNS,
     "size_px": Column(np.dtype("<i4"), (2,)),
+    "box_px": Column(np.dtype("<i4"), (4,)),
     "offset_limit_mm": Column(np.dtype("<f4"), ()),
     "checksum": Column(np.dtype("<u4"), ()),
 }
@@ -67,16 +70,28 @@ _HEADER_TYPES: Mapping[str, type | tuple[type, ...]] = {
 }
 
 
-def content_checksum(
-    image: bytes | None, layers: Sequence[ndarray], columns: Mapping[str, ndarray], attributes: bytes
-) -> int:
-    """CRC-32 (as ``zlib.crc32``) over the picture, the layers in steps, the columns and the attributes of a sample.
+def layer_box(layer: Layer, box_px: ndarray, size_px: tuple[int, int]) -> Box:
+    """Where a layer is not 0: in the mask's bounding box (top, left, bottom, right), or anywhere in the picture."""
+    if layer.name in WHOLE_HEAD_LAYERS:
+        return slice(0, size_px[0]), slice(0, size_px[1])
+    top, left, bottom, right = (int(value) for value in box_px)
+    return slice(top, bottom), slice(left, right)
+
+
+def layer_checksum(layer: Layer, steps: ndarray, box: Box, size_px: tuple[int, int], before: int) -> int:
+    """CRC-32 over a whole layer in steps, of which the box is given, continued from the layer before."""
+    whole = np.zeros(layer.shape(*size_px), dtype=layer.stored)
+    whole[box] = steps
+    checksum: int = isal_zlib.crc32(whole, before)
+    return checksum
+
+
+def content_checksum(layers: int, image: bytes, columns: Mapping[str, ndarray], attributes: bytes) -> int:
+    """CRC-32 (as ``zlib.crc32``) over the layers in steps, the picture, the columns and the attributes of a sample.
 
     It covers the content, not the compressed bytes: the same sample has the same checksum however it is stored.
     """
-    checksum: int = isal_zlib.crc32(image or b"")
-    for layer in layers:
-        checksum = isal_zlib.crc32(np.ascontiguousarray(layer), checksum)
+    checksum: int = isal_zlib.crc32(image, layers)
     for name, column in CONTENT_COLUMNS.items():
         checksum = isal_zlib.crc32(np.ascontiguousarray(columns[name], dtype=column.dtype).tobytes(), checksum)
     return isal_zlib.crc32(attributes, checksum)
@@ -135,9 +150,11 @@ def check_layout(file: h5py.File, layers: Sequence[str]) -> None:
     if len(sizes) > 1:
         raise ValueError(f"layers are of different sizes: {sorted(sizes)}")
     largest = np.array(sizes.pop() if sizes else (0, 0))
-    size_px = file["size_px"][()]
+    size_px, box_px = file["size_px"][()], file["box_px"][()]
     if ((size_px < 0) | (size_px > largest)).any():
         raise ValueError(f"size_px exceeds the layers' {largest.tolist()}")
+    if not ((box_px[:, :2] >= 0) & (box_px[:, :2] <= box_px[:, 2:]) & (box_px[:, 2:] <= size_px)).all():
+        raise ValueError("box_px is not within size_px")
 
 
 def _format_name(file: h5py.File, path: Path) -> str | None:
@@ -147,6 +164,19 @@ def _format_name(file: h5py.File, path: Path) -> str | None:
         return read_text(file.attrs, path, "format")
     # Schema 1 had text of variable length, which is not read here: damaged, it could end the process.
     return FORMAT if "offset_limit_mm" in file else "of variable length"
+
+
+def is_predicted(dataset: h5py.Dataset) -> bool:
+    """Whether a layer is stored as what the predictor leaves.
+
+    Raises:
+        ValueError: The dataset does not say.
+    """
+    kind = dataset.attrs.get_id("predictor").dtype.kind if "predictor" in dataset.attrs else ""
+    found = bytes(dataset.attrs["predictor"]) if kind == "S" else b""
+    if found not in (PREDICTED.encode(), PLAIN.encode()):
+        raise ValueError(f"{dataset.name} has the predictor {found!r}, expected {PREDICTED} or {PLAIN}")
+    return found == PREDICTED.encode()
 
 
 def _check_header(fields: Any) -> None:
@@ -172,10 +202,11 @@ def _check_images(file: h5py.File, n: int) -> None:
 def _layer_size(file: h5py.File, name: str, n: int) -> tuple[int, int]:
     dataset, layer = file[name], LAYERS[name]
     shape = dataset.shape
+    stored = np.dtype(f"<u{layer.stored.itemsize}") if is_predicted(dataset) else layer.stored
     height, width = shape[1:3] if len(shape) >= 3 else (-1, -1)
     chunk = (1, *shape[1:]) if all(shape) else None
     if (
-        dataset.dtype != layer.stored
+        dataset.dtype != stored
         or shape != (n, *layer.shape(height, width))
         or not 0 <= height <= LARGEST_SIDE_PX
         or not 0 <= width <= LARGEST_SIDE_PX

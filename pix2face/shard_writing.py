@@ -12,12 +12,22 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.checked_hdf5 import fixed_text
+from pix2face.compressions import DEFAULT_COMPRESSION, Compression, create_layer_dataset, find_compression
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_maps import face_box
-from pix2face.layers import IMAGE, LANDMARKS, LAYERS, WHOLE_HEAD_LAYERS, Layer, to_stored
-from pix2face.map_storage import create_layer_dataset, pack_chunk, unpack_chunk
-from pix2face.shard_layout import COLUMNS, CONTENT_COLUMNS, FORMAT, SCHEMA_VERSION, content_checksum
-from pix2face.shards import ShardHeader, Triplet
+from pix2face.layers import IMAGE, LANDMARKS, LAYERS, to_stored
+from pix2face.map_storage import pack_layer, unpack_layer
+from pix2face.shard_layout import (
+    COLUMNS,
+    CONTENT_COLUMNS,
+    FORMAT,
+    SCHEMA_VERSION,
+    content_checksum,
+    layer_box,
+    layer_checksum,
+)
+from pix2face.shards import ShardHeader
+from pix2face.triplet import Triplet
 
 # Text has a fixed length for each shard: the longest of its samples decides, so one must not be without bounds.
 LARGEST_TEXT_BYTES = {"sample_id": 4096, "attributes": 16384}
@@ -55,36 +65,35 @@ def pack_triplet(triplet: Triplet, layers: Sequence[str]) -> PackedTriplet:
         InputFileError: It lacks a layer, or a value does not fit the format.
     """
     image = _image(triplet) if IMAGE in layers else b""
-    stored = _stored_layers(triplet, [name for name in layers if name in LAYERS])
     texts = {"sample_id": _text(triplet.sample_id, "sample_id")}
     texts["attributes"] = _text(json.dumps(dict(triplet.attributes), sort_keys=True), "attributes")
-    columns = _content_columns(triplet, LANDMARKS in layers)
-    size_px = next((array.shape[:2] for array in stored.values()), (0, 0))
-    offset = stored.get("offset", np.zeros(0, np.int16))
-    largest = max(int(offset.max(initial=0)), -int(offset.min(initial=0)))
-    columns["size_px"] = np.array(size_px)
-    columns["offset_limit_mm"] = np.array(largest / LAYERS["offset"].steps_per_unit)
-    columns["checksum"] = np.array(content_checksum(image, list(stored.values()), columns, texts["attributes"]))
-    chunks = {name: pack_chunk(array) for name, array in stored.items()}
+    chunks, size_px, known = _pack_layers(triplet, [name for name in layers if name in LAYERS])
+    columns = {**_content_columns(triplet, LANDMARKS in layers), **known, "size_px": np.array(size_px)}
+    columns["checksum"] = np.array(content_checksum(known["checksum"], image, columns, texts["attributes"]))
     return PackedTriplet(texts, image, chunks, size_px, columns)
 
 
-def write_shard(path: Path, header: ShardHeader, triplets: Iterable[Triplet]) -> None:
+def write_shard(
+    path: Path, header: ShardHeader, triplets: Iterable[Triplet], compression: str = DEFAULT_COMPRESSION
+) -> None:
     """Writes a shard under a temporary name, reads it back, and renames it.
 
     Args:
         path: Where it goes; its folder is made.
         header: What holds for all samples; its ``layers`` are kept, others are not.
         triplets: The samples, all of one model. May be empty.
+        compression: Of the layers: a name of ``pix2face.compressions.COMPRESSIONS``.
 
     Raises:
         InputFileError: A value does not fit the format, or what was written does not read back.
         UsageError: The file cannot be written, for instance since the disk is full.
     """
-    write_packed(path, header, [pack_triplet(triplet, header.layers) for triplet in triplets])
+    write_packed(path, header, [pack_triplet(triplet, header.layers) for triplet in triplets], compression)
 
 
-def write_packed(path: Path, header: ShardHeader, samples: Sequence[PackedTriplet]) -> None:
+def write_packed(
+    path: Path, header: ShardHeader, samples: Sequence[PackedTriplet], compression: str = DEFAULT_COMPRESSION
+) -> None:
     """As ``write_shard``, of samples that were packed as they were made: a whole shard of them fits in memory.
 
     The file is put together in memory and written in one go, so a full disk is an ordinary error; inside the HDF5
@@ -94,12 +103,13 @@ def write_packed(path: Path, header: ShardHeader, samples: Sequence[PackedTriple
         path: Where it goes; its folder is made.
         header: What holds for all samples.
         samples: Packed with the layers that ``header`` names.
+        compression: As in ``write_shard``.
 
     Raises:
         InputFileError: Ids are not unique, samples do not match, or what was written does not read back.
         UsageError: The file cannot be written, for instance since the disk is full.
     """
-    content = _file_content(header, samples)
+    content = _file_content(header, samples, find_compression(compression))
     temporary = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -119,7 +129,7 @@ def write_packed(path: Path, header: ShardHeader, samples: Sequence[PackedTriple
         temporary.unlink(missing_ok=True)
 
 
-def _file_content(header: ShardHeader, samples: Sequence[PackedTriplet]) -> bytes:
+def _file_content(header: ShardHeader, samples: Sequence[PackedTriplet], compression: Compression) -> bytes:
     ids = [sample.texts["sample_id"] for sample in samples]
     if len(set(ids)) < len(ids):
         raise InputFileError("expected unique sample ids in a shard, found that sample ids are not unique")
@@ -133,7 +143,7 @@ def _file_content(header: ShardHeader, samples: Sequence[PackedTriplet]) -> byte
             _write_column(file, name, [sample.columns[name] for sample in samples])
         if IMAGE in header.layers:
             _write_images(file, [sample.image for sample in samples])
-        _write_layers(file, [name for name in header.layers if name in LAYERS], samples)
+        _write_layers(file, [name for name in header.layers if name in LAYERS], samples, compression)
         file.flush()
         return bytes(file.id.get_file_image())
 
@@ -160,53 +170,78 @@ def _write_images(file: h5py.File, images: Sequence[bytes]) -> None:
     file.create_dataset("image_end", data=ends, dtype="<i8", track_times=False)
 
 
-def _write_layers(file: h5py.File, names: Sequence[str], samples: Sequence[PackedTriplet]) -> None:
+def _write_layers(
+    file: h5py.File, names: Sequence[str], samples: Sequence[PackedTriplet], compression: Compression
+) -> None:
     # Pictures of several sizes share one shape; what lies beyond a picture's own size compresses to nothing.
     height, width = (
         max([0, *lengths]) for lengths in zip(*(sample.size_px for sample in samples), (0, 0), strict=True)
     )
     datasets = {
-        name: create_layer_dataset(file, name, (len(samples), *LAYERS[name].shape(height, width)), LAYERS[name].stored)
-        for name in names
+        name: create_layer_dataset(file, LAYERS[name], (len(samples), height, width), compression) for name in names
     }
     for index, sample in enumerate(samples):
-        for name, dataset in datasets.items():
+        for dataset in datasets.values():
             if dataset.size:
-                chunk = _padded(LAYERS[name], sample.chunks[name], sample.size_px, (height, width))
-                dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), chunk)
+                _write_chunk(dataset, index, sample, compression)
 
 
-def _padded(layer: Layer, chunk: bytes, size_px: tuple[int, int], wanted_px: tuple[int, int]) -> bytes:
-    if size_px == wanted_px:
-        return chunk
-    padded = np.zeros(layer.shape(*wanted_px), dtype=layer.stored)
-    padded[: size_px[0], : size_px[1]] = unpack_chunk(chunk, layer.stored, layer.shape(*size_px))
-    return pack_chunk(padded)
+def _write_chunk(dataset: h5py.Dataset, index: int, sample: PackedTriplet, compression: Compression) -> None:
+    layer = LAYERS[dataset.name.lstrip("/")]
+    packed, size_px, wanted_px = sample.chunks[layer.name], sample.size_px, dataset.shape[1:3]
+    is_as_packed = compression.predicts(layer) == layer.is_smooth and size_px == wanted_px
+    if not (is_as_packed and compression.is_deflate):
+        box = layer_box(layer, sample.columns["box_px"], size_px)
+        steps = unpack_layer(layer, packed, box, size_px, is_predicted=layer.is_smooth)
+        packed = pack_layer(layer, steps, box, wanted_px, is_predicted=compression.predicts(layer))
+    if compression.is_deflate:
+        dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), packed)
+    else:
+        picture = np.s_[0 : wanted_px[0]], np.s_[0 : wanted_px[1]]
+        whole = unpack_layer(layer, packed, picture, wanted_px, is_predicted=False)
+        dataset[index] = whole.view(dataset.dtype)
 
 
-def _stored_layers(triplet: Triplet, names: Sequence[str]) -> dict[str, ndarray]:
-    """Layers in steps. Only the box of the mask is converted: most of a picture is background."""
-    mask = triplet.layers.get("mask")
-    box = np.s_[:, :] if mask is None else face_box(mask.astype(bool, copy=False))
-    stored: dict[str, ndarray] = {}
+def _pack_layers(triplet: Triplet, names: Sequence[str]) -> tuple[dict[str, bytes], tuple[int, int], dict[str, Any]]:
+    """Compresses the layers of a sample.
+
+    Only the box of the mask is worked on: most of a picture is background.
+
+    Returns:
+        The compressed layers, their size in pixels, and what else is known of them then: the box, the largest offset,
+        and the checksum of the layers.
+    """
     for name in names:
-        if name not in triplet.layers:
-            raise InputFileError(
-                f"{triplet.sample_id}: expected the layer {name}, found {','.join(triplet.layers) or 'none'}"
-            )
-        layer, values = LAYERS[name], triplet.layers[name]
-        if values.shape != layer.shape(*values.shape[:2]) or (stored and values.shape[:2] != _size(stored)):
-            raise InputFileError(f"{triplet.sample_id}: expected {name} like the other layers, found {values.shape}")
-        if name in WHOLE_HEAD_LAYERS:
-            stored[name] = to_stored(layer, values)
-            continue
-        stored[name] = np.zeros(values.shape, dtype=layer.stored)
-        stored[name][box] = to_stored(layer, values[box])
-    return stored
+        _check_shape(triplet, name, names)
+    size_px = triplet.layers[names[0]].shape[:2] if names else (0, 0)
+    mask = triplet.layers.get("mask")
+    face = np.s_[0 : size_px[0]], np.s_[0 : size_px[1]]
+    if mask is not None and names:
+        face = face_box(mask.astype(bool, copy=False))
+    box_px = np.array([face[0].start, face[1].start, face[0].stop, face[1].stop])
+    chunks, checksum, largest = {}, 0, 0
+    for name in names:
+        layer = LAYERS[name]
+        box = layer_box(layer, box_px, size_px)
+        steps = to_stored(layer, triplet.layers[name][box])
+        checksum = layer_checksum(layer, steps, box, size_px, checksum)
+        chunks[name] = pack_layer(layer, steps, box, size_px, is_predicted=layer.is_smooth)
+        if name == "offset":
+            largest = max(int(steps.max(initial=0)), -int(steps.min(initial=0)))
+    limit_mm = largest / LAYERS["offset"].steps_per_unit
+    return chunks, size_px, {"box_px": box_px, "offset_limit_mm": np.array(limit_mm), "checksum": checksum}
 
 
-def _size(stored: Mapping[str, ndarray]) -> tuple[int, ...]:
-    return next(iter(stored.values())).shape[:2]
+def _check_shape(triplet: Triplet, name: str, names: Sequence[str]) -> None:
+    if name not in triplet.layers:
+        raise InputFileError(
+            f"{triplet.sample_id}: expected the layer {name}, found {','.join(triplet.layers) or 'none'}"
+        )
+    found, first = triplet.layers[name].shape, triplet.layers[names[0]].shape
+    if found != LAYERS[name].shape(*first[:2]):
+        raise InputFileError(
+            f"{triplet.sample_id}: expected {name} of shape {LAYERS[name].shape(*first[:2])}, found {found}"
+        )
 
 
 def _content_columns(triplet: Triplet, has_landmarks: bool) -> dict[str, Any]:

@@ -5,7 +5,7 @@ then it has a temporary name, so an interrupted job leaves no half shard.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,61 +14,28 @@ from typing import final
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Shaped, UInt8
+from isal.isal_zlib import crc32
+from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray
 
 from pix2face.camera import Camera
+from pix2face.compressions import is_shuffle_deflate, load_filters
 from pix2face.errors import InputFileError, UsageError
-from pix2face.face_maps import FaceCut, FaceMaps, cut_to_face
+from pix2face.face_maps import FaceCut, FaceMaps
 from pix2face.images import decode_image
 from pix2face.layers import DEFAULT_LAYERS, IMAGE, LAYERS, from_stored
-from pix2face.map_storage import is_shuffle_deflate, unpack_chunk
-from pix2face.shard_layout import CONTENT_COLUMNS, check_layout, content_checksum, read_header_fields
+from pix2face.map_storage import Box, undo_prediction, unpack_layer
+from pix2face.shard_layout import (
+    CONTENT_COLUMNS,
+    check_layout,
+    content_checksum,
+    is_predicted,
+    layer_box,
+    read_header_fields,
+)
+from pix2face.triplet import MAP_LAYERS, Triplet, check_has_maps
 
-MAP_LAYERS = ("pncc", "offset", "mask")
-
-
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Triplet:
-    """One sample: a picture, its layers, and what they were made from.
-
-    Attributes:
-        sample_id: Unique in its set of shards.
-        image: Content of a JPEG or PNG file: a photograph's own bytes where it was not resampled; None where the set
-            has no pictures.
-        layers: By name (``pix2face.layers.LAYERS``), in the units given there. On the way into a shard also in steps,
-            the layer's stored dtype.
-        camera: Sees the model in this picture.
-        identity: Standard deviations.
-        expression: Standard deviations.
-        landmarks2d: Pixels; none where the set has no landmarks.
-        landmarks3d: mm, model frame.
-        visible: Which landmarks are inside the picture and not hidden by the head itself.
-        attributes: What else is known of the sample (pose in degrees, where geometry and picture come from), to filter
-            on.
-    """
-
-    sample_id: str
-    image: bytes | None
-    layers: Mapping[str, ndarray]
-    camera: Camera
-    identity: Float[ndarray, " k"]
-    expression: Float[ndarray, " e"]
-    landmarks2d: Float[ndarray, "m 2"]
-    landmarks3d: Float[ndarray, "m 3"]
-    visible: Bool[ndarray, " m"]
-    attributes: Mapping[str, str | float]
-
-    @property
-    def maps(self) -> FaceMaps:
-        """PNCC, offset and mask together.
-
-        Raises:
-            UsageError: One of them is not there.
-        """
-        check_has_maps(self.layers, self.sample_id)
-        return FaceMaps(*(self.layers[name] for name in MAP_LAYERS))
+__all__ = ["ShardHeader", "ShardReader", "Triplet", "shard_paths"]
 
 
 @final
@@ -123,7 +90,10 @@ class ShardReader:
                 check_layout(self._file, self.header.layers)
                 self.sample_ids: list[str] = [text.decode("utf-8") for text in self._file["sample_id"][()].tolist()]
                 self.offset_limits_mm: Float32[ndarray, " n"] = self._column("offset_limit_mm")
-                self._is_ours = {name: is_shuffle_deflate(dataset) for name, dataset in self._layers.items()}
+                self._is_predicted = {name: is_predicted(dataset) for name, dataset in self._layers.items()}
+                self._is_deflate = {name: is_shuffle_deflate(dataset) for name, dataset in self._layers.items()}
+                if not all(self._is_deflate.values()):
+                    load_filters()
         except BaseException:
             self._file.close()
             raise
@@ -160,25 +130,6 @@ class ShardReader:
         """The picture of a sample, RGB."""
         return decode_image(self.image_bytes(index), f"{self.path}, sample {index}")
 
-    def stored_layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
-        """A layer of a sample in steps, as the file holds it.
-
-        Raises:
-            UsageError: The shard has no such layer.
-            InputFileError: What is stored is damaged.
-        """
-        if name not in self._layers:
-            raise UsageError(
-                f"{self.path}: expected the layer {name}, found {','.join(self.header.layers)}; render with --layers"
-            )
-        with _reading(self.path):
-            dataset = self._layers[name]
-            height, width = self._column("size_px")[index]
-            if not self._is_ours[name]:
-                return np.asarray(dataset[index])[:height, :width]
-            chunk = dataset.id.read_direct_chunk((index, *(0 for _ in dataset.shape[1:])))[1]
-            return unpack_chunk(chunk, LAYERS[name].stored, dataset.shape[1:])[:height, :width]
-
     def layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
         """A layer of a sample in its unit.
 
@@ -186,7 +137,27 @@ class ShardReader:
             UsageError: The shard has no such layer.
             InputFileError: What is stored is damaged.
         """
-        return from_stored(LAYERS[name], self.stored_layer(index, name))
+        steps, box = self._box_steps(index, name)
+        whole = np.zeros(LAYERS[name].shape(*self.size_px(index)), dtype=LAYERS[name].dtype)
+        whole[box] = from_stored(LAYERS[name], steps)
+        return whole
+
+    def stored_layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
+        """A layer in steps (the layer's stored dtype), read without trust in where it says that it is 0."""
+        height, width = self.size_px(index)
+        return self._steps(index, name, (slice(0, height), slice(0, width)))
+
+    def size_px(self, index: int) -> tuple[int, int]:
+        """Height and width of a sample's layers; 0 where it has none."""
+        with _reading(self.path):
+            height, width = self._column("size_px")[index].tolist()
+        return height, width
+
+    def box_px(self, index: int) -> tuple[int, int, int, int]:
+        """Top, left, bottom and right of the mask's bounding box; the ends are the first row and column beyond."""
+        with _reading(self.path):
+            top, left, bottom, right = self._column("box_px")[index].tolist()
+        return top, left, bottom, right
 
     def maps(self, index: int) -> FaceMaps:
         """PNCC, offset and mask of a sample, mm.
@@ -204,8 +175,8 @@ class ShardReader:
             UsageError: The shard has not all of them.
         """
         check_has_maps(self._layers, str(self.path))
-        pncc, offset, mask = (self.stored_layer(index, name) for name in MAP_LAYERS)
-        return cut_to_face(pncc, offset, mask.astype(bool))
+        (pncc, box), (offset, _), (mask, _) = (self._box_steps(index, name) for name in MAP_LAYERS)
+        return FaceCut(pncc, offset, mask.astype(bool), (int(box[1].start), int(box[0].start)))
 
     def landmarks2d(self, index: int) -> Float32[ndarray, "m 2"]:
         """The landmarks of a sample, px."""
@@ -219,11 +190,13 @@ class ShardReader:
 
     def checksum_pair(self, index: int) -> tuple[int, int]:
         """The checksum that was stored with a sample, and that of what is there now."""
-        image = self.image_bytes(index) if IMAGE in self.header.layers else None
-        layers = [self.stored_layer(index, name) for name in self._layers]
+        image = self.image_bytes(index) if IMAGE in self.header.layers else b""
+        found = 0
+        for name in self._layers:
+            found = crc32(np.ascontiguousarray(self.stored_layer(index, name)), found)
         with _reading(self.path):
             columns = {name: self._column(name)[index] for name in CONTENT_COLUMNS}
-            found = content_checksum(image, layers, columns, bytes(self._file["attributes"][index]))
+            found = content_checksum(found, image, columns, bytes(self._file["attributes"][index]))
             return int(self._column("checksum")[index]), found
 
     def triplet(self, index: int, with_pixels: bool = True) -> Triplet:
@@ -242,24 +215,31 @@ class ShardReader:
                 },
             )
 
+    def _box_steps(self, index: int, name: str) -> tuple[Shaped[ndarray, "y x *c"], Box]:
+        """A layer in steps where it is not 0, and where that is."""
+        with _reading(self.path):
+            box = layer_box(LAYERS[name], self._column("box_px")[index], self.size_px(index))
+        return self._steps(index, name, box), box
+
+    def _steps(self, index: int, name: str, box: Box) -> Shaped[ndarray, "y x *c"]:
+        """A layer in steps in a box before which there is nothing but 0."""
+        if name not in self._layers:
+            raise UsageError(
+                f"{self.path}: expected the layer {name}, found {','.join(self.header.layers)}; render with --layers"
+            )
+        with _reading(self.path):
+            dataset, layer = self._layers[name], LAYERS[name]
+            if self._is_deflate[name]:
+                chunk = dataset.id.read_direct_chunk((index, *(0 for _ in dataset.shape[1:])))[1]
+                size_px = dataset.shape[1:3]
+                return unpack_layer(layer, chunk, box, size_px, is_predicted=self._is_predicted[name])
+            found = np.asarray(dataset[(index, *box)])
+            return undo_prediction(found) if self._is_predicted[name] else found
+
     def _column(self, name: str) -> ndarray:
         if name not in self._columns:
             self._columns[name] = self._file[name][()]
         return self._columns[name]
-
-
-def check_has_maps(layers: Mapping[str, object], where: str) -> None:
-    """Refuses layers without PNCC, offset or mask.
-
-    Raises:
-        UsageError: One is missing.
-    """
-    missing = [name for name in MAP_LAYERS if name not in layers]
-    if missing:
-        raise UsageError(
-            f"{where}: expected the layers {','.join(MAP_LAYERS)}, found no {missing[0]}; render with --layers that "
-            "name it"
-        )
 
 
 def shard_paths(folder: Path) -> list[Path]:

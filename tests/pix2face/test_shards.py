@@ -120,7 +120,7 @@ def test_a_truncated_shard_is_refused_with_one_clear_line(shard: Path, fraction:
 
 def test_verify_notices_a_changed_value(shard: Path) -> None:
     with h5py.File(shard, "r+") as file:
-        file["offset"][2, 10, 10] += 1
+        file["landmarks2d"][2, 10] += 1
     assert verify_shard(shard) == [
         "sample 'face/2': the checksum differs: the content has changed since it was written"
     ]
