@@ -1,36 +1,34 @@
 """Affine and weak-perspective cameras from 3D-2D correspondences."""
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.camera import Camera, HeadPose, affine_camera, nearest_weak_perspective, rotation_of_pose
 from pix2face.errors import DegenerateGeometryError
-from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
+from pix2face.fitting.levenberg_marquardt import minimise
+from pix2face.fitting.moments import Moments
+from pix2face.fitting.robust import reweighted
 from pix2face.fitting.similarity import Similarity
 
 # Spread along the thinnest direction over spread along the longest, below which points count as flat (or in line).
 FLATNESS = 1e-5
-# 95 % efficiency under normal noise; the factor makes the median of absolute residuals a standard deviation.
-HUBER_THRESHOLD = 1.345
-SIGMA_OF_MEDIAN = 1.4826
-# Outliers also inflate the median of the first, plain fit: the threshold is set anew while it falls by a tenth.
-ROBUST_ROUNDS = 8
-ROUND_IS_WORTHWHILE = 0.9
-ROBUST_DECREASE = 1e-6
+# Steps of Levenberg-Marquardt between two weighings.
+STEPS_A_WEIGHING = 3
 
 # Where the points are too flat for an affine start, weak perspective tries the frontal face turned by these yaws.
 YAW_STARTS_DEG = (-80.0, -40.0, 0.0, 40.0, 80.0)
 
 
-def fit_affine_camera(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]) -> Camera:
+def fit_affine_camera(
+    points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"], *, robust: bool = False
+) -> Camera:
     """Fits an affine camera to 3D-2D correspondences by linear least squares.
 
     Args:
         points3d: Model points in mm, model frame.
         points2d: Their images in pixels, (x, y), centres at +0.5.
+        robust: Solve again with smaller weights for the points that disagree (``robust.reweighted``).
 
     Raises:
         DegenerateGeometryError: Fewer than 4 points, all in one plane, or some not finite.
@@ -39,13 +37,17 @@ def fit_affine_camera(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, 
     centring, they are well conditioned).
     """
     check_points(points3d, points2d, at_least=4)
-    weights = np.full(len(points3d), 1.0)
-    a = _affine_rows(points3d.astype(np.float64), points2d.astype(np.float64), weights)
-    if a is None:
-        raise DegenerateGeometryError(
-            f"an affine camera needs points that are not in one plane, found {len(points3d)} flat ones"
-        )
-    return affine_camera(a)
+    points3d, points2d = points3d.astype(np.float64), points2d.astype(np.float64)
+    start = _affine_rows_of_space(points3d, points2d, np.ones(len(points3d)))
+    if not robust:
+        return affine_camera(start)
+    found = reweighted(
+        start,
+        lambda rows: _lengths(points3d @ rows[:, :3].T + rows[:, 3] - points2d),
+        lambda _, weights: _affine_rows_of_space(points3d, points2d, weights),
+        np.ones(len(points3d)),
+    )
+    return affine_camera(found)
 
 
 def fit_weak_perspective_camera(
@@ -65,7 +67,7 @@ def fit_weak_perspective_camera(
         points3d: Model points in mm, model frame.
         points2d: Their images in pixels, (x, y), centres at +0.5.
         weights: Factor of each squared residual; None is 1 for all; a weight of 0 leaves a point out.
-        robust: Huber's loss with a threshold at 1.345 standard deviations, which the median residual tells.
+        robust: Solve again with smaller weights for the points that disagree (``robust.reweighted``).
         initial_rotation: A start (camera_from_model) instead of the affine one.
 
     Raises:
@@ -83,11 +85,6 @@ def fit_weak_perspective_camera(
     return similarity.camera(origin)
 
 
-def huber_weights(distances: Float64[ndarray, " n"], threshold: float) -> Float64[ndarray, " n"]:
-    """Weights that turn squares into Huber's loss: 1 up to the threshold, falling as 1 / distance beyond."""
-    return np.asarray(threshold / np.maximum(distances, max(threshold, 1e-300)), dtype=np.float64)
-
-
 def check_points(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"], at_least: int) -> None:
     """Refuses too few points and points that are not finite.
 
@@ -98,6 +95,21 @@ def check_points(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"
         raise DegenerateGeometryError(f"a camera needs at least {at_least} points, found {len(points3d)}")
     if not (np.isfinite(points3d).all() and np.isfinite(points2d).all()):
         raise DegenerateGeometryError("a camera needs finite points, found some that are not a number or infinite")
+
+
+def _lengths(residuals: Float64[ndarray, "n 2"]) -> Float64[ndarray, " n"]:
+    return np.sqrt((residuals**2).sum(axis=1))
+
+
+def _affine_rows_of_space(
+    points3d: Float64[ndarray, "n 3"], points2d: Float64[ndarray, "n 2"], weights: Float64[ndarray, " n"]
+) -> Float64[ndarray, "2 4"]:
+    a = _affine_rows(points3d, points2d, weights)
+    if a is None:
+        raise DegenerateGeometryError(
+            f"an affine camera needs points that are not in one plane, found {len(points3d)} flat ones"
+        )
+    return a
 
 
 def _affine_rows(
@@ -123,13 +135,11 @@ def _best_similarity(
     initial_rotation: Float[ndarray, "3 3"] | None,
 ) -> Similarity:
     """The weak-perspective fit (points3d relative to their centre): the best end over the starts."""
-
-    def local_quadratic(state: Similarity) -> LocalQuadratic:
-        return quadratic_of_residuals(state.apply(points3d) - points2d, state.jacobian(points3d), weights)
-
     starts = _starts(points3d, points2d, weights, initial_rotation)
-    ends = [minimise(start, local_quadratic, Similarity.moved) for start in starts]
-    return min(ends, key=lambda end: end[1].cost)[0]
+    centre2d = np.asarray(weights @ points2d / weights.sum(), dtype=np.float64)
+    local_quadratic = Moments.of(points3d, points2d - centre2d, weights).quadratic()
+    ends = [minimise(start.shifted(-centre2d), local_quadratic, Similarity.moved) for start in starts]
+    return min(ends, key=lambda end: end[1].cost)[0].shifted(centre2d)
 
 
 def _starts(
@@ -163,33 +173,18 @@ def _robust_similarity(
     points2d: Float64[ndarray, "n 2"],
     weights: Float64[ndarray, " n"],
 ) -> Similarity:
-    """Minimises Huber's loss; the threshold follows the median residual, which falls as outliers lose weight."""
-    threshold = np.inf
-    for _ in range(ROBUST_ROUNDS):
-        distances = np.linalg.norm(start.apply(points3d) - points2d, axis=1)
-        new_threshold = HUBER_THRESHOLD * SIGMA_OF_MEDIAN * float(np.median(distances))
-        if not 0 < new_threshold < ROUND_IS_WORTHWHILE * threshold:
-            break
-        threshold = new_threshold
-        local_quadratic = _huber_quadratic(points3d, points2d, weights, threshold)
-        start = minimise(start, local_quadratic, Similarity.moved, relative_decrease=ROBUST_DECREASE)[0]
-    return start
+    """Weighs the points by their residuals; between two weighings, the points are summed up once."""
+    centre2d = np.asarray(weights @ points2d / weights.sum(), dtype=np.float64)
+    centred2d = points2d - centre2d
 
+    def solve(state: Similarity, robust_weights: Float64[ndarray, " n"]) -> Similarity:
+        quadratic = Moments.of(points3d, centred2d, robust_weights).quadratic()
+        return minimise(state, quadratic, Similarity.moved, max_iterations=STEPS_A_WEIGHING)[0]
 
-def _huber_quadratic(
-    points3d: Float64[ndarray, "n 3"],
-    points2d: Float64[ndarray, "n 2"],
-    weights: Float64[ndarray, " n"],
-    threshold: float,
-) -> Callable[[Similarity], LocalQuadratic]:
-    """The local quadratic of Huber's loss of the distances."""
-
-    def local_quadratic(state: Similarity) -> LocalQuadratic:
-        residuals = state.apply(points3d) - points2d
-        distances = np.linalg.norm(residuals, axis=1)
-        robust = huber_weights(distances, threshold) * weights
-        quadratic = quadratic_of_residuals(residuals, state.jacobian(points3d), robust)
-        loss = np.where(distances < threshold, distances**2 / 2, threshold * (distances - threshold / 2))
-        return LocalQuadratic(float(weights @ loss), quadratic.gradient, quadratic.hessian)
-
-    return local_quadratic
+    found = reweighted(
+        start.shifted(-centre2d),
+        lambda state: _lengths(state.apply(points3d) - centred2d),
+        solve,
+        weights,
+    )
+    return found.shifted(centre2d)

@@ -12,6 +12,7 @@ from pix2face.camera import Camera
 from pix2face.crops import Crop
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.face_maps import FaceMaps
+from pix2face.fitting.camera_choice import fit_warranted_camera
 from pix2face.fitting.camera_fit import fit_affine_camera, fit_weak_perspective_camera
 from pix2face.fitting.linear_system import ImageSystem, image_system
 from pix2face.fitting.localise import ValidPixels, localise_prepared, valid_pixel_values
@@ -20,12 +21,15 @@ from pix2face.fitting.prepared_model import evenly_spread, prepared_model, verte
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
 
-CameraKind = Literal["affine", "weak-perspective", "pinhole"]
+CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
 
 # Section 3.4.1: "only a small subset of the correspondences" is needed for the camera. Of vertices, as many tell some
 # hundred coefficients as well as all of them do, at a fraction of the time.
 CAMERA_PIXELS = 2000
+# The distance hangs on small differences: it takes more.
+PERSPECTIVE_PIXELS = 8000
 COEFFICIENT_VERTICES = 2500
+_CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
 
 # Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda from here on.
 SINGLE_PRECISION_FROM = 0.5
@@ -81,9 +85,10 @@ def fit_face(
         maps: PNCC, offset and mask.
         model: The model that the maps are of.
         camera_kind: "affine" (Eq. 1), "weak-perspective" (the default: predicted maps of profiles tilt and stretch an
-            unconstrained affine camera; robust against outliers), or "pinhole".
+            unconstrained affine camera), "pinhole", or "auto": a pinhole where ``camera_choice`` finds it warranted,
+            else weak perspective. All are robust against outliers.
         regularisation: Tikhonov's lambda in mm^2; see ``coefficient_fit``.
-        principal_point_px: Pinhole only: where the optical axis meets the maps, None is their centre. It is not the
+        principal_point_px: Pinhole and auto: where the optical axis meets the maps, None is their centre. It is not the
             centre where the maps are those of a crop off the image's centre.
         scheme: Which landmarks of the model.
 
@@ -117,11 +122,12 @@ def fit_camera_and_system(
         UsageError: There is no such kind of camera.
     """
     pixels = valid_pixel_values(maps)
-    points3d, points2d = correspondences(pixels, maps.mask.shape[1], CAMERA_PIXELS)
+    points3d, points2d = correspondences(pixels, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS))
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
-    camera = fit_camera(points3d, points2d, camera_kind, principal_point_px)
     prepared = prepared_model(model, COEFFICIENT_VERTICES)
+    face_width_mm = float(np.ptp(prepared.mean[:, 0]))
+    camera = fit_camera(points3d, points2d, camera_kind, principal_point_px, face_width_mm)
     found = localise_prepared(maps, pixels, prepared)
     basis = prepared.basis[found.places]
     if regularisation < SINGLE_PRECISION_FROM:
@@ -187,6 +193,7 @@ def fit_camera(
     points2d: Float[ndarray, "n 2"],
     camera_kind: CameraKind,
     principal_point_px: Float[ndarray, "2"],
+    face_width_mm: float,
 ) -> Camera:
     """Fits the chosen kind of camera.
 
@@ -195,9 +202,12 @@ def fit_camera(
         UsageError: There is no such kind.
     """
     if camera_kind == "affine":
-        return fit_affine_camera(points3d, points2d)
+        return fit_affine_camera(points3d, points2d, robust=True)
     if camera_kind == "weak-perspective":
         return fit_weak_perspective_camera(points3d, points2d, robust=True)
     if camera_kind == "pinhole":
-        return fit_pinhole_camera(points3d, points2d, principal_point_px, fit_affine_camera(points3d, points2d))
-    raise UsageError(f"expected a camera of affine, weak-perspective or pinhole, found {camera_kind!r}")
+        initial = fit_affine_camera(points3d, points2d, robust=True)
+        return fit_pinhole_camera(points3d, points2d, principal_point_px, initial, robust=True)
+    if camera_kind == "auto":
+        return fit_warranted_camera(points3d, points2d, principal_point_px, face_width_mm)
+    raise UsageError(f"expected a camera of affine, weak-perspective, pinhole or auto, found {camera_kind!r}")

@@ -9,8 +9,9 @@ from numpy import ndarray
 
 from pix2face.camera import Camera, Pinhole, nearest_weak_perspective, pinhole_camera
 from pix2face.errors import DegenerateGeometryError
-from pix2face.fitting.camera_fit import FLATNESS, check_points
-from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
+from pix2face.fitting.camera_fit import FLATNESS, STEPS_A_WEIGHING, check_points
+from pix2face.fitting.levenberg_marquardt import MAX_ITERATIONS, LocalQuadratic, minimise, quadratic_of_residuals
+from pix2face.fitting.robust import reweighted
 from pix2face.fitting.similarity import rotated, rotation_jacobian
 
 # A face that far away shows no perspective: 0.1 % of what 1 m shows. Farther is not told apart.
@@ -35,6 +36,16 @@ class PinholeState:
     shift_px: Float64[ndarray, "2"]
     inverse_distance: float
 
+    def apply(self, points3d: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 2"]:
+        """Images (pixels, relative to the principal point) of points (mm, relative to their centre).
+
+        Infinitely far off where a point is behind the camera.
+        """
+        turned = points3d @ self.rotation.T
+        denominator = 1 + self.inverse_distance * turned[:, 2:]
+        image = (np.exp(self.log_scale) * turned[:, :2] + self.shift_px) / np.where(denominator > 0, denominator, 1)
+        return np.where(denominator > 0, image, np.inf)
+
     def moved(self, step: Float64[ndarray, "7"]) -> "PinholeState":
         """The state after an increment (log scale, rotation vector, shift, inverse distance)."""
         return PinholeState(
@@ -50,6 +61,8 @@ def fit_pinhole_camera(
     points2d: Float[ndarray, "n 2"],
     principal_point_px: Float[ndarray, "2"],
     initial: Camera,
+    *,
+    robust: bool = False,
 ) -> Camera:
     """Fits focal length, rotation and translation by minimising the reprojection error.
 
@@ -58,6 +71,7 @@ def fit_pinhole_camera(
         points2d: Their images in pixels, (x, y), centres at +0.5.
         principal_point_px: Where the optical axis meets the image; pixels are square and without skew.
         initial: An affine camera of the same points.
+        robust: Solve again with smaller weights for the points that disagree (``robust.reweighted``).
 
     Returns:
         A pinhole. Points without perspective (or with the reverse of it) get one at a distance of 1 km.
@@ -78,10 +92,10 @@ def fit_pinhole_camera(
     nearest = nearest_weak_perspective(initial)
     shift = np.asarray(initial.project(origin) - principal_point_px, dtype=np.float64)
     start = PinholeState(float(np.log(nearest.scale)), nearest.rotation, shift, 0.0)
-    state = _minimise(start, centred, relative, has_perspective=True)
+    state = _fit(start, centred, relative, has_perspective=True, robust=robust)
     if state.inverse_distance < 1 / FARTHEST_MM:
         start = PinholeState(start.log_scale, start.rotation, start.shift_px, 1 / FARTHEST_MM)
-        state = _minimise(start, centred, relative, has_perspective=False)
+        state = _fit(start, centred, relative, has_perspective=False, robust=robust)
     return _camera(state, origin, np.asarray(principal_point_px, dtype=np.float64))
 
 
@@ -92,28 +106,43 @@ def _check(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]) -> 
         raise DegenerateGeometryError("a pinhole camera needs points in space, found all in one plane or line")
 
 
-def _minimise(
+def _fit(
     start: PinholeState,
     points3d: Float64[ndarray, "n 3"],
     points2d: Float64[ndarray, "n 2"],
     *,
     has_perspective: bool,
+    robust: bool,
 ) -> PinholeState:
+    def solve(state: PinholeState, weights: Float64[ndarray, " n"], max_iterations: int) -> PinholeState:
+        def local_quadratic(state: PinholeState) -> LocalQuadratic:
+            residuals, jacobian = linearised_pinhole(state, points3d, points2d)
+            if not has_perspective:
+                jacobian[:, :, 6] = 0  # holds the distance
+            return quadratic_of_residuals(residuals, jacobian, weights)
+
+        return minimise(state, local_quadratic, PinholeState.moved, max_iterations=max_iterations)[0]
+
+    def distances(state: PinholeState) -> Float64[ndarray, " n"]:
+        return np.sqrt(((state.apply(points3d) - points2d) ** 2).sum(axis=1))
+
     weights = np.full(len(points3d), 1.0)
-
-    def local_quadratic(state: PinholeState) -> LocalQuadratic:
-        residuals, jacobian = _linearised(state, points3d, points2d)
-        if not has_perspective:
-            jacobian[:, :, 6] = 0  # holds the distance
-        return quadratic_of_residuals(residuals, jacobian, weights)
-
-    return minimise(start, local_quadratic, PinholeState.moved)[0]
+    plain = solve(start, weights, MAX_ITERATIONS)
+    if not robust:
+        return plain
+    return reweighted(plain, distances, lambda state, own: solve(state, own, STEPS_A_WEIGHING), weights)
 
 
-def _linearised(
+def linearised_pinhole(
     state: PinholeState, points3d: Float64[ndarray, "n 3"], points2d: Float64[ndarray, "n 2"]
 ) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, "n 2 7"]]:
-    """Residuals in pixels and their derivatives with respect to an increment."""
+    """Residuals in pixels and their derivatives with respect to an increment, as ``PinholeState.moved`` takes it.
+
+    Args:
+        state: The camera.
+        points3d: mm, relative to the centre of the points.
+        points2d: Pixels, relative to the principal point.
+    """
     turned = points3d @ state.rotation.T
     derivative = rotation_jacobian(turned)
     scaled = np.exp(state.log_scale) * turned[:, :2]

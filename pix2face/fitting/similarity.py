@@ -58,6 +58,10 @@ class Similarity:
         rotation = rotated(self.rotation, step[1:4])
         return Similarity(self.log_scale + float(step[0]), rotation, self.shift_px + step[N_ROTATION_AND_SCALE:end])
 
+    def shifted(self, by_px: Float64[ndarray, " d"]) -> "Similarity":
+        """The similarity of an image whose origin lies elsewhere."""
+        return Similarity(self.log_scale, self.rotation, self.shift_px + by_px)
+
     def camera(self, origin: Float[ndarray, "3"]) -> Camera:
         """The weak-perspective camera, given the model point (mm) that the fit took as its origin."""
         translation = self.shift_px[:2] - self.scale * (self.rotation[:2] @ origin)

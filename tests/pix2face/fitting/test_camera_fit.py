@@ -13,7 +13,8 @@ from pix2face.camera import (
     weak_perspective_camera,
 )
 from pix2face.errors import DegenerateGeometryError
-from pix2face.fitting.camera_fit import fit_affine_camera, fit_weak_perspective_camera, huber_weights
+from pix2face.fitting.camera_fit import fit_affine_camera, fit_weak_perspective_camera
+from pix2face.fitting.robust import huber_weights
 
 angles = st.floats(-89, 89)
 

@@ -93,7 +93,7 @@ def test_pinhole_gives_the_focal_length_back(model):
     assert pinhole_of(fit.camera).focal_px == pytest.approx(pinhole_of(face.camera).focal_px, rel=1e-3)
 
 
-def test_weak_perspective_survives_outliers(model):
+def test_every_camera_survives_outliers(model):
     face = render_known_face(model, HeadPose(0, 60, 0), 6, perspective=False)
     rng = np.random.default_rng(0)
     wrong = (rng.uniform(size=face.maps.mask.shape) < 0.15) & face.maps.mask
@@ -103,10 +103,10 @@ def test_weak_perspective_survives_outliers(model):
     maps = replace(face.maps, pncc=pncc)
     yaws = {
         kind: head_pose(fit_face(maps, model, camera_kind=kind, regularisation=1.0).camera).yaw_deg
-        for kind in ("affine", "weak-perspective")
+        for kind in ("affine", "weak-perspective", "pinhole", "auto")
     }
-    assert abs(yaws["weak-perspective"] - 60) < 0.5
-    assert abs(yaws["affine"] - 60) > 1
+    for yaw in yaws.values():
+        assert abs(yaw - 60) < 0.5
 
 
 def test_predicted_regularisation_serves_smooth_noise(model):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from pix2face.camera import HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.camera_fit import fit_affine_camera
-from pix2face.fitting.pinhole_fit import FARTHEST_MM, fit_pinhole_camera
+from pix2face.fitting.pinhole_fit import FARTHEST_MM, PinholeState, fit_pinhole_camera, linearised_pinhole
 
 CENTRE = np.array([128.0, 128.0])
 
@@ -86,3 +86,33 @@ def test_degenerate_points_are_refused():
     flat = points * [1, 1, 0]
     with pytest.raises(DegenerateGeometryError, match="plane or line"):
         fit_pinhole_camera(flat, true.project(flat), CENTRE, affine)
+
+
+@pytest.mark.parametrize("inverse_distance", [0.0, 1 / 400, -1 / 900])
+def test_the_jacobian_is_the_derivative(inverse_distance):
+    """Against central differences."""
+    points = face_like_points() - face_like_points().mean(axis=0)
+    state = PinholeState(0.1, rotation_of_pose(HeadPose(12, -40, 25)), np.array([30.0, -50.0]), inverse_distance)
+    jacobian = linearised_pinhole(state, points, np.zeros((len(points), 2)))[1]
+    for index, size in enumerate([1e-5] * 4 + [1e-3] * 2 + [1e-8]):
+        step = size * np.eye(7)[index]
+        difference = (state.moved(step).apply(points) - state.moved(-step).apply(points)) / (2 * size)
+        np.testing.assert_allclose(jacobian[:, :, index], difference, rtol=1e-5, atol=1e-5 * np.abs(difference).max())
+
+
+def test_gross_errors_do_not_move_a_robust_fit():
+    points, rng = face_like_points(), np.random.default_rng(5)
+    true = near_pinhole()
+    image = true.project(points) + 0.05 * rng.standard_normal((len(points), 2))
+    wrong = rng.uniform(size=len(points)) < 0.1
+    image[wrong] += rng.normal(0, 40, (int(wrong.sum()), 2))
+    initial = fit_affine_camera(points, image, robust=True)
+    errors = [
+        abs(
+            pinhole_of(fit_pinhole_camera(points, image, CENTRE, initial, robust=robust)).focal_px
+            / pinhole_of(true).focal_px
+            - 1
+        )
+        for robust in (True, False)
+    ]
+    assert errors[0] < 0.01 < errors[1]
