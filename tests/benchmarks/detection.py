@@ -1,0 +1,119 @@
+"""How many faces the detectors find, and how well their boxes fit: python -m tests.benchmarks.detection.
+
+    python -m tests.benchmarks.detection --faces ../shared/data/dlib_faces [--detectors lbp,dlib] [--checkpoint C]
+        [--out out/detection.json]
+
+Prints and writes JSON. For each detector: recall (overlap with an annotated face of more than half their union), false
+boxes (overlap with every face below 0.3), overlap and errors of the boxes that hit, in % of the longer side of the
+face's own box, seconds of one core for a photograph, and what its calibration should be by the medians over these
+faces. With a checkpoint, the same after a second prediction has refined and confirmed the boxes.
+"""
+
+import argparse
+import json
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+
+from pix2face.crops import FaceBox
+from pix2face.detection import DETECTORS, Detector, open_detector
+from pix2face.detectors.protocol import overlap
+from pix2face.images import read_photograph
+from pix2face.morphable_model import builtin_model
+from pix2face.predictor import Predictor
+from pix2face.refined_detection import find_faces
+from tests.benchmarks.surroundings import surroundings
+
+HIT, FALSE = 0.5, 0.3
+
+Finder = Callable[[ndarray], list[FaceBox]]
+
+
+def annotated_faces(folder: Path) -> dict[Path, list[FaceBox]]:
+    """The box of the 68 points of every face, by photograph; dlib counts pixels from 0 with integers at the centres."""
+    faces: dict[Path, list[FaceBox]] = {}
+    for path in sorted(folder.glob("*_with_face_landmarks.xml")):
+        for image in ET.parse(path).getroot().iter("image"):
+            for box in image.iter("box"):
+                points = [[float(part.get("x")) + 0.5, float(part.get("y")) + 0.5] for part in box.iter("part")]
+                faces.setdefault(folder / image.get("file"), []).append(FaceBox.around(np.array(points)))
+    return faces
+
+
+def measure(find: Finder, faces: Mapping[Path, Sequence[FaceBox]]) -> dict[str, object]:
+    """Recall, false boxes and box errors of one way to find faces."""
+    pairs, n_false, seconds = [], 0, 0.0
+    for path, own in faces.items():
+        image = read_photograph(path)
+        started = time.process_time()
+        found = find(image)
+        seconds += time.process_time() - started
+        n_false += sum(max(overlap(face, box) for face in own) < FALSE for box in found)
+        for face in own:
+            best = max(found, key=lambda box: overlap(face, box), default=None)
+            if best is not None and overlap(face, best) > HIT:
+                pairs.append((face, best))
+    errors = np.array([_errors(face, box) for face, box in pairs])
+    overlaps = [overlap(face, box) for face, box in pairs]
+    total = sum(len(own) for own in faces.values())
+    return {
+        "faces": total,
+        "found": len(pairs),
+        "recall": round(len(pairs) / total, 3),
+        "false_boxes": n_false,
+        "overlap_median": round(float(np.median(overlaps)), 3),
+        "overlap_lowest_tenth": round(float(np.percentile(overlaps, 10)), 3),
+        "centre_error_percent": round(100 * float(np.linalg.norm(errors[:, :2], axis=1).mean()), 2),
+        "size_error_percent": round(100 * float(np.abs(errors[:, 2]).mean()), 2),
+        "bias_percent": {
+            name: round(100 * float(value), 2)
+            for name, value in zip(
+                ("right", "down", "width", "height"), np.median(errors[:, [0, 1, 3, 4]], axis=0), strict=True
+            )
+        },
+        "cpu_seconds_per_photograph": round(seconds / len(faces), 3),
+    }
+
+
+def _errors(face: FaceBox, box: FaceBox) -> list[float]:
+    """Shift right and down, and what is too long, too wide and too high, as shares of the face's longer side."""
+    shift = (box.centre - face.centre) / face.longer_side
+    sizes = [box.longer_side - face.longer_side, box.width - face.width, box.height - face.height]
+    return [*shift, *(size / face.longer_side for size in sizes)]
+
+
+def refined(detector: Detector, predictor: Predictor) -> Finder:
+    """The detector with its boxes refined and confirmed by the network."""
+    return lambda image: find_faces(image, detector, predictor, builtin_model())
+
+
+def main() -> int:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--faces", type=Path, default=Path("../shared/data/dlib_faces"))
+    parser.add_argument("--detectors", default=",".join(DETECTORS))
+    parser.add_argument("--checkpoint", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("out/detection.json"))
+    options = parser.parse_args()
+    faces = annotated_faces(options.faces)
+    predictor = Predictor.load(options.checkpoint, "cpu") if options.checkpoint else None
+    report: dict[str, object] = {"measured_on": surroundings()}
+    for name in options.detectors.split(","):
+        detector = open_detector(name)
+        report[name] = measure(detector.detect, faces)
+        if predictor is not None:
+            report[f"{name}, refined"] = measure(refined(detector, predictor), faces)
+    text = json.dumps(report, indent=2)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(text + "\n")
+    sys.stdout.write(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
