@@ -4,10 +4,14 @@ A mirrored picture of a face is a picture of the mirrored face. Its PNCC and off
 left and right exchanged and the sign of x changed, if the model's mean is its own mirror image.
 """
 
+from dataclasses import dataclass
+from typing import final
+
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float, Float64, Shaped
 from numpy import ndarray
 
+from pix2face.errors import UsageError
 from pix2face.landmarks import IBUG68, MIRROR_IBUG68
 from pix2face.morphable_model import MorphableModel
 
@@ -51,3 +55,41 @@ def mirrored_landmarks(landmarks: Shaped[ndarray, "68 ..."]) -> Shaped[ndarray, 
         landmarks: Already mirrored points (or visibilities) in the order of the face before.
     """
     return landmarks[list(MIRROR_IBUG68)]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MirroredCoefficients:
+    """What turns the coefficients of a face into those of its mirror image.
+
+    Attributes:
+        identity: Multiplies identity coefficients from the right.
+        expression: Multiplies expression coefficients from the right.
+        largest_error_mm: How far a vertex may lie from the mirror image, for one standard deviation of one component.
+    """
+
+    identity: Float64[ndarray, "k k"]
+    expression: Float64[ndarray, "e e"]
+    largest_error_mm: float
+
+
+def mirrored_coefficients(model: MorphableModel) -> MirroredCoefficients:
+    """Finds the coefficients of mirrored faces by least squares over the vertices of the face.
+
+    Raises:
+        UsageError: The model has no mirror image (``mirror_obstacle``).
+    """
+    obstacle = mirror_obstacle(model)
+    if obstacle or model.symmetry is None:
+        raise UsageError(f"expected a model whose faces can be mirrored, but {obstacle}")
+    matrices, errors = [], [0.0]
+    for basis in (model.identity_basis, model.expression_basis):
+        twins = mirrored_points(basis)[:, model.symmetry]
+        rows, twin_rows = (values.reshape(len(basis), basis[0].size).astype(np.float64) for values in (basis, twins))
+        # Of the normal equations, a few hundred squared: the bases themselves are large.
+        matrix = np.linalg.lstsq(rows @ rows.T, rows @ twin_rows.T, rcond=None)[0].T
+        matrices.append(matrix)
+        if len(basis):
+            distances = np.linalg.norm((matrix @ rows - twin_rows).reshape(len(basis), -1, 3), axis=2)
+            errors.append(float(distances.max()))
+    return MirroredCoefficients(matrices[0], matrices[1], max(errors))

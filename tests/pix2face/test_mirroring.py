@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pix2face.errors import UsageError
 from pix2face.landmarks import IBUG68
-from pix2face.mirroring import mirror_obstacle, mirrored_landmarks, mirrored_points
+from pix2face.mirroring import mirror_obstacle, mirrored_coefficients, mirrored_landmarks, mirrored_points
 from pix2face.morphable_model import builtin_model
 
 
@@ -48,3 +49,22 @@ def test_mirroring_changes_the_sign_of_x_alone():
     points = np.float32([[1, 2, 3]])
     np.testing.assert_array_equal(mirrored_points(points), np.float32([[-1, 2, 3]]))
     assert mirrored_points(points).dtype == np.float32
+
+
+def test_mirrored_coefficients_give_the_mirrored_face():
+    model = builtin_model()
+    mirror = mirrored_coefficients(model)
+    assert mirror.largest_error_mm < 0.5
+    rng = np.random.default_rng(0)
+    identity, expression = rng.normal(size=(1, model.n_identity)), rng.normal(size=(1, model.n_expression))
+    twin = model.vertices(identity @ mirror.identity, expression @ mirror.expression)[0]
+    assert model.symmetry is not None
+    expected = mirrored_points(model.vertices(identity, expression)[0])[model.symmetry]
+    assert np.linalg.norm(twin - expected, axis=1).max() < 3 * mirror.largest_error_mm
+    back = identity @ mirror.identity @ mirror.identity
+    np.testing.assert_allclose(back, identity, atol=1e-6)
+
+
+def test_coefficients_of_a_model_without_mirror_image_are_refused():
+    with pytest.raises(UsageError, match="mirror images of each other"):
+        mirrored_coefficients(replace(builtin_model(), symmetry=None))
