@@ -118,7 +118,7 @@ def _write_obj(path: Path, mesh: FaceMesh) -> None:
 
 
 def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:
-    picture = path.with_suffix(".png")
+    picture = path.with_name(f"{path.stem}-texture.png")
     picture.write_bytes(encode_image(texture))
     path.write_text(f"newmtl face\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n")
 

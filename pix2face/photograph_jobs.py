@@ -141,9 +141,16 @@ def _stems(images: Sequence[Path]) -> list[str]:
 
 
 def _unused(name: str, taken: set[str]) -> str:
-    """A name that no other face of this run has, so that nothing is overwritten; capitals make no difference."""
+    """A name that no other face of this run has, so that nothing is overwritten; capitals make no difference.
+
+    ``NAME-points`` is taken with NAME: the point cloud of the one would be the mesh of the other.
+    """
     unused, number = name, 2
-    while unused.casefold() in taken:
+    while taken & _file_stems(unused):
         unused, number = f"{name}-{number}", number + 1
-    taken.add(unused.casefold())
+    taken |= _file_stems(unused)
     return unused
+
+
+def _file_stems(name: str) -> set[str]:
+    return {name.casefold(), f"{name}-points".casefold()}

@@ -21,6 +21,8 @@ PICTURE_PX = 1024
 DEPTH_PX = 512
 # A point is seen where nothing is nearer than this; half a millimetre a pixel, and slopes, are to be forgiven.
 DEPTH_TOLERANCE_MM = 2.0
+# Beside a step of the surface, or its outline, a fit that is off by a pixel would take the colour of what is beyond.
+STEP_MM, STEP_REACH_PX = 10.0, 2
 # A surface counts fully from this cosine to the viewer up, and not at all below the other: there a pixel is smeared.
 FULL_COSINE, LEAST_COSINE = 0.5, 0.15
 NO_COLOUR = 128.0
@@ -72,7 +74,7 @@ class PhotographColours:
         self._picture = crop_image(image, self._to_picture).astype(np.float32)
         self._inside = crop_image(np.full(image.shape[:2], 255, np.uint8), self._to_picture)
         self._camera = fit.camera
-        self._depth_camera, self._depth = _nearest_depth(fit, model, square_crop(box, 1.1, DEPTH_PX))
+        self._depth_camera, self._depths = _depths(fit, model, square_crop(box, 1.1, DEPTH_PX))
         self._cosines = facing(self._vertices, model.triangles, fit.camera)
         self._is_face = model.is_face_vertex
 
@@ -92,8 +94,10 @@ class PhotographColours:
         places = points.interpolate(self._vertices)
         cosines = points.interpolate(self._cosines)
         weight = np.clip((cosines - LEAST_COSINE) / (FULL_COSINE - LEAST_COSINE), 0, 1)
-        depth = _sample(self._depth, self._depth_camera.project(places), cv2.INTER_NEAREST)
-        weight *= self._depth_camera.depth(places) <= depth + DEPTH_TOLERANCE_MM
+        own_depth, pixel = self._depth_camera.depth(places), self._depth_camera.project(places)
+        here, nearest, farthest = (_sample(plane, pixel, cv2.INTER_NEAREST) for plane in self._depths)
+        weight *= own_depth <= here + DEPTH_TOLERANCE_MM
+        weight *= (nearest >= own_depth - STEP_MM) & (farthest <= own_depth + STEP_MM)
         pixels = self._to_picture.to_crop(self._camera.project(places))
         weight *= _sample(self._inside, pixels, cv2.INTER_LINEAR) >= 255
         weight *= self._is_face[points.corners].all(axis=1)
@@ -152,11 +156,15 @@ def vertex_normals(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3
     return np.asarray(total / np.where(lengths > 0, lengths, 1), dtype=np.float64)
 
 
-def _nearest_depth(fit: FaceFit, model: MorphableModel, crop: Crop) -> tuple[Camera, Float32[ndarray, "s s"]]:
-    """Depth of whatever part of the head is nearest, and the camera of its pixels."""
+def _depths(
+    fit: FaceFit, model: MorphableModel, crop: Crop
+) -> tuple[Camera, tuple[Float32[ndarray, "s s"], Float32[ndarray, "s s"], Float32[ndarray, "s s"]]]:
+    """Depth of whatever part of the head is in front, the nearest and the farthest around, and their camera."""
     camera = crop_camera(fit.camera, crop)
     depth = rasterise(camera.matrix, fit.vertices, model.triangles, crop.size_px, crop.size_px).depth
-    return camera, depth.astype(np.float32)
+    here = np.minimum(depth, 1e9).astype(np.float32)
+    around = np.ones((2 * STEP_REACH_PX + 1,) * 2, dtype=np.uint8)
+    return camera, (here, cv2.erode(here, around), cv2.dilate(here, around))
 
 
 def _sample(picture: ndarray, pixels: Float[ndarray, "n 2"], how: int) -> ndarray:
