@@ -1,6 +1,5 @@
 """Writes a table of coefficients face by face: a hundred thousand of them need no more memory than a thousand."""
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +10,13 @@ import h5py
 import numpy as np
 from numpy import ndarray
 
-from pix2face.coefficients import FORMAT, SCHEMA_VERSION, Face
+from pix2face.coefficients import Face, write_table_header
+from pix2face.text_columns import json_lines
 
 # Faces that wait in memory, and a chunk of the file.
 FACES_AT_ONCE = 1024
 REJECTED_AT_ONCE = 256
+TEXT_BYTES_AT_ONCE = 1 << 16
 
 
 @final
@@ -58,15 +59,13 @@ class CoefficientWriter:
         self._path, self._header = path, header
         self._temporary = path.with_name(f".{path.name}.part")
         self._waiting: list[Face] = []
-        self._rejected: list[str] = []
+        self._rejected: list[tuple[str, str]] = []
 
     def __enter__(self) -> "CoefficientWriter":
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._file = h5py.File(self._temporary, "w", track_order=False)
         header = self._header
-        self._file.attrs["format"], self._file.attrs["schema_version"] = FORMAT, SCHEMA_VERSION
-        for name in ("model_name", "model_sha256", "configuration", "licence"):
-            self._file.attrs[name] = getattr(header, name)
+        write_table_header(self._file, header)
         self._create("identity", (header.n_identity,), np.float32)
         self._create("expression", (header.n_expression,), np.float32)
         self._create("cameras", (4, 4), np.float64)
@@ -74,7 +73,9 @@ class CoefficientWriter:
         if header.n_lighting:
             self._create("lighting", (header.n_lighting,), np.float32)
         for name in ("sample_ids", "image_paths", "attributes", "rejected"):
-            self._create(name, (), h5py.string_dtype())
+            self._file.create_dataset(
+                name, (0,), np.uint8, maxshape=(None,), chunks=(TEXT_BYTES_AT_ONCE,), track_times=False
+            )
         return self
 
     def __exit__(
@@ -83,7 +84,7 @@ class CoefficientWriter:
         try:
             if kind is None:
                 self._flush()
-                self._append("rejected", self._rejected)
+                self._append("rejected", json_lines(self._rejected))
             self._file.close()
             if kind is None:
                 self._temporary.rename(self._path)
@@ -100,9 +101,9 @@ class CoefficientWriter:
 
     def reject(self, sample_id: str, reason: str) -> None:
         """Notes what the source held and cannot be used."""
-        self._rejected.append(json.dumps([sample_id, reason]))
+        self._rejected.append((sample_id, reason))
         if len(self._rejected) >= REJECTED_AT_ONCE:
-            self._append("rejected", self._rejected)
+            self._append("rejected", json_lines(self._rejected))
             self._rejected = []
 
     def _create(self, name: str, shape: tuple[int, ...], dtype: Any) -> None:
@@ -129,11 +130,11 @@ class CoefficientWriter:
             unknown = np.full(self._header.n_lighting, np.nan)
             rows = [unknown if face.lighting is None else face.lighting for face in faces]
             self._append("lighting", np.stack(rows))
-        self._append("sample_ids", [face.sample_id for face in faces])
-        self._append("image_paths", [self._relative(face.image_path) for face in faces])
-        self._append("attributes", [json.dumps(dict(face.attributes), sort_keys=True) for face in faces])
+        self._append("sample_ids", json_lines(face.sample_id for face in faces))
+        self._append("image_paths", json_lines(self._relative(face.image_path) for face in faces))
+        self._append("attributes", json_lines(dict(face.attributes) for face in faces))
 
-    def _append(self, name: str, values: ndarray | list[str]) -> None:
+    def _append(self, name: str, values: ndarray) -> None:
         dataset = self._file[name]
         start = dataset.shape[0]
         dataset.resize(start + len(values), axis=0)

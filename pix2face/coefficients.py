@@ -13,11 +13,12 @@ from jaxtyping import Float, Float32, Float64, Int32
 from numpy import ndarray
 
 from pix2face.camera import Camera
-from pix2face.checked_hdf5 import check_contained
+from pix2face.checked_hdf5 import check_contained, fixed_text, read_text
 from pix2face.errors import InputFileError
+from pix2face.text_columns import json_lines, read_json_lines
 
 FORMAT = "pix2face-coefficients"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 # What OpenGL can draw everywhere; a table that asks for more is damaged.
 LARGEST_SIDE_PX = 16384
 # Type and shape of each column, rows aside; None is any length.
@@ -118,20 +119,17 @@ def save_coefficients(table: FaceCoefficients, path: Path) -> None:
     temporary = path.with_name(f".{path.name}.part")
     try:
         with h5py.File(temporary, "w", track_order=False) as file:
-            file.attrs["format"] = FORMAT
-            file.attrs["schema_version"] = SCHEMA_VERSION
-            for name in ("model_name", "model_sha256", "configuration", "licence"):
-                file.attrs[name] = getattr(table, name)
+            write_table_header(file, table)
             for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
                 file.create_dataset(name, data=getattr(table, name), track_times=False)
-            rejected = tuple(json.dumps(entry) for entry in table.rejected)
-            for name, texts in {
+            attributes = [json.loads(text) for text in table.attributes]
+            for name, values in {
                 "sample_ids": table.sample_ids,
                 "image_paths": table.image_paths,
-                "attributes": table.attributes,
-                "rejected": rejected,
+                "attributes": attributes,
+                "rejected": table.rejected,
             }.items():
-                file.create_dataset(name, data=np.array(texts, dtype=h5py.string_dtype()), track_times=False)
+                file.create_dataset(name, data=json_lines(values), track_times=False)
         temporary.rename(path)
     finally:
         temporary.unlink(missing_ok=True)
@@ -148,16 +146,19 @@ def load_coefficients(path: Path) -> FaceCoefficients:
         with h5py.File(path, "r") as file:
             _check_format(file, path)
             check_contained(file, path)
-            texts = {name: _strings(file[name][()]) for name in ("sample_ids", "image_paths")}
-            texts |= {name: _strings(file[name][()]) for name in ("attributes", "rejected") if name in file}
-            n, rejected = len(texts["sample_ids"]), texts.pop("rejected", ())
+            texts = {name: _texts(file, name, path) for name in ("sample_ids", "image_paths")}
+            n = len(texts["sample_ids"])
             columns: dict[str, Any] = {**texts, **{name: _column(file, path, name, n) for name in _COLUMNS}}
             if "lighting" in file:
                 columns["lighting"] = _column(file, path, "lighting", n)
             for name in ("model_name", "model_sha256", "configuration"):
-                columns[name] = str(file.attrs[name])
-            columns["licence"] = str(file.attrs.get("licence", ""))
-            columns["rejected"] = tuple((str(name), str(reason)) for name, reason in map(json.loads, rejected))
+                columns[name] = read_text(file.attrs, path, name)
+            columns["licence"] = read_text(file.attrs, path, "licence") if "licence" in file.attrs else ""
+            if "attributes" in file:
+                columns["attributes"] = tuple(map(json.dumps, read_json_lines(file, "attributes", path)))
+            if "rejected" in file:
+                rejected = read_json_lines(file, "rejected", path)
+                columns["rejected"] = tuple((str(name), str(reason)) for name, reason in rejected)
     except (OSError, KeyError, ValueError, RuntimeError, TypeError, AttributeError) as error:
         raise InputFileError(
             f"{path}: expected a table of coefficients (as `datagen sample` writes it), found a file that cannot be "
@@ -166,6 +167,14 @@ def load_coefficients(path: Path) -> FaceCoefficients:
     table = FaceCoefficients(**columns)
     _check_rows(table, path)
     return table
+
+
+def write_table_header(file: h5py.File, table: Any) -> None:
+    """Writes what holds for all faces of a table: ``model_name``, ``model_sha256``, ``configuration``, ``licence``."""
+    file.attrs["format"] = fixed_text(FORMAT)
+    file.attrs["schema_version"] = SCHEMA_VERSION
+    for name in ("model_name", "model_sha256", "configuration", "licence"):
+        file.attrs[name] = fixed_text(getattr(table, name))
 
 
 def moved_path(image_path: str, old_folder: Path, new_folder: Path) -> str:
@@ -179,13 +188,20 @@ def configuration_to_json(configuration: Mapping[str, object]) -> str:
 
 
 def _check_format(file: h5py.File, path: Path) -> None:
-    found = file.attrs.get("format")
+    # Schema 1 had text of variable length, which is not read here: damaged, it could end the process.
+    is_old = "format" in file.attrs and file.attrs.get_id("format").dtype.kind == "O" and "sizes_px" in file
+    found = FORMAT if is_old else read_text(file.attrs, path, "format") if "format" in file.attrs else None
     if found != FORMAT:
         raise InputFileError(f"{path}: expected a table with format={FORMAT!r}, found format={found!r}")
     version = int(file.attrs["schema_version"])
     if version > SCHEMA_VERSION:
         raise InputFileError(
             f"{path}: schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
+        )
+    if version < SCHEMA_VERSION or is_old:
+        raise InputFileError(
+            f"{path}: expected a table of schema {SCHEMA_VERSION}, found {version} of an earlier version; make it "
+            "again (`datagen sample`, `datagen fit` or `datagen coeffs`)"
         )
 
 
@@ -222,13 +238,12 @@ def _check_rows(table: FaceCoefficients, path: Path) -> None:
 
 def _check_attributes(table: FaceCoefficients, path: Path) -> None:
     for sample_id, text in zip(table.sample_ids, table.attributes, strict=False):
-        try:
-            is_object = isinstance(json.loads(text), dict)
-        except ValueError:
-            is_object = False
-        if not is_object:
+        if not text.startswith("{"):
             raise InputFileError(f"{path}: expected a JSON object as attributes of {sample_id!r}, found {text[:40]!r}")
 
 
-def _strings(values: ndarray) -> tuple[str, ...]:
-    return tuple(value.decode() for value in values.tolist())
+def _texts(file: h5py.File, name: str, path: Path) -> tuple[str, ...]:
+    values = read_json_lines(file, name, path)
+    if not all(isinstance(value, str) for value in values):
+        raise InputFileError(f"{path}: expected texts as {name}, found others")
+    return tuple(values)

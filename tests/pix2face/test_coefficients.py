@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from datagen.sources import TableSource, open_source
 from pix2face.coefficients import FaceCoefficients, configuration_to_json, load_coefficients, save_coefficients
 from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.text_columns import json_lines
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -43,10 +44,9 @@ def path(tmp_path: Path) -> Path:
 
 
 @settings(max_examples=20)
-@given(n=st.integers(0, 6), seed=st.integers(0, 2**32 - 1), name=st.text(st.characters(codec="utf-8"), max_size=20))
+@given(n=st.integers(0, 6), seed=st.integers(0, 2**32 - 1), name=st.text(max_size=20))
 def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, n: int, seed: int, name: str) -> None:
     path = tmp_path_factory.mktemp("tables") / "new folder" / "faces.h5"
-    name = name.replace("\0", "")
     expected = make_table(n, seed, sample_ids=tuple(f"{index}{name}" for index in range(n)))
     save_coefficients(expected, path)
     found = load_coefficients(path)
@@ -65,8 +65,8 @@ def test_the_same_table_gives_the_same_bytes(path: Path, tmp_path: Path) -> None
 
 def test_an_error_leaves_the_old_table_and_no_temporary_file(path: Path) -> None:
     before = path.read_bytes()
-    with pytest.raises(ValueError, match="NULL"):
-        save_coefficients(make_table(sample_ids=("a", "b", "c", "d\0")), path)
+    with pytest.raises(ValueError, match="Expecting value"):
+        save_coefficients(make_table(attributes=("{}", "{}", "{}", "no JSON")), path)
     assert path.read_bytes() == before
     assert [entry.name for entry in path.parent.iterdir()] == ["faces.h5"]
 
@@ -118,7 +118,7 @@ def test_columns_of_other_lengths_are_refused(path: Path, name: str) -> None:
 
 
 def test_too_few_pictures_are_refused(path: Path) -> None:
-    replace_column(path, "image_paths", ["a.jpg", "b.jpg"])
+    replace_column(path, "image_paths", json_lines(["a.jpg", "b.jpg"]))
     with pytest.raises(InputFileError, match=r"faces\.h5: expected 4 rows of image_paths, found 2"):
         load_coefficients(path)
 
@@ -127,7 +127,7 @@ def test_too_few_pictures_are_refused(path: Path) -> None:
 def test_a_missing_column_is_refused(path: Path, name: str) -> None:
     with h5py.File(path, "r+") as file:
         del file[name]
-    with pytest.raises(InputFileError, match="expected a table of coefficients"):
+    with pytest.raises(InputFileError, match=f"faces.h5: expected .*{name}"):
         load_coefficients(path)
 
 
@@ -140,11 +140,21 @@ def test_columns_of_other_shapes_are_refused(path: Path, name: str, shape: tuple
 
 
 @pytest.mark.parametrize(
-    "values", [np.arange(4), b"one string", np.array([b"a", b"b", b"\xff", b"d"]), np.zeros((4, 2))]
+    "values",
+    [
+        np.arange(4),
+        b"one string",
+        np.array([b"a", b"b", b"\xff", b"d"]),
+        np.zeros((4, 2), np.uint8),
+        json_lines(["a", "b", 3, "d"]),
+        np.frombuffer(b'"a"\n"b"\n"c","d"\n', np.uint8),
+        np.frombuffer(b'"a"\n"b"\n"c"\n"d"', np.uint8),
+        np.frombuffer(b'"a"\n"b"\n"\xff"\n"d"\n', np.uint8),
+    ],
 )
 def test_ids_that_are_no_texts_are_refused(path: Path, values: object) -> None:
     replace_column(path, "sample_ids", values)
-    with pytest.raises(InputFileError, match=r"faces\.h5: expected a table"):
+    with pytest.raises(InputFileError, match=r"faces\.h5: expected .* sample_ids"):
         load_coefficients(path)
 
 
@@ -180,8 +190,15 @@ def test_foreign_and_missing_files_are_refused(tmp_path: Path) -> None:
 
 def test_a_newer_table_is_refused_with_that_word(path: Path) -> None:
     with h5py.File(path, "r+") as file:
-        file.attrs["schema_version"] = 2
-    with pytest.raises(InputFileError, match="schema 2 is newer than 1"):
+        file.attrs["schema_version"] = 3
+    with pytest.raises(InputFileError, match="schema 3 is newer than 2"):
+        load_coefficients(path)
+
+
+def test_an_older_table_is_refused_with_what_to_do(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"], file.attrs["schema_version"] = "pix2face-coefficients", 1
+    with pytest.raises(InputFileError, match=r"schema 2, found 1 of an earlier version; make it again"):
         load_coefficients(path)
 
 
@@ -210,15 +227,15 @@ def test_tables_without_the_later_columns_are_read(path: Path) -> None:
     assert table.face(0, path.parent).attributes == {}
 
 
-@pytest.mark.parametrize("text", ["", "[1]", "{"])
+@pytest.mark.parametrize("text", ["", "[1]", "{", '"text"'])
 def test_attributes_that_are_no_json_are_refused(path: Path, text: str) -> None:
-    replace_column(path, "attributes", np.array(["{}", text, "{}", "{}"], dtype=h5py.string_dtype()))
-    with pytest.raises(InputFileError, match=r"expected a JSON object as attributes of 'face/1'"):
+    replace_column(path, "attributes", np.frombuffer(f"{{}}\n{text}\n{{}}\n{{}}\n".encode(), np.uint8))
+    with pytest.raises(InputFileError, match=r"expected (a JSON object as attributes of 'face/1'|JSON in each line)"):
         load_coefficients(path)
 
 
 def test_attributes_of_another_number_than_faces_are_refused(path: Path) -> None:
-    replace_column(path, "attributes", np.array(["{}"], dtype=h5py.string_dtype()))
+    replace_column(path, "attributes", json_lines([{}]))
     with pytest.raises(InputFileError, match="expected 4 rows of attributes, found 1"):
         load_coefficients(path)
 
@@ -229,3 +246,10 @@ def test_a_table_that_points_out_of_itself_is_refused(path: Path) -> None:
         file["identity"] = h5py.ExternalLink("/somewhere/else.h5", "/identity")
     with pytest.raises(InputFileError, match="links elsewhere"):
         load_coefficients(path)
+
+
+def test_nothing_has_a_variable_length(path: Path) -> None:
+    """Damaged, it could end the process inside the HDF5 library."""
+    with h5py.File(path) as file:
+        assert all(item.dtype.kind != "O" for item in file.values())
+        assert all(file.attrs.get_id(name).dtype.kind != "O" for name in file.attrs)

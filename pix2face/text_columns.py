@@ -1,0 +1,43 @@
+"""Columns of text in HDF5 files: one JSON value a line, UTF-8, in one dataset of bytes.
+
+HDF5's own text of variable length keeps lengths apart from texts, and a damaged length makes the library read memory
+that is not the file's. Text of fixed length needs the longest before the first is written. Lines need neither, and any
+language reads them.
+"""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+
+
+def json_lines(values: Iterable[object]) -> UInt8[ndarray, " n"]:
+    """Values as a column holds them."""
+    text = "".join(f"{json.dumps(value, sort_keys=True)}\n" for value in values)
+    return np.frombuffer(text.encode("ascii"), dtype=np.uint8)
+
+
+def read_json_lines(file: h5py.File, name: str, path: Path) -> list[Any]:
+    """The values of a column.
+
+    Raises:
+        InputFileError: There is no such column, or it holds something else.
+    """
+    item = file.get(name)
+    if not isinstance(item, h5py.Dataset) or item.dtype != np.uint8 or item.ndim != 1:
+        raise InputFileError(f"{path}: expected lines of text as {name}, found {'nothing' if item is None else item}")
+    lines = item[()].tobytes().split(b"\n")
+    try:
+        values: list[Any] = json.loads(b"[" + b",".join(lines[:-1]) + b"]")
+    except (ValueError, RecursionError) as error:
+        raise InputFileError(f"{path}: expected JSON in each line of {name}, found other text ({error})") from error
+    if lines[-1] or len(values) != len(lines) - 1:
+        raise InputFileError(f"{path}: expected one value in each line of {name}, found {len(values)} in {len(lines)}")
+    return values
