@@ -183,6 +183,11 @@ class ShardReader:
         with _reading(self.path):
             return self._column("landmarks2d")[index]
 
+    def attributes(self) -> list[dict[str, str | float]]:
+        """What else is known of each sample."""
+        with _reading(self.path):
+            return [json.loads(text.decode("utf-8")) for text in self._file["attributes"][()].tolist()]
+
     def stored_checksums(self) -> list[str]:
         """The checksum that was stored with each sample, in hexadecimal digits; nothing is recomputed."""
         with _reading(self.path):
