@@ -1,0 +1,91 @@
+"""Pictures whose colours are the PNCC of a mean face, and stand-ins for detector and network that read them."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import torch
+from numpy import ndarray
+from torch import Tensor
+
+from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.crops import FaceBox
+from pix2face.detectors.protocol import DetectedFace, sure_boxes
+from pix2face.landmarks import IBUG68
+from pix2face.morphable_model import MorphableModel
+from pix2face.predictor import Predictor
+from pix2face.rasterise import render_maps
+from tests.pix2face.seen_faces import header_of
+
+HEIGHT_PX, WIDTH_PX = 120, 160
+SPAN_MM = 300.0  # of the 254 grey levels from 1 to 255
+SCALE = 0.4
+
+
+def camera_at(x: float, y: float, yaw_deg: float = 0.0, scale: float = SCALE) -> Camera:
+    rotation = rotation_of_pose(HeadPose(0, yaw_deg, 0))
+    return weak_perspective_camera(WeakPerspective(scale, rotation, np.array([x, y], dtype=float)))
+
+
+def draw_faces(
+    model: MorphableModel, cameras: Sequence[Camera], size: tuple[int, int] = (HEIGHT_PX, WIDTH_PX)
+) -> ndarray:
+    """An RGB picture of mean faces, each pixel with its PNCC as colour, on black."""
+    image = np.zeros((*size, 3), dtype=np.uint8)
+    for camera in cameras:
+        seen = render_maps(model, model.mean, camera, *size)
+        colours = np.clip(np.rint((seen.pncc / SPAN_MM + 0.5) * 254 + 1), 1, 255)
+        image[seen.mask] = colours[seen.mask]
+    return image
+
+
+def true_landmarks(model: MorphableModel, camera: Camera) -> ndarray:
+    return camera.project(model.mean[model.landmarks[IBUG68]])
+
+
+def true_box(model: MorphableModel, camera: Camera) -> FaceBox:
+    return FaceBox.around(true_landmarks(model, camera))
+
+
+def colour_network(planes_of_pncc: float) -> object:
+    """From a crop of such a picture to its PNCC, with offset 0."""
+
+    def network(images: Tensor) -> Tensor:
+        levels = (images + 0.5) * 255
+        pncc_mm = ((levels - 1) / 254 - 0.5) * SPAN_MM
+        is_face = levels.amin(dim=1, keepdim=True) > 2  # beside the face, blends with black
+        return torch.cat([pncc_mm * is_face / planes_of_pncc, torch.zeros_like(images)], dim=1)
+
+    return network
+
+
+def colour_predictor(model: MorphableModel, size_px: int = 96) -> Predictor:
+    header = header_of(model, size_px)
+    return Predictor(colour_network(header.pncc_scale_mm), header)
+
+
+class BlobDetector:
+    """Takes every blob that is not black for a face; its boxes are the blobs', which are larger than the landmarks'.
+
+    ``missing`` frames (calls, counted from 0) have no face to it.
+    """
+
+    def __init__(self, missing: Sequence[int] = ()) -> None:
+        self.calls = 0
+        self._missing = set(missing)
+
+    def detect(self, image: ndarray) -> list[FaceBox]:
+        return sure_boxes(self.candidates(image))
+
+    def candidates(self, image: ndarray) -> list[DetectedFace]:
+        self.calls += 1
+        if self.calls - 1 in self._missing:
+            return []
+        bright = (image.max(axis=2) > 40).astype(np.uint8)
+        count, _, stats, _ = cv2.connectedComponentsWithStats(bright)
+        faces = []
+        for index in range(1, count):
+            left, top, width, height, area = (float(value) for value in stats[index])
+            if area > 100:
+                faces.append(DetectedFace(FaceBox(left, top, left + width, top + height), 2.0))
+        return faces
