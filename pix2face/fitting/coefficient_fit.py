@@ -32,37 +32,41 @@ PREDICTED_MAPS_REGULARISATION = 80.0
 class JointAccumulator:
     """Eq. 5 one picture at a time: its matrix is a block arrow, so each expression is eliminated as its picture comes.
 
-    Time is linear in the number of pictures; what is kept of each is its (expressions x identities) block.
+    Time is linear in the number of pictures; what is kept of each is its (expressions x identities) block. Each
+    picture is divided by its own lambda, so that a noisy one counts less; the penalty is then |c|^2.
 
     Attributes:
         n_identity: How many of the components are identity.
-        regularisation: lambda in mm^2.
     """
 
     n_identity: int
-    regularisation: float
     _matrix: Float64[ndarray, "k k"] = field(init=False)
     _right: Float64[ndarray, " k"] = field(init=False)
     _eliminated: list[tuple[Float64[ndarray, " e"], Float64[ndarray, "e k"]]] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        self._matrix = self.regularisation * np.eye(self.n_identity)
+        self._matrix = np.eye(self.n_identity)
         self._right = np.zeros(self.n_identity)
 
-    def add(self, system: ImageSystem) -> None:
+    def add(self, system: ImageSystem, regularisation: float) -> None:
         """Takes the normal equations of a further picture in.
+
+        Args:
+            system: Of the picture.
+            regularisation: lambda in mm^2: the variance of what this picture's system should not follow.
 
         Raises:
             DegenerateGeometryError: lambda is too small for the arithmetic.
         """
         k = self.n_identity
-        aa, ab, bb = system.normal[:k, :k], system.normal[:k, k:], system.normal[k:, k:]
-        factor = cholesky(bb + self.regularisation * np.eye(len(bb)), self.regularisation)
+        normal, right = system.normal / regularisation, system.right / regularisation
+        aa, ab, bb = normal[:k, :k], normal[:k, k:], normal[k:, k:]
+        factor = cholesky(bb + np.eye(len(bb)), regularisation)
         # beta = from_offsets - from_identity alpha, whatever alpha is.
-        from_offsets = np.asarray(cho_solve(factor, system.right[k:]), dtype=np.float64)
+        from_offsets = np.asarray(cho_solve(factor, right[k:]), dtype=np.float64)
         from_identity = np.asarray(cho_solve(factor, ab.T), dtype=np.float64)
         self._matrix += aa - ab @ from_identity
-        self._right += system.right[:k] - ab @ from_offsets
+        self._right += right[:k] - ab @ from_offsets
         self._eliminated.append((from_offsets, from_identity))
 
     def solve(self) -> tuple[Float64[ndarray, " k"], Float64[ndarray, "n e"]]:
@@ -73,7 +77,7 @@ class JointAccumulator:
         """
         if not self._eliminated:
             raise DegenerateGeometryError("expected pictures to fit the coefficients to, found none")
-        factor = cholesky(self._matrix, self.regularisation)
+        factor = cholesky(self._matrix, 1.0)
         identity = np.asarray(cho_solve(factor, self._right), dtype=np.float64)
         expressions = [from_offsets - matrix @ identity for from_offsets, matrix in self._eliminated]
         return identity, np.stack(expressions)
@@ -142,8 +146,8 @@ def fit_joint_coefficients(
     """
     if not images:
         raise DegenerateGeometryError("expected pictures to fit the coefficients to, found none")
-    joint = JointAccumulator(model.n_identity, regularisation)
+    joint = JointAccumulator(model.n_identity)
     for vertex_indices, offsets in images:
         basis = vertex_basis(model, vertex_indices).astype(np.float64)
-        joint.add(image_system(basis, offsets.astype(np.float64), regularisation, robust=robust))
+        joint.add(image_system(basis, offsets.astype(np.float64), regularisation, robust=robust), regularisation)
     return joint.solve()

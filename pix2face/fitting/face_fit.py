@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64
@@ -10,32 +10,13 @@ from numpy import ndarray
 
 from pix2face.camera import Camera
 from pix2face.crops import Crop
-from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.errors import UsageError
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.camera_choice import fit_warranted_camera
-from pix2face.fitting.camera_fit import fit_affine_camera, fit_weak_perspective_camera
-from pix2face.fitting.linear_system import ImageSystem, image_system
-from pix2face.fitting.localise import ValidPixels, localise_prepared, valid_pixel_values
-from pix2face.fitting.pinhole_fit import fit_pinhole_camera
-from pix2face.fitting.prepared_model import evenly_spread, prepared_model, vertex_basis
+from pix2face.fitting.picture_measurement import CameraKind as CameraKind
+from pix2face.fitting.picture_measurement import measure_picture
+from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
-
-CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
-
-# Section 3.4.1: "only a small subset of the correspondences" is needed for the camera. Of vertices, as many tell some
-# hundred coefficients as well as all of them do, at a fraction of the time.
-CAMERA_PIXELS = 2000
-# The distance hangs on small differences: it takes more.
-PERSPECTIVE_PIXELS = 8000
-COEFFICIENT_VERTICES = 2500
-_CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
-
-# Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda from here on.
-SINGLE_PRECISION_FROM = 0.5
-
-# Fewer valid pixels are noise at the edge of a picture without a face.
-LEAST_PIXELS = 50
 
 
 @final
@@ -75,9 +56,10 @@ def fit_face(
     model: MorphableModel,
     *,
     camera_kind: CameraKind = "weak-perspective",
-    regularisation: float,
+    regularisation: float | None = None,
     principal_point_px: Float[ndarray, "2"] | None = None,
     scheme: str = IBUG68,
+    reprojection_rounds: int = 0,
 ) -> FaceFit:
     """Fits camera and coefficients to the maps of one picture.
 
@@ -87,10 +69,12 @@ def fit_face(
         camera_kind: "affine" (Eq. 1), "weak-perspective" (the default: predicted maps of profiles tilt and stretch an
             unconstrained affine camera), "pinhole", or "auto": a pinhole where ``camera_choice`` finds it warranted,
             else weak perspective. All are robust against outliers.
-        regularisation: Tikhonov's lambda in mm^2; see ``coefficient_fit``.
+        regularisation: Tikhonov's lambda in mm^2; None estimates it from the residuals (docs/fitting.md).
         principal_point_px: Pinhole and auto: where the optical axis meets the maps, None is their centre. It is not the
             centre where the maps are those of a crop off the image's centre.
         scheme: Which landmarks of the model.
+        reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients to where its
+            vertices were found; 0 is the paper's way.
 
     Raises:
         DegenerateGeometryError: Fewer than 50 valid pixels, values that are not finite, or none of the vertices found.
@@ -99,40 +83,17 @@ def fit_face(
     Source: Crispell and Bazik 2017, Sections 3.4 and 4.
     """
     check_scheme(model, scheme)
-    camera, system = fit_camera_and_system(
-        maps, model, camera_kind=camera_kind, regularisation=regularisation, principal_point_px=principal_point_px
+    measured = measure_picture(
+        maps,
+        model,
+        camera_kind=camera_kind,
+        regularisation=regularisation,
+        principal_point_px=principal_point_px,
+        reprojection_rounds=reprojection_rounds,
     )
-    coefficients = system.solve(regularisation)
+    coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]
-    return face_of_coefficients(model, camera, identity, expression, scheme)
-
-
-def fit_camera_and_system(
-    maps: FaceMaps,
-    model: MorphableModel,
-    *,
-    camera_kind: CameraKind,
-    regularisation: float,
-    principal_point_px: Float[ndarray, "2"] | None,
-) -> tuple[Camera, ImageSystem]:
-    """What one picture says: its camera, and the linear system of its coefficients (arguments as ``fit_face``).
-
-    Raises:
-        DegenerateGeometryError: As ``fit_face``.
-        UsageError: There is no such kind of camera.
-    """
-    pixels = valid_pixel_values(maps)
-    points3d, points2d = correspondences(pixels, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS))
-    if principal_point_px is None:
-        principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
-    prepared = prepared_model(model, COEFFICIENT_VERTICES)
-    face_width_mm = float(np.ptp(prepared.mean[:, 0]))
-    camera = fit_camera(points3d, points2d, camera_kind, principal_point_px, face_width_mm)
-    found = localise_prepared(maps, pixels, prepared)
-    basis = prepared.basis[found.places]
-    if regularisation < SINGLE_PRECISION_FROM:
-        basis = basis.astype(np.float64)
-    return camera, image_system(basis, found.offsets, regularisation, robust=True)
+    return face_of_coefficients(model, measured.camera, identity, expression, scheme)
 
 
 def face_of_coefficients(
@@ -167,47 +128,3 @@ def check_scheme(model: MorphableModel, scheme: str) -> None:
 def _landmark_basis(model: MorphableModel, scheme: str) -> tuple[Float64[ndarray, "m 3"], Float64[ndarray, "m 3 c"]]:
     vertices = model.landmarks[scheme]
     return model.mean[vertices].astype(np.float64), vertex_basis(model, vertices).astype(np.float64)
-
-
-def correspondences(
-    pixels: ValidPixels, width: int, at_most: int
-) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n 2"]]:
-    """Points of the face (x_i = PNCC + offset, mm) and the centres of their pixels, evenly spread over the valid ones.
-
-    Raises:
-        DegenerateGeometryError: Fewer than 50 valid pixels.
-    """
-    if len(pixels.places) < LEAST_PIXELS:
-        raise DegenerateGeometryError(
-            f"expected at least {LEAST_PIXELS} valid pixels in the maps, found {len(pixels.places)}: "
-            "no face is in the crop"
-        )
-    kept = evenly_spread(len(pixels.places), at_most)
-    rows, columns = np.divmod(pixels.places[kept], width)
-    points3d = pixels.pncc[kept].astype(np.float64) + pixels.offset[kept]
-    return points3d, np.column_stack([columns, rows]) + 0.5
-
-
-def fit_camera(
-    points3d: Float[ndarray, "n 3"],
-    points2d: Float[ndarray, "n 2"],
-    camera_kind: CameraKind,
-    principal_point_px: Float[ndarray, "2"],
-    face_width_mm: float,
-) -> Camera:
-    """Fits the chosen kind of camera.
-
-    Raises:
-        DegenerateGeometryError: The points do not determine it.
-        UsageError: There is no such kind.
-    """
-    if camera_kind == "affine":
-        return fit_affine_camera(points3d, points2d, robust=True)
-    if camera_kind == "weak-perspective":
-        return fit_weak_perspective_camera(points3d, points2d, robust=True)
-    if camera_kind == "pinhole":
-        initial = fit_affine_camera(points3d, points2d, robust=True)
-        return fit_pinhole_camera(points3d, points2d, principal_point_px, initial, robust=True)
-    if camera_kind == "auto":
-        return fit_warranted_camera(points3d, points2d, principal_point_px, face_width_mm)
-    raise UsageError(f"expected a camera of affine, weak-perspective, pinhole or auto, found {camera_kind!r}")

@@ -10,13 +10,8 @@ from numpy import ndarray
 
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.coefficient_fit import JointAccumulator
-from pix2face.fitting.face_fit import (
-    CameraKind,
-    FaceFit,
-    check_scheme,
-    face_of_coefficients,
-    fit_camera_and_system,
-)
+from pix2face.fitting.face_fit import FaceFit, check_scheme, face_of_coefficients
+from pix2face.fitting.picture_measurement import CameraKind, measure_picture
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
 
@@ -40,7 +35,7 @@ def fit_joint(
     model: MorphableModel,
     *,
     camera_kind: CameraKind = "weak-perspective",
-    regularisation: float,
+    regularisation: float | None = None,
     principal_points_px: Sequence[Float[ndarray, "2"] | None] | None = None,
     scheme: str = IBUG68,
 ) -> JointFit:
@@ -53,7 +48,8 @@ def fit_joint(
         maps: Of each picture.
         model: The model that the maps are of.
         camera_kind: As ``fit_face``.
-        regularisation: As ``fit_face``. Identity pays the penalty once, whatever the number of pictures.
+        regularisation: As ``fit_face``; None estimates it for each picture, so that noisy ones count less. Identity
+            pays the penalty once, whatever the number of pictures.
         principal_points_px: As ``fit_face``, one for each picture.
         scheme: As ``fit_face``.
 
@@ -64,17 +60,17 @@ def fit_joint(
     Source: Crispell and Bazik 2017, Eq. 5.
     """
     check_scheme(model, scheme)
-    joint, cameras = JointAccumulator(model.n_identity, regularisation), []
+    joint, cameras = JointAccumulator(model.n_identity), []
     for index, own in enumerate(maps):
-        camera, system = fit_camera_and_system(
+        measured = measure_picture(
             own,
             model,
             camera_kind=camera_kind,
             regularisation=regularisation,
             principal_point_px=None if principal_points_px is None else principal_points_px[index],
         )
-        joint.add(system)
-        cameras.append(camera)
+        joint.add(measured.system, measured.regularisation)
+        cameras.append(measured.camera)
     identity, expressions = joint.solve()
     fits = (
         face_of_coefficients(model, camera, identity, np.asarray(expression), scheme)

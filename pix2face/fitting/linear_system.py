@@ -26,12 +26,13 @@ class ImageSystem:
         normal: A^T W A, identity before expression.
         right: A^T W s.
         weights: W: the factor of each vertex, 0 to 1.
-        n_vertices: How many vertices.
+        offsets_only: The same without the rows that were added to those of the offsets, or None where none were.
     """
 
     normal: Float64[ndarray, "c c"]
     right: Float64[ndarray, " c"]
     weights: Float64[ndarray, " n"]
+    offsets_only: "ImageSystem | None" = None
 
     def solve(self, regularisation: float) -> Float64[ndarray, " c"]:
         """The coefficients of this picture alone.

@@ -21,7 +21,6 @@ from numpy import ndarray
 
 from pix2face.camera import HeadPose, pinhole_of
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
@@ -119,11 +118,11 @@ def main() -> int:
     )
     parser.add_argument("--noise-mm", type=float, default=0.0)
     parser.add_argument("--outliers", type=float, default=0.0)
-    parser.add_argument("--regularisation", type=float, default=None, help="lambda in mm^2; left out: the exact maps'")
+    parser.add_argument("--regularisation", type=float, default=None, help="lambda in mm^2; left out: estimated")
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     model = MODELS[options.model]()
-    regularisation = options.regularisation or EXACT_MAPS_REGULARISATION
+    regularisation = options.regularisation
 
     def fit(face: KnownFace, maps: FaceMaps) -> FaceFit:
         return fit_face(

@@ -1,0 +1,147 @@
+"""What the maps of one picture say: a camera, and the linear system of the coefficients."""
+
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.face_maps import FaceMaps
+from pix2face.fitting.camera_choice import fit_warranted_camera
+from pix2face.fitting.camera_fit import fit_affine_camera, fit_weak_perspective_camera
+from pix2face.fitting.linear_system import ImageSystem, image_system
+from pix2face.fitting.localise import ValidPixels, VertexPixels, localise_prepared, valid_pixel_values
+from pix2face.fitting.noise import FIRST_REGULARISATION, estimated_regularisation, without_white_noise
+from pix2face.fitting.pinhole_fit import fit_pinhole_camera
+from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepared_model
+from pix2face.fitting.reprojection import with_reprojection
+from pix2face.morphable_model import MorphableModel
+
+CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
+
+# Section 3.4.1: "only a small subset of the correspondences" is needed for the camera. Of vertices, as many tell some
+# hundred coefficients as well as all of them do, at a fraction of the time.
+CAMERA_PIXELS = 2000
+# The distance hangs on small differences: it takes more.
+PERSPECTIVE_PIXELS = 8000
+COEFFICIENT_VERTICES = 2500
+_CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
+
+# Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda from here on.
+SINGLE_PRECISION_FROM = 0.5
+
+# Fewer valid pixels are noise at the edge of a picture without a face.
+LEAST_PIXELS = 50
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PictureMeasurement:
+    """What one picture says of a face.
+
+    Attributes:
+        camera: From the model frame to the pixels of the maps.
+        system: The normal equations of the coefficients.
+        regularisation: lambda in mm^2: given, or estimated from the residuals.
+    """
+
+    camera: Camera
+    system: ImageSystem
+    regularisation: float
+
+
+def measure_picture(
+    maps: FaceMaps,
+    model: MorphableModel,
+    *,
+    camera_kind: CameraKind,
+    regularisation: float | None,
+    principal_point_px: Float[ndarray, "2"] | None,
+    reprojection_rounds: int = 0,
+) -> PictureMeasurement:
+    """Finds camera and system; the arguments are those of ``fit_face``.
+
+    Raises:
+        DegenerateGeometryError: As ``fit_face``.
+        UsageError: There is no such kind of camera.
+    """
+    maps = without_white_noise(maps)
+    pixels = valid_pixel_values(maps)
+    prepared = prepared_model(model, COEFFICIENT_VERTICES)
+    if principal_point_px is None:
+        principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
+    eye = _CameraFit(camera_kind, principal_point_px, float(np.ptp(prepared.mean[:, 0])))
+    camera = eye.fit(*correspondences(pixels, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS)))
+    found = localise_prepared(maps, pixels, prepared)
+    is_exact = regularisation is None or regularisation < SINGLE_PRECISION_FROM
+    basis = prepared.basis[found.places].astype(np.float64 if is_exact else np.float32, copy=False)
+    if regularisation is None:
+        regularisation = _estimated(basis, found, prepared)
+    system = image_system(basis, found.offsets, regularisation, robust=True)
+    for _ in range(reprojection_rounds):
+        vertices = prepared.mean[found.places] + basis @ system.solve(regularisation)
+        camera = eye.fit(vertices.astype(np.float64), found.points2d)
+        system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)
+    return PictureMeasurement(camera, system, regularisation)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _CameraFit:
+    """Which camera to fit.
+
+    Attributes:
+        kind: As ``fit_face``.
+        principal_point_px: As ``fit_face``.
+        face_width_mm: Of the mean face.
+    """
+
+    kind: str
+    principal_point_px: Float[ndarray, "2"]
+    face_width_mm: float
+
+    def fit(self, points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]) -> Camera:
+        """Fits it to points.
+
+        Raises:
+            DegenerateGeometryError: The points do not determine it.
+            UsageError: There is no such kind.
+        """
+        if self.kind == "affine":
+            return fit_affine_camera(points3d, points2d, robust=True)
+        if self.kind == "weak-perspective":
+            return fit_weak_perspective_camera(points3d, points2d, robust=True)
+        if self.kind == "pinhole":
+            initial = fit_affine_camera(points3d, points2d, robust=True)
+            return fit_pinhole_camera(points3d, points2d, self.principal_point_px, initial, robust=True)
+        if self.kind == "auto":
+            return fit_warranted_camera(points3d, points2d, self.principal_point_px, self.face_width_mm)
+        raise UsageError(f"expected a camera of affine, weak-perspective, pinhole or auto, found {self.kind!r}")
+
+
+def _estimated(basis: Float[ndarray, "n 3 c"], found: VertexPixels, prepared: PreparedModel) -> float:
+    """Estimates lambda from the residuals."""
+    first = image_system(basis, found.offsets, FIRST_REGULARISATION, robust=True)
+    return estimated_regularisation(first, basis, found.offsets, prepared.patches[found.places])
+
+
+def correspondences(
+    pixels: ValidPixels, width: int, at_most: int
+) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n 2"]]:
+    """Points of the face (x_i = PNCC + offset, mm) and the centres of their pixels, evenly spread over the valid ones.
+
+    Raises:
+        DegenerateGeometryError: Fewer than 50 valid pixels.
+    """
+    if len(pixels.places) < LEAST_PIXELS:
+        raise DegenerateGeometryError(
+            f"expected at least {LEAST_PIXELS} valid pixels in the maps, found {len(pixels.places)}: "
+            "no face is in the crop"
+        )
+    kept = evenly_spread(len(pixels.places), at_most)
+    rows, columns = np.divmod(pixels.places[kept], width)
+    points3d = pixels.pncc[kept].astype(np.float64) + pixels.offset[kept]
+    return points3d, np.column_stack([columns, rows]) + 0.5
