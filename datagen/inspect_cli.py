@@ -1,5 +1,6 @@
 """The commands of ``datagen`` that look at shards: verify, preview."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -12,8 +13,8 @@ from datagen.preview import contact_sheet, spread_triplets
 from datagen.preview_page import preview_page
 from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
 from pix2face.errors import UsageError
-from pix2face.shard_checks import verify_shard
-from pix2face.shards import ShardReader, shard_paths
+from pix2face.shard_checks import verify_folder
+from pix2face.shards import shard_paths
 
 console = Console(stderr=True)
 N_ON_A_SHEET, N_ON_A_PAGE = 16, 24
@@ -41,28 +42,27 @@ class PreviewConfig:
 
 
 def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
-    """Read every sample of a folder of shards and check it: schema, checksums, ranges, duplicate ids."""
-    paths = shard_paths(config.shards)
-    problems, seen, n_samples = [], set[str](), 0
-    with progress_bar(console, "verifying", len(paths)) as advance:
-        for path in paths:
-            found = verify_shard(path)
-            problems += [f"{path.name}: {problem}" for problem in found]
-            if not found:
-                with ShardReader(path) as reader:
-                    n_samples += len(reader)
-                    problems += [
-                        f"{path.name}: id {name!r} occurs twice" for name in sorted(seen & set(reader.sample_ids))
-                    ]
-                    seen |= set(reader.sample_ids)
-            advance()
-    for problem in problems:
+    """Read every sample of a folder of shards and check it.
+
+    Checked are schema, checksums, ranges, pictures, mask and depth and other layers against each other, ids that occur
+    twice, shards of another job, and shards that the job has not made.
+    """
+    n_shards = len(shard_paths(config.shards))
+    with progress_bar(console, "verifying", n_shards) as advance:
+        report = verify_folder(config.shards, advance)
+    for problem in report.problems:
         print(printable(problem))
-    if problems:
-        print(f"{counted(len(problems), 'problem')}; delete the shards named above and run `datagen render` again")
-        return EXIT_ERROR
-    print(f"{counted(len(paths), 'shard')}, {counted(n_samples, 'sample')}: no problem found")
-    return 0
+    if not report.problems:
+        print(f"{counted(n_shards, 'shard')}, {counted(report.n_samples, 'sample')}: no problem found")
+        return 0
+    delete = "delete the damaged shards and " if report.damaged else ""
+    print(
+        f"{counted(len(report.problems), 'problem')}; {delete}run the same `datagen render` again: "
+        "it writes what is missing"
+    )
+    if report.damaged:
+        print(printable(f"  rm {' '.join(shlex.quote(str(path)) for path in report.damaged)}"))
+    return EXIT_ERROR
 
 
 def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
