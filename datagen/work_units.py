@@ -102,9 +102,15 @@ def _drain(work: _Work[Result], place: WorkPlace, executor: Executor) -> None:
         if not done:
             place.check()
         for future in done:
-            error = future.exception()
-            explained = None if error is None else place.explain(error)
-            if explained is not None:
-                raise UsageError(f"unit {work.running[future]}: {explained}; finished shards are kept") from error
-            result = future.result()  # a broken pool raises here: the unit stays among the running
+            try:
+                result = future.result()
+            except BrokenExecutor:
+                raise  # the unit stays among the running: it is tried again
+            except Exception as error:
+                explained = place.explain(error)
+                if explained is None:
+                    raise
+                raise UsageError(
+                    f"unit {work.running[future]}: {explained}; finished shards are kept: run the same command again"
+                ) from error
             work.on_finished(work.running.pop(future), result)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
+from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -110,7 +111,7 @@ def write_packed(
         UsageError: The file cannot be written, for instance since the disk is full.
     """
     content = _file_content(header, samples, find_compression(compression))
-    temporary = path.with_name(f".{path.name}.part")
+    temporary = path.with_name(f".{path.name}.{uuid4().hex[:12]}.part")  # two workers may have the same shard to make
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("wb") as file:

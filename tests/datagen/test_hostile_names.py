@@ -39,7 +39,7 @@ NO_TEXT = os.fsdecode(b"caf\xe9")
 SHOWN = {9: "\\t", 10: "\\n", 27: "\\x1b", 0x202E: "\\u202e", 0xDCE9: "\\udce9"}
 
 # What a table may bring as ids, which are no names of files at all.
-IDS = ("../../up", "/absolute", "..", "a/../../b", "", "[/red]", "\x1b[2J", "line\nfeed", "CON", "x" * 5000)
+IDS = ("../../up", "/absolute", "..", "a/../../b", "", "[/red]", "\x1b[2J", "line\nfeed", "CON", "x" * 4000)
 
 
 def all_files(folder: Path) -> dict[Path, bytes]:
