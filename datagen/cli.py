@@ -15,7 +15,7 @@ from datagen.inspect_cli import preview, verify
 from datagen.model_cli import model
 from datagen.render_cli import render
 from datagen.sampling import sample_faces
-from datagen.summary_cli import stats
+from datagen.summary_cli import card, stats
 from pix2face.coefficients import save_coefficients
 from pix2face.command_line import check_output_file, counted, run_commands, say
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
@@ -57,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "verify": verify,
         "preview": preview,
         "stats": stats,
+        "card": card,
         "doctor": doctor,
         "model": model,
         "coeffs": coeffs,

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from datagen.dataset_card import write_card
 from datagen.dataset_statistics import DatasetStatistics
 from datagen.sample_counts import count_samples
 from datagen.statistics_tables import listings, picture_png, statistics_page, statistics_picture
@@ -49,6 +50,23 @@ def stats(config: Annotated[StatsConfig, tyro.conf.arg(name="")]) -> int:
         else:
             config.out.write_bytes(picture_png(statistics_picture(found)))
         say(console, f"statistics -> {config.out}")
+    return 0
+
+
+@dataclass(frozen=True)
+class CardConfig:
+    """Configuration of ``datagen card``."""
+
+    shards: Annotated[Path, tyro.conf.Positional]
+    """Folder of shards."""
+
+
+def card(config: Annotated[CardConfig, tyro.conf.arg(name="")]) -> int:
+    """Write the card of a folder of shards into it: content, sources, what may not be passed on, how to read it.
+
+    ``datagen render`` does so at its end.
+    """
+    say(console, f"card -> {write_card(config.shards)}")
     return 0
 
 
