@@ -54,7 +54,7 @@ def summarise_poses(results: Sequence[PosedResult]) -> dict[str, PoseSummary] | 
     ]
     if not known:
         return None
-    yaws, errors = np.array([yaw for yaw, _ in known]), np.stack([own for _, own in known])
+    yaws, errors = np.array([yaw for yaw, _ in known], dtype=np.float64), np.stack([own for _, own in known])
     bins = np.array([yaw_bin(float(yaw)) for yaw in yaws], dtype=np.str_)
     chosen = {name: bins == name for name in YAW_BINS} | {ALL_FACES: np.ones(len(bins), dtype=bool)}
     return {name: _summarise(yaws[rows], errors[rows]) for name, rows in chosen.items()}

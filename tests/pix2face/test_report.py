@@ -1,6 +1,7 @@
 """The report says every convention, and writes files that read back."""
 
 import json
+import re
 from io import StringIO
 
 import cv2
@@ -18,6 +19,7 @@ from pix2face.manifest import load_manifest
 from pix2face.predictions_file import read_predictions
 from pix2face.report import SHORT_GROUPS, all_cells, report_notes, report_tables, table_cells
 from pix2face.report_files import write_report
+from pix2face.report_pictures import face_svg
 from pix2face.worst_cases import TRUE_RGB, cases_sheet, draw_landmarks
 from tests.pix2face.benchmark_files import StubFit, StubPredictor, fit_that_fails, frontal_camera, landmarks_of
 from tests.synthetic_models import small_head_model
@@ -96,6 +98,85 @@ def test_every_figure_of_the_table_is_in_the_json(tmp_path):
         assert cells["above 10 %"] == f"{100 * row['all_images']['failure_rate']:.1f}"
         assert cells["not found"] == str(row["all_images"]["n_failed"])
     assert lines[-1][:3] == ["images", "–", "3"]
+
+
+def test_the_page_needs_nothing_beside_it_and_shows_every_table(tmp_path):
+    report = report_of("aflw2000-3d", "|yaw| <= 30°")
+    write_report(report, [(FACES[0], report.results[0])], [], FRONT, tmp_path)
+    page = (tmp_path / "index.html").read_text()
+    sources = re.findall(r'(?:src|href)="([^"]{0,22})', page)
+    assert sources == ["data:image/png;base64,", *["data:image/jpeg;base64"] * 2]
+    assert page.count("<table>") == len(all_cells(report)) == 3  # figures, intervals, parts
+    assert page.count("<circle") == 68
+    for column in SHORT_GROUPS.values():
+        assert f"<th>{column}</th>" in page
+
+
+def test_the_drawn_face_has_the_largest_disc_at_the_worst_landmark():
+    means = np.linspace(0.01, 0.02, 68)
+    means[30] = 0.08
+    drawn = face_svg(means, FRONT)
+    discs = {
+        int(number): (float(x), float(y), float(radius), figure)
+        for x, y, radius, number, figure in re.findall(
+            r'cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)"[^>]*><title>point (\d+): ([\d.]+) %', drawn
+        )
+    }
+    assert sorted(discs) == list(range(1, 69))
+    assert max(discs, key=lambda number: discs[number][2]) == 31
+    assert discs[31][3] == "8.00"
+    # Area by error: an eighth of the error has an eighth of the area.
+    assert discs[1][2] == pytest.approx(discs[31][2] * np.sqrt(0.01 / 0.08), abs=0.06)
+    assert discs[37][0] < discs[46][0]  # the subject's right eye is on the left
+    assert discs[20][1] < discs[31][1] < discs[9][1]  # brow above nose above chin
+    unknown = face_svg(np.full(68, np.nan), FRONT)
+    assert unknown.count(": unknown</title>") == 68
+    assert "nan" not in unknown
+
+
+def test_found_landmarks_are_written_as_predictions(tmp_path):
+    report = report_of()
+    write_report(report, [], [], FRONT, tmp_path)
+    predicted = read_predictions(tmp_path / "landmarks.npz")
+    assert predicted.names == ("good", NASTY, "no fit")
+    np.testing.assert_allclose(predicted.landmarks2d[0], TRUTH + [1, 0], atol=1e-9)
+    assert np.isnan(predicted.landmarks2d[2]).all()
+
+
+def test_faces_that_were_not_found_are_counted_with_the_error_of_the_baseline_beside_the_mean():
+    report = report_of()
+    row = report.rows[0]
+    good, bad, failed = report.results
+    by_hand = (good.error() + bad.error() + failed.error("68", "baseline")) / 3
+    assert row.mean_failures_as_baseline == pytest.approx(by_hand)
+    assert (
+        f"Were the 1 not found given the error of the baseline, the mean over images would be {100 * by_hand:.2f} %"
+        in ("\n".join(report_notes(report)))
+    )
+
+
+def test_parts_and_landmarks_are_means_over_the_faces_found(tmp_path):
+    report = report_of()
+    write_report(report, [], [], FRONT, tmp_path)
+    stored = json.loads((tmp_path / "report.json").read_text())
+    means = np.mean([result.landmark_errors for result in report.results[:2]], axis=0)
+    np.testing.assert_allclose(stored["landmarks"]["network"], means)
+    assert stored["parts"]["network"]["mouth"] == pytest.approx(means[48:68].mean())
+    assert stored["parts"]["network"]["eyes"] == pytest.approx(means[36:48].mean())
+    assert stored["faces"][0]["parts"]["jaw"] == pytest.approx(report.results[0].landmark_errors[:17].mean())
+    assert stored["faces"][2]["landmarks"] == [None] * 68
+
+
+def test_every_headline_figure_has_an_interval_around_it(tmp_path):
+    report = report_of()
+    write_report(report, [], [], FRONT, tmp_path)
+    stored = json.loads((tmp_path / "report.json").read_text())
+    assert stored["bootstrap"] == {"n_resamples": 1000, "seed": 0, "confidence": 0.95, "drawn": "images"}
+    for row in stored["table"]:
+        for name in ("mean", "median", "area_under_curve", "failure_rate"):
+            low, high = row["intervals"][name]
+            assert low <= row["all_images"][name] <= high
+    assert "1000 resamples, seed 0" in "\n".join(report_notes(report))
 
 
 def test_notes_state_every_convention():
