@@ -18,7 +18,7 @@ from datagen.visibility import visible_landmarks
 from pix2face.camera import head_pose
 from pix2face.coefficients import Face
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
-from pix2face.images import encode_image, read_bytes
+from pix2face.images import encode_photograph, read_bytes
 from pix2face.landmarks import IBUG68
 from pix2face.layers import DEFAULT_LAYERS, IMAGE, LANDMARKS, LAYERS
 from pix2face.morphable_model import MorphableModel
@@ -85,7 +85,7 @@ class TripletMaker:
     def _make(self, face: Face, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Triplet:
         with times.stage("rasterise, read back"):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
-            rendered = renderer.render(vertices, face.camera)
+            rendered = renderer.render(vertices, face.camera, self._layers)
         if not rendered.mask.any():
             raise SampleRejectedError(f"{face.sample_id}: nothing of the face lies in the picture")
         image, drawn = self._image(face, renderer, vertices, times)
@@ -125,8 +125,8 @@ class TripletMaker:
             appearance = draw_plain_appearance(rng)
             background = draw_background(rng, face.height_px, face.width_px)
             picture = renderer.render_image(vertices, face.camera, appearance, background)
-            return encode_image(develop(picture, appearance)), {"picture": "rendered"}
+            return encode_photograph(develop(picture, appearance)), {"picture": "rendered"}
 
 
 def _layers(rendered: RenderedMaps, names: Sequence[str]) -> dict[str, ndarray]:
-    return {name: getattr(rendered, name) for name in names if name in LAYERS}
+    return {name: rendered.layer(name) for name in names if name in LAYERS}

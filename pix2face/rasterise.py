@@ -9,8 +9,8 @@ renderer shares:
   of the camera, so that mirrored crops work.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
@@ -21,6 +21,7 @@ from pix2face.camera import Camera
 from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps
 from pix2face.morphable_model import MorphableModel
+from pix2face.surface_attributes import ATTRIBUTES, REGIONS
 
 # How many (triangle, pixel) candidates are tested at a time: bounds the memory to some 100 MB.
 CANDIDATES_AT_A_TIME = 500_000
@@ -53,6 +54,7 @@ class RenderedMaps:
         mask: Where the nearest surface is the outside of a face region.
         depth: Depth in mm; 0 outside the mask.
         surface_depth: Depth of whatever is nearest, face or not, in mm; inf outside the head.
+        extra: Further layers, by the names of ``pix2face.layers``: ``normals``, ``uv``, ``regions``.
     """
 
     pncc: Float32[ndarray, "h w 3"]
@@ -60,6 +62,11 @@ class RenderedMaps:
     mask: Bool[ndarray, "h w"]
     depth: Float32[ndarray, "h w"]
     surface_depth: Float32[ndarray, "h w"]
+    extra: Mapping[str, ndarray] = field(default_factory=dict)
+
+    def layer(self, name: str) -> ndarray:
+        """One layer by its name."""
+        return self.extra[name] if name in self.extra else np.asarray(getattr(self, name))
 
     @property
     def face_maps(self) -> FaceMaps:
@@ -116,9 +123,14 @@ def interpolate(
 
 
 def render_maps(
-    model: MorphableModel, vertices: Float[ndarray, "v 3"], camera: Camera, height: int, width: int
+    model: MorphableModel,
+    vertices: Float[ndarray, "v 3"],
+    camera: Camera,
+    height: int,
+    width: int,
+    layers: Sequence[str] = (),
 ) -> RenderedMaps:
-    """Renders PNCC, offset, mask and depth of one face: what the OpenGL renderer must reproduce.
+    """Renders PNCC, offset, mask, depth and what is asked for of one face: what the OpenGL renderer must reproduce.
 
     Args:
         model: Whose mean and triangles to take.
@@ -126,9 +138,11 @@ def render_maps(
         camera: From the model frame to this image.
         height: Rows of the image.
         width: Columns of the image.
+        layers: Further ones, of ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
 
     Raises:
         DegenerateGeometryError: The camera flattens space, or part of the face is behind a pinhole.
+        UsageError: The model has not what a layer needs.
 
     Source: Crispell and Bazik 2017, Sec. 3 (PNCC and offset images).
     """
@@ -138,13 +152,33 @@ def render_maps(
     mean = model.mean.astype(np.float64)
     pncc = interpolate(fragments, mean, model.triangles) * mask[..., None]
     offset = interpolate(fragments, vertices - mean, model.triangles) * mask[..., None]
+    extra = {
+        name: _attribute(name, model, vertices.astype(np.float32), camera, fragments) * mask[..., None]
+        for name in layers
+        if name in ATTRIBUTES
+    }
+    if REGIONS in layers:
+        region = model.triangle_regions[fragments.triangle] + np.uint8(1)
+        extra[REGIONS] = np.where(fragments.triangle >= 0, region, 0).astype(np.uint8)
     return RenderedMaps(
         pncc=pncc.astype(np.float32),
         offset=offset.astype(np.float32),
         mask=mask,
         depth=np.where(mask, fragments.depth, 0).astype(np.float32),
         surface_depth=fragments.depth.astype(np.float32),
+        extra=extra,
     )
+
+
+def _attribute(
+    name: str, model: MorphableModel, vertices: Float32[ndarray, "v 3"], camera: Camera, fragments: Fragments
+) -> Float32[ndarray, "h w c"]:
+    attribute = ATTRIBUTES[name]
+    values = interpolate(fragments, attribute.values(model, vertices, camera), attribute.corners(model))
+    if attribute.is_direction:
+        length = np.linalg.norm(values, axis=-1, keepdims=True)
+        values /= np.where(length > 0, length, 1)
+    return values.astype(np.float32)
 
 
 def project_homogeneous(

@@ -1,4 +1,3 @@
-#version 330 core
 // Lambert's law, wrapped a little around the terminator as light does in skin, and Blinn's highlight. Model frame.
 
 const int MAX_LIGHTS = 3;

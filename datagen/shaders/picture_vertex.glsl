@@ -1,4 +1,3 @@
-#version 330 core
 
 uniform mat4 clip_from_model;
 

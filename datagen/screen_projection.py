@@ -1,0 +1,133 @@
+"""A posed face in the terms of the rasterisers: float32 on the screen, from float64, and the way back."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.errors import DegenerateGeometryError
+from pix2face.rasterise import handedness
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ScreenProjection:
+    """Where the vertices are in the image, and where a pixel at some depth is in the model frame.
+
+    The order of a point is in mm, grows with distance and is linear in the image: for an affine camera its depth
+    relative to ``reference_mm``, for a pinhole with r = ``reference_mm`` it is r - r² / depth. So
+    ``depth = r + order / (1 - order * inverse_distance)`` for both, and a point of the model is ``middle_point`` +
+    across + (depth - r) (along_depth + inverse_distance across), where across = (column - middle[0]) along_column +
+    (row - middle[1]) along_row. All these numbers are of the size of the face, which float32 needs.
+
+    Attributes:
+        screen: Column, row (px), order (mm) of each vertex, and a fourth number of no meaning.
+        box_px: Left, top, right, bottom of the pixels that the face may cover; right and bottom are excluded.
+        order_range_mm: Smallest and largest order.
+        reference_mm: Depth of order 0.
+        inverse_distance: 1 / ``reference_mm`` for a pinhole, 0 for an affine camera.
+        outside_sign: Sign of the area in the image of triangles that show their outside.
+        middle: Column and row (px) that the box has in its middle.
+        middle_point: Model point of the middle at order 0, mm.
+        along_column: mm per pixel at order 0.
+        along_row: mm per pixel at order 0.
+        along_depth: mm per mm of depth.
+    """
+
+    screen: Float32[ndarray, "v 4"]
+    box_px: tuple[int, int, int, int]
+    order_range_mm: tuple[float, float]
+    reference_mm: float
+    inverse_distance: float
+    outside_sign: int
+    middle: Float64[ndarray, "2"]
+    middle_point: Float64[ndarray, "3"]
+    along_column: Float64[ndarray, "3"]
+    along_row: Float64[ndarray, "3"]
+    along_depth: Float64[ndarray, "3"]
+
+
+def project_to_screen(camera: Camera, vertices: Float32[ndarray, "v 3"], height: int, width: int) -> ScreenProjection:
+    """Projects a face.
+
+    Args:
+        camera: From the model frame to the image.
+        vertices: mm, model frame.
+        height: Rows of the image.
+        width: Columns of the image.
+
+    Raises:
+        DegenerateGeometryError: A vertex lies in or behind the plane of a pinhole, or is not finite; the camera
+            flattens space, or is a pinhole whose depth is not its w.
+    """
+    outside_sign = -handedness(camera)
+    if camera.is_affine:
+        rows, reference = camera.matrix.copy(), float(camera.matrix[2, 3])
+        rows[2, 3] = 0.0
+        screen = _homogeneous(rows, vertices)
+    else:
+        screen, reference = _perspective(camera, vertices)
+    with np.errstate(over="ignore"):  # too large for float32 is not finite, which is refused below
+        on_screen = screen.astype(np.float32)
+    low, high = (np.array([extreme(on_screen[:, k]) for k in range(3)]) for extreme in (np.min, np.max))
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        raise DegenerateGeometryError("expected finite vertices and camera, found infinite or undefined projections")
+    limit = np.array([width, height])
+    first = np.clip(np.floor(low[:2]), 0, limit).astype(int)
+    last = np.maximum(np.clip(np.ceil(high[:2]), 0, limit).astype(int), first)
+    return ScreenProjection(
+        on_screen,
+        (int(first[0]), int(first[1]), int(last[0]), int(last[1])),
+        (float(low[2]), float(high[2])),
+        reference,
+        0.0 if camera.is_affine else 1 / reference,
+        outside_sign,
+        *_way_back(camera, reference, (first + last) / 2),
+    )
+
+
+def _homogeneous(rows: Float64[ndarray, "4 4"], vertices: Float32[ndarray, "v 3"]) -> Float64[ndarray, "v 4"]:
+    extended = np.empty((len(vertices), 4))
+    extended[:, :3], extended[:, 3] = vertices, 1
+    with np.errstate(invalid="ignore", over="ignore"):
+        return extended @ np.ascontiguousarray(rows.T)
+
+
+def _perspective(camera: Camera, vertices: Float32[ndarray, "v 3"]) -> tuple[Float64[ndarray, "v 4"], float]:
+    if not np.allclose(camera.matrix[2], camera.matrix[3], rtol=1e-9, atol=0):
+        raise DegenerateGeometryError("expected a pinhole whose depth is its w, found another row for each")
+    screen = _homogeneous(camera.matrix, vertices)
+    distance = screen[:, 3]
+    reference = float(distance.min(initial=np.inf))
+    if reference <= 0:
+        raise DegenerateGeometryError(
+            f"expected the whole face in front of the camera, found vertices down to {reference:.1f} mm"
+        )
+    with np.errstate(invalid="ignore", over="ignore"):
+        inverse = 1 / distance
+        screen[:, 0] *= inverse
+        screen[:, 1] *= inverse
+        screen[:, 2] = reference * (distance - reference) * inverse
+    return screen, reference
+
+
+def _way_back(
+    camera: Camera, reference: float, middle: Float64[ndarray, "2"]
+) -> tuple[
+    Float64[ndarray, "2"],
+    Float64[ndarray, "3"],
+    Float64[ndarray, "3"],
+    Float64[ndarray, "3"],
+    Float64[ndarray, "3"],
+]:
+    """Middle, middle_point, along_column, along_row, along_depth."""
+    rows = camera.matrix[:3]
+    back = np.linalg.inv(rows[:, :3])
+    if camera.is_affine:
+        point = back @ (np.array([*middle, reference]) - rows[:, 3])
+        return middle, point, back[:, 0], back[:, 1], back[:, 2]
+    ray = back @ np.array([*middle, 1.0])
+    return middle, reference * ray - back @ rows[:, 3], reference * back[:, 0], reference * back[:, 1], ray
