@@ -126,9 +126,9 @@ def _lack(probe: BackendProbe, surroundings: Surroundings) -> str:
             return "apt-get install libosmesa6 (Mesa 25.1 and newer have none: use EGL)"
         return "libOSMesa is there but makes no context of OpenGL 3.3: install a newer Mesa, or use EGL"
     if surroundings.complaints[EGL_LIBRARY]:
-        return "no libEGL: apt-get install libegl1 libgl1 libgl1-mesa-dri"
+        return f"no libEGL ({surroundings.complaints[EGL_LIBRARY]}): apt-get install libegl1 libgl1 libgl1-mesa-dri"
     if surroundings.complaints[GL_LIBRARY]:
-        return "no libGL: apt-get install libgl1"
+        return f"no libGL ({surroundings.complaints[GL_LIBRARY]}): apt-get install libgl1"
     if surroundings.missing_vendor_files:
         return f"{', '.join(surroundings.missing_vendor_files)} is not there: unset {VENDOR_VARIABLE} or correct it"
     if not surroundings.vendor_files:

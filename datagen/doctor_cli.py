@@ -84,7 +84,8 @@ def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProb
             counts = [check.mask_px, check.mask_differs_px, check.off_px]
             shown = [*map(str, counts), f"{check.typical_worst_mm:.2g}", f"{check.milliseconds:.1f}"]
             table.add_row(probe.backend, check.rasteriser, *(["draws nothing"] if check.error else shown))
-    out.print(table)
+    if table.row_count:
+        out.print(table)
     for finding in diagnosis.findings:
         _print(out, f"{finding.level}: {finding.what}")
         if finding.remedy:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from datagen.egl_devices import EGLDevice, egl_devices
 from datagen.gl_context import GLContext, GLSettings
 from datagen.gl_probe import BackendProbe, RenderCheck, check_rendering, devices_apart, probe_backend_apart
 from datagen.gl_surroundings import DeviceFile, Surroundings, survey
+from datagen.osmesa_context import OSMESA_LIBRARIES
 from datagen.renderer import Renderer
 from pix2face.camera import Camera
 from pix2face.morphable_model import builtin_model
@@ -61,12 +63,12 @@ def test_one_backend_is_enough() -> None:
     assert "apt-get install libosmesa6" in findings(found, "note")
     found = diagnose(lacking(MESA, egl="none"), [NO_EGL, OSMESA], GLSettings())
     assert (found.is_healthy, found.backend) == (True, "osmesa")
-    assert "no libEGL: apt-get install libegl1 libgl1 libgl1-mesa-dri" in findings(found, "note")
+    assert "no libEGL (none): apt-get install libegl1 libgl1 libgl1-mesa-dri" in findings(found, "note")
 
 
 LACKS = [
-    (lacking(MESA, egl="none"), "no libEGL: apt-get install libegl1"),
-    (lacking(MESA, gl="none"), "no libGL: apt-get install libgl1"),
+    (lacking(MESA, egl="none"), "no libEGL (none): apt-get install libegl1"),
+    (lacking(MESA, gl="none"), "no libGL (none): apt-get install libgl1"),
     (replace(MESA, vendor_files=(), devices=()), "no driver behind it: apt-get install libegl-mesa0 libgl1-mesa-dri"),
     (replace(MESA, missing_vendor_files=("/x.json",)), "/x.json is not there: unset __EGL_VENDOR_LIBRARY_FILENAMES"),
     (replace(MESA, devices=(replace(SOFTWARE, vendor=""),)), "none of the drivers starts"),
@@ -298,6 +300,27 @@ def test_a_forced_backend_without_driver_ends_in_2_and_its_remedy(
     assert "error: egl: expected OpenGL 3.3 without a display, found none (egl: " in out
     assert "nothing.json is not there: unset __EGL_VENDOR_LIBRARY_FILENAMES or correct it" in out
     assert "not healthy" in out
+
+
+@pytest.mark.gl
+def test_libraries_that_cannot_be_loaded_are_found_out(tmp_path: Path) -> None:
+    """The whole command in a process whose loader finds empty files first."""
+    for name in ("libEGL.so.1", *OSMESA_LIBRARIES):
+        (tmp_path / name).write_bytes(b"")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PIX2FACE_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "datagen.cli", "doctor"],
+        env={**environment, "LD_LIBRARY_PATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stdout.count("error: ") == 2
+    assert "error: egl: expected OpenGL 3.3 without a display, found none" in done.stdout
+    assert "remedy: no libEGL (" in done.stdout
+    assert "error: osmesa: expected OpenGL 3.3 without a display, found none" in done.stdout
+    assert "remedy: apt-get install libosmesa6" in done.stdout
+    assert "file too short" in done.stdout
 
 
 @pytest.mark.gl
