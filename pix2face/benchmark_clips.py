@@ -27,6 +27,7 @@ def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
     part_of = {clip: part.name for part in manifest.parts for clip in part.clips}
     rest = next((part.name for part in manifest.parts if part.all_others), None)
     items: list[BenchmarkItem] = []
+    absent: list[str] = []
     missing: list[str] = [clip for clip in part_of if clip not in there]
     for clip in there:
         group = part_of.get(clip, rest)
@@ -38,9 +39,10 @@ def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
             read_image = pictures.reader(annotation.stem)
             if read_image is None:
                 missing.append(f"{name} (no picture, no {VIDEO_NAMES[0]})")
+                absent.append(name)
             else:
                 items.append(BenchmarkItem(name, partial(_read_frame, manifest, name, group, annotation, read_image)))
-    return BenchmarkFiles(tuple(items), tuple(missing))
+    return BenchmarkFiles(tuple(items), tuple(missing), absent_names=tuple(absent))
 
 
 def _clips_in(home: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 import platform
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from hashlib import sha256
@@ -109,6 +110,10 @@ def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, d
     }
 
 
+def _absent_clips(manifest: Manifest, known: Sequence[str]) -> set[str]:
+    return {clip for part in manifest.parts for clip in part.clips} - {name.partition("/")[0] for name in known}
+
+
 def _fit(
     model: MorphableModel, options: SubjectOptions, maps: FaceMaps, image_centre: Float64[ndarray, "2"]
 ) -> FaceFit:
@@ -126,6 +131,9 @@ def _predictions(
 ) -> tuple[Subject, dict[str, Any]]:
     predicted = read_predictions(path, frame)
     known = [item.name for item in found.items] + list(found.absent_names)
+    # Nobody knows how many frames a clip has that is not at hand: any name of one is believed.
+    absent_clips = _absent_clips(manifest, known)
+    known += [name for name in predicted.names if name.partition("/")[0] in absent_clips]
     rows = match_names(predicted.names, known, f"{manifest.split} ({path})")
     return PredictionsSubject(predicted, rows), {
         "predictions": f"{path} ({len(predicted.names)} faces, pixels {frame})",

@@ -16,6 +16,8 @@ from pix2face.metrics import PARTS, POINT_SETS
 
 SCHEMA_VERSION = 2
 FORMAT = "pix2face-evaluation"
+# Of more faces (frames of video) the error of each single landmark is left out: landmarks.npz tells it in less space.
+MOST_FACES_IN_FULL = 5000
 
 
 def report_as_json(report: Report) -> dict[str, Any]:
@@ -47,7 +49,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
         "coefficient_errors": None if report.coefficients is None else asdict(report.coefficients),
         "missing": list(report.missing),
         "unreadable": [asdict(face) for face in report.unreadable],
-        "faces": [_face_as_json(result) for result in report.results],
+        "faces": [_face_as_json(result, len(report.results) <= MOST_FACES_IN_FULL) for result in report.results],
     }
 
 
@@ -68,7 +70,7 @@ def _table3d(rows: Sequence[ReportRow], report: Report) -> dict[str, Any] | None
     }
 
 
-def _face_as_json(result: FaceResult) -> dict[str, Any]:
+def _face_as_json(result: FaceResult, is_in_full: bool) -> dict[str, Any]:
     errors = result.landmark_errors
     return {
         "name": result.name,
@@ -79,7 +81,7 @@ def _face_as_json(result: FaceResult) -> dict[str, Any]:
         "errors": {points: _number(result.error(points)) for points in POINT_SETS},
         "baseline": {points: _number(result.error(points, "baseline")) for points in POINT_SETS},
         "parts": {part: _number(errors[list(indices)].mean()) for part, indices in PARTS.items()},
-        "landmarks": _numbers(errors.round(6)),
+        "landmarks": _numbers(errors.round(6)) if is_in_full else None,
         "failure": result.failure,
         "pose_deg": None if result.pose_deg is None else _numbers(result.pose_deg),
         "distance3d": None if result.distances3d is None else _number(result.distances3d.mean()),
