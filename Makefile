@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: help demo test format lint types layers tests gl clean
+.PHONY: help demo test format lint types layers tests gl chromium clean
 
 help:
 	@echo "make demo   renders, trains, evaluates and writes demo/report.html (under 8 minutes on two cores)"
@@ -32,7 +32,7 @@ layers: $(INSTALLED)
 # Two test processes on two cores: threads of linear algebra inside them would only wait for each other.
 tests: export OPENBLAS_NUM_THREADS ?= 1
 tests: export OMP_NUM_THREADS ?= 1
-tests: $(INSTALLED) gl
+tests: $(INSTALLED) gl chromium
 	$(BIN)/pytest -n 2 --dist loadgroup --cov --cov-report term --durations 10
 
 format: $(INSTALLED)
@@ -41,6 +41,9 @@ format: $(INSTALLED)
 
 gl:
 	@sh scripts/install_gl.sh
+
+chromium:
+	@sh scripts/install_chromium.sh
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
