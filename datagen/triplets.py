@@ -66,6 +66,8 @@ class TripletMaker:
         Yields:
             For each face its triplet, or why there is none, as in ``make``.
         """
+        if not faces:
+            return
         with times.stage("geometry"):
             batch = self._geometry(faces)
         for face, vertices in zip(faces, batch, strict=True):

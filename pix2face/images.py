@@ -11,6 +11,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.picture_head import check_declared_size
 
+PHOTOGRAPH_QUALITY = 95
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 
 
@@ -54,6 +55,16 @@ def decode_image(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
 def encode_image(image: UInt8[ndarray, "h w 3"]) -> bytes:
     """Encodes an RGB picture without loss (PNG)."""
     return bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1])
+
+
+def encode_photograph(image: UInt8[ndarray, "h w 3"]) -> bytes:
+    """Encodes an RGB picture as photographs come (JPEG, quality 95): a fifth of PNG, in a tenth of its time.
+
+    docs/storage.md has the figures. Colour has half the resolution of brightness, as in most photographs.
+    """
+    flags = [cv2.IMWRITE_JPEG_QUALITY, PHOTOGRAPH_QUALITY]
+    flags += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
+    return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), flags)[1])
 
 
 def _to_8_bit(image: Shaped[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:

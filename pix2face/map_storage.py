@@ -131,7 +131,7 @@ def _columns(layer: Layer, box: Box) -> slice:
 def _byte_planes(rows: Shaped[ndarray, "y x"]) -> list[UInt8[ndarray, "y x"]]:
     """HDF5's shuffle filter: all first bytes, all second bytes, and so on."""
     if rows.itemsize == 1 or not rows.size:
-        return [rows.view(np.uint8)] * rows.itemsize
+        return [np.zeros(rows.shape, np.uint8) if rows.itemsize > 1 else rows.view(np.uint8)] * rows.itemsize
     return list(cv2.split(rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)))
 
 

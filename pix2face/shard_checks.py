@@ -165,9 +165,9 @@ def _differences(headers: dict[Path, ShardHeader]) -> list[str]:
     problems = []
     for path, header in headers.items():
         first_path, first = next(iter(headers.items()))
-        differing = [name for name, value in vars(header).items() if name != "rejected" and value != vars(first)[name]]
-        if differing:
-            problems.append(f"{path.name}: {', '.join(differing)} differs from {first_path.name}: of another job")
+        different = [name for name, value in vars(header).items() if name != "rejected" and value != vars(first)[name]]
+        if different:
+            problems.append(f"{path.name}: other than in {first_path.name}: {', '.join(different)}; of another job?")
     return problems
 
 

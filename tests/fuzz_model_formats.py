@@ -18,7 +18,7 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -186,13 +186,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--formats", nargs="*", default=list(FORMATS), choices=list(FORMATS))
     options = parser.parse_args()
+    return run_formats(options.formats, options.cases, options.seed)
+
+
+def run_formats(names: Sequence[str], cases: int, seed: int) -> int:
+    """Fuzzes formats of the table, prints what came of it, and returns the exit status."""
     n_failed = 0
-    for name in options.formats:
+    for name in names:
         started = time.monotonic()
         receiver, sender = multiprocessing.Pipe(duplex=False)
-        process = multiprocessing.get_context("fork").Process(
-            target=_limited, args=(name, options.cases, options.seed, sender)
-        )
+        process = multiprocessing.get_context("fork").Process(target=_limited, args=(name, cases, seed, sender))
         process.start()
         sender.close()
         try:
@@ -203,7 +206,7 @@ def main() -> int:
         failures = {what: n for what, n in outcomes.items() if what not in ("read", "refused")}
         n_failed += len(failures)
         print(  # noqa: T201
-            f"{name}: {options.cases} cases, {outcomes['refused']} refused, {outcomes['read']} read, "
+            f"{name}: {cases} cases, {outcomes['refused']} refused, {outcomes['read']} read, "
             f"{len(failures)} failed, {time.monotonic() - started:.0f} s",
             flush=True,
         )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError
-from pix2face.images import decode_image, encode_image, read_bytes, read_photograph
+from pix2face.images import decode_image, encode_image, encode_photograph, read_bytes, read_photograph
 
 # Where each Exif orientation puts the picture on the screen, from the stored rows and columns.
 AS_SEEN = {
@@ -127,3 +127,12 @@ def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
         read_photograph(tmp_path / "nothing.jpg")
     with pytest.raises(InputFileError, match="cannot read it"):
         read_bytes(tmp_path)
+
+
+def test_photographs_are_encoded_as_jpeg_close_to_what_they_show() -> None:
+    x, y = np.meshgrid(np.arange(64), np.arange(48))
+    image = np.stack([4 * x, 5 * y, 128 + x - y], axis=-1).astype(np.uint8)
+    content = encode_photograph(image)
+    assert content.startswith(b"\xff\xd8")
+    assert encode_photograph(image) == content
+    assert np.abs(decode_image(content, "test").astype(float) - image).mean() < 2

@@ -1,0 +1,66 @@
+"""Small samples for tests of shards."""
+
+import numpy as np
+
+from pix2face.camera import Camera
+from pix2face.images import encode_image
+from pix2face.layers import DEFAULT_LAYERS, LAYER_NAMES
+from pix2face.shards import ShardHeader, Triplet
+
+HEADER = ShardHeader(
+    model_name="synthetic",
+    model_sha256="0" * 64,
+    pncc_limit_mm=120.0,
+    smallest_radius_mm=60.0,
+    licence="CC0-1.0",
+    configuration="{}",
+    generator="test",
+    layers=("image", "pncc", "offset", "mask", "depth", "landmarks"),
+    region_names=("skin", "lips", "eyes"),
+)
+
+
+def make_triplet(seed: int, size: int = 24) -> Triplet:
+    """Noise within a rectangle: nothing about it is easy to predict."""
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((size, size), dtype=bool)
+    mask[4:-4, 6:-5] = True
+    return Triplet(
+        sample_id=f"face/{seed}",
+        image=encode_image(rng.integers(0, 256, (size, size, 3), dtype=np.uint8)),
+        layers={
+            "pncc": (rng.uniform(-119, 119, (size, size, 3)) * mask[..., None]).astype(np.float32),
+            "offset": (rng.normal(0, 5, (size, size, 3)) * mask[..., None]).astype(np.float32),
+            "mask": mask,
+            "depth": (rng.uniform(300, 400, (size, size)) * mask).astype(np.float32),
+        },
+        camera=Camera(rng.normal(size=(4, 4))),
+        identity=rng.normal(size=5),
+        expression=rng.normal(size=3),
+        landmarks2d=rng.uniform(0, size, (68, 2)),
+        landmarks3d=rng.normal(0, 50, (68, 3)),
+        visible=rng.random(68) > 0.5,
+        attributes={"source": "test", "yaw_deg": 12.5},
+    )
+
+
+def every_layer(n: int) -> tuple[ShardHeader, list[Triplet]]:
+    """Samples of all layers that there are; regions reach beyond the mask, as a head does."""
+    triplets = []
+    for seed in range(n):
+        rng, triplet = np.random.default_rng([seed, 1]), make_triplet(seed)
+        mask = triplet.layers["mask"]
+        normals = rng.normal(size=(*mask.shape, 3))
+        normals *= mask[..., None] / np.linalg.norm(normals, axis=-1, keepdims=True)
+        head = np.zeros_like(mask)
+        head[1:-3, 2:-1] = True
+        extra = {
+            "normals": normals.astype(np.float32),
+            "uv": (rng.uniform(0, 1, (*mask.shape, 2)) * mask[..., None]).astype(np.float32),
+            "regions": (rng.integers(1, 4, mask.shape) * head).astype(np.uint8),
+        }
+        triplets.append(Triplet(**{**vars(triplet), "layers": {**triplet.layers, **extra}}))
+    return ShardHeader(**{**vars(HEADER), "layers": LAYER_NAMES}), triplets
+
+
+assert set(DEFAULT_LAYERS) < set(HEADER.layers)
