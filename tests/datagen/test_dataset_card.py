@@ -144,6 +144,14 @@ def test_texts_out_of_files_stay_texts(card: Writer) -> None:
     assert "<script>" not in outside.split("## Configuration")[0]
 
 
+def test_a_set_of_which_nothing_could_be_used_has_a_card(base: tuple[ShardHeader, Triplet], tmp_path: Path) -> None:
+    write_shard(tmp_path / "none" / "shard-00000.h5", replace(base[0], rejected='[["x", "why"]]'), [])
+    text = write_card(tmp_path / "none").read_text(encoding="utf-8")
+    assert "0 samples in 1 shard" in text
+    assert "1 sample more could not be used" in text
+    assert "Sizes: none" in text
+
+
 def test_shards_of_two_jobs_have_no_card(card: Writer, base: tuple[ShardHeader, Triplet], tmp_path: Path) -> None:
     card({})
     write_shard(tmp_path / "shards" / "shard-00002.h5", replace(base[0], configuration='{"seed": 9}'), [base[1]])
