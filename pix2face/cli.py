@@ -8,6 +8,7 @@ from pix2face.export_cli import export
 from pix2face.fit_cli import fit
 from pix2face.landmarks_cli import landmarks
 from pix2face.predict_cli import predict
+from pix2face.track_cli import track
 from pix2face.view_cli import view
 
 
@@ -16,6 +17,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands: dict[str, Callable[..., int]] = {
         "predict": predict,
         "fit": fit,
+        "track": track,
         "view": view,
         "export": export,
         "landmarks": landmarks,

@@ -163,8 +163,8 @@ class _RateColumn(ProgressColumn):
 
 
 @contextmanager
-def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[..., None]]:
-    """A progress bar with rate and time left.
+def progress_bar(console: Console, what: str, total: int | None) -> Iterator[Callable[..., None]]:
+    """A progress bar with rate and time left; of unknown length where the total is None.
 
     Yields:
         ``advance(n=1, note="", already_done=False)``: counts n more as done, and shows a note behind the bar. What

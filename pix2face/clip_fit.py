@@ -1,0 +1,139 @@
+"""Fits of the frames of a clip: one identity, and a camera and an expression for each frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+from numpy import ndarray
+from scipy.linalg import cho_solve
+
+from pix2face.camera import WeakPerspective, nearest_weak_perspective, weak_perspective_camera
+from pix2face.crops import Crop, FaceBox
+from pix2face.errors import DegenerateGeometryError
+from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
+from pix2face.fitting.linear_system import cholesky
+from pix2face.fitting.picture_measurement import CameraKind, PictureMeasurement, measure_picture
+from pix2face.landmarks import OUTER_EYE_CORNERS
+from pix2face.morphable_model import MorphableModel
+from pix2face.predictor import Prediction, Predictor
+from pix2face.refined_detection import refine_boxes
+
+Photograph = UInt8[ndarray, "_ _ 3"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MeasuredFace:
+    """What the network sees of a face in one frame.
+
+    Attributes:
+        measurement: Camera (in pixels of the crop) and linear system of the coefficients.
+        crop: Leads back to the pixels of the frame.
+    """
+
+    measurement: PictureMeasurement
+    crop: Crop
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FrameFitter:
+    """Network, model and options of the fits of a clip.
+
+    Attributes:
+        predictor: The network.
+        model: The one that it was trained for.
+        camera: Kind of camera.
+        regularisation: Tikhonov's lambda in mm^2; None estimates it for each frame.
+        refine: Whether a first prediction refines each box.
+    """
+
+    predictor: Predictor
+    model: MorphableModel
+    camera: CameraKind = "weak-perspective"
+    regularisation: float | None = None
+    refine: bool = True
+
+    def measure(self, faces: Sequence[tuple[Photograph, FaceBox]]) -> list[MeasuredFace | None]:
+        """Predicts and measures faces of one frame or of several; None where the maps hold no face.
+
+        Raises:
+            DegenerateGeometryError: The network's output is not finite.
+        """
+        if not faces:
+            return []
+        if self.refine:
+            boxes = refine_boxes(faces, self.predictor, self.model)
+            faces = [(image, box) for (image, _), box in zip(faces, boxes, strict=True)]
+        predictions = self.predictor.predict_batch(faces)
+        return [self._measured(own, image) for own, (image, _) in zip(predictions, faces, strict=True)]
+
+    def _measured(self, prediction: Prediction, image: Photograph) -> MeasuredFace | None:
+        prediction.check_finite()
+        middle = prediction.crop.to_crop(np.array([image.shape[1], image.shape[0]]) / 2)
+        try:
+            measurement = measure_picture(
+                prediction.maps,
+                self.model,
+                camera_kind=self.camera,
+                regularisation=self.regularisation,
+                principal_point_px=middle,
+            )
+        except DegenerateGeometryError:
+            return None
+        return MeasuredFace(measurement, prediction.crop)
+
+    def fit(self, face: MeasuredFace, identity: Float64[ndarray, " k"]) -> FaceFit:
+        """The fit of a frame to a given identity, in the pixels of the frame.
+
+        Raises:
+            DegenerateGeometryError: lambda is too small for the arithmetic.
+        """
+        expression = expression_of(face.measurement, identity)
+        fit = face_of_coefficients(self.model, face.measurement.camera, identity, expression)
+        return fit.in_image(face.crop)
+
+    def placed(self, box: FaceBox, identity: Float64[ndarray, " k"]) -> FaceFit:
+        """The neutral face of an identity, frontal and upright, with its landmarks in a box."""
+        frontal = weak_perspective_camera(WeakPerspective(1.0, np.diag([1.0, -1.0, -1.0]), np.zeros(2)))
+        expression = np.zeros(self.model.n_expression)
+        own = FaceBox.around(face_of_coefficients(self.model, frontal, identity, expression).landmarks2d)
+        return face_of_coefficients(self.model, frontal.transformed(box_to_box(own, box)), identity, expression)
+
+
+def expression_of(measurement: PictureMeasurement, identity: Float64[ndarray, " k"]) -> Float64[ndarray, " e"]:
+    """The expression of a frame for a given identity: Eq. 5 with alpha known, standard deviations.
+
+    Raises:
+        DegenerateGeometryError: lambda is too small for the arithmetic.
+    """
+    k = len(identity)
+    system, regularisation = measurement.system, measurement.regularisation
+    normal = system.normal.astype(np.float64)
+    right = system.right[k:] - normal[k:, :k] @ identity
+    if len(right) == 0:
+        return np.zeros(0)
+    factor = cholesky(normal[k:, k:] + regularisation * np.eye(len(right)), regularisation)
+    return np.asarray(cho_solve(factor, right), dtype=np.float64)
+
+
+def carried(fit: FaceFit, before: FaceBox, now: FaceBox) -> FaceFit:
+    """A fit moved and scaled as its box has been."""
+    matrix = box_to_box(before, now)
+    return face_of_coefficients(fit.model, fit.camera.transformed(matrix), fit.identity, fit.expression)
+
+
+def box_to_box(first: FaceBox, second: FaceBox) -> Float64[ndarray, "3 3"]:
+    """The scaling and shift of pixels that brings the middle and the longer side of a box to those of another."""
+    scale = second.longer_side / first.longer_side
+    matrix = np.diag([scale, scale, 1.0])
+    matrix[:2, 2] = second.centre - scale * first.centre
+    return matrix
+
+
+def eye_distance_px(fit: FaceFit) -> float:
+    """Distance of the outer eye corners in 3D times the camera's scale: it does not shrink as the head turns."""
+    right, left = (fit.landmarks3d[index] for index in OUTER_EYE_CORNERS)
+    return float(np.linalg.norm(left - right)) * nearest_weak_perspective(fit.camera).scale

@@ -1,0 +1,197 @@
+"""Frames in and out of files: videos, folders of pictures and numbered patterns, one frame in memory at a time."""
+
+import re
+import stat
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.errors import InputFileError, UsageError
+from pix2face.images import IMAGE_SUFFIXES, read_photograph
+
+Frame = UInt8[ndarray, "h w 3"]
+
+# What a folder of pictures is shown at; a video says its own.
+PICTURES_FPS = 25.0
+FASTEST_FPS = 1000.0  # beyond, a header is damaged
+# Headers often announce a frame or two that are not there.
+MISSING_FRAMES_TOLERATED = 2
+
+
+@final
+@dataclass(frozen=True)
+class FrameSource:
+    """Frames that can be read as often as needed.
+
+    Attributes:
+        path: Of the video, the folder, or the pattern; for messages.
+        fps: Frames a second.
+        n_announced: Frames by the header or by the number of files; None where a header does not say.
+        pictures: The files of a folder or pattern; empty for a video.
+    """
+
+    path: Path
+    fps: float
+    n_announced: int | None
+    pictures: tuple[Path, ...] = ()
+
+    def name_of(self, frame: int) -> str:
+        """The file name of a picture, or the number of a frame of a video (from 0)."""
+        return self.pictures[frame].name if self.pictures else str(frame)
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames from the first on, RGB, upright as their metadata says.
+
+        Raises:
+            InputFileError: There is none, one cannot be decoded, or one has another size than the first.
+        """
+        images = (read_photograph(path) for path in self.pictures) if self.pictures else _decoded(self.path)
+        first: tuple[int, ...] | None = None
+        for index, image in enumerate(images):
+            first = first or image.shape
+            if image.shape != first:
+                raise InputFileError(
+                    f"{self.path}: expected frames of one size, {first[1]} x {first[0]} as the first, found "
+                    f"{image.shape[1]} x {image.shape[0]} at frame {self.name_of(index)}; cut the clip there"
+                )
+            yield image
+        if first is None:
+            raise InputFileError(f"{self.path}: expected a video, found no frame in it that can be decoded")
+
+    def is_cut_short(self, n_read: int) -> bool:
+        """Whether frames are missing that the header announced."""
+        return self.n_announced is not None and n_read < self.n_announced - MISSING_FRAMES_TOLERATED
+
+
+def open_frames(path: Path) -> FrameSource:
+    """Finds the frames of a video file, a folder of pictures, or a printf pattern such as ``frames/%05d.png``.
+
+    Pictures of a folder are taken in the order of their names, numbers by their value; those of a pattern from the
+    lowest number on, without gaps.
+
+    Raises:
+        InputFileError: There is nothing, or nothing that can be decoded.
+        UsageError: It is a device or a pipe, which can be read only once.
+    """
+    if "%" in path.name and not path.exists():
+        return _open_pattern(path)
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise InputFileError(f"{path}: expected a video or a folder of frames: {error.strerror}") from error
+    if stat.S_ISDIR(mode):
+        pictures = [own for own in path.iterdir() if own.suffix.lower() in IMAGE_SUFFIXES and own.is_file()]
+        if not pictures:
+            raise InputFileError(f"{path}: expected frames ({', '.join(IMAGE_SUFFIXES)}) in the folder, found none")
+        return _of_pictures(path, sorted(pictures, key=_by_number))
+    if not stat.S_ISREG(mode):
+        raise UsageError(f"{path}: expected a file, found a device or a pipe; write the video to a file first")
+    return _open_video(path)
+
+
+@final
+class OverlayVideo:
+    """An MP4 file, written frame by frame; a context manager."""
+
+    def __init__(self, path: Path, fps: float) -> None:
+        self._path, self._fps = path, fps
+        self._writer: cv2.VideoWriter | None = None
+        self._size = (0, 0)
+
+    def __enter__(self) -> "OverlayVideo":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, image: Frame) -> None:
+        """Appends a frame.
+
+        Raises:
+            UsageError: The file cannot be written.
+        """
+        if self._writer is None:
+            # Codecs halve the colour planes: sides must be even.
+            self._size = (image.shape[1] // 2 * 2, image.shape[0] // 2 * 2)
+            code = cv2.VideoWriter.fourcc(*"mp4v")
+            self._writer = cv2.VideoWriter(str(self._path), code, self._fps, self._size)
+            if not self._writer.isOpened():
+                raise UsageError(f"{self._path}: expected to write a video of {self._size} pixels, OpenCV refuses")
+        width, height = self._size
+        self._writer.write(np.ascontiguousarray(image[:height, :width, ::-1]))
+
+    def close(self) -> None:
+        """Ends the file."""
+        if self._writer is not None:
+            self._writer.release()
+            self._writer = None
+
+
+def _open_pattern(pattern: Path) -> FrameSource:
+    match = re.fullmatch(r"([^%]*)%(0?)(\d*)d([^%]*)", pattern.name)
+    if match is None:
+        raise UsageError(f"{pattern}: expected a pattern with one number, such as frame-%05d.png")
+    numbered = re.compile(re.escape(match[1]) + r"(\d+)" + re.escape(match[4]))
+    found: dict[int, Path] = {}
+    for path in pattern.parent.iterdir() if pattern.parent.is_dir() else ():
+        number = numbered.fullmatch(path.name)
+        if number is not None and path.name == pattern.name % int(number[1]):
+            found[int(number[1])] = path
+    if not found:
+        raise InputFileError(f"{pattern}: expected frames of this pattern, found none")
+    numbers = sorted(found)
+    missing = next((number for number in range(numbers[0], numbers[-1]) if number not in found), None)
+    if missing is not None:
+        raise InputFileError(f"{pattern}: expected frames without gaps, found no {pattern.name % missing}")
+    return _of_pictures(pattern, [found[number] for number in numbers])
+
+
+def _of_pictures(path: Path, pictures: Sequence[Path]) -> FrameSource:
+    return FrameSource(path, PICTURES_FPS, len(pictures), tuple(pictures))
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    """Sorts names with numbers in them by their value: frame2 before frame10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def _open_video(path: Path) -> FrameSource:
+    with _capture(path) as capture:
+        fps = float(capture.get(cv2.CAP_PROP_FPS))
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if not capture.grab():
+            raise InputFileError(f"{path}: expected a video, found no frame in it that can be decoded")
+    return FrameSource(path, fps if 0 < fps <= FASTEST_FPS else PICTURES_FPS, count if count > 0 else None)
+
+
+def _decoded(path: Path) -> Iterator[Frame]:
+    with _capture(path) as capture:
+        while True:
+            is_there, image = capture.read()
+            if not is_there:
+                return
+            yield np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+
+
+@contextmanager
+def _capture(path: Path) -> Iterator[cv2.VideoCapture]:
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        if not capture.isOpened():
+            raise InputFileError(
+                f"{path}: expected a video that FFmpeg decodes, found {path.stat().st_size} bytes that are none"
+            )
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+        yield capture
+    finally:
+        capture.release()
