@@ -1,6 +1,7 @@
 """Statistics: what was put into shards is counted, what is rare is named, whatever the names are."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -9,6 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from datagen.cli import main
 from datagen.dataset_statistics import DatasetStatistics, Histogram
@@ -103,6 +106,19 @@ def test_neighbouring_rare_ranges_are_one() -> None:
         "size 3 px and more: 1 of 1000 (0.10 %)",
     ]
     assert Histogram("size", "px", edges, np.full(5, 200), 1000).rare() == []
+
+
+@given(counts=st.lists(st.integers(0, 30), min_size=1, max_size=12))
+def test_every_rare_range_is_named_once(counts: list[int]) -> None:
+    n_samples = 1000
+    edges = np.arange(len(counts) + 1.0)
+    found = Histogram("x", "px", edges, np.array(counts), n_samples).rare()
+    named: list[int] = []
+    for line in found:
+        low, high, n = (int(text) for text in re.fullmatch(r"x (\d+) to (\d+) px: (\d+) of .*", line).groups())  # type: ignore[union-attr]
+        assert n == sum(counts[low:high])
+        named += range(low, high)
+    assert named == [i for i, n in enumerate(counts) if n < 0.01 * n_samples]
 
 
 def test_names_are_no_kinds_and_odd_values_do_not_count(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:

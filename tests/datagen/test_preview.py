@@ -13,6 +13,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy import ndarray
 
 from datagen.cli import main
@@ -170,6 +172,13 @@ def test_data_in_a_page_read_back_as_they_were() -> None:
     assert json.loads(text) == data
     with pytest.raises(ValueError, match="not JSON compliant"):
         json_for_html([float("nan")])
+
+
+@given(text=st.text())
+def test_no_text_ends_the_data_of_a_page(text: str) -> None:
+    page = Page(f'<script type="application/json" id="samples">{json_for_html([text])}</script>')
+    assert page.elements == ["script"]
+    assert page.data == [text]
 
 
 def decoded(url: str) -> ndarray:
