@@ -15,7 +15,9 @@ from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import rasterise
 
-TEXTURE_PX = 2048
+# The smallest texture with so many texels for the face is taken: three times as many as a crop has pixels.
+FACE_TEXELS = 180_000
+TEXTURE_SIZES_PX = (512, 1024, 2048)
 # The photograph is sampled at this size: finer than any texel of a face, and coarse enough for large photographs.
 PICTURE_PX = 1024
 DEPTH_PX = 512
@@ -116,9 +118,15 @@ def vertex_colours(image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: Morphabl
 
 
 def face_texture(
-    image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int = TEXTURE_PX
+    image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int | None = None
 ) -> UInt8[ndarray, "s s 3"]:
     """A texture in the model's own texture coordinates (u right, v up), from a photograph.
+
+    Args:
+        image: RGB.
+        fit: In the pixels of the image.
+        model: The model of the fit.
+        size_px: Side of the texture; None takes what is fine enough for the face, whose part of it differs by model.
 
     Raises:
         DegenerateGeometryError: As ``PhotographColours``.
@@ -129,6 +137,7 @@ def face_texture(
             f"expected texture coordinates in the model {model.name!r}, found none; take vertex colours instead"
         )
     is_face = model.is_face_triangle
+    size_px = size_px or _fine_enough(model.uv, model.uv_triangles[is_face])
     places = np.column_stack([model.uv[:, 0] * size_px, (1 - model.uv[:, 1]) * size_px, np.zeros(len(model.uv))])
     texels = rasterise(np.eye(4), places, model.uv_triangles[is_face], size_px, size_px)
     drawn = texels.triangle >= 0
@@ -154,6 +163,12 @@ def vertex_normals(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3
     total = np.stack(columns, axis=1)
     lengths = np.linalg.norm(total, axis=1, keepdims=True)
     return np.asarray(total / np.where(lengths > 0, lengths, 1), dtype=np.float64)
+
+
+def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"]) -> int:
+    (x0, y0), (x1, y1), (x2, y2) = (uv[triangles[:, corner]].T.astype(np.float64) for corner in range(3))
+    area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)).sum()
+    return next((size for size in TEXTURE_SIZES_PX if area * size**2 >= FACE_TEXELS), TEXTURE_SIZES_PX[-1])
 
 
 def _depths(
