@@ -11,7 +11,16 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from pix2face.camera import FRONTAL, Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.camera import (
+    FRONTAL,
+    Camera,
+    HeadPose,
+    WeakPerspective,
+    head_pose,
+    nearest_weak_perspective,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
 from pix2face.errors import InputFileError
 from pix2face.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.mat5 import names_in_mat5, read_mat5
@@ -168,6 +177,22 @@ def camera_of_pose(pose: PoseParameters, image_height_px: int) -> Camera:
     # V is in the authors' 1-based frame; 0-based, with centres at integers: u = V_x - 1, v = H - V_y. Ours: + 0.5.
     translation = np.array([pose.translation_px[0] - 0.5, image_height_px - pose.translation_px[1] + 0.5])
     return weak_perspective_camera(WeakPerspective(abs(pose.scale) * 1000, rotation, translation))
+
+
+def pose_of_camera(camera: Camera, image_height_px: int) -> PoseParameters:
+    """``Pose_Para`` of a camera: the inverse of ``camera_of_pose``, for what 300W-LP's tools read.
+
+    Of a pinhole, or an affine camera that is not weak perspective, the nearest weak perspective. The depth translation
+    tz, which no picture tells, is 0.
+
+    Args:
+        camera: From the model frame (mm) to the picture.
+        image_height_px: Height of the picture: 300W-LP's y axis points up from its lower edge.
+    """
+    parameters = nearest_weak_perspective(camera)
+    tx, ty = parameters.translation_px
+    translation = np.array([tx + 0.5, image_height_px - ty + 0.5, 0.0])
+    return PoseParameters(head=head_pose(camera), translation_px=translation, scale=parameters.scale / 1000)
 
 
 def points_of_pose(

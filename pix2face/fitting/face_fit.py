@@ -12,8 +12,8 @@ from pix2face.camera import Camera
 from pix2face.crops import Crop
 from pix2face.errors import UsageError
 from pix2face.face_maps import FaceMaps
+from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES, measure_picture
 from pix2face.fitting.picture_measurement import CameraKind as CameraKind
-from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
@@ -60,6 +60,7 @@ def fit_face(
     principal_point_px: Float[ndarray, "2"] | None = None,
     scheme: str = IBUG68,
     reprojection_rounds: int = 0,
+    n_vertices: int = COEFFICIENT_VERTICES,
 ) -> FaceFit:
     """Fits camera and coefficients to the maps of one picture.
 
@@ -75,6 +76,7 @@ def fit_face(
         scheme: Which landmarks of the model.
         reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients to where its
             vertices were found; 0 is the paper's way.
+        n_vertices: How many vertices of the face to look for, evenly spread (docs/fitting.md: time against error).
 
     Raises:
         DegenerateGeometryError: Fewer than 50 valid pixels, values that are not finite, or none of the vertices found.
@@ -90,6 +92,7 @@ def fit_face(
         regularisation=regularisation,
         principal_point_px=principal_point_px,
         reprojection_rounds=reprojection_rounds,
+        n_vertices=n_vertices,
     )
     coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]

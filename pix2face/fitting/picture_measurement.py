@@ -61,6 +61,7 @@ def measure_picture(
     regularisation: float | None,
     principal_point_px: Float[ndarray, "2"] | None,
     reprojection_rounds: int = 0,
+    n_vertices: int = COEFFICIENT_VERTICES,
 ) -> PictureMeasurement:
     """Finds camera and system; the arguments are those of ``fit_face``.
 
@@ -70,7 +71,7 @@ def measure_picture(
     """
     maps = without_white_noise(maps)
     pixels = valid_pixel_values(maps)
-    prepared = prepared_model(model, COEFFICIENT_VERTICES)
+    prepared = prepared_model(model, n_vertices)
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
     eye = _CameraFit(camera_kind, principal_point_px, float(np.ptp(prepared.mean[:, 0])))

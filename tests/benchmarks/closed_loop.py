@@ -22,6 +22,7 @@ from numpy import ndarray
 from pix2face.camera import HeadPose, pinhole_of
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES
 from pix2face.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
 from tests.full_size_model import full_size_model
@@ -119,6 +120,7 @@ def main() -> int:
     parser.add_argument("--noise-mm", type=float, default=0.0)
     parser.add_argument("--outliers", type=float, default=0.0)
     parser.add_argument("--regularisation", type=float, default=None, help="lambda in mm^2; left out: estimated")
+    parser.add_argument("--vertices", type=int, default=COEFFICIENT_VERTICES, help="how many vertices to look for")
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     model = MODELS[options.model]()
@@ -131,6 +133,7 @@ def main() -> int:
             camera_kind=options.camera,
             regularisation=regularisation,
             principal_point_px=face.principal_point_px,
+            n_vertices=options.vertices,
         )
 
     errors = measure(
