@@ -207,6 +207,8 @@ def _check_format(file: h5py.File, path: Path) -> None:
 
 def _column(file: h5py.File, path: Path, name: str, n: int) -> ndarray:
     dtype, shape = _COLUMNS.get(name, (np.float32, (None,)))  # lighting is like identity
+    if not isinstance(file[name], h5py.Dataset):
+        raise InputFileError(f"{path}: expected numbers as {name}, found {file[name]}")
     found = file[name].shape
     if len(found) != 1 + len(shape) or any(a not in (None, b) for a, b in zip((n, *shape), found, strict=True)):
         wanted = ", ".join("any" if length is None else str(length) for length in (n, *shape))

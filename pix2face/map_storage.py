@@ -136,6 +136,8 @@ def _byte_planes(rows: Shaped[ndarray, "y x"]) -> list[UInt8[ndarray, "y x"]]:
 
 
 def _from_byte_planes(planes: UInt8[ndarray, "b y x"], dtype: Any) -> Shaped[ndarray, "y x"]:
-    if len(planes) == 1 or not planes.size:
-        return np.zeros(planes.shape[1:], dtype) if not planes.size else planes[0].copy()
-    return cv2.merge(list(planes)).reshape(planes.shape[1], -1).view(dtype)
+    values = planes[-1].astype(_unsigned(dtype))
+    for plane in planes[-2::-1]:
+        values <<= 8
+        values |= plane
+    return values.view(dtype)

@@ -120,6 +120,9 @@ def read_header_fields(file: h5py.File, path: Path) -> dict[str, Any]:
             "delete the folder and run `datagen render` again"
         )
     check_contained(file, path, sliced=tuple(f"/{name}" for name in LAYERS))
+    strange = [name for name, item in file.items() if not isinstance(item, h5py.Dataset)]
+    if strange:
+        raise ValueError(f"{strange[0]} is no dataset")
     fields = json.loads(read_text(file["header"], path))
     _check_header(fields)
     return {**fields, "layers": tuple(fields["layers"]), "region_names": tuple(fields["region_names"])}

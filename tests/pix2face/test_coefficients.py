@@ -131,6 +131,16 @@ def test_a_missing_column_is_refused(path: Path, name: str) -> None:
         load_coefficients(path)
 
 
+@pytest.mark.parametrize("name", ["cameras", "sample_ids", "lighting"])
+def test_types_in_place_of_columns_are_refused(path: Path, name: str) -> None:
+    with h5py.File(path, "r+") as file:
+        if name in file:
+            del file[name]
+        file[name] = np.dtype("i4")
+    with pytest.raises(InputFileError, match=rf"faces\.h5: expected (numbers|lines of text) as {name}"):
+        load_coefficients(path)
+
+
 @pytest.mark.parametrize("shape", [(), (4,), (4, 3), (4, 4, 4, 1)])
 @pytest.mark.parametrize("name", ["cameras", "sizes_px"])
 def test_columns_of_other_shapes_are_refused(path: Path, name: str, shape: tuple[int, ...]) -> None:

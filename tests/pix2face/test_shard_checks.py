@@ -156,6 +156,21 @@ def test_datasets_of_another_kind_are_refused(shard: Path, name: str, value: np.
     assert str(shard) in problems[0]
 
 
+@pytest.mark.parametrize("name", ["sample_id", "camera", "pncc", "header", "surplus"])
+def test_types_and_groups_in_place_of_datasets_are_refused(shard: Path, name: str) -> None:
+    """Random damage makes one of the other: HDF5 tells them by a few bits."""
+    for value in (np.dtype("i4"), None):
+        with h5py.File(shard, "r+") as file:
+            if name in file:
+                del file[name]
+            if value is None:
+                file.create_group(name)
+            else:
+                file[name] = value
+        assert verify_shard(shard) == [verify_shard(shard)[0]]
+        assert f"{name} is no dataset" in verify_shard(shard)[0]
+
+
 JOB = json.dumps({"n_faces": 7, "shard_size": 2})
 
 
