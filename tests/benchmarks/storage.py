@@ -1,0 +1,285 @@
+"""Bytes and time of ways to store triplets: python -m tests.benchmarks.storage --shards DIR [DIR ...] --out FILE.
+
+Takes the first samples of each folder of shards (``datagen render``; photographs at 450 px, renders at 256 px) and, in
+one run, stores their maps in every way that was considered, stores their pictures in several formats, and writes and
+reads shards as the project does. Times are of the processor, for one triplet, and the best of several rounds: HDF5's
+own gzip of plain values is the reference that ratios refer to. Reading by two processes at once is timed by the clock.
+"""
+
+import argparse
+import json
+import multiprocessing
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+import cv2
+import h5py
+import hdf5plugin
+import numpy as np
+
+from pix2face.compressions import COMPRESSIONS
+from pix2face.images import decode_image
+from pix2face.layers import DEFAULT_LAYERS
+from pix2face.map_storage import predict, undo_prediction
+from pix2face.shard_writing import pack_triplet, write_packed, write_shard
+from pix2face.shards import ShardHeader, ShardReader, Triplet, shard_paths
+from tests.benchmarks.surroundings import surroundings
+
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+def left_differences(steps: np.ndarray) -> np.ndarray:
+    """A value less its left neighbour."""
+    difference = steps.copy()
+    difference[:, 1:] -= steps[:, :-1]
+    return difference
+
+
+def planar_differences(steps: np.ndarray) -> np.ndarray:
+    """A value less its left and upper neighbours plus the one between them; signed."""
+    stored = predict(steps)[:-1, :-1]
+    return ((stored >> 1) ^ -(stored & 1)).view(np.int16)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to store maps through the HDF5 library.
+
+    Attributes:
+        options: Of the dataset.
+        change: Before the filters.
+        undo: After them.
+        divisor: Steps of 1/128 mm are rounded to multiples of it.
+        rows: Of a chunk; 0 is all.
+        planes: x, y and z of all pixels one after the other.
+        is_boxed: The bounding box of the mask alone, padded to the largest of the set.
+    """
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    change: Change = lambda steps: steps
+    undo: Change = lambda steps: steps
+    divisor: int = 1
+    rows: int = 0
+    planes: bool = False
+    is_boxed: bool = False
+
+
+def gzip(level: int, shuffle: bool = True) -> dict[str, Any]:
+    """Options of HDF5's own deflate."""
+    return {"compression": "gzip", "compression_opts": level, "shuffle": shuffle}
+
+
+LEFT = {"change": left_differences, "undo": lambda steps: steps.cumsum(1, dtype=np.int16)}
+PLANAR = {
+    "change": planar_differences,
+    "undo": lambda steps: steps.cumsum(0, dtype=np.int16).cumsum(1, dtype=np.int16),
+}
+SIGN_LAST = {"change": lambda steps: predict(steps)[:-1, :-1], "undo": undo_prediction}
+BLOSC = hdf5plugin.Blosc2
+WAYS: dict[str, Way] = {
+    "values, gzip 4, no shuffle": Way(gzip(4, shuffle=False)),
+    "values, shuffle, gzip 4 (reference)": Way(gzip(4)),
+    "values, shuffle, gzip 1": Way(gzip(1)),
+    "values, shuffle, gzip 9": Way(gzip(9)),
+    "values, shuffle, lzf": Way({"compression": "lzf", "shuffle": True}),
+    "values in planes, shuffle, gzip 4": Way(gzip(4), planes=True),
+    "values, shuffle, gzip 4, chunks of 32 rows": Way(gzip(4), rows=32),
+    "values in the mask's box, shuffle, gzip 4": Way(gzip(4), is_boxed=True),
+    "values of 1/64 mm, shuffle, gzip 4": Way(gzip(4), divisor=2),
+    "values, shuffle, zstd 3": Way({"shuffle": True, **hdf5plugin.Zstd(clevel=3)}),
+    "values, Blosc2 zstd 3, bits shuffled": Way(dict(BLOSC(cname="zstd", clevel=3, filters=BLOSC.BITSHUFFLE))),
+    "left differences, shuffle, gzip 4": Way(gzip(4), **LEFT),
+    "planar differences, shuffle, gzip 4": Way(gzip(4), **PLANAR),
+    "planar, sign last, shuffle, gzip 1": Way(gzip(1), **SIGN_LAST),
+    "planar, sign last, shuffle, gzip 4": Way(gzip(4), **SIGN_LAST),
+    "planar, sign last, shuffle, lzf": Way({"compression": "lzf", "shuffle": True}, **SIGN_LAST),
+    "planar, sign last, shuffle, zstd 3": Way({"shuffle": True, **hdf5plugin.Zstd(clevel=3)}, **SIGN_LAST),
+    "planar, sign last, shuffle, zstd 9": Way({"shuffle": True, **hdf5plugin.Zstd(clevel=9)}, **SIGN_LAST),
+    "planar, sign last, Blosc2 zstd 3, bytes shuffled": Way(
+        dict(BLOSC(cname="zstd", clevel=3, filters=BLOSC.SHUFFLE)), **SIGN_LAST
+    ),
+    "planar, sign last, 1/64 mm, shuffle, gzip 4": Way(gzip(4), divisor=2, **SIGN_LAST),
+}
+PICTURES: dict[str, tuple[str, list[int]]] = {
+    "PNG 1": (".png", [cv2.IMWRITE_PNG_COMPRESSION, 1]),
+    "PNG 3": (".png", [cv2.IMWRITE_PNG_COMPRESSION, 3]),
+    "PNG, OpenCV's choice": (".png", []),
+    **{
+        f"JPEG {quality}, {name}": (
+            ".jpg",
+            [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling],
+        )
+        for quality, name, sampling in (
+            (95, "4:2:0", cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420),
+            (95, "4:4:4", cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
+            (98, "4:4:4", cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
+        )
+    },
+    "WebP, lossless": (".webp", [cv2.IMWRITE_WEBP_QUALITY, 101]),
+}
+
+
+def best_ms(work: Callable[[], object], n: int, rounds: int) -> float:
+    """Milliseconds of the processor for one of n, the best of some rounds."""
+    times = []
+    for _ in range(rounds):
+        start = process_time()
+        work()
+        times.append(process_time() - start)
+    return round(1000 * min(times) / n, 3)
+
+
+def measure_way(way: Way, maps: Sequence[np.ndarray], folder: Path, rounds: int) -> dict[str, float]:
+    """Bytes and times of storing the maps (PNCC and offset in turns) of each sample."""
+    path, n = folder / "way.h5", len(maps) // 2
+    kept = [np.round(steps / way.divisor).astype(np.int16) for steps in maps] if way.divisor > 1 else list(maps)
+    if way.is_boxed:
+        kept = boxed(kept)
+
+    def write() -> None:
+        with h5py.File(path, "w") as file:
+            first = arranged(way, way.change(kept[0]))
+            chunk = (1, way.rows or first.shape[0], *first.shape[1:])
+            dataset = file.create_dataset("maps", (len(kept), *first.shape), first.dtype, chunks=chunk, **way.options)
+            for index, steps in enumerate(kept):
+                dataset[index] = arranged(way, way.change(steps))
+
+    def read() -> list[np.ndarray]:
+        with h5py.File(path, "r") as file:
+            stored = (file["maps"][index] for index in range(len(kept)))
+            return [way.undo(np.moveaxis(values, 0, -1) if way.planes else values) for values in stored]
+
+    write_ms = best_ms(write, n, rounds)
+    if not all(np.array_equal(a, b) for a, b in zip(read(), kept, strict=True)):
+        raise AssertionError("what was written does not read back")
+    return {
+        "maps_kB": round(path.stat().st_size / n / 1e3, 1),
+        "write_ms": write_ms,
+        "read_ms": best_ms(read, n, rounds),
+    }
+
+
+def arranged(way: Way, steps: np.ndarray) -> np.ndarray:
+    """In planes, if the way is so."""
+    return np.ascontiguousarray(np.moveaxis(steps, -1, 0)) if way.planes else steps
+
+
+def boxed(maps: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Each map's bounding box, at the corner of an array that holds the largest."""
+    boxes = [np.argwhere(steps.any(axis=-1)) for steps in maps]
+    corners = [(box.min(axis=0), box.max(axis=0) + 1) for box in boxes]
+    largest = np.max([stop - start for start, stop in corners], axis=0)
+    cuts = []
+    for steps, (start, stop) in zip(maps, corners, strict=True):
+        cut = np.zeros((*largest, 3), np.int16)
+        cut[: stop[0] - start[0], : stop[1] - start[1]] = steps[start[0] : stop[0], start[1] : stop[1]]
+        cuts.append(cut)
+    return cuts
+
+
+def measure_pictures(images: Sequence[np.ndarray], rounds: int) -> dict[str, dict[str, float]]:
+    """Bytes, times and fidelity of picture formats."""
+    rows = {}
+    for name, (suffix, flags) in PICTURES.items():
+        encoded = [cv2.imencode(suffix, image, flags)[1] for image in images]
+        decoded = [cv2.imdecode(content, cv2.IMREAD_COLOR) for content in encoded]
+        psnr = [min(cv2.PSNR(a, b), 100.0) for a, b in zip(images, decoded, strict=True)]
+        rows[name] = {
+            "kB": round(float(np.mean([len(content) for content in encoded])) / 1e3, 1),
+            "encode_ms": best_ms(
+                lambda s=suffix, f=flags: [cv2.imencode(s, image, f) for image in images], len(images), rounds
+            ),
+            "decode_ms": best_ms(lambda e=encoded: [cv2.imdecode(content, 1) for content in e], len(images), rounds),
+            "psnr_dB": round(float(np.mean(psnr)), 1),
+        }
+    return rows
+
+
+def measure_shards(header: ShardHeader, triplets: Sequence[Triplet], folder: Path, rounds: int) -> dict[str, Any]:
+    """The project's own writing and reading, in every compression that it offers."""
+    rows: dict[str, Any] = {}
+    n, path = len(triplets), folder / "shard-00000.h5"
+    packed = [pack_triplet(triplet, header.layers) for triplet in triplets]
+    pack_ms = best_ms(lambda: [pack_triplet(triplet, header.layers) for triplet in triplets], n, rounds)
+    for name in COMPRESSIONS:
+        write_ms = best_ms(lambda name=name: write_packed(path, header, packed, name), n, rounds)
+        with ShardReader(path) as reader:
+            rows[name] = {
+                "kB": round(path.stat().st_size / n / 1e3, 1),
+                "pack_ms": pack_ms,
+                "write_and_check_ms": write_ms,
+                "read_maps_ms": best_ms(lambda r=reader: [r.maps(index) for index in range(n)], n, rounds),
+                "read_cut_ms": best_ms(lambda r=reader: [r.face_cut(index) for index in range(n)], n, rounds),
+                "decode_picture_ms": best_ms(lambda r=reader: [r.image(index) for index in range(n)], n, rounds),
+            }
+    write_packed(path, header, packed)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        pool.map(read_all, [(path, 1)] * 2)  # the processes are there and the file is in memory
+        start = perf_counter()
+        pool.map(read_all, [(path, 4)] * 2)
+        rows["triplets_read_per_second_by_two_processes"] = round(8 * n / (perf_counter() - start))
+    return rows
+
+
+def read_all(task: tuple[Path, int]) -> None:
+    """Reads each sample some times: its picture decoded, its maps in mm."""
+    path, times = task
+    with ShardReader(path) as reader:
+        for index in [*range(len(reader))] * times:
+            reader.image(index)
+            reader.maps(index)
+
+
+def measure_folder(shards: Path, n: int, rounds: int) -> dict[str, Any]:
+    """Everything, on the first samples of a folder."""
+    with ShardReader(shard_paths(shards)[0]) as reader:
+        header = replace(reader.header, layers=DEFAULT_LAYERS, rejected="[]")
+        triplets = [reader.triplet(index) for index in range(min(n, len(reader)))]
+        maps = [reader.stored_layer(i, name) for i in range(len(triplets)) for name in ("pncc", "offset")]
+    images = [decode_image(triplet.image or b"", triplet.sample_id) for triplet in triplets]
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        write_shard(folder / "shard-00000.h5", header, triplets)
+        ways = {name: measure_way(way, maps, folder, rounds) for name, way in WAYS.items()}
+        project = measure_shards(header, triplets, folder, rounds)
+    reference = ways["values, shuffle, gzip 4 (reference)"]
+    for row in ways.values():
+        row["write_against_reference"] = round(row["write_ms"] / reference["write_ms"], 3)
+    return {
+        "samples": len(triplets),
+        "size_px": list(images[0].shape[:2]),
+        "face_px": round(float(np.mean([triplet.maps.mask.sum() for triplet in triplets]))),
+        "picture_kB": round(float(np.mean([len(triplet.image or b"") for triplet in triplets])) / 1e3, 1),
+        "maps": ways,
+        "pictures": measure_pictures(images, rounds),
+        "shards": project,
+        "packing_against_reference": round(project["deflate"]["pack_ms"] / reference["write_ms"], 3),
+    }
+
+
+def main() -> None:
+    """Measures every folder and writes the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--shards", type=Path, nargs="+", required=True)
+    parser.add_argument("--n", type=int, default=24)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    report = {
+        **surroundings(),
+        "h5py_hdf5": h5py.version.hdf5_version,
+        "folders": {folder.name: measure_folder(folder, options.n, options.rounds) for folder in options.shards},
+    }
+    text = json.dumps(report, indent=2)
+    if options.out:
+        options.out.write_text(text + "\n")
+    print(text)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
