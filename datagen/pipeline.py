@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
+from datagen.dataset_card import write_card
 from datagen.executors import WorkPlace
 from datagen.folder_lock import job_lock, remove_unfinished
 from datagen.gl_context import GLSettings
@@ -38,7 +39,7 @@ class JobSummary:
         n_shards: Shards in the folder.
         n_shards_kept: Of these, how many were there already.
         times: Of all workers together, in this run.
-        peak_memory_bytes: Of the largest worker of this run; 0 where none was needed.
+        peaks_bytes: After each unit of this run, the most memory that its worker has had so far.
     """
 
     n_triplets: int
@@ -46,7 +47,7 @@ class JobSummary:
     n_shards: int
     n_shards_kept: int
     times: StageTimes = field(default_factory=StageTimes)
-    peak_memory_bytes: int = 0
+    peaks_bytes: tuple[int, ...] = ()
 
 
 @final
@@ -129,7 +130,7 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
     for path in found.damaged:
         listener.on_notice(f"{path} is cut short or damaged: it is made anew")
     listener.on_kept(len(source.sample_ids) - sum(len(job.faces_of(source, unit)) for unit in found.missing))
-    times, peaks = StageTimes(), [0]
+    times, peaks = StageTimes(), list[int]()
 
     def submit(executor: Executor, number: int) -> Future[UnitReport]:
         return executor.submit(render_unit, Unit(job, number, out, gl, source.sha256, opened.model.sha256))
@@ -142,7 +143,8 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
     finish_units(found.missing, place, submit, on_finished)
     n_triplets, rejected = _count(out, n_units)
     write_rejected(out / REJECTED_FILE, rejected)
-    return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(found.missing), times, max(peaks))
+    write_card(out)
+    return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(found.missing), times, tuple(peaks))
 
 
 def write_rejected(path: Path, rejected: Sequence[tuple[str, str]]) -> None:

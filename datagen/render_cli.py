@@ -22,6 +22,7 @@ from pix2face.command_line import (
     progress_bar,
     say,
 )
+from pix2face.compressions import DEFAULT_COMPRESSION, find_compression
 from pix2face.errors import UsageError
 from pix2face.layers import DEFAULT_LAYERS, parse_layers
 from pix2face.morphable_model import BUILTIN_MODEL
@@ -43,6 +44,9 @@ class RenderConfig:
     300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
     layers: str = ",".join(DEFAULT_LAYERS)
     """What each sample has: any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks."""
+    compression: str = DEFAULT_COMPRESSION
+    """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read); docs/storage.md compares
+    them."""
     seed: int = 0
     """Seed of light, colours and background of rendered pictures."""
     shard_size: int = 100
@@ -90,7 +94,9 @@ def _render(config: RenderConfig) -> int:
     layers, gl = parse_layers(config.layers), GLSettings(config.gl, config.device, config.rasteriser)
     gl.resolved()  # contradictions are found here, not by every worker
     place: WorkPlace = ProcessPool(config.workers) if config.scheduler is None else DaskCluster(config.scheduler)
-    opened = open_job(RenderJob(config.coeffs, config.model, config.seed, config.shard_size, layers))
+    find_compression(config.compression)
+    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, layers, config.compression)
+    opened = open_job(job)
     _introduce(config, opened)
     prepare_output_folder(config.out)
     with progress_bar(console, "rendering", len(opened.source.sample_ids)) as advance:

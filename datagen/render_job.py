@@ -15,6 +15,7 @@ import numpy as np
 from datagen.sources import FaceSource
 from pix2face import __version__
 from pix2face.coefficients import configuration_to_json
+from pix2face.compressions import DEFAULT_COMPRESSION
 from pix2face.errors import InputFileError, UsageError
 from pix2face.layers import DEFAULT_LAYERS
 from pix2face.mirroring import mirror_obstacle
@@ -33,6 +34,7 @@ class RenderJob:
         seed: Of everything random in rendered pictures.
         shard_size: Samples in a shard.
         layers: What each sample has, of ``pix2face.layers.LAYER_NAMES``.
+        compression: Of the layers: a name of ``pix2face.compressions.COMPRESSIONS``.
     """
 
     coefficients: Path
@@ -40,6 +42,7 @@ class RenderJob:
     seed: int
     shard_size: int
     layers: tuple[str, ...] = DEFAULT_LAYERS
+    compression: str = DEFAULT_COMPRESSION
 
     def n_units(self, source: FaceSource) -> int:
         """How many shards the faces of a source make."""
@@ -73,6 +76,7 @@ def shard_header(
         "n_faces": len(source.sample_ids),
         "seed": job.seed,
         "shard_size": job.shard_size,
+        "compression": job.compression,
     }
     return ShardHeader(
         model_name=model.name,

@@ -113,7 +113,7 @@ def _render_unit(unit: Unit) -> UnitReport:
         rejected.sort(key=lambda entry: order[entry[0]])
         with times.stage("write, check"):
             header = shard_header(unit.job, worker.source, worker.model, rejected)
-            write_packed(shard_path(unit.out, unit.number), header, packed)
+            write_packed(shard_path(unit.out, unit.number), header, packed, unit.job.compression)
     return UnitReport(len(faces), times.seconds, times.cpu_seconds, _peak_memory_bytes())
 
 
@@ -130,7 +130,7 @@ def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times:
                 with times.stage("encode"):
                     variants = [pack_triplet(variant, unit.job.layers) for variant in _variants(made)]
             except InputFileError as error:  # a value that the format cannot hold would cost the whole shard
-                rejected.append((face.sample_id, str(error)))
+                rejected.append((face.sample_id, f"{face.sample_id}: {error}"))
                 continue
             yield from variants
 

@@ -54,7 +54,7 @@ def test_numbers_that_no_face_has(model_path: Path, tmp_path: Path) -> None:
     cameras[4, 0, 3] = 1e5
     cameras[5, 1] = cameras[5, 0]
     sizes[6] = 16384
-    cameras[7, 3] = [0, 0, 0, -1]
+    cameras[7, 2:] = [0, 0, 0, -1]  # a pinhole that looks away
     found = reasons(
         replace(table, sample_ids=names, identity=identity, cameras=cameras, sizes_px=sizes), model_path, tmp_path
     )
