@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, final
 
-import cv2
 import numpy as np
 import trimesh
 from jaxtyping import Float, Float64, Int, UInt8
@@ -146,7 +145,7 @@ def srgb_to_linear(colours: UInt8[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
     """Colours of a photograph as glTF wants those of vertices: proportional to light."""
     encoded = np.arange(256) / 255
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return np.asarray(cv2.LUT(colours, np.rint(linear * 255).astype(np.uint8)))
+    return np.asarray(np.rint(linear * 255).astype(np.uint8)[colours])
 
 
 _WRITERS: dict[str, Callable[[Path, FaceMesh], None]] = {"obj": _write_obj, "ply": _write_ply, "glb": _write_glb}
