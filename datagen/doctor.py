@@ -21,6 +21,8 @@ from pix2face.errors import GLUnavailableError
 
 Level = Literal["error", "warning", "note"]
 
+# Times of small pictures on a busy machine vary: less than this is no difference.
+MUCH_FASTER = 1.5
 NVIDIA_VENDOR_FILE = "/usr/share/glvnd/egl_vendor.d/10_nvidia.json"
 NVIDIA_VENDOR_CONTENT = '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}'
 
@@ -90,6 +92,7 @@ def diagnose(surroundings: Surroundings, probes: Sequence[BackendProbe], setting
             level: Level = "note" if chosen or probe.backend not in allowed else "error"
             findings.append(Finding(level, f"{probe.backend}: {probe.error}", _remedy(probe, surroundings)))
         findings += _of_checks(probe, rasteriser if probe is chosen else "")
+    findings += _of_speed(chosen, rasteriser) if settings.rasteriser == "auto" else []
     findings += [*_of_nvidia(surroundings), *_of_device_files(surroundings)]
     findings += [*_of_devices(surroundings, chosen, settings), *_of_environment(surroundings)]
     findings.sort(key=lambda finding: ("error", "warning", "note").index(finding.level))
@@ -108,6 +111,19 @@ def _of_checks(probe: BackendProbe, chosen_rasteriser: str) -> Iterator[Finding]
         if not check.is_right:
             level: Level = "error" if check.rasteriser == chosen_rasteriser else "warning"
             yield Finding(level, _deviation(probe, check), _way_round(probe, check))
+
+
+def _of_speed(chosen: BackendProbe | None, rasteriser: str) -> Iterator[Finding]:
+    """Which path is faster depends on the driver: ``auto`` knows what there is, not what it costs."""
+    right = {check.rasteriser: check.milliseconds for check in chosen.checks if check.is_right} if chosen else {}
+    for other, milliseconds in right.items():
+        if rasteriser in right and milliseconds * MUCH_FASTER < right[rasteriser]:
+            yield Finding(
+                "note",
+                f"the rasteriser {other} is faster here: {milliseconds:.1f} ms a picture, {rasteriser} "
+                f"{right[rasteriser]:.1f} ms",
+                f"{RASTERISER_VARIABLE}={other}, or --rasteriser {other}",
+            )
 
 
 def _remedy(probe: BackendProbe, surroundings: Surroundings) -> str:

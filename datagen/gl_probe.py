@@ -173,14 +173,14 @@ def _check(settings: GLSettings) -> RenderCheck:
         return RenderCheck(settings.rasteriser, str(error))
 
 
-def check_rendering(model: MorphableModel, gl: GLContext, rasteriser: str) -> RenderCheck:
+def check_rendering(model: MorphableModel, gl: GLContext, rasteriser: Rasteriser) -> RenderCheck:
     """Draws a few faces and counts what differs from the oracle.
 
     Raises:
         GLUnavailableError: The driver does not draw.
     """
     table = sample_faces(model, N_FACES, SEED, SIZE_PX)
-    renderer = Renderer(model, SIZE_PX, SIZE_PX, gl)
+    renderer = Renderer(model, SIZE_PX, SIZE_PX, gl, rasteriser)
     mask_px = mask_differs_px = 0
     errors_mm, seconds = [np.zeros(0)], []
     for vertices, matrix in zip(model.vertices(table.identity, table.expression), table.cameras, strict=True):
@@ -196,7 +196,7 @@ def check_rendering(model: MorphableModel, gl: GLContext, rasteriser: str) -> Re
     errors = np.concatenate(errors_mm)
     worst = float(np.quantile(errors, 0.999)) if len(errors) else 0.0
     off = int((~(errors <= LIMIT_MM)).sum())  # also counts NaN
-    return RenderCheck(rasteriser, "", mask_px, mask_differs_px, off, worst, 1000 * min(seconds))
+    return RenderCheck(renderer.rasteriser, "", mask_px, mask_differs_px, off, worst, 1000 * min(seconds))
 
 
 def _errors_mm(found: RenderedMaps, expected: RenderedMaps) -> np.ndarray:

@@ -14,7 +14,7 @@ from datagen import gl_probe
 from datagen.cli import main
 from datagen.doctor import NVIDIA_VENDOR_CONTENT, Diagnosis, diagnose
 from datagen.egl_devices import EGLDevice, egl_devices
-from datagen.gl_context import GLContext, GLSettings
+from datagen.gl_context import COMPUTE_VERSION, GLContext, GLSettings, Rasteriser
 from datagen.gl_probe import BackendProbe, RenderCheck, check_rendering, devices_apart, probe_backend_apart
 from datagen.gl_surroundings import DeviceFile, Surroundings, survey
 from datagen.osmesa_context import OSMESA_LIBRARIES
@@ -132,6 +132,16 @@ def test_a_driver_that_draws_something_else_is_an_error_where_it_is_used(wrong: 
     assert "egl, compute (llvmpipe" in findings(found, "warning")
     found = diagnose(MESA, [replace(EGL, checks=(wrong,)), OSMESA], GLSettings())
     assert "PIX2FACE_GL=osmesa), and report this" in findings(found, "error")
+
+
+def test_a_faster_rasteriser_is_recommended() -> None:
+    fast = replace(EGL, checks=(replace(GOOD, milliseconds=30.0), replace(SLOW, milliseconds=10.0)))
+    found = findings(diagnose(MESA, [fast], GLSettings()), "note")
+    assert "the rasteriser fragment is faster here: 10.0 ms a picture, compute 30.0 ms" in found
+    assert "PIX2FACE_RASTERISER=fragment" in found
+    assert "faster" not in findings(diagnose(MESA, [fast], GLSettings(rasteriser="compute")), "note")
+    wrong = replace(fast, checks=(fast.checks[0], replace(fast.checks[1], off_px=5000)))
+    assert "faster" not in findings(diagnose(MESA, [wrong], GLSettings()), "note")
 
 
 def test_nvidias_missing_vendor_file_is_written_out() -> None:
@@ -254,15 +264,25 @@ def test_containers_are_told_by_their_groups(text: str, expected: bool, tmp_path
     assert survey(((), ""), tmp_path, {}, no_library).is_container == expected
 
 
+@pytest.fixture(params=["compute", "fragment"])
+def rasteriser(request: pytest.FixtureRequest, gl: GLContext) -> Rasteriser:
+    if request.param == "compute" and gl.version_code < COMPUTE_VERSION:
+        pytest.skip("no compute shaders")
+    return request.param
+
+
 @pytest.mark.gl
-def test_the_render_of_this_machine_is_right(gl: GLContext) -> None:
-    found = check_rendering(builtin_model(), gl, "compute")
+def test_the_render_of_this_machine_is_right(gl: GLContext, rasteriser: Rasteriser) -> None:
+    found = check_rendering(builtin_model(), gl, rasteriser)
+    assert found.rasteriser == rasteriser
     assert found.mask_px > 10_000
     assert found.is_right
 
 
 @pytest.mark.gl
-def test_a_render_that_is_a_tenth_of_a_pixel_off_is_noticed(gl: GLContext, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_render_that_is_a_tenth_of_a_pixel_off_is_noticed(
+    gl: GLContext, rasteriser: Rasteriser, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The check can fail."""
     right = Renderer.render
     shift = np.array([[1.0, 0, 0.1], [0, 1, 0], [0, 0, 1]])
@@ -271,7 +291,7 @@ def test_a_render_that_is_a_tenth_of_a_pixel_off_is_noticed(gl: GLContext, monke
         return right(self, vertices, camera.transformed(shift))
 
     monkeypatch.setattr(Renderer, "render", shifted)
-    assert not check_rendering(builtin_model(), gl, "compute").is_right
+    assert not check_rendering(builtin_model(), gl, rasteriser).is_right
 
 
 def test_a_driver_that_ends_its_process_is_a_failure_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
