@@ -36,6 +36,14 @@ def test_hdf5_would_be_seen_in_inference() -> None:
     assert loaded_by("pix2face.predictor", "pix2face.shards") & INFERENCE_NEEDS_NO == {"h5py"}
 
 
+def test_the_package_itself_loads_neither_torch_nor_hdf5() -> None:
+    assert not loaded_by("pix2face") & {"torch", "h5py", "numpy", "cv2"}
+
+
+def test_torch_would_be_seen_in_the_package() -> None:
+    assert {"torch", "h5py"} <= loaded_by("pix2face, pix2face.interface")
+
+
 def test_no_module_of_datagen_loads_torch() -> None:
     assert {"datagen.cli", "datagen.renderer", "datagen.appearance.surface"} <= set(DATAGEN_MODULES)
     loaded = loaded_by(*DATAGEN_MODULES)
