@@ -1,6 +1,7 @@
 """The command ``pix2face track``: a video in; landmarks, pose and identity of its faces, and an overlay out."""
 
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -8,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, final, get_args
 
+import cv2
 import tyro
 from jaxtyping import UInt8
 from numpy import ndarray
@@ -114,6 +116,7 @@ class _Face:
 def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     """Follow faces through a video: landmarks and pose of every frame, one identity, an overlay, and their jitter."""
     formats = _check_call(config)
+    _silence_decoders()
     source = open_frames(config.video)
     model = open_model(config.model)
     predictor = Predictor.load(config.checkpoint or latest_checkpoint(), config.device)
@@ -137,6 +140,12 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
         (config.out / "track.json").write_text(json.dumps(summary, indent=1) + "\n")
     _report(config, faces, followers)
     return 0
+
+
+def _silence_decoders() -> None:
+    """Errors of a video are said once, by us: FFmpeg and OpenCV write lines of their own to stderr otherwise."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
 
 def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
@@ -189,8 +198,8 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
     if source.is_cut_short(n_frames):
         say(
             console,
-            f"warning: {source.path}: {source.n_announced} frames announced, {n_frames} decoded: "
-            "the file is cut off or damaged; going on with what there is",
+            f"warning: {source.path}: {source.n_announced} frames announced, {n_frames} decoded: an edit list hides the "
+            "rest, or the file is cut off or damaged; going on with what there is",
         )
     if not tracker.tracks:
         by = f"in {config.boxes}" if config.boxes else f"by the detector {config.detector}"
