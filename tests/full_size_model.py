@@ -31,7 +31,7 @@ def full_size_model() -> MorphableModel:
         origin="tests/full_size_model.py",
         sha256="f" * 64,
         mean=mean,
-        identity_basis=np.concatenate([fine.identity_basis[:, kept], waves]),
+        identity_basis=np.ascontiguousarray(np.concatenate([fine.identity_basis[:, kept], waves])),
         expression_basis=np.ascontiguousarray(fine.expression_basis[:N_EXPRESSION, kept]),
         triangles=new_index[fine.triangles[whole]],
         triangle_regions=fine.triangle_regions[whole],

@@ -65,10 +65,13 @@ def render_known_face(
     perspective: bool,
     spread: float = 1.0,
     distance_mm: float = DISTANCE_MM,
+    identity_seed: int | None = None,
 ) -> KnownFace:
-    """Renders a random face, centred in a picture of 256 x 256 pixels."""
+    """Renders a random face, centred in a picture of 256 x 256 pixels; of one person where an identity seed says so."""
     rng = np.random.default_rng(seed)
     identity = spread * rng.normal(size=model.n_identity).clip(-2.5, 2.5)
+    if identity_seed is not None:
+        identity = spread * np.random.default_rng([1, identity_seed]).normal(size=model.n_identity).clip(-2.5, 2.5)
     expression = spread * rng.normal(size=model.n_expression).clip(-2.5, 2.5)
     vertices = model.vertices(identity[None], expression[None])[0]
     centre = vertices[model.is_face_vertex].mean(axis=0).astype(np.float64)

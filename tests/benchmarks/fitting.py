@@ -1,0 +1,126 @@
+"""How long the parts of a fit take on one thread, and what fewer vertices cost in error.
+
+    python -m tests.benchmarks.fitting [--repeats 30] [--out out/fitting.json]
+
+Times are the least of all repeats, in processor time of the one thread. A matrix product of a fixed size is timed in
+the same run, alternately, so that figures of two machines can be compared. Errors are those of the noisy closed loop
+(1 mm, 5 % gross outliers) with lambda estimated, means over 12 faces.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from pix2face.fitting.camera_fit import fit_weak_perspective_camera
+from pix2face.fitting.face_fit import face_of_coefficients, fit_face
+from pix2face.fitting.linear_system import image_system
+from pix2face.fitting.localise import localise_prepared, valid_pixel_values
+from pix2face.fitting.noise import estimated_regularisation, white_noise_mm
+from pix2face.fitting.picture_measurement import CAMERA_PIXELS, COEFFICIENT_VERTICES, correspondences
+from pix2face.fitting.prepared_model import prepared_model
+from pix2face.morphable_model import MorphableModel
+from tests.benchmarks.closed_loop import MODELS, known_face, measure, summary
+from tests.benchmarks.surroundings import surroundings
+
+VERTEX_COUNTS = (600, 1250, COEFFICIENT_VERTICES, 5000, 10_000)
+REGULARISATION = 80.0
+
+
+def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
+    """The steps of ``fit_face`` on one face (lambda given), each on what the one before found."""
+    maps = known_face(model, 3, perspective=False).maps
+    width = maps.mask.shape[1]
+    prepared, pixels = prepared_model(model, COEFFICIENT_VERTICES), valid_pixel_values(maps)
+    points3d, points2d = correspondences(pixels, width, CAMERA_PIXELS)
+    camera = fit_weak_perspective_camera(points3d, points2d, robust=True)
+    found = localise_prepared(maps, pixels, prepared)
+    basis = prepared.basis[found.places]
+    exact, system = basis.astype(np.float64), image_system(basis, found.offsets, REGULARISATION, robust=True)
+    c, k = system.solve(REGULARISATION), model.n_identity
+    return {
+        "white noise and valid pixels": lambda: (white_noise_mm(maps), valid_pixel_values(maps)),
+        "camera: weak perspective, robust": lambda: fit_weak_perspective_camera(
+            *correspondences(pixels, width, CAMERA_PIXELS), robust=True
+        ),
+        "localisation (Eq. 2)": lambda: localise_prepared(maps, pixels, prepared),
+        "coefficients (Eq. 4), robust": lambda: image_system(
+            prepared.basis[found.places], found.offsets, REGULARISATION, robust=True
+        ).solve(REGULARISATION),
+        "landmarks": lambda: face_of_coefficients(model, camera, c[:k], c[k:]),
+        "together (fit_face)": lambda: fit_face(maps, model, regularisation=REGULARISATION),
+        "not in it: estimating lambda": lambda: estimated_regularisation(
+            system, exact, found.offsets, prepared.patches[found.places]
+        ),
+        "not in it: the mesh": lambda: model.vertices(c[None, :k], c[None, k:]),
+        "not in it: all, lambda estimated": lambda: fit_face(maps, model),
+        "not in it: all, pinhole": lambda: fit_face(maps, model, camera_kind="pinhole", regularisation=REGULARISATION),
+        "not in it: all, camera auto": lambda: fit_face(maps, model, camera_kind="auto", regularisation=REGULARISATION),
+    }
+
+
+def least_ms(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """The least processor time of each function in milliseconds, timed in turn."""
+    times = dict.fromkeys(functions, np.inf)
+    for _ in range(repeats):
+        for name, function in functions.items():
+            started = time.process_time()
+            function()
+            times[name] = min(times[name], time.process_time() - started)
+    return {name: round(1e3 * seconds, 3) for name, seconds in times.items()}
+
+
+def subsets(model: MorphableModel, n_faces: int, repeats: int) -> list[dict[str, float]]:
+    """Time and error for some numbers of vertices."""
+    out = []
+    for count in VERTEX_COUNTS:
+        maps = known_face(model, 3, perspective=False).maps
+
+        def fit(count: int = count) -> object:
+            return fit_face(maps, model, regularisation=REGULARISATION, n_vertices=count)  # noqa: B023
+
+        fit()
+        errors = summary(measure(model, n_faces, lambda _, own, n=count: fit_face(own, model, n_vertices=n), 1.0, 0.05))
+        out.append(
+            {"vertices": count, "ms": least_ms({"fit": fit}, repeats)["fit"]}
+            | {
+                name: round(errors[name]["mean"], 4)
+                for name in ("visible_landmarks_percent", "occluded_landmarks_percent", "visible_vertices_mean_mm")
+            }
+        )
+    return out
+
+
+def main() -> int:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=30)
+    parser.add_argument("--faces", type=int, default=12)
+    parser.add_argument("--out", type=Path, default=Path("out/fitting.json"))
+    options = parser.parse_args()
+    square = np.random.default_rng(0).standard_normal((1500, 1500))
+    report: dict[str, object] = {}
+    with threadpool_limits(1):
+        for name, make in MODELS.items():
+            model = make()
+            functions = parts(model) | {"reference: 1500 x 1500 product": lambda: square @ square}
+            report[name] = {
+                "vertices": len(model.mean),
+                "coefficients": model.n_identity + model.n_expression,
+                "milliseconds": least_ms(functions, options.repeats),
+                "subsets": subsets(model, options.faces, options.repeats),
+            }
+    text = json.dumps(report | {"measured_on": surroundings()}, indent=2)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(text + "\n")
+    sys.stdout.write(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
