@@ -45,7 +45,7 @@ class EGLDevice:
 
 
 def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
-    """Lists the devices; the order is that of ``--device``.
+    """Lists the devices; the order is that of ``--device``. The driver of each is started to ask for its name.
 
     Args:
         library: EGL's, as the system's loader names it.
@@ -53,9 +53,27 @@ def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
     Raises:
         OSError: There is no such library, or it cannot list devices.
     """
+    egl = _load(library)
+    return [_describe(egl, index, handle) for index, handle in enumerate(_handles(egl, library))]
+
+
+def count_egl_devices(library: str = EGL_LIBRARY) -> int:
+    """How many devices there are; starts no driver.
+
+    Raises:
+        OSError: As ``egl_devices``.
+    """
+    return len(_handles(_load(library), library))
+
+
+def _load(library: str) -> ctypes.CDLL:
     egl = ctypes.CDLL(library)
     if not hasattr(egl, "eglGetProcAddress"):
         raise OSError(f"{library} is no EGL: it has no eglGetProcAddress")
+    return egl
+
+
+def _handles(egl: ctypes.CDLL, library: str) -> list[int | None]:
     query_devices = _function(egl, "eglQueryDevicesEXT", ctypes.c_uint, [ctypes.c_int, _POINTER, _POINTER])
     count = ctypes.c_int()
     if not query_devices(0, None, ctypes.byref(count)):
@@ -63,7 +81,7 @@ def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
     handles = (ctypes.c_void_p * count.value)()
     if count.value and not query_devices(count.value, handles, ctypes.byref(count)):
         raise OSError(f"{library}: eglQueryDevicesEXT failed")
-    return [_describe(egl, index, handle) for index, handle in enumerate(handles[: count.value])]
+    return list(handles[: count.value])
 
 
 def _describe(egl: ctypes.CDLL, index: int, handle: int | None) -> EGLDevice:

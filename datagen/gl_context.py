@@ -9,7 +9,7 @@ from typing import Any, Literal, final
 
 import moderngl
 
-from datagen.egl_devices import EGLDevice, egl_devices
+from datagen.egl_devices import count_egl_devices, egl_devices
 from datagen.osmesa_context import OSMesaContext, load_osmesa
 from pix2face.errors import GLUnavailableError, UsageError
 
@@ -182,7 +182,7 @@ def _backends(settings: GLSettings) -> tuple[str, ...]:
 
 def _create_egl(settings: GLSettings) -> moderngl.Context:
     if settings.device is not None:
-        _check_device(settings.device, egl_devices())
+        _check_device(settings.device)
     # By name: moderngl would look for the libraries with programs that a small container does not have.
     arguments: dict[str, Any] = {"backend": "egl", "libegl": "libEGL.so.1", "libgl": "libGL.so.1"}
     if settings.device is not None:
@@ -212,11 +212,12 @@ def _living() -> list[GLContext]:
     return getattr(_THREAD, "living", [])
 
 
-def _check_device(number: int, devices: list[EGLDevice]) -> None:
-    if number >= len(devices):
-        listed = "; ".join(f"{device.index}: {device.description}" for device in devices) or "none"
+def _check_device(number: int) -> None:
+    n_devices = count_egl_devices()
+    if number >= n_devices:
+        listed = "; ".join(f"{device.index}: {device.description}" for device in egl_devices()) or "none"
         raise UsageError(
-            f"device: expected one of the {len(devices)} that EGL lists ({listed}), found {number}; "
+            f"device: expected one of the {n_devices} that EGL lists ({listed}), found {number}; "
             "`datagen doctor` shows them"
         )
 

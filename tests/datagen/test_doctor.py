@@ -13,7 +13,7 @@ import pytest
 from datagen import gl_probe
 from datagen.cli import main
 from datagen.doctor import NVIDIA_VENDOR_CONTENT, Diagnosis, diagnose
-from datagen.egl_devices import EGLDevice, egl_devices
+from datagen.egl_devices import EGLDevice, count_egl_devices, egl_devices
 from datagen.gl_context import COMPUTE_VERSION, GLContext, GLSettings, Rasteriser
 from datagen.gl_probe import BackendProbe, RenderCheck, check_rendering, devices_apart, probe_backend_apart
 from datagen.gl_surroundings import DeviceFile, Surroundings, survey
@@ -243,8 +243,18 @@ def test_a_closed_render_node_is_noticed(tmp_path: Path, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("library", ["libNoEGL.so.9", "libm.so.6"])
 def test_without_egl_its_devices_cannot_be_listed(library: str) -> None:
-    with pytest.raises(OSError, match=library):
-        egl_devices(library)
+    for ask in (egl_devices, count_egl_devices):
+        with pytest.raises(OSError, match=library):
+            ask(library)
+
+
+@pytest.mark.gl
+def test_as_many_devices_are_counted_as_listed() -> None:
+    if survey(((), "")).complaints["libEGL.so.1"]:
+        pytest.skip("no libEGL")
+    listed, error = devices_apart()
+    assert error == ""
+    assert [device.index for device in listed] == list(range(count_egl_devices()))
 
 
 def test_variables_replace_the_vendor_folders(tmp_path: Path) -> None:

@@ -144,6 +144,7 @@ def test_compute_shaders_are_taken_where_they_are() -> None:
 def test_a_device_that_is_not_there_is_refused_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
     card = EGLDevice(0, "NVIDIA (EGL 1.5)", ("EGL_NV_device_cuda",), "/dev/dri/renderD128")
     monkeypatch.setattr(gl_context, "egl_devices", lambda: [card])
+    monkeypatch.setattr(gl_context, "count_egl_devices", lambda: 1)
     monkeypatch.delenv("PIX2FACE_GL", raising=False)
     with pytest.raises(
         UsageError, match=r"one of the 1 .*\(0: NVIDIA .*CUDA, /dev/dri/renderD128\), found 1; `datagen"
