@@ -132,3 +132,10 @@ def is_shuffle_deflate(dataset: h5py.Dataset) -> bool:
     filters = [properties.get_filter(index)[0] for index in range(properties.get_nfilters())]
     shuffle = [h5py.h5z.FILTER_SHUFFLE] if dataset.dtype.itemsize > 1 else []
     return filters == [*shuffle, h5py.h5z.FILTER_DEFLATE]
+
+
+def needs_plugin(dataset: h5py.Dataset) -> bool:
+    """Whether a filter of a dataset is none that the HDF5 library has at the moment."""
+    properties = dataset.id.get_create_plist()
+    filters = [properties.get_filter(index)[0] for index in range(properties.get_nfilters())]
+    return not all(h5py.h5z.filter_avail(code) for code in filters)

@@ -97,11 +97,11 @@ def content_checksum(layers: int, image: bytes, columns: Mapping[str, ndarray], 
     return isal_zlib.crc32(attributes, checksum)
 
 
-def read_header_fields(file: h5py.File, path: Path) -> dict[str, Any]:
+def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
     """Checks that this is a shard of this schema, and that all its data is in it.
 
     Returns:
-        The fields of the header.
+        Its datasets. Each is opened once: that takes longer than to read a small one.
 
     Raises:
         InputFileError: It is not, or it is damaged.
@@ -120,24 +120,35 @@ def read_header_fields(file: h5py.File, path: Path) -> dict[str, Any]:
             "delete the folder and run `datagen render` again"
         )
     check_contained(file, path, sliced=tuple(f"/{name}" for name in LAYERS))
-    strange = [name for name, item in file.items() if not isinstance(item, h5py.Dataset)]
+    datasets = dict(file.items())
+    strange = [name for name, item in datasets.items() if not isinstance(item, h5py.Dataset)]
     if strange:
         raise ValueError(f"{strange[0]} is no dataset")
-    fields = json.loads(read_text(file["header"], path))
+    return datasets
+
+
+def read_header_fields(datasets: Mapping[str, h5py.Dataset], path: Path) -> dict[str, Any]:
+    """The fields of the header.
+
+    Raises:
+        InputFileError: There is no header.
+        ValueError: It is none of this format.
+    """
+    fields = json.loads(read_text(datasets["header"], path))
     _check_header(fields)
     return {**fields, "layers": tuple(fields["layers"]), "region_names": tuple(fields["region_names"])}
 
 
-def check_layout(file: h5py.File, layers: Sequence[str]) -> None:
+def check_layout(datasets: Mapping[str, h5py.Dataset], layers: Sequence[str]) -> None:
     """Checks type and shape of every dataset.
 
     Raises:
         ValueError: One is not as this format has it.
     """
-    n = len(file["sample_id"])
+    n = len(datasets["sample_id"])
     wanted = {**COLUMNS, **(IMAGE_COLUMNS if IMAGE in layers else {})}
     for name, column in wanted.items():
-        dataset = file[name]
+        dataset = datasets[name]
         shape = (n, *column.shape)
         fits = len(dataset.shape) == len(shape) and all(
             a in (None, b) for a, b in zip(shape, dataset.shape, strict=True)
@@ -145,15 +156,17 @@ def check_layout(file: h5py.File, layers: Sequence[str]) -> None:
         if not fits or dataset.dtype != column.dtype:
             raise ValueError(f"{name} is {dataset.dtype} {dataset.shape}, expected {column.dtype} {shape}")
     for name in TEXTS:
-        if file[name].dtype.kind != "S" or file[name].shape != (n,):
-            raise ValueError(f"{name} is {file[name].dtype} {file[name].shape}, expected fixed-length text ({n},)")
+        if datasets[name].dtype.kind != "S" or datasets[name].shape != (n,):
+            raise ValueError(
+                f"{name} is {datasets[name].dtype} {datasets[name].shape}, expected fixed-length text ({n},)"
+            )
     if IMAGE in layers:
-        _check_images(file, n)
-    sizes = {_layer_size(file, name, n) for name in layers if name in LAYERS}
+        _check_images(datasets, n)
+    sizes = {_layer_size(datasets, name, n) for name in layers if name in LAYERS}
     if len(sizes) > 1:
         raise ValueError(f"layers are of different sizes: {sorted(sizes)}")
     largest = np.array(sizes.pop() if sizes else (0, 0))
-    size_px, box_px = file["size_px"][()], file["box_px"][()]
+    size_px, box_px = datasets["size_px"][()], datasets["box_px"][()]
     if ((size_px < 0) | (size_px > largest)).any():
         raise ValueError(f"size_px exceeds the layers' {largest.tolist()}")
     if not ((box_px[:, :2] >= 0) & (box_px[:, :2] <= box_px[:, 2:]) & (box_px[:, 2:] <= size_px)).all():
@@ -194,16 +207,16 @@ def _check_header(fields: Any) -> None:
         raise ValueError(f"the header names layers {fields['layers']}, known are {', '.join(LAYER_NAMES)}")
 
 
-def _check_images(file: h5py.File, n: int) -> None:
-    content, ends = file["image_bytes"], file["image_end"][()]
+def _check_images(datasets: Mapping[str, h5py.Dataset], n: int) -> None:
+    content, ends = datasets["image_bytes"], datasets["image_end"][()]
     if content.dtype != np.uint8 or content.ndim != 1:
         raise ValueError(f"image_bytes is {content.dtype} {content.shape}, expected bytes in one row")
     if (np.diff(ends, prepend=0) < 0).any() or (int(ends[-1]) if n else 0) != len(content):
         raise ValueError("image_end does not divide image_bytes")
 
 
-def _layer_size(file: h5py.File, name: str, n: int) -> tuple[int, int]:
-    dataset, layer = file[name], LAYERS[name]
+def _layer_size(datasets: Mapping[str, h5py.Dataset], name: str, n: int) -> tuple[int, int]:
+    dataset, layer = datasets[name], LAYERS[name]
     shape = dataset.shape
     stored = np.dtype(f"<u{layer.stored.itemsize}") if is_predicted(dataset) else layer.stored
     height, width = shape[1:3] if len(shape) >= 3 else (-1, -1)

@@ -19,7 +19,7 @@ from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray
 
 from pix2face.camera import Camera
-from pix2face.compressions import is_shuffle_deflate, load_filters
+from pix2face.compressions import is_shuffle_deflate, load_filters, needs_plugin
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_maps import FaceCut, FaceMaps
 from pix2face.images import decode_image
@@ -31,6 +31,7 @@ from pix2face.shard_layout import (
     content_checksum,
     is_predicted,
     layer_box,
+    open_datasets,
     read_header_fields,
 )
 from pix2face.triplet import MAP_LAYERS, Triplet, check_has_maps
@@ -84,15 +85,16 @@ class ShardReader:
             self._file = h5py.File(path, "r")
         try:
             with _reading(path):
-                self.header = ShardHeader(**read_header_fields(self._file, path))
+                self._datasets = open_datasets(self._file, path)
                 self._columns: dict[str, ndarray] = {}
-                self._layers = {name: self._file[name] for name in self.header.layers if name in LAYERS}
-                check_layout(self._file, self.header.layers)
-                self.sample_ids: list[str] = [text.decode("utf-8") for text in self._file["sample_id"][()].tolist()]
+                self.header = ShardHeader(**read_header_fields(self._datasets, path))
+                check_layout(self._datasets, self.header.layers)
+                self._layers = {name: self._datasets[name] for name in self.header.layers if name in LAYERS}
+                self.sample_ids: list[str] = [text.decode("utf-8") for text in self._datasets["sample_id"][()].tolist()]
                 self.offset_limits_mm: Float32[ndarray, " n"] = self._column("offset_limit_mm")
                 self._is_predicted = {name: is_predicted(dataset) for name, dataset in self._layers.items()}
                 self._is_deflate = {name: is_shuffle_deflate(dataset) for name, dataset in self._layers.items()}
-                if not all(self._is_deflate.values()):
+                if any(needs_plugin(dataset) for dataset in self._layers.values()):
                     load_filters()
         except BaseException:
             self._file.close()
@@ -124,7 +126,7 @@ class ShardReader:
         with _reading(self.path):
             ends = self._column("image_end")
             start = int(ends[index - 1]) if index else 0
-            return bytes(self._file["image_bytes"][start : int(ends[index])].tobytes())
+            return bytes(self._datasets["image_bytes"][start : int(ends[index])].tobytes())
 
     def image(self, index: int) -> UInt8[ndarray, "h w 3"]:
         """The picture of a sample, RGB."""
@@ -186,7 +188,7 @@ class ShardReader:
     def attributes(self) -> list[dict[str, str | float]]:
         """What else is known of each sample."""
         with _reading(self.path):
-            return [json.loads(text.decode("utf-8")) for text in self._file["attributes"][()].tolist()]
+            return [json.loads(text.decode("utf-8")) for text in self._datasets["attributes"][()].tolist()]
 
     def stored_checksums(self) -> list[str]:
         """The checksum that was stored with each sample, in hexadecimal digits; nothing is recomputed."""
@@ -201,13 +203,13 @@ class ShardReader:
             found = crc32(np.ascontiguousarray(self.stored_layer(index, name)), found)
         with _reading(self.path):
             columns = {name: self._column(name)[index] for name in CONTENT_COLUMNS}
-            found = content_checksum(found, image, columns, bytes(self._file["attributes"][index]))
+            found = content_checksum(found, image, columns, bytes(self._datasets["attributes"][index]))
             return int(self._column("checksum")[index]), found
 
     def triplet(self, index: int, with_pixels: bool = True) -> Triplet:
         """Everything that is known of a sample; without its pixels (picture, layers) a hundred times as fast."""
         with _reading(self.path):
-            attributes = json.loads(bytes(self._file["attributes"][index]).decode("utf-8"))
+            attributes = json.loads(bytes(self._datasets["attributes"][index]).decode("utf-8"))
             return Triplet(
                 sample_id=self.sample_ids[index],
                 image=self.image_bytes(index) if with_pixels and IMAGE in self.header.layers else None,
@@ -235,15 +237,16 @@ class ShardReader:
         with _reading(self.path):
             dataset, layer = self._layers[name], LAYERS[name]
             if self._is_deflate[name]:
-                chunk = dataset.id.read_direct_chunk((index, *(0 for _ in dataset.shape[1:])))[1]
-                size_px = dataset.shape[1:3]
-                return unpack_layer(layer, chunk, box, size_px, is_predicted=self._is_predicted[name])
+                left_out, chunk = dataset.id.read_direct_chunk((index, *(0 for _ in dataset.shape[1:])))
+                if not left_out:  # HDF5 leaves out a filter where it does not shrink a chunk
+                    size_px = dataset.shape[1:3]
+                    return unpack_layer(layer, chunk, box, size_px, is_predicted=self._is_predicted[name])
             found = np.asarray(dataset[(index, *box)])
             return undo_prediction(found) if self._is_predicted[name] else found
 
     def _column(self, name: str) -> ndarray:
         if name not in self._columns:
-            self._columns[name] = self._file[name][()]
+            self._columns[name] = self._datasets[name][()]
         return self._columns[name]
 
 

@@ -280,6 +280,27 @@ def test_an_unknown_compression_is_named_with_those_that_there_are(tmp_path: Pat
         write_shard(tmp_path / "shard-00000.h5", HEADER, [make_triplet(0)], "rar")
 
 
+def test_chunks_without_their_filters_are_read(tmp_path: Path) -> None:
+    """HDF5 allows a chunk to leave out filters that would not shrink it."""
+    path = tmp_path / "shard-00000.h5"
+    write_shard(path, HEADER, [make_triplet(0)])
+    with ShardReader(path) as reader:
+        expected = reader.stored_layer(0, "pncc")
+    with h5py.File(path, "r+") as file:
+        unfiltered = file["pncc"][0].tobytes()
+        file["pncc"].id.write_direct_chunk((0, 0, 0, 0), unfiltered, filter_mask=3)
+    with ShardReader(path) as reader:
+        np.testing.assert_array_equal(reader.stored_layer(0, "pncc"), expected)
+    assert verify_shard(path) == []
+
+
+def test_the_default_needs_no_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "hdf5plugin", None)
+    for n in (0, 2):
+        write_shard(tmp_path / "shard-00000.h5", HEADER, [make_triplet(seed) for seed in range(n)])
+        assert verify_shard(tmp_path / "shard-00000.h5") == []
+
+
 def test_a_missing_filter_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hdf5plugin", None)
     with pytest.raises(UsageError, match=r"hdf5plugin .* not installed; pip install 'pix2face\[storage\]'"):
