@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
+import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
@@ -11,10 +12,14 @@ from pix2face.box_files import BoxFile, read_box_file
 from pix2face.crops import FaceBox
 from pix2face.detection import DEFAULT_DETECTOR
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.fitting.picture_measurement import CameraKind
 from pix2face.interface import Pix2Face
 from pix2face.morphable_model import BUILTIN_MODEL
+from pix2face.predictor import Prediction
 
 LARGEST_BOX_PX = 1e6
+MOST_ROUNDS = 100
 
 
 @final
@@ -72,6 +77,43 @@ class FaceOptions:
                 raise
             raise ModelMismatchError(f"{error}; or say --no-refine, which needs no model") from error
         return FaceFinder(pix2face, self.box, box_file, self.largest)
+
+
+@final
+@dataclass(frozen=True)
+class FitOptions:
+    """How faces are fitted; part of the configuration of several commands."""
+
+    camera: CameraKind = "weak-perspective"
+    """Camera of the fit: affine, weak-perspective, pinhole (its principal point is the centre of the photograph), or
+    auto: a pinhole where perspective shows, else weak-perspective."""
+    regularisation: float | None = None
+    """Tikhonov weight of the coefficients, in mm^2; default is an estimate from each face's maps."""
+    reprojection_rounds: int = 0
+    """How often the camera is fitted again to the fitted mesh, and the coefficients after it."""
+
+    def check(self) -> None:
+        """Refuses what can never work, before anything takes time.
+
+        Raises:
+            UsageError: A regularisation that is not positive, or a negative number of rounds.
+        """
+        if self.regularisation is not None and not 0 < self.regularisation < np.inf:
+            raise UsageError(f"expected a positive --regularisation in mm^2, found {self.regularisation}")
+        if not 0 <= self.reprojection_rounds <= MOST_ROUNDS:
+            raise UsageError(
+                f"expected --reprojection-rounds from 0 to {MOST_ROUNDS}, found {self.reprojection_rounds}"
+            )
+
+    def fit(self, pix2face: Pix2Face, prediction: Prediction, image_size_px: tuple[int, int]) -> FaceFit:
+        """Fits the maps of one face, as ``Pix2Face.fit_prediction``."""
+        return pix2face.fit_prediction(
+            prediction,
+            image_size_px,
+            camera=self.camera,
+            regularisation=self.regularisation,
+            reprojection_rounds=self.reprojection_rounds,
+        )
 
 
 @final

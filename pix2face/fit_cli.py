@@ -4,18 +4,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, final
 
-import numpy as np
 import tyro
 from rich.console import Console
 
 from pix2face.command_line import prepare_output_folder
 from pix2face.crops import crop_image
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.face_options import FaceFinder, FaceOptions
+from pix2face.face_options import FaceFinder, FaceOptions, FitOptions
 from pix2face.fit_files import write_fit
 from pix2face.fit_pictures import draw_overlay, write_point_cloud
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
-from pix2face.fitting.face_fit import CameraKind, FaceFit
+from pix2face.fitting.face_fit import FaceFit
 from pix2face.mesh_files import FaceMesh, parse_mesh_formats, write_mesh
 from pix2face.morphable_model import MorphableModel
 from pix2face.photograph_jobs import (
@@ -44,10 +42,8 @@ class FitConfig:
     """Network, model and face boxes."""
     out: Path = Path("out/fit")
     """Folder for fits, meshes, point clouds and overlays."""
-    camera: CameraKind = "weak-perspective"
-    """Camera of the fit; the principal point of a pinhole is the centre of the photograph."""
-    regularisation: float = PREDICTED_MAPS_REGULARISATION
-    """Tikhonov weight of the coefficients, in mm^2."""
+    how: Annotated[FitOptions, tyro.conf.arg(name="")] = field(default_factory=FitOptions)
+    """Camera and coefficients."""
     joint: bool = False
     """The photographs show one person (the largest face of each): one identity, an expression for each."""
     mesh: str = "obj,glb"
@@ -62,8 +58,9 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
     check_photographs(config.images)
     config.faces.check()
     formats = parse_mesh_formats(config.mesh)
-    if not 0 < config.regularisation < np.inf:
-        raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
+    config.how.check()
+    if config.joint and config.how.reprojection_rounds:
+        raise UsageError("expected no --reprojection-rounds with --joint, which has one round")
     finder = config.faces.open()
     model = finder.pix2face.model
     if config.colour == "texture" and model.uv is None:
@@ -80,9 +77,7 @@ def _fit_each(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder) -
     pix2face = finder.pix2face
 
     def use(face: SeenFace) -> None:
-        fitted = pix2face.fit_prediction(
-            face.prediction, face.size_px, camera=config.camera, regularisation=config.regularisation
-        )
+        fitted = config.how.fit(pix2face, face.prediction, face.size_px)
         _write(config, formats, face, fitted, pix2face.model)
 
     return for_each_face(config.images, finder, Console(stderr=True), use)
@@ -94,7 +89,7 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
     pix2face = finder.pix2face
 
     def keep(face: SeenFace) -> None:
-        pix2face.fit_prediction(face.prediction, face.size_px, regularisation=config.regularisation)
+        config.how.fit(pix2face, face.prediction, face.size_px)  # a face that cannot be fitted is left out
         seen.append(face.without_image())
 
     tally = for_each_face(config.images, finder.only_largest(), Console(stderr=True), keep)
@@ -103,8 +98,8 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
     fits = pix2face.fit_predictions_joint(
         [face.prediction for face in seen],
         [face.size_px for face in seen],
-        camera=config.camera,
-        regularisation=config.regularisation,
+        camera=config.how.camera,
+        regularisation=config.how.regularisation,
     )
     for face, fitted in zip(seen, fits, strict=True):
         try:
@@ -120,7 +115,7 @@ def _write(config: FitConfig, formats: tuple[str, ...], face: SeenFace, fitted: 
     mesh = _coloured(config.colour, formats, face.image, fitted, model)
     for name in formats:
         write_mesh(config.out / f"{face.name}.{name}", mesh)
-    write_fit(config.out / f"{face.name}.json", fitted, model, face.path)
+    write_fit(config.out / f"{face.name}.json", fitted, model, face.path, face.size_px[0])
     crop = crop_image(face.image, face.prediction.crop)
     write_point_cloud(config.out / f"{face.name}-points.ply", face.prediction.maps, crop)
     write_maps_picture(config.out, face)

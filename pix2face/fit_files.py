@@ -11,10 +11,18 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from pix2face.camera import Camera, head_pose, linearised, nearest_weak_perspective
+from pix2face.camera import (
+    Camera,
+    head_pose,
+    linearised,
+    nearest_weak_perspective,
+    pinhole_of,
+    weak_perspective_camera,
+)
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
+from pix2face.w300lp import pose_of_camera
 
 # A fit of some thousand coefficients has some ten thousand characters; nothing of this size is one.
 LARGEST_FILE_BYTES = 32 << 20
@@ -34,22 +42,28 @@ class StoredFit:
     photograph: Path
 
 
-def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str) -> str:
+def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_height_px: int) -> str:
     """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5).
 
     Args:
         fitted: In the pixels of the photograph.
         model: The model of the fit.
         photograph: Path of the photograph, from the folder of the file if it is relative.
+        image_height_px: Height of the photograph, which 300W-LP's pose refers to.
     """
     pose = head_pose(fitted.camera)
+    published = pose_of_camera(fitted.camera, image_height_px)
+    angles = np.radians([pose.pitch_deg, pose.yaw_deg, pose.roll_deg])
     return json.dumps(
         {
             "photograph": photograph,
             "model": {"name": model.name, "sha256": model.sha256},
+            "camera_kind": _camera_kind(fitted.camera),
             "camera_matrix": fitted.camera.matrix.tolist(),
+            "focal_px": None if fitted.camera.is_affine else pinhole_of(fitted.camera).focal_px,
             "pose_deg": {name.removesuffix("_deg"): angle for name, angle in asdict(pose).items()},
             "px_per_mm": nearest_weak_perspective(linearised(fitted.camera)).scale,
+            "pose_para": [*angles.tolist(), *published.translation_px.tolist(), published.scale],
             "identity": fitted.identity.tolist(),
             "expression": fitted.expression.tolist(),
             "landmarks2d_px": fitted.landmarks2d.tolist(),
@@ -59,9 +73,10 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str) -> str:
     )
 
 
-def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path) -> None:
+def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path, image_height_px: int) -> None:
     """Writes a fit; the photograph is named by its way from the file's folder."""
-    path.write_text(fit_to_json(fitted, model, os.path.relpath(photograph.absolute(), path.parent.absolute())))
+    way = os.path.relpath(photograph.absolute(), path.parent.absolute())
+    path.write_text(fit_to_json(fitted, model, way, image_height_px))
 
 
 def read_fit(path: Path, model: MorphableModel) -> StoredFit:
@@ -92,6 +107,15 @@ def read_fit(path: Path, model: MorphableModel) -> StoredFit:
             f"{path}: expected a fit that `pix2face fit` wrote, found one without a valid {error}; fit again"
         ) from error
     return StoredFit(FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d), photograph)
+
+
+def _camera_kind(camera: Camera) -> str:
+    """What the matrix is, whatever was asked for."""
+    if not camera.is_affine:
+        return "pinhole"
+    nearest = weak_perspective_camera(nearest_weak_perspective(camera)).matrix[:2]
+    is_weak = np.abs(nearest - camera.matrix[:2]).max() <= 1e-6 * np.abs(camera.matrix[:2, :3]).max()
+    return "weak-perspective" if is_weak else "affine"
 
 
 def _read_fields(path: Path) -> Mapping[str, Any]:

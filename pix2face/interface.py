@@ -11,9 +11,9 @@ from numpy import ndarray
 from pix2face.crops import FaceBox
 from pix2face.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
 from pix2face.fitting.joint_fit import fit_joint
+from pix2face.interface_checks import check_box, check_photograph
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.predictor import Prediction, Predictor
 from pix2face.refined_detection import find_faces
@@ -21,7 +21,6 @@ from pix2face.runs import latest_checkpoint
 
 # Crops of so many faces are in the network at a time: it is no faster with more, and memory stays small.
 FACES_AT_A_TIME = 16
-SMALLEST_BOX_PX = 1.0
 
 
 @final
@@ -99,7 +98,7 @@ class Pix2Face:
         Raises:
             UsageError: The photograph is not 8-bit RGB.
         """
-        _check_photograph(image)
+        check_photograph(image)
         detector = self._detector or open_detector()
         if self._refine and self._model is not None:
             return find_faces(image, detector, self.predictor, self._model)
@@ -134,14 +133,14 @@ class Pix2Face:
             UsageError: Photographs and lists of boxes differ in number, or a photograph is not 8-bit RGB.
         """
         for image in images:
-            _check_photograph(image)
+            check_photograph(image)
         if boxes is None:
             boxes = [self.find_faces(image) for image in images]
         if len(boxes) != len(images):
             raise UsageError(f"expected boxes for each of {len(images)} photographs, found {len(boxes)} lists of boxes")
         faces = [(image, box) for image, own in zip(images, boxes, strict=True) for box in own]
         for _, box in faces:
-            _check_box(box)
+            check_box(box)
         predictions: list[Prediction] = []
         for start in range(0, len(faces), FACES_AT_A_TIME):
             predictions += self.predictor.predict_batch(faces[start : start + FACES_AT_A_TIME])
@@ -156,22 +155,31 @@ class Pix2Face:
         boxes: Sequence[FaceBox] | None = None,
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+        regularisation: float | None = None,
+        reprojection_rounds: int = 0,
     ) -> list[FaceFit]:
         """Camera, coefficients, mesh and landmarks of every face of one photograph, in its pixels.
 
         Args:
             image: RGB.
             boxes: As in ``predict``.
-            camera: Kind of camera; the principal point of a pinhole is the centre of the photograph.
-            regularisation: Tikhonov weight of the coefficients, in mm^2.
+            camera: "affine", "weak-perspective", "pinhole" (its principal point is the centre of the photograph), or
+                "auto": a pinhole where perspective shows, else weak perspective.
+            regularisation: Tikhonov weight of the coefficients, in mm^2; None estimates it from the maps.
+            reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
 
         Raises:
             DegenerateGeometryError: As ``predict``, or the maps of a face do not determine it.
         """
         height, width = image.shape[:2]
         return [
-            self.fit_prediction(prediction, (height, width), camera=camera, regularisation=regularisation)
+            self.fit_prediction(
+                prediction,
+                (height, width),
+                camera=camera,
+                regularisation=regularisation,
+                reprojection_rounds=reprojection_rounds,
+            )
             for prediction in self.predict(image, boxes)
         ]
 
@@ -181,7 +189,8 @@ class Pix2Face:
         image_size_px: tuple[int, int],
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+        regularisation: float | None = None,
+        reprojection_rounds: int = 0,
     ) -> FaceFit:
         """As ``fit``, from maps that are there already.
 
@@ -190,6 +199,7 @@ class Pix2Face:
             image_size_px: Height and width of the photograph.
             camera: As in ``fit``.
             regularisation: As in ``fit``.
+            reprojection_rounds: As in ``fit``.
 
         Raises:
             DegenerateGeometryError: The maps do not determine camera and coefficients, or are not finite.
@@ -201,6 +211,7 @@ class Pix2Face:
             camera_kind=camera,
             regularisation=regularisation,
             principal_point_px=principal_point_in_crop(prediction, image_size_px),
+            reprojection_rounds=reprojection_rounds,
         ).in_image(prediction.crop)
 
     def fit_joint(
@@ -209,7 +220,7 @@ class Pix2Face:
         boxes: Sequence[FaceBox] | None = None,
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+        regularisation: float | None = None,
     ) -> list[FaceFit]:
         """Fits photographs of one person: one identity, and for each photograph its camera and expression (Eq. 5).
 
@@ -238,7 +249,7 @@ class Pix2Face:
         image_sizes_px: Sequence[tuple[int, int]],
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float = PREDICTED_MAPS_REGULARISATION,
+        regularisation: float | None = None,
     ) -> list[FaceFit]:
         """As ``fit_joint``, from maps that are there already.
 
@@ -277,19 +288,3 @@ def principal_point_in_crop(prediction: Prediction, image_size_px: tuple[int, in
     """The centre of a photograph of some height and width, in the pixels of the maps."""
     height, width = image_size_px
     return prediction.crop.to_crop(np.array([width, height]) / 2)
-
-
-def _check_photograph(image: ndarray) -> None:
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or not image.size:
-        raise UsageError(
-            f"expected a photograph of shape (height, width, 3), RGB, uint8, found {image.dtype} of shape "
-            f"{image.shape}; pix2face.images.read_photograph brings any file there"
-        )
-
-
-def _check_box(box: FaceBox) -> None:
-    sides = np.array([box.left, box.top, box.right, box.bottom])
-    if not (np.isfinite(sides).all() and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX):
-        raise DegenerateGeometryError(
-            f"expected a face box (left, top, right, bottom) of at least {SMALLEST_BOX_PX:g} pixel, found {box}"
-        )

@@ -16,10 +16,8 @@ from pix2face.command_line import check_output_file, say
 from pix2face.crops import crop_image
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.face_maps import point_cloud
-from pix2face.face_options import FaceOptions
+from pix2face.face_options import FaceOptions, FitOptions
 from pix2face.fit_files import read_fit
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
-from pix2face.fitting.face_fit import CameraKind
 from pix2face.images import read_photograph
 from pix2face.morphable_model import MorphableModel, open_model
 from pix2face.photograph_jobs import SeenFace, Tally, for_each_face
@@ -37,10 +35,8 @@ class ViewConfig:
     """Network, model and face boxes."""
     out: Path = Path("out/view.html")
     """The page; a file that any browser opens, without a network."""
-    camera: CameraKind = "weak-perspective"
-    """Camera of the fits; the principal point of a pinhole is the centre of the photograph."""
-    regularisation: float = PREDICTED_MAPS_REGULARISATION
-    """Tikhonov weight of the coefficients, in mm^2."""
+    how: Annotated[FitOptions, tyro.conf.arg(name="")] = field(default_factory=FitOptions)
+    """Camera and coefficients of photographs."""
 
 
 def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
@@ -48,8 +44,7 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
     if not config.inputs:
         raise UsageError("expected at least one photograph or fit (.json)")
     config.faces.check()
-    if not 0 < config.regularisation < np.inf:
-        raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
+    config.how.check()
     check_output_file(config.out, (".html",))
     console, shown = Console(stderr=True), list[FaceData]()
     fits = [path for path in config.inputs if path.suffix.lower() == ".json"]
@@ -80,9 +75,7 @@ def _fit_photographs(
     pix2face = finder.pix2face
 
     def use(face: SeenFace) -> None:
-        fitted = pix2face.fit_prediction(
-            face.prediction, face.size_px, camera=config.camera, regularisation=config.regularisation
-        )
+        fitted = config.how.fit(pix2face, face.prediction, face.size_px)
         points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
         show(face_data(ViewedFace(face.name, face.image, fitted, points, colours), pix2face.model))
 

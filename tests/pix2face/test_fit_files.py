@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pix2face.camera import Camera, HeadPose, Pinhole, pinhole_camera
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.fit_files import read_fit, write_fit
+from pix2face.fit_files import fit_to_json, read_fit, write_fit
 from pix2face.fitting.face_fit import FaceFit
-from tests.pix2face.seen_faces import photographed_face
+from pix2face.w300lp import PoseParameters, camera_of_pose
+from tests.pix2face.seen_faces import HEIGHT_PX, photographed_face
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -26,7 +28,7 @@ def fitted() -> FaceFit:
 def write(folder: Path, photograph: str = "in/person.jpg") -> Path:
     path = folder / "out" / "person.json"
     path.parent.mkdir(exist_ok=True)
-    write_fit(path, fitted(), MODEL, folder / photograph)
+    write_fit(path, fitted(), MODEL, folder / photograph, HEIGHT_PX)
     return path
 
 
@@ -91,3 +93,20 @@ def test_a_bad_field_is_named(tmp_path: Path, name: str, value: Any) -> None:
     path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
     with pytest.raises(InputFileError, match=rf"without a valid '({name}|sha256)'"):
         read_fit(path, MODEL)
+
+
+def test_the_file_says_what_the_camera_is() -> None:
+    near = pinhole_camera(Pinhole(800.0, np.array([130.0, 110.0]), np.diag([1.0, -1, -1]), np.array([0, 0, 600.0])))
+    stretched = replace(fitted(), camera=Camera(np.diag([1.1, 1, 1, 1]) @ fitted().camera.matrix))
+    kinds = {"weak-perspective": fitted(), "affine": stretched, "pinhole": replace(fitted(), camera=near)}
+    for kind, fit in kinds.items():
+        fields = json.loads(fit_to_json(fit, MODEL, "person.jpg", HEIGHT_PX))
+        assert fields["camera_kind"] == kind
+        assert fields["focal_px"] == (pytest.approx(800) if kind == "pinhole" else None)
+
+
+def test_the_published_pose_leads_back_to_the_camera() -> None:
+    pitch, yaw, roll, tx, ty, tz, scale = json.loads(fit_to_json(fitted(), MODEL, "x.jpg", HEIGHT_PX))["pose_para"]
+    head = HeadPose(*np.degrees([pitch, yaw, roll]))
+    camera = camera_of_pose(PoseParameters(head=head, translation_px=np.array([tx, ty, tz]), scale=scale), HEIGHT_PX)
+    np.testing.assert_allclose(camera.project(fitted().landmarks3d), fitted().landmarks2d, atol=1e-6)

@@ -14,6 +14,7 @@ from pix2face import Pix2Face
 from pix2face.crops import FaceBox
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.images import read_photograph
+from pix2face.interface_checks import check_photograph
 from pix2face.model_file import read_stored_model
 from pix2face.morphable_model import MorphableModel, load_model
 from pix2face.predictor import Predictor
@@ -142,10 +143,8 @@ def sides(box: FaceBox) -> ndarray:
 )
 def test_pictures_of_another_kind_are_named(image: ndarray) -> None:
     # Types are checked only under the tests: what a user meets is the check inside.
-    from pix2face.interface import _check_photograph
-
     with pytest.raises(UsageError, match=r"expected a photograph of shape .height, width, 3., RGB, uint8, found"):
-        _check_photograph(image)
+        check_photograph(image)
 
 
 BAD_BOXES = [
