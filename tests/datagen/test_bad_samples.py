@@ -10,6 +10,7 @@ import pytest
 
 from datagen.cli import main
 from datagen.sampling import sample_faces
+from pix2face.camera import FRONTAL, Pinhole, pinhole_camera
 from pix2face.coefficients import FaceCoefficients, save_coefficients
 from pix2face.layers import DEFAULT_LAYERS
 from pix2face.morphable_model import load_model
@@ -54,7 +55,8 @@ def test_numbers_that_no_face_has(model_path: Path, tmp_path: Path) -> None:
     cameras[4, 0, 3] = 1e5
     cameras[5, 1] = cameras[5, 0]
     sizes[6] = 16384
-    cameras[7, 2:] = [0, 0, 0, -1]  # a pinhole that looks away
+    away_mm = np.array([0.0, 0.0, -500.0])
+    cameras[7] = pinhole_camera(Pinhole(60.0, np.full(2, SIZE_PX / 2), FRONTAL, away_mm)).matrix
     found = reasons(
         replace(table, sample_ids=names, identity=identity, cameras=cameras, sizes_px=sizes), model_path, tmp_path
     )
