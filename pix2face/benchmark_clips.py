@@ -28,12 +28,15 @@ def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
     rest = next((part.name for part in manifest.parts if part.all_others), None)
     items: list[BenchmarkItem] = []
     absent: list[str] = []
+    frame_names: dict[str, tuple[str, ...]] = {}
     missing: list[str] = [clip for clip in part_of if clip not in there]
     for clip in there:
         group = part_of.get(clip, rest)
         if home is None or group is None:
             continue
         pictures = _Pictures(home / clip, manifest.pictures_in)
+        if pictures.stems:
+            frame_names[clip] = pictures.stems
         for annotation in sorted((home / clip / ANNOTATIONS).glob("*.pts")):
             name = f"{clip}/{annotation.stem}"
             read_image = pictures.reader(annotation.stem)
@@ -42,7 +45,7 @@ def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
                 absent.append(name)
             else:
                 items.append(BenchmarkItem(name, partial(_read_frame, manifest, name, group, annotation, read_image)))
-    return BenchmarkFiles(tuple(items), tuple(missing), absent_names=tuple(absent))
+    return BenchmarkFiles(tuple(items), tuple(missing), absent_names=tuple(absent), frame_names=frame_names)
 
 
 def _clips_in(home: Path) -> list[str]:
@@ -108,6 +111,11 @@ class _Pictures:
         }
         video = next((clip / name for name in VIDEO_NAMES if (clip / name).is_file()), None)
         self._video = None if video is None else _Video(video)
+
+    @property
+    def stems(self) -> tuple[str, ...]:
+        """The names of the pictures, in order; empty for a video."""
+        return tuple(sorted(self._by_stem))
 
     def reader(self, stem: str) -> Callable[[], UInt8[ndarray, "h w 3"]] | None:
         """What reads the frame of an annotation's name; None where there is nothing to read."""

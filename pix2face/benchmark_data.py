@@ -1,7 +1,7 @@
 """The faces of a benchmark: what was found of them, what is missing, and what each is once it is read."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
@@ -97,12 +97,14 @@ class BenchmarkFiles:
         missing: Names of the faces that are not there, each with what is missing.
         unreadable: Whole files that cannot be opened (damaged shards).
         absent_names: Names of all faces of the benchmark that are not among the items, without remarks.
+        frame_names: For each clip whose frames are pictures their names in order; frames of a video count from 1.
     """
 
     items: tuple[BenchmarkItem, ...]
     missing: tuple[str, ...]
     unreadable: tuple[Unreadable, ...] = ()
     absent_names: tuple[str, ...] = ()
+    frame_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def yaw_bin(yaw_deg: float) -> str:

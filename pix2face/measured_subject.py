@@ -34,6 +34,7 @@ from pix2face.morphable_model import MorphableModel
 from pix2face.predictions_file import PixelFrame, read_predictions
 from pix2face.predictor import Predictor
 from pix2face.runs import latest_checkpoint
+from pix2face.tracks_as_predictions import read_tracks
 
 
 @final
@@ -110,6 +111,12 @@ def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, d
     }
 
 
+def _tracks(folder: Path, found: BenchmarkFiles) -> tuple[Subject, dict[str, Any]]:
+    predicted = read_tracks(folder, {item.name for item in found.items}, found.frame_names)
+    rows = {name: row for row, name in enumerate(predicted.names)}
+    return PredictionsSubject(predicted, rows), {"predictions": f"{folder} ({len(rows)} frames of pix2face track)"}
+
+
 def _absent_clips(manifest: Manifest, known: Sequence[str]) -> set[str]:
     return {clip for part in manifest.parts for clip in part.clips} - {name.partition("/")[0] for name in known}
 
@@ -129,6 +136,8 @@ def _fit(
 def _predictions(
     path: Path, frame: PixelFrame, manifest: Manifest, found: BenchmarkFiles
 ) -> tuple[Subject, dict[str, Any]]:
+    if path.is_dir():
+        return _tracks(path, found)
     predicted = read_predictions(path, frame)
     known = [item.name for item in found.items] + list(found.absent_names)
     # Nobody knows how many frames a clip has that is not at hand: any name of one is believed.

@@ -7,7 +7,7 @@ import csv
 import io
 import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
@@ -87,19 +87,25 @@ def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
     np.savez_compressed(path, **arrays)
 
 
+def read_arrays(path: Path, wanted: Collection[str]) -> dict[str, ndarray]:
+    """The wanted arrays of an ``.npz`` file that are in it; pickles are refused.
+
+    Raises:
+        OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError: It is missing, damaged, or no such file.
+    """
+    with zipfile.ZipFile(path) as archive:
+        found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        return {name: _read_array(archive, found[name]) for name in wanted if name in found}
+
+
 def _read_npz(path: Path) -> dict[str, ndarray]:
     try:
-        with zipfile.ZipFile(path) as archive:
-            found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            arrays = {name: _read_array(archive, found[name]) for name in NPZ_ARRAYS if name in found}
+        arrays = read_arrays(path, NPZ_ARRAYS)
     except (OSError, zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
         raise InputFileError(f"{path}: expected an .npz file of predictions, cannot read it: {error}") from error
     lacking = [name for name in ("names", "landmarks") if name not in arrays]
     if lacking:
-        raise InputFileError(
-            f"{path}: expected the arrays names and landmarks, missing {' and '.join(lacking)}; "
-            f"found {', '.join(sorted(found)) or 'nothing'}"
-        )
+        raise InputFileError(f"{path}: expected the arrays names and landmarks, missing {' and '.join(lacking)}")
     return arrays
 
 

@@ -72,7 +72,7 @@ def test_an_empty_cell_is_a_face_that_was_not_found(tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"landmarks": POINTS}, "missing names; found landmarks"),
+        ({"landmarks": POINTS}, "missing names"),
         ({"names": NAMES}, "missing landmarks"),
         ({"names": NAMES, "landmarks": POINTS[:1]}, r"shape \(2, 68, 2\) or \(2, 68, 3\), found shape \(1, 68, 2\)"),
         ({"names": NAMES, "landmarks": POINTS[:, :51]}, r"found shape \(2, 51, 2\)"),
