@@ -1,0 +1,82 @@
+"""Error of landmarks against noise on both maps, with 5 % gross outliers, for lambda estimated and for two constants.
+
+python -m tests.benchmarks.noise_curve [--faces 20] [--out out/noise_curve.json] [--picture docs/images/fit_noise.png]
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from pix2face.face_maps import FaceMaps
+from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
+from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.morphable_model import builtin_model
+from tests.benchmarks.closed_loop import measure, summary
+from tests.benchmarks.surroundings import surroundings
+from tests.pix2face.fitting.rendered_faces import KnownFace
+
+NOISE_MM = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+OUTLIERS = 0.05
+LAMBDAS = {
+    "estimated": None,
+    f"{EXACT_MAPS_REGULARISATION:g} mm2": EXACT_MAPS_REGULARISATION,
+    f"{PREDICTED_MAPS_REGULARISATION:g} mm2": PREDICTED_MAPS_REGULARISATION,
+}
+PARTS = {"visible": "visible_landmarks_percent", "occluded": "occluded_landmarks_percent"}
+
+
+def curves(n_faces: int) -> dict[str, dict[str, list[float]]]:
+    """Mean errors (% of the eye distance) at each noise, for each lambda and part."""
+    model = builtin_model()
+    out: dict[str, dict[str, list[float]]] = {name: {part: [] for part in PARTS} for name in LAMBDAS}
+    for name, regularisation in LAMBDAS.items():
+
+        def fit(_: KnownFace, maps: FaceMaps, regularisation: float | None = regularisation) -> FaceFit:
+            return fit_face(maps, model, regularisation=regularisation)
+
+        for noise in NOISE_MM:
+            errors = summary(measure(model, n_faces, fit, noise, OUTLIERS))
+            for part, key in PARTS.items():
+                out[name][part].append(round(errors[key]["mean"], 4))
+    return out
+
+
+def draw(found: dict[str, dict[str, list[float]]], path: Path) -> None:
+    """Both parts side by side."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    for axes, part in zip(figure.subplots(1, 2, sharey=True), PARTS, strict=True):
+        for name, errors in found.items():
+            axes.plot(NOISE_MM, errors[part], marker="o", label=f"λ {name}".replace("mm2", "mm²"))
+        axes.set(title=f"{part} landmarks", xlabel="noise of each coordinate of both maps (mm)", xscale="symlog")
+        axes.set_xticks(NOISE_MM, [f"{noise:g}" for noise in NOISE_MM])
+        axes.set_yscale("log")
+        axes.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
+        axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel("mean error (% of the eye distance)")
+    figure.axes[0].legend()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100, metadata={"Software": None})
+
+
+def main() -> int:
+    """Measures, writes and draws."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--faces", type=int, default=20)
+    parser.add_argument("--out", type=Path, default=Path("out/noise_curve.json"))
+    parser.add_argument("--picture", type=Path, default=Path("docs/images/fit_noise.png"))
+    options = parser.parse_args()
+    found = curves(options.faces)
+    draw(found, options.picture)
+    report = {"faces": options.faces, "outliers": OUTLIERS, "noise_mm": NOISE_MM, "mean_error_percent": found}
+    text = json.dumps(report | {"measured_on": surroundings()}, indent=2)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(text + "\n")
+    sys.stdout.write(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
