@@ -222,7 +222,7 @@ def read_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
 def _read_small_file(path: Path) -> bytes:
     # Without a file object: opening one takes longer than reading these files does.
     try:
-        descriptor = os.open(path, os.O_RDONLY)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe that nobody writes to would wait forever
         try:
             content = os.read(descriptor, USUAL_FILE_BYTES)
             while len(content) >= USUAL_FILE_BYTES and (more := os.read(descriptor, LARGEST_FILE_BYTES)):

@@ -1,6 +1,7 @@
 """A row of a table that cannot be used costs itself, never its neighbours."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from pix2face.morphable_model import load_model
 from pix2face.shard_checks import verify_shard
 from pix2face.shards import ShardReader, shard_paths
 from tests.model_files import write_small_head
-from tests.pix2face.benchmark_files import frontal_camera
+from tests.pix2face.benchmark_files import frontal_camera, write_mat
+from tests.pix2face.test_picture_head import png_bomb
 
 pytestmark = pytest.mark.gl
 
@@ -67,6 +69,57 @@ def test_numbers_that_no_face_has(model_path: Path, tmp_path: Path) -> None:
     assert "independent rows" in found["flat"]
     assert "draws no larger ones" in found["enormous picture"]
     assert "in front of the camera" in found["behind"]
+
+
+def test_files_of_a_folder_that_are_none(model_path: Path, tmp_path: Path) -> None:
+    """Pipes, devices, bombs, loops of links: none hangs, none fills memory, each is listed."""
+    folder = tmp_path / "faces"
+    model = load_model(model_path)
+    camera = frontal_camera(0.25, SIZE_PX / 2)
+    pixels = camera.project(model.mean[model.landmarks["ibug68"]].astype(np.float64))
+    jpeg = cv2.imencode(".jpg", np.full((SIZE_PX, SIZE_PX, 3), 99, np.uint8))[1].tobytes()
+    for name in ("a good", "bomb", "empty", "zeros", "cut"):
+        write_mat(folder / f"{name}.mat", pixels, 0.0, pt3d_68=np.vstack([pixels.T + 0.5, np.zeros(68)]))
+        (folder / f"{name}.jpg").write_bytes(jpeg)
+    (folder / "bomb.jpg").write_bytes(png_bomb())
+    (folder / "empty.jpg").write_bytes(b"")
+    (folder / "cut.jpg").write_bytes(jpeg[:-2])
+    (folder / "zeros.jpg").unlink()
+    (folder / "zeros.jpg").symlink_to("/dev/zero")
+    os.mkfifo(folder / "pipe.mat")
+    (folder / "device.mat").symlink_to("/dev/zero")
+    (folder / "nowhere.mat").symlink_to(folder / "nothing.mat")
+    (folder / "self.mat").symlink_to(folder / "self.mat")
+    for name, target in (("up", folder), ("round", folder / "round")):
+        (folder / name).symlink_to(target)
+    for name in ("pipe", "device", "nowhere", "self"):
+        (folder / f"{name}.jpg").write_bytes(jpeg)
+    out = tmp_path / "out"
+    arguments = ["--coeffs", str(folder), "--out", str(out), "--model", str(model_path), "--workers", "1"]
+    assert main(["render", *arguments]) == 3
+    with ShardReader(shard_paths(out)[0]) as reader:
+        assert reader.sample_ids == ["a good"]
+    lines = (out / "rejected.jsonl").read_text().splitlines()
+    found = {entry["sample_id"]: entry["reason"] for entry in map(json.loads, lines)}
+    assert list(found) == ["bomb", "cut", "device", "empty", "nowhere", "pipe", "self", "zeros"]
+    assert "at most 256 megapixels" in found["bomb"]
+    assert "found 0 bytes that are none" in found["empty"]
+    assert "MB" in found["device"]
+    for name in ("nowhere", "self"):
+        assert "cannot read it" in found[name]
+
+
+def test_a_photograph_without_right_to_read_is_rejected(model_path: Path, tmp_path: Path) -> None:
+    if os.geteuid() == 0:
+        pytest.skip("root may read everything")
+    jpeg = cv2.imencode(".jpg", np.full((SIZE_PX, SIZE_PX, 3), 99, np.uint8))[1].tobytes()
+    for name in ("good", "closed"):
+        (tmp_path / f"{name}.jpg").write_bytes(jpeg)
+    (tmp_path / "closed.jpg").chmod(0)
+    names = ("good", "closed")
+    table = sample_faces(load_model(model_path), len(names), 0, SIZE_PX)
+    table = replace(table, sample_ids=names, image_paths=tuple(f"{name}.jpg" for name in names))
+    assert "cannot read it" in reasons(table, model_path, tmp_path)["closed"]
 
 
 def test_photographs_that_are_none(model_path: Path, tmp_path: Path) -> None:
