@@ -11,8 +11,9 @@ adjacent". Deviation from the paper: before the first and after the last detecti
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from io import TextIOBase
 from pathlib import Path
-from typing import IO, Literal, final
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float64
@@ -84,7 +85,7 @@ class FaceTracker:
         fps: Frames a second.
     """
 
-    def __init__(self, file: IO[str], fps: float) -> None:
+    def __init__(self, file: TextIOBase, fps: float) -> None:
         self._rows = csv.writer(file, lineterminator="\n")
         self._rows.writerow(BOX_COLUMNS)
         self._fps = fps

@@ -36,7 +36,7 @@ from pix2face.predictor import Predictor
 from pix2face.runs import latest_checkpoint
 from pix2face.smoothing import Smoothing, open_smoother
 from pix2face.track_files import BOX_SOURCES, ClipConstants, TrackFiles, TrackFormat, draw_frame
-from pix2face.tracking import IDENTITY_FRAMES, FaceFollower, find_boxes, find_identities, follow_faces
+from pix2face.tracking import IDENTITY_FRAMES, FaceFollower, find_boxes, find_identities, follow_faces, identity_step
 from pix2face.video import FrameSource, OverlayVideo, open_frames
 
 console = Console(stderr=True)
@@ -198,8 +198,8 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
     if source.is_cut_short(n_frames):
         say(
             console,
-            f"warning: {source.path}: {source.n_announced} frames announced, {n_frames} decoded: an edit list hides the "
-            "rest, or the file is cut off or damaged; going on with what there is",
+            f"warning: {source.path}: {source.n_announced} frames announced, {n_frames} decoded: an edit list hides "
+            "the rest, or the file is cut off or damaged; going on with what there is",
         )
     if not tracker.tracks:
         by = f"in {config.boxes}" if config.boxes else f"by the detector {config.detector}"

@@ -121,7 +121,7 @@ def find_identities(
     """
     wanted: dict[int, list[tuple[int, FaceBox]]] = {}
     for face, (boxes, count) in enumerate(detected):
-        for own in islice(boxes, 0, None, max(1, -(-count // at_most))):
+        for own in islice(boxes, 0, None, identity_step(count, at_most)):
             wanted.setdefault(own.frame, []).append((face, own.box))
     sums = [JointAccumulator(fitter.model.n_identity) for _ in detected]
     n_seen = [0] * len(sums)
@@ -136,6 +136,11 @@ def find_identities(
             advance()
     zero = np.zeros(fitter.model.n_identity)
     return [own.solve()[0] if count else zero for own, count in zip(sums, n_seen, strict=True)]
+
+
+def identity_step(n_detected: int, at_most: int) -> int:
+    """Every so-manieth detection of a face is one that its identity comes from."""
+    return max(1, -(-n_detected // at_most))
 
 
 @final

@@ -123,5 +123,6 @@ def _normal_equations(
 
 
 def _robust_weights(residuals: Float[ndarray, " n"]) -> Float64[ndarray, " n"]:
-    threshold = THRESHOLD_IN_MEDIANS * float(np.median(residuals))
-    return np.asarray((threshold / np.maximum(residuals, max(threshold, 1e-30))) ** 2, dtype=np.float64)
+    # Where the fit is perfect the median is 0; those vertices must keep their weight.
+    threshold = max(THRESHOLD_IN_MEDIANS * float(np.median(residuals)), 1e-30)
+    return np.asarray((threshold / np.maximum(residuals, threshold)) ** 2, dtype=np.float64)
