@@ -1,13 +1,19 @@
 """The command from its arguments to files and exit status, with a network that has learned nothing."""
 
 import json
+import re
+import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+import tyro
 
 from pix2face.checkpoint import CheckpointHeader, save_checkpoint
-from pix2face.evaluate_cli import main
+from pix2face.compare_cli import CompareConfig
+from pix2face.evaluate_cli import EvaluateConfig, main
+from pix2face.manifest import SPLITS
 from pix2face.network import UNet
 from tests.pix2face.benchmark_files import (
     frontal_camera,
@@ -344,3 +350,18 @@ def test_clips_are_drawn_as_a_whole_and_counted(tmp_path, small_model, capsys):
     assert report["bootstrap"]["drawn"] == "clips"
     assert report["table"][0]["groups"]["training"]["n_images"] == 2
     assert [face["clip"] for face in report["faces"]] == ["001", "001", "401", "401", "402", "402"]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/evaluation.md", "docs/reproduce.md"])
+def test_every_evaluation_in_the_docs_parses(page):
+    text = (Path(__file__).parents[2] / page).read_text(encoding="utf-8")
+    calls = re.findall(r"(?:^    |`|&& )(evaluate (?:--split|compare) [^`#\n]*)", text, re.MULTILINE)
+    assert calls
+    for call in calls:
+        program, *words = shlex.split(call)
+        if "S" in words:  # evaluate --split S: any of them
+            continue
+        if words[0] == "compare":
+            assert len(tyro.cli(CompareConfig, args=words[1:]).reports) == 2
+        else:
+            assert tyro.cli(EvaluateConfig, args=words).split in SPLITS
