@@ -20,7 +20,7 @@ class EGLDevice:
 
     Attributes:
         index: What ``--device`` takes.
-        vendor: Whose driver it is and its version; "" where it does not start.
+        vendor: Whose driver it is, its name where known, and its version; "" where it does not start.
         extensions: What it says of itself, such as EGL_MESA_device_software.
         render_node: Its file, such as /dev/dri/renderD128; None where it has none.
     """
@@ -93,15 +93,19 @@ def _describe(egl: ctypes.CDLL, index: int, handle: int | None) -> EGLDevice:
 
 
 def _vendor(egl: ctypes.CDLL, handle: int | None) -> str:
-    """Vendor and version of the driver; needs the display started, which stays: another context may be using it."""
+    """Vendor, driver and version; needs the display started, which stays: another context may be using it."""
     get_display = _function(egl, "eglGetPlatformDisplayEXT", _POINTER, [ctypes.c_uint, _POINTER, _POINTER])
     display = get_display(_EGL_PLATFORM_DEVICE, handle, None)
     initialise = _function(egl, "eglInitialize", ctypes.c_uint, [_POINTER, _POINTER, _POINTER])
     if not display or not initialise(display, None, None):
         return ""
     query = _function(egl, "eglQueryString", ctypes.c_char_p, [_POINTER, ctypes.c_int])
-    words = [(query(display, name) or b"").decode(errors="replace") for name in (_EGL_VENDOR, _EGL_VERSION)]
-    return f"{words[0]} (EGL {words[1]})"
+    asked = (_EGL_VENDOR, _EGL_VERSION, _EGL_EXTENSIONS)
+    vendor, version, extensions = ((query(display, name) or b"").decode(errors="replace") for name in asked)
+    if "EGL_MESA_query_driver" in extensions.split():
+        name = _function(egl, "eglGetDisplayDriverName", ctypes.c_char_p, [_POINTER])(display) or b""
+        vendor = f"{vendor}, driver {name.decode(errors='replace')}"
+    return f"{vendor} (EGL {version})"
 
 
 def _function(egl: ctypes.CDLL, name: str, result: Any, arguments: list[Any]) -> Callable[..., Any]:
