@@ -29,12 +29,13 @@ def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
     items: list[BenchmarkItem] = []
     absent: list[str] = []
     frame_names: dict[str, tuple[str, ...]] = {}
+    videos = _VideoReader()
     missing: list[str] = [clip for clip in part_of if clip not in there]
     for clip in there:
         group = part_of.get(clip, rest)
         if home is None or group is None:
             continue
-        pictures = _Pictures(home / clip, manifest.pictures_in)
+        pictures = _Pictures(home / clip, manifest.pictures_in, videos)
         if pictures.stems:
             frame_names[clip] = pictures.stems
         for annotation in sorted((home / clip / ANNOTATIONS).glob("*.pts")):
@@ -101,7 +102,7 @@ def _read_points3d(manifest: Manifest, path: Path) -> Float64[ndarray, "68 3"]:
 class _Pictures:
     """Where the frames of a clip come from: its folders of pictures, else its video."""
 
-    def __init__(self, clip: Path, folders: tuple[str, ...]) -> None:
+    def __init__(self, clip: Path, folders: tuple[str, ...], videos: "_VideoReader") -> None:
         self._by_stem = {
             path.stem: path
             for folder in reversed(folders)
@@ -109,8 +110,8 @@ class _Pictures:
             for path in (clip / folder).iterdir()
             if path.suffix.lower() in PICTURE_SUFFIXES
         }
-        video = next((clip / name for name in VIDEO_NAMES if (clip / name).is_file()), None)
-        self._video = None if video is None else _Video(video)
+        self._video = next((clip / name for name in VIDEO_NAMES if (clip / name).is_file()), None)
+        self._videos = videos
 
     @property
     def stems(self) -> tuple[str, ...]:
@@ -122,33 +123,37 @@ class _Pictures:
         if stem in self._by_stem:
             return picture_reader(self._by_stem[stem])
         if self._video is not None and stem.isdigit():
-            return partial(self._video.frame, int(stem) - 1)  # annotations count from 1
+            return partial(self._videos.frame, self._video, int(stem) - 1)  # annotations count from 1
         return None
 
 
 @final
-class _Video:
-    """Frames of a video by number. Codecs do not seek exactly: frames are counted, onward where possible."""
+class _VideoReader:
+    """Frames of videos by number; one video is open at a time, however many clips there are.
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._capture: cv2.VideoCapture | None = None
+    Codecs do not seek exactly: frames are counted, onward where possible.
+    """
+
+    def __init__(self) -> None:
+        self._path: Path | None = None
+        self._capture = cv2.VideoCapture()
         self._next = 0
 
-    def frame(self, number: int) -> UInt8[ndarray, "h w 3"]:
+    def frame(self, path: Path, number: int) -> UInt8[ndarray, "h w 3"]:
         """A frame, RGB, counted from 0.
 
         Raises:
             InputFileError: The video cannot be read, or ends before.
         """
-        if self._capture is None or number < self._next:
-            self._capture, self._next = cv2.VideoCapture(str(self._path)), 0
+        if path != self._path or number < self._next:
+            self._capture.release()
+            self._capture = cv2.VideoCapture(str(path))
+            self._path, self._next = path, 0
         while self._next < number and self._capture.grab():
             self._next += 1
         is_read, image = self._capture.read() if self._next == number else (False, None)
         if not is_read or image is None:
-            self._capture.release()
-            self._capture = None
-            raise InputFileError(f"{self._path}: expected a frame {number + 1}, found {self._next} that can be read")
+            self._path = None
+            raise InputFileError(f"{path}: expected a frame {number + 1}, found {self._next} that can be read")
         self._next += 1
         return np.ascontiguousarray(image[..., ::-1])

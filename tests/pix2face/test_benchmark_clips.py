@@ -58,6 +58,16 @@ def test_frames_come_from_a_video_in_any_order(tmp_path):
     np.testing.assert_allclose(first.with_image().image.mean(), 20, atol=2)
 
 
+def test_frames_of_several_videos_do_not_mix(tmp_path):
+    for clip, n_frames in (("114", 2), ("124", 4)):
+        write_video(tmp_path / clip / "vid.avi", n_frames)
+        write_pts(tmp_path / clip / "annot" / "000002.pts", LANDMARKS)
+        write_pts(tmp_path / clip / "annot" / f"{n_frames:06d}.pts", LANDMARKS)
+    first, second, last = (item.load() for item in find("300vw", tmp_path).items)
+    greys = [face.with_image().image.mean() for face in (first, last, first, second, last, second)]
+    np.testing.assert_allclose(greys, [40, 80, 40, 40, 80, 40], atol=2)
+
+
 def test_a_text_in_place_of_a_video_is_refused_when_read(tmp_path, capfd):
     write_pts(tmp_path / "114" / "annot" / "000001.pts", LANDMARKS)
     (tmp_path / "114" / "vid.avi").write_text("no video")
