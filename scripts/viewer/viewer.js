@@ -26,6 +26,11 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 const BACKGROUND = 0x20242a;
 const SKIN = 0xc9b8a8;
 const FIELD_OF_VIEW_DEG = 20;
+// three takes the size of points as if the field of view were 90 degrees.
+const POINT_SIZE_PER_MM = 1 / Math.tan((FIELD_OF_VIEW_DEG / 360) * Math.PI);
+// What a face shows of itself in one photograph: points are made just large enough to cover it.
+const SEEN_MM2 = 22000;
+const LANDMARK_MM = 3;
 
 const byId = (id) => document.getElementById(id);
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -55,7 +60,8 @@ function loadTexture(address, changed) {
   return texture;
 }
 
-function cloud(positions, colours, size, colour) {
+function cloud(positions, colours, sizeMm, colour) {
+  const size = sizeMm * POINT_SIZE_PER_MM;
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   if (colours) geometry.setAttribute("color", new BufferAttribute(colours, 3, true));
@@ -70,13 +76,14 @@ function buildFace(face, changed) {
   geometry.setIndex(new BufferAttribute(indices(face.triangles), 1));
   if (face.uv) geometry.setAttribute("uv", new BufferAttribute(floats(face.uv), 2));
   if (face.colours) geometry.setAttribute("color", new BufferAttribute(bytes(face.colours), 3, true));
+  const points = floats(face.points);
   const colour = face.uv ? { map: loadTexture(face.texture, changed) } : { vertexColors: true };
   const parts = {
     coloured: new MeshBasicMaterial(colour),
     plain: new MeshLambertMaterial({ color: SKIN }),
     mesh: new Mesh(geometry),
-    points: cloud(floats(face.points), bytes(face.point_colours), 1.2),
-    landmarks: cloud(floats(face.landmarks3d), null, 3.5, 0x3cff3c),
+    points: cloud(points, bytes(face.point_colours), Math.sqrt((3 * SEEN_MM2) / Math.max(points.length, 3000))),
+    landmarks: cloud(floats(face.landmarks3d), null, LANDMARK_MM, 0x3cff3c),
   };
   parts.landmarks.material.depthTest = false;
   parts.landmarks.renderOrder = 1;

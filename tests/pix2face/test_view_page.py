@@ -133,6 +133,27 @@ def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None
     assert (np.abs(photograph - BACKGROUND).max(axis=2) > 20).mean() > 0.5
 
 
+def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
+    face = viewed(PLAIN)
+    text = view_page([face_data(face, PLAIN)], "points")
+    text = text.replace('id="show-mesh" checked', 'id="show-mesh"')
+    for name in ("show-points", "show-landmarks"):
+        text = text.replace(f'id="{name}"', f'id="{name}" checked')
+    page = tmp_path / "view.html"
+    page.write_text(text)
+    seen = visit(page, tmp_path)
+    assert seen.console == []
+    height, width = seen.picture.shape[:2]
+    stage = seen.picture[height // 5 :, width // 2 :].astype(int)
+    grey = (np.abs(stage - 200) <= 3).all(axis=2)  # what the points were given: light survives the way to the screen
+    green = (stage[..., 1] > 200) & (stage[..., 0] < 120) & (stage[..., 2] < 120)
+    assert grey.mean() > 0.02
+    assert 68 < green.sum() < 0.05 * green.size
+    photograph = seen.picture[height // 5 :, : width // 2].astype(int)
+    dots = (photograph[..., 1] > 200) & (photograph[..., 0] < 120) & (photograph[..., 2] < 120)
+    assert dots.sum() > 68
+
+
 def test_a_page_that_fails_says_so(tmp_path: Path) -> None:
     """That the test above can fail: data without a mesh are told on the page, in its state, and on the console."""
     page = tmp_path / "view.html"
