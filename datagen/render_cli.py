@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
+from datagen.baked_jitter import JitterBake, ViewMaker
 from datagen.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.gl_context import GLSettings
 from datagen.model_cli import describe
@@ -24,6 +25,7 @@ from pix2face.command_line import (
 )
 from pix2face.compressions import DEFAULT_COMPRESSION, find_compression
 from pix2face.errors import UsageError
+from pix2face.jitter import JitterRange
 from pix2face.layers import DEFAULT_LAYERS, parse_layers
 from pix2face.morphable_model import BUILTIN_MODEL
 
@@ -48,9 +50,16 @@ class RenderConfig:
     """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read); docs/storage.md compares
     them."""
     seed: int = 0
-    """Seed of light, colours and background of rendered pictures."""
+    """Seed of light, colours and background of rendered pictures, and of jitter."""
     shard_size: int = 100
-    """Samples in a shard."""
+    """Faces in a shard."""
+    jitter: int = 0
+    """Variants of each face to render instead of it: crops of 1 to 1.8 times its box, shifted, turned, with other gamma
+    and colours. Not needed for `train`, which varies every sample anew each time."""
+    jitter_size: int = 256
+    """Side of such variants, in pixels."""
+    jitter_mirror: bool = False
+    """Mirror every other variant. Refused where the model is not symmetric."""
     workers: int = os.cpu_count() or 1
     """Processes that render, on this machine."""
     scheduler: str | None = None
@@ -95,8 +104,11 @@ def _render(config: RenderConfig) -> int:
     gl.resolved()  # contradictions are found here, not by every worker
     place: WorkPlace = ProcessPool(config.workers) if config.scheduler is None else DaskCluster(config.scheduler)
     find_compression(config.compression)
-    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, layers, config.compression)
+    jitter = JitterBake(config.jitter, config.jitter_size, JitterRange(mirror=config.jitter_mirror))
+    jitter.check()
+    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, layers, config.compression, jitter)
     opened = open_job(job)
+    ViewMaker(opened.model, jitter, config.seed)  # what the model does not allow is found here, not by every worker
     _introduce(config, opened)
     prepare_output_folder(config.out)
     with progress_bar(console, "rendering", len(opened.source.sample_ids)) as advance:

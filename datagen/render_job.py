@@ -12,6 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
+from datagen.baked_jitter import NO_JITTER, JitterBake
 from datagen.sources import FaceSource
 from pix2face import __version__
 from pix2face.coefficients import configuration_to_json
@@ -32,9 +33,10 @@ class RenderJob:
         coefficients: A folder of 300W-LP files, or a table.
         model: ``builtin`` or the path of a model file.
         seed: Of everything random in rendered pictures.
-        shard_size: Samples in a shard.
+        shard_size: Faces of the source in a shard.
         layers: What each sample has, of ``pix2face.layers.LAYER_NAMES``.
         compression: Of the layers: a name of ``pix2face.compressions.COMPRESSIONS``.
+        jitter: The variants of each sample that take its place.
     """
 
     coefficients: Path
@@ -43,6 +45,7 @@ class RenderJob:
     shard_size: int
     layers: tuple[str, ...] = DEFAULT_LAYERS
     compression: str = DEFAULT_COMPRESSION
+    jitter: JitterBake = NO_JITTER
 
     def n_units(self, source: FaceSource) -> int:
         """How many shards the faces of a source make."""
@@ -52,6 +55,11 @@ class RenderJob:
         """Which faces of a source go into one shard."""
         start = unit * self.shard_size
         return range(start, min(start + self.shard_size, len(source.sample_ids)))
+
+    def sample_ids_of(self, source: FaceSource, unit: int) -> list[str]:
+        """The samples of one shard, rejected ones included, in their order."""
+        faces = self.faces_of(source, unit)
+        return [name for face in faces for name in self.jitter.sample_ids(source.sample_ids[face])]
 
 
 def shard_path(out: Path, unit: int) -> Path:
@@ -77,6 +85,7 @@ def shard_header(
         "seed": job.seed,
         "shard_size": job.shard_size,
         "compression": job.compression,
+        **job.jitter.described(),
     }
     return ShardHeader(
         model_name=model.name,
@@ -135,7 +144,7 @@ def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHead
             continue
         with ShardReader(path) as reader:
             _check_header(path, reader.header, expected)
-            _check_samples(path, reader, [source.sample_ids[face] for face in job.faces_of(source, units[path])])
+            _check_samples(path, reader, job.sample_ids_of(source, units[path]))
     missing = tuple(unit for path, unit in units.items() if path in set(damaged) or not path.exists())
     return FolderState(missing, tuple(damaged))
 

@@ -16,6 +16,7 @@ from typing import final
 import cv2
 from threadpoolctl import threadpool_limits
 
+from datagen.baked_jitter import View, ViewMaker
 from datagen.executors import limit_threads
 from datagen.folder_lock import worker_lock
 from datagen.gl_context import GLContext, GLSettings, create_gl_context
@@ -23,15 +24,13 @@ from datagen.render_job import RenderJob, shard_header, shard_path
 from datagen.sources import FaceSource, open_source
 from datagen.stage_times import StageTimes
 from datagen.triplets import TripletMaker
-from pix2face.coefficients import Face
 from pix2face.errors import InputFileError, SampleRejectedError, UsageError
 from pix2face.morphable_model import MorphableModel, open_model
 from pix2face.shard_writing import PackedTriplet, pack_triplet, write_packed
-from pix2face.shards import Triplet
 
-# The vertices of at most so many faces come from one matrix product: it reads the basis once for all of them (a face of
+# The vertices of at most so many views come from one matrix product: it reads the basis once for all of them (a face of
 # BFM's size takes 2.9 ms of 8, 1.9 of 16, 1.2 of 64), and they take 41 MB.
-FACES_AT_A_TIME = 64
+VIEWS_AT_A_TIME = 64
 
 
 @final
@@ -92,6 +91,7 @@ class _Worker:
     model: MorphableModel
     source: FaceSource
     gl: GLContext
+    views: ViewMaker
     maker: TripletMaker
 
 
@@ -106,55 +106,52 @@ def _render_unit(unit: Unit) -> UnitReport:
     with worker_lock(unit.out), threadpool_limits(1, user_api="blas"):
         with times.stage("open model and source"):
             worker = _worker(unit)
-        faces = unit.job.faces_of(worker.source, unit.number)
-        order = {worker.source.sample_ids[face]: face for face in faces}
+        order = {name: place for place, name in enumerate(unit.job.sample_ids_of(worker.source, unit.number))}
         rejected: list[tuple[str, str]] = []
         packed = list(_packed(unit, worker, rejected, times))
         rejected.sort(key=lambda entry: order[entry[0]])
         with times.stage("write, check"):
             header = shard_header(unit.job, worker.source, worker.model, rejected)
             write_packed(shard_path(unit.out, unit.number), header, packed, unit.job.compression)
-    return UnitReport(len(faces), times.seconds, times.cpu_seconds, _peak_memory_bytes())
+    n_faces = len(unit.job.faces_of(worker.source, unit.number))
+    return UnitReport(n_faces, times.seconds, times.cpu_seconds, _peak_memory_bytes())
 
 
 def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times: StageTimes) -> Iterator[PackedTriplet]:
     """The samples of a unit in the order of the source; those that cannot be used are added to ``rejected``."""
-    for indices in _even_parts(unit.job.faces_of(worker.source, unit.number)):
+    most_faces = max(VIEWS_AT_A_TIME // max(unit.job.jitter.n, 1), 1)
+    for indices in _even_parts(unit.job.faces_of(worker.source, unit.number), most_faces):
         with times.stage("read coefficients"):
-            faces = _faces(worker.source, indices, rejected)
-        for face, made in zip(faces, worker.maker.make_all(faces, times), strict=True):
+            views = _views(unit.job, worker, indices, rejected)
+        for view, made in zip(views, worker.maker.make_all(views, times), strict=True):
+            sample_id = view.face.sample_id
             if isinstance(made, SampleRejectedError):
-                rejected.append((face.sample_id, str(made)))
+                rejected.append((sample_id, str(made)))
                 continue
             try:
                 with times.stage("encode"):
-                    variants = [pack_triplet(variant, unit.job.layers) for variant in _variants(made)]
+                    packed = pack_triplet(made, unit.job.layers)
             except InputFileError as error:  # a value that the format cannot hold would cost the whole shard
-                rejected.append((face.sample_id, f"{face.sample_id}: {error}"))
+                rejected.append((sample_id, f"{sample_id}: {error}"))
                 continue
-            yield from variants
+            yield packed
 
 
-def _even_parts(faces: range) -> Iterator[range]:
+def _even_parts(faces: range, at_most: int) -> Iterator[range]:
     """Parts of about the same size, none larger than what is computed at a time: small products are slow ones."""
-    n_parts = -(-len(faces) // FACES_AT_A_TIME)
+    n_parts = -(-len(faces) // at_most)
     for part in range(n_parts):
         yield faces[part * len(faces) // n_parts : (part + 1) * len(faces) // n_parts]
 
 
-def _variants(triplet: Triplet) -> list[Triplet]:
-    """What becomes of one rendered sample: itself alone. Jittered copies belong here."""
-    return [triplet]
-
-
-def _faces(source: FaceSource, indices: range, rejected: list[tuple[str, str]]) -> list[Face]:
-    faces = []
+def _views(job: RenderJob, worker: _Worker, indices: range, rejected: list[tuple[str, str]]) -> list[View]:
+    views = []
     for index in indices:
         try:
-            faces.append(source.face(index))
+            views += worker.views.views(worker.source.face(index))
         except SampleRejectedError as error:
-            rejected.append((source.sample_ids[index], str(error)))
-    return faces
+            rejected += [(name, str(error)) for name in job.jitter.sample_ids(worker.source.sample_ids[index])]
+    return views
 
 
 @lru_cache(maxsize=1)
@@ -181,7 +178,8 @@ def _open_worker(unit: Unit) -> _Worker:
     source = open_source(job.coefficients, model)
     _check_same("faces", str(job.coefficients), source.sha256, unit.source_sha256)
     gl = create_gl_context(unit.gl)
-    return _Worker(model, source, gl, TripletMaker(model, gl, job.seed, job.layers))
+    views = ViewMaker(model, job.jitter, job.seed)
+    return _Worker(model, source, gl, views, TripletMaker(model, gl, job.seed, job.layers))
 
 
 def _check_same(what: str, place: str, found: str, expected: str) -> None:

@@ -10,6 +10,7 @@ from numpy import ndarray
 
 from datagen.appearance.background import draw_background
 from datagen.appearance.plain import develop, draw_plain_appearance
+from datagen.baked_jitter import View
 from datagen.gl_context import GLContext
 from datagen.random_streams import generator_for
 from datagen.renderer import Renderer
@@ -18,7 +19,7 @@ from datagen.visibility import visible_landmarks
 from pix2face.camera import head_pose
 from pix2face.coefficients import Face
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
-from pix2face.images import encode_photograph, read_bytes
+from pix2face.images import decode_image, encode_photograph, read_bytes
 from pix2face.landmarks import IBUG68
 from pix2face.layers import DEFAULT_LAYERS, IMAGE, LANDMARKS, LAYERS
 from pix2face.morphable_model import MorphableModel
@@ -45,38 +46,38 @@ class TripletMaker:
         self._layers = tuple(layers)
 
     def make(self, face: Face) -> Triplet:
-        """Renders one face.
+        """Renders one face as its source has it.
 
         Raises:
             SampleRejectedError: Nothing of the face is in the picture, it is partly behind the camera, its
                 photograph cannot be read, or the picture is larger than the driver can draw.
         """
-        (made,) = self.make_all([face], StageTimes())
+        (made,) = self.make_all([View(face, face.sample_id)], StageTimes())
         if isinstance(made, SampleRejectedError):
             raise made
         return made
 
-    def make_all(self, faces: Sequence[Face], times: StageTimes) -> Iterator[Triplet | SampleRejectedError]:
-        """Renders faces whose geometry is computed together.
+    def make_all(self, views: Sequence[View], times: StageTimes) -> Iterator[Triplet | SampleRejectedError]:
+        """Renders views whose geometry is computed together.
 
         Args:
-            faces: Some; their vertices are in memory at the same time.
+            views: Some; their vertices are in memory at the same time.
             times: Counts the stages.
 
         Yields:
-            For each face its triplet, or why there is none, as in ``make``.
+            For each view its triplet, or why there is none, as in ``make``.
         """
-        if not faces:
+        if not views:
             return
         with times.stage("geometry"):
-            batch = self._geometry(faces)
-        for face, vertices in zip(faces, batch, strict=True):
+            batch = self._geometry([view.face for view in views])
+        for view, vertices in zip(views, batch, strict=True):
             try:
-                yield self._make(face, vertices, times)
+                yield self._make(view, vertices, times)
             except SampleRejectedError as error:
                 yield error
             except (DegenerateGeometryError, InputFileError, UsageError) as error:
-                yield SampleRejectedError(f"{face.sample_id}: {error}")
+                yield SampleRejectedError(f"{view.face.sample_id}: {error}")
 
     def _geometry(self, faces: Sequence[Face]) -> Float32[ndarray, "n v 3"]:
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is rejected when it is drawn
@@ -84,13 +85,14 @@ class TripletMaker:
                 np.stack([face.identity for face in faces]), np.stack([face.expression for face in faces])
             )
 
-    def _make(self, face: Face, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Triplet:
+    def _make(self, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Triplet:
+        face = view.face
         with times.stage("rasterise, read back"):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
             rendered = renderer.render(vertices, face.camera, self._layers)
         if not rendered.mask.any():
             raise SampleRejectedError(f"{face.sample_id}: nothing of the face lies in the picture")
-        image, drawn = self._image(face, renderer, vertices, times)
+        image, drawn = self._image(view, renderer, vertices, times)
         with times.stage("landmarks, pose"):
             landmarks = self._model.landmarks.get(IBUG68, np.zeros(0, np.int32))
             if LANDMARKS not in self._layers:
@@ -110,24 +112,29 @@ class TripletMaker:
             )
 
     def _image(
-        self, face: Face, renderer: Renderer, vertices: Float32[ndarray, "v 3"], times: StageTimes
+        self, view: View, renderer: Renderer, vertices: Float32[ndarray, "v 3"], times: StageTimes
     ) -> tuple[bytes | None, dict[str, str | float]]:
-        """The photograph's own bytes, or a picture of the face."""
+        """The photograph's own bytes, what a variant shows of it, or a picture of the face."""
+        face = view.face
         if face.image_path is not None:
             # A photograph that is damaged rejects its sample also where pictures are not kept: which samples a set
             # has does not depend on its layers.
             with times.stage("read, check photograph"):
                 content = read_bytes(face.image_path)
-                check_decodes(content, str(face.image_path))
+                if view.crop is None:
+                    check_decodes(content, str(face.image_path))
+                else:
+                    content = encode_photograph(view.jittered_photograph(decode_image(content, str(face.image_path))))
             return content, {"picture": "photograph"}
         if IMAGE not in self._layers:
             return None, {}
         with times.stage("draw picture"):
-            rng = generator_for(self._seed, face.sample_id)
+            rng = generator_for(self._seed, view.appearance_id)
             appearance = draw_plain_appearance(rng)
             background = draw_background(rng, face.height_px, face.width_px)
             picture = renderer.render_image(vertices, face.camera, appearance, background)
-            return encode_photograph(develop(picture, appearance)), {"picture": "rendered"}
+            shown = view.jittered_colours(develop(picture, appearance))
+            return encode_photograph(shown), {"picture": "rendered"}
 
 
 def _layers(rendered: RenderedMaps, names: Sequence[str]) -> dict[str, ndarray]:
