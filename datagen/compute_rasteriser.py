@@ -17,7 +17,7 @@ from datagen.gl_mesh import TEXTURE_UNITS, GLMesh, KeptBySize, shader_source
 from datagen.screen_projection import ScreenProjection
 
 # Of the shader: a thread takes this many pairs, or the start of threads costs more than their work.
-LOCAL_SIZE, PAIRS_PER_THREAD = 64, 8
+LOCAL_SIZE, PAIRS_PER_THREAD = 512, 4
 NONE = np.uint32(0xFFFFFFFF)
 
 
@@ -49,16 +49,19 @@ class ComputeRasteriser:
         self._keys = KeptBySize(self._make, _release)
         self._groups = -(-mesh.n_pairs // (LOCAL_SIZE * PAIRS_PER_THREAD))
 
-    def see(self, projection: ScreenProjection, height: int, width: int) -> None:
+    def see(self, projection: ScreenProjection, height: int, width: int) -> int:
         """Binds a texture of the nearest triangle of each pixel in the projection's box.
 
         The mesh must have been loaded with the projection. Outside the box the texture is undefined.
+
+        Returns:
+            How many texels a pixel has in each direction: 1.
         """
         keys = self._keys.get(height, width)
         top, bottom = projection.box_px[1], projection.box_px[3]
         keys.seen.use(TEXTURE_UNITS["seen"])
         if top == bottom:
-            return
+            return 1
         n_pixels, first_byte = (bottom - top) * width, top * width * 4
         clear = np.full(n_pixels, NONE)
         for binding, buffer in enumerate((keys.lowest, keys.highest)):
@@ -75,6 +78,7 @@ class ComputeRasteriser:
         keys.highest.read_into(highest, size=highest.nbytes, offset=first_byte)
         seen = self._nearest(lowest, highest, top, width)
         keys.seen.write(seen, viewport=(0, top, width, bottom - top))
+        return 1
 
     def _nearest(self, lowest: UInt32[ndarray, " n"], highest: UInt32[ndarray, " n"], top: int, width: int) -> ndarray:
         """The nearest triangle of each pixel, from the lowest and the highest number at its nearest coarse depth."""

@@ -1,6 +1,7 @@
 """Finds the nearest triangle of each pixel by OpenGL's own rasteriser: for OpenGL below 4.3, and as a second opinion.
 
-Its vertices snap to a sub-pixel grid, so a pixel centre may be given to the neighbour of the triangle that covers it.
+Its vertices snap to a grid of 1/256 pixel or so, and a pixel centre within that of an edge may be given to the wrong
+side. In small images that is a large part of them, and there it costs little to draw several times as fine.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ from datagen.screen_projection import ScreenProjection
 
 # Vertices exactly on the near or far plane may be clipped by rounding: the planes stand off by this part of the range.
 DEPTH_MARGIN = 1e-3
+# Images are drawn as fine as stays below this size: at 256 px and above, snapping is wrong for one pixel in 10,000.
+FINE_SIZE_PX = 768
 
 
 @final
@@ -45,18 +48,22 @@ class FragmentRasteriser:
         )
         self._targets = KeptBySize(self._make, _release)
 
-    def see(self, projection: ScreenProjection, height: int, width: int) -> None:
+    def see(self, projection: ScreenProjection, height: int, width: int) -> int:
         """Binds a texture of the nearest triangle of each pixel in the projection's box.
 
         The mesh must have been loaded with the projection. Outside the box the texture is undefined.
+
+        Returns:
+            How many texels a pixel has in each direction: odd.
         """
-        target = self._targets.get(height, width)
+        finer = max(1, ((FINE_SIZE_PX - 1) // max(height, width) - 1) // 2 * 2 + 1)
+        target = self._targets.get(finer * height, finer * width)
         low, high = projection.order_range_mm
         scale = 2 * (1 - DEPTH_MARGIN) / max(high - low, 1e-6)
         self._vertices.write(self._mesh.screen)
         self._program["clip_from_screen"] = (2 / width, 2 / height, scale, -scale * (low + high) / 2)
         # A clear would write a float into whole numbers.
-        target.seen.write(np.full((height, width), 0xFFFFFFFF, dtype=np.uint32))
+        target.seen.write(np.full(target.seen.size, 0xFFFFFFFF, dtype=np.uint32))
         for colours in (False, True):  # masks count from the next use on
             target.framebuffer.color_mask = colours, colours, colours, colours
             target.framebuffer.use()
@@ -65,6 +72,7 @@ class FragmentRasteriser:
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._vertex_array.render(moderngl.TRIANGLES)
         target.seen.use(TEXTURE_UNITS["seen"])
+        return finer
 
     def _make(self, height: int, width: int) -> _Target:
         seen = self._context.texture((width, height), 1, dtype="u4")

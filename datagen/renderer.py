@@ -81,7 +81,7 @@ class Renderer:
         scene = self._scene
         scene.gl.make_current()
         scene.mesh.load(projection)
-        scene.rasteriser.see(projection, self.height, self.width)
+        scene.maps.seen_per_pixel = scene.rasteriser.see(projection, self.height, self.width)
         rendered = scene.maps.draw(projection, self.height, self.width, REGIONS in layers)
         size = (self.height, self.width)
         drawn = {

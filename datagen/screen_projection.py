@@ -11,6 +11,9 @@ from pix2face.camera import Camera
 from pix2face.errors import DegenerateGeometryError
 from pix2face.rasterise import handedness
 
+# NumPy adds rows of 4 numbers one by one, and long rows several times as fast.
+ADDED_AT_A_TIME = 16
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -90,10 +93,13 @@ def project_to_screen(camera: Camera, vertices: Float32[ndarray, "v 3"], height:
 
 
 def _homogeneous(rows: Float64[ndarray, "4 4"], vertices: Float32[ndarray, "v 3"]) -> Float64[ndarray, "v 4"]:
-    extended = np.empty((len(vertices), 4))
-    extended[:, :3], extended[:, 3] = vertices, 1
+    out = np.zeros((-(-len(vertices) // ADDED_AT_A_TIME) * ADDED_AT_A_TIME, 4))
     with np.errstate(invalid="ignore", over="ignore"):
-        return extended @ np.ascontiguousarray(rows.T)
+        product = np.ascontiguousarray(rows[:, :3].T)
+        np.matmul(vertices.astype(np.float64), product, out=out[: len(vertices)])
+        long_rows = out.reshape(-1, 4 * ADDED_AT_A_TIME)
+        long_rows += np.tile(rows[:, 3], ADDED_AT_A_TIME)
+    return out[: len(vertices)]
 
 
 def _perspective(camera: Camera, vertices: Float32[ndarray, "v 3"]) -> tuple[Float64[ndarray, "v 4"], float]:

@@ -2,7 +2,7 @@
 // a triangle below, and the smallest key stays. Two keys are kept, with the lowest and with the highest triangle of the
 // nearest coarse depth; where they differ, the host compares both in float64.
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 512) in;
 
 layout(std430, binding = 0) buffer Lowest { uint lowest[]; };
 layout(std430, binding = 1) buffer Highest { uint highest[]; };

@@ -1,6 +1,7 @@
 // What one pixel sees of the mesh.
 
 uniform usampler2D seen;    // number of the nearest triangle; n_triangles and more: none
+uniform int seen_per_pixel;  // in each direction; odd, so that one of them has the centre of the pixel
 uniform uint n_triangles;
 uniform float inverse_distance;  // 1 / depth of order 0 in 1/mm; 0 for an affine camera
 uniform float outside;           // sign of the area in the image of triangles that show their outside
@@ -21,7 +22,7 @@ float turn(vec2 a, vec2 b) {
 
 Sight look(vec2 centre) {
     Sight sight;
-    uint triangle = texelFetch(seen, ivec2(centre), 0).x;
+    uint triangle = texelFetch(seen, ivec2(centre) * seen_per_pixel + seen_per_pixel / 2, 0).x;
     sight.hit = triangle < n_triangles;
     sight.triangle = min(triangle, n_triangles - 1u);
     uvec4 pair = texelFetch(pairs, texel(sight.triangle >> 1), 0);
