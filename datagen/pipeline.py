@@ -22,6 +22,7 @@ from datagen.render_unit import Unit, UnitReport, render_unit
 from datagen.sources import FaceSource, open_source
 from datagen.stage_times import StageTimes
 from datagen.work_units import finish_units
+from pix2face.errors import UsageError
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.shards import ShardReader
 
@@ -70,13 +71,18 @@ def open_job(job: RenderJob) -> OpenedJob:
     """Opens model and faces of a job.
 
     Raises:
-        UsageError: There is nothing at the place of the coefficients.
+        UsageError: There is nothing at the place of the coefficients, or the model has not what a layer needs.
         InputFileError: The model or the table cannot be read.
         ModelMismatchError: The table belongs to another model.
     """
     name = job.model if job.model == BUILTIN_MODEL else os.fspath(Path(job.model).absolute())
     job = replace(job, coefficients=job.coefficients.absolute(), model=name)
     model = open_model(job.model)
+    if "uv" in job.layers and model.uv_triangles is None:
+        raise UsageError(
+            f"expected a model with texture coordinates for the layer uv, found {model.name} without; leave uv out of "
+            "--layers or choose another --model"
+        )
     return OpenedJob(job, model, open_source(job.coefficients, model))
 
 

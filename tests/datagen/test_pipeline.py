@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -96,6 +97,39 @@ def test_a_second_run_does_what_is_missing(rendered: Path, inputs: Path, tmp_pat
     assert (out / "shard-00001.h5").read_bytes() == (rendered / "shard-00001.h5").read_bytes()
 
 
+@pytest.mark.parametrize("compression", ["plain", "deflate"])
+def test_shards_have_the_layers_that_were_asked_for(
+    inputs: Path, rendered: Path, tmp_path: Path, compression: str
+) -> None:
+    layers = ("offset", "mask", "normals", "regions")
+    job = RenderJob(inputs / "faces.h5", str(inputs / "model.h5"), 0, 6, layers, compression)
+    run_job(open_job(job), tmp_path, ProcessPool(1))
+    with ShardReader(shard_paths(tmp_path)[0]) as found, ShardReader(shard_paths(rendered)[0]) as expected:
+        assert found.header.layers == layers
+        triplet = found.triplet(1)
+        assert triplet.image is None
+        assert set(triplet.layers) == set(layers)
+        assert len(triplet.landmarks2d) == 0
+        np.testing.assert_array_equal(triplet.layers["offset"], expected.triplet(1).layers["offset"])
+        lengths = np.linalg.norm(triplet.layers["normals"][triplet.layers["mask"]], axis=1)
+        np.testing.assert_allclose(lengths, 1, atol=1e-3)
+    assert verify_shard(shard_paths(tmp_path)[1]) == []
+    other = replace(job, layers=("offset", "mask"))
+    with pytest.raises(UsageError, match=r"\(layers offset,mask,normals,regions -> offset,mask\)"):
+        run_job(open_job(other), tmp_path, ProcessPool(1))
+
+
+def test_a_summary_says_where_the_time_went(inputs: Path, tmp_path: Path) -> None:
+    summary = run(inputs, tmp_path)
+    stages = {"read coefficients", "geometry", "rasterise, read back", "draw picture", "encode", "write, check"}
+    assert stages <= set(summary.times.seconds)
+    assert all(value >= 0 for value in summary.times.cpu_seconds.values())
+    assert len(summary.peaks_bytes) == 3
+    assert all(10e6 < peak < 4e9 for peak in summary.peaks_bytes)
+    again = run(inputs, tmp_path)
+    assert (again.times.seconds, again.peaks_bytes) == ({}, ())
+
+
 def test_a_folder_of_another_configuration_is_refused(rendered: Path, inputs: Path) -> None:
     job = RenderJob(
         inputs / "faces.h5", str(inputs / "model.h5"), seed=1, shard_size=4, layers=(*DEFAULT_LAYERS, "depth")
@@ -171,6 +205,14 @@ def test_pictures_keep_their_own_bytes_and_decode(rendered: Path) -> None:
         (["render", "--coeffs", "{faces}", "--out", "{tmp}/o"], "give the former with --model"),
         (["render", "--coeffs", "{faces}", "--out", "{tmp}/o", "--model", "{tmp}/x.h5"], "no such model file"),
         (["render", "--coeffs", "{faces}", "--out", "{tmp}/o", "--workers", "0"], "--workers"),
+        (["render", "--coeffs", "{faces}", "--out", "{tmp}/o", "--layers", "image,pnc"], "found 'pnc'"),
+        (["render", "--coeffs", "{faces}", "--out", "{tmp}/o", "--layers", ""], "expected layers among image,pncc"),
+        (["render", "--coeffs", "{faces}", "--out", "{tmp}/o", "--compression", "rar"], "deflate, plain, zstd"),
+        (["render", "--coeffs", "{faces}", "--out", "{tmp}/o", "--gl", "osmesa", "--device", "0"], "no device"),
+        (
+            ["render", "--coeffs", "{faces}", "--out", "{tmp}/o", "--model", "{model}", "--layers", "uv"],
+            "expected a model with texture coordinates",
+        ),
         (["verify", "{tmp}"], "no shard-"),
         (["preview", "{tmp}"], "no shard-"),
     ],
@@ -178,7 +220,7 @@ def test_pictures_keep_their_own_bytes_and_decode(rendered: Path) -> None:
 def test_wrong_calls_are_one_clear_line(
     arguments: list[str], message: str, inputs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    values = {"tmp": str(tmp_path), "faces": str(inputs / "faces.h5")}
+    values = {"tmp": str(tmp_path), "faces": str(inputs / "faces.h5"), "model": str(inputs / "model.h5")}
     assert main([argument.format(**values) for argument in arguments]) == 2
     error = capfd.readouterr().err.splitlines()[-1]
     assert error.startswith("datagen: error: ")
