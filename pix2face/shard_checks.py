@@ -12,7 +12,6 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.face_maps import face_box
-from pix2face.images import decode_image
 from pix2face.layers import LAYERS, WHOLE_HEAD_LAYERS, from_stored
 from pix2face.shards import ShardHeader, ShardReader, shard_paths
 
@@ -83,10 +82,19 @@ def verify_shard(path: Path) -> list[str]:
             if len(set(reader.sample_ids)) < len(reader):
                 problems.append("sample ids are not unique")
             for index in range(len(reader)):
-                problems += [f"sample {reader.sample_ids[index]!r}: {text}" for text in _sample_problems(reader, index)]
+                found = _guarded(reader, index)
+                problems += [f"sample {reader.sample_ids[index]!r}: {text}" for text in found]
     except InputFileError as error:
         problems.append(str(error))
     return problems
+
+
+def _guarded(reader: ShardReader, index: int) -> list[str]:
+    """One unreadable sample does not hide what is wrong with the others."""
+    try:
+        return _sample_problems(reader, index)
+    except InputFileError as error:
+        return [str(error)]
 
 
 def _header_problems(reader: ShardReader) -> list[str]:
@@ -111,9 +119,7 @@ def _sample_problems(reader: ShardReader, index: int) -> list[str]:
     triplet = reader.triplet(index, with_pixels=False)
     layers = {name: reader.stored_layer(index, name) for name in reader.header.layers if name in LAYERS}
     if "image" in reader.header.layers:
-        found = decode_image(reader.image_bytes(index), f"{reader.path}, sample {index}").shape[:2]
-        if layers and found != reader.size_px(index):
-            problems.append(f"the picture is {found}, its layers are {reader.size_px(index)}")
+        reader.image(index)
     stored, computed = reader.checksum_pair(index)
     if stored != computed:
         problems.append("the checksum differs: the content has changed since it was written")

@@ -8,6 +8,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import final
@@ -25,6 +26,7 @@ from pix2face.face_maps import FaceCut, FaceMaps
 from pix2face.images import decode_image
 from pix2face.layers import DEFAULT_LAYERS, IMAGE, LAYERS, from_stored
 from pix2face.map_storage import Box, undo_prediction, unpack_layer
+from pix2face.picture_head import declared_size_px
 from pix2face.shard_layout import (
     CONTENT_COLUMNS,
     check_layout,
@@ -129,8 +131,17 @@ class ShardReader:
             return bytes(self._datasets["image_bytes"][start : int(ends[index])].tobytes())
 
     def image(self, index: int) -> UInt8[ndarray, "h w 3"]:
-        """The picture of a sample, RGB."""
-        return decode_image(self.image_bytes(index), f"{self.path}, sample {index}")
+        """The picture of a sample, RGB; of the size of its layers, if it has any.
+
+        Raises:
+            UsageError: The shard has none.
+            InputFileError: It cannot be decoded, or is of another size.
+        """
+        content, where = self.image_bytes(index), f"{self.path}, sample {index}"
+        size_px, declared = self.size_px(index), declared_size_px(BytesIO(content))
+        if declared not in (None, size_px) and size_px != (0, 0):
+            raise InputFileError(f"{where}: expected a picture like its layers, {size_px}, found one of {declared}")
+        return decode_image(content, where)
 
     def layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
         """A layer of a sample in its unit.

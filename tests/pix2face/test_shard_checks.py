@@ -89,16 +89,19 @@ def test_layers_that_contradict_each_other_are_named(
 
 def test_a_picture_of_another_size_than_its_layers_is_named(tmp_path: Path) -> None:
     larger = replace(make_triplet(0), image=make_triplet(0, 30).image)
-    write_shard(tmp_path / "shard-00000.h5", HEADER, [larger])
-    assert verify_shard(tmp_path / "shard-00000.h5") == [
-        "sample 'face/0': the picture is (30, 30), its layers are (24, 24)"
-    ]
-
-
-def test_a_picture_that_does_not_decode_is_named(tmp_path: Path) -> None:
-    write_shard(tmp_path / "shard-00000.h5", HEADER, [replace(make_triplet(0), image=b"no picture")])
+    write_shard(tmp_path / "shard-00000.h5", HEADER, [larger, make_triplet(1)])
     (problem,) = verify_shard(tmp_path / "shard-00000.h5")
-    assert "sample 0: expected a picture" in problem
+    assert problem.startswith("sample 'face/0': ")
+    assert "sample 0: expected a picture like its layers, (24, 24), found one of (30, 30)" in problem
+
+
+def test_pictures_that_do_not_decode_are_all_named(tmp_path: Path) -> None:
+    """The first does not hide the second."""
+    broken = [replace(make_triplet(seed), image=b"no picture") for seed in (0, 1)]
+    write_shard(tmp_path / "shard-00000.h5", HEADER, [*broken, make_triplet(2)])
+    problems = verify_shard(tmp_path / "shard-00000.h5")
+    assert [problem[:15] for problem in problems] == ["sample 'face/0'", "sample 'face/1'"]
+    assert "sample 1: expected a picture" in problems[1]
 
 
 @pytest.mark.parametrize(
