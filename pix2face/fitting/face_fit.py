@@ -12,7 +12,7 @@ from pix2face.camera import Camera
 from pix2face.crops import Crop
 from pix2face.errors import UsageError
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES, measure_picture
+from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES, Constraints, measure_picture
 from pix2face.fitting.picture_measurement import CameraKind as CameraKind
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.landmarks import IBUG68
@@ -61,6 +61,7 @@ def fit_face(
     scheme: str = IBUG68,
     reprojection_rounds: int = 0,
     n_vertices: int = COEFFICIENT_VERTICES,
+    constraints: Constraints = "vertices",
 ) -> FaceFit:
     """Fits camera and coefficients to the maps of one picture.
 
@@ -77,6 +78,8 @@ def fit_face(
         reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients to where its
             vertices were found; 0 is the paper's way.
         n_vertices: How many vertices of the face to look for, evenly spread (docs/fitting.md: time against error).
+        constraints: "vertices" as in the paper, or "surface": pixels inside the triangles of the mean face. On exact
+            maps ten times as accurate, and ten times as slow; of noisy maps hardly a pixel lies on the surface.
 
     Raises:
         DegenerateGeometryError: Fewer than 50 valid pixels, values that are not finite, or none of the vertices found.
@@ -93,6 +96,7 @@ def fit_face(
         principal_point_px=principal_point_px,
         reprojection_rounds=reprojection_rounds,
         n_vertices=n_vertices,
+        constraints=constraints,
     )
     coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]

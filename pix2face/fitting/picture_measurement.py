@@ -18,9 +18,11 @@ from pix2face.fitting.noise import FIRST_REGULARISATION, estimated_regularisatio
 from pix2face.fitting.pinhole_fit import fit_pinhole_camera
 from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepared_model
 from pix2face.fitting.reprojection import with_reprojection
+from pix2face.fitting.surface_pixels import surface_rows
 from pix2face.morphable_model import MorphableModel
 
 CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
+Constraints = Literal["vertices", "surface"]
 
 # Section 3.4.1: "only a small subset of the correspondences" is needed for the camera. Of vertices, as many tell some
 # hundred coefficients as well as all of them do, at a fraction of the time.
@@ -29,6 +31,10 @@ CAMERA_PIXELS = 2000
 PERSPECTIVE_PIXELS = 8000
 COEFFICIENT_VERTICES = 2500
 _CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
+
+# Pixels of the surface that are looked at, and the variance of their rounding to 1/128 mm, twice: of both maps.
+SURFACE_PIXELS = 4000
+EXACT_SURFACE_REGULARISATION = 1e-5
 
 # Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda from here on.
 SINGLE_PRECISION_FROM = 0.5
@@ -62,13 +68,16 @@ def measure_picture(
     principal_point_px: Float[ndarray, "2"] | None,
     reprojection_rounds: int = 0,
     n_vertices: int = COEFFICIENT_VERTICES,
+    constraints: Constraints = "vertices",
 ) -> PictureMeasurement:
     """Finds camera and system; the arguments are those of ``fit_face``.
 
     Raises:
         DegenerateGeometryError: As ``fit_face``.
-        UsageError: There is no such kind of camera.
+        UsageError: There is no such kind of camera, or reprojection is asked for without vertices.
     """
+    if constraints == "surface" and reprojection_rounds:
+        raise UsageError("expected vertices as constraints for reprojection rounds, found pixels of the surface")
     maps = without_white_noise(maps)
     pixels = valid_pixel_values(maps)
     prepared = prepared_model(model, n_vertices)
@@ -76,6 +85,10 @@ def measure_picture(
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
     eye = _CameraFit(camera_kind, principal_point_px, float(np.ptp(prepared.mean[:, 0])))
     camera = eye.fit(*correspondences(pixels, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS)))
+    if constraints == "surface":
+        regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
+        surface = image_system(*surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust=True)
+        return PictureMeasurement(camera, surface, regularisation)
     found = localise_prepared(maps, pixels, prepared)
     is_exact = regularisation is None or regularisation < SINGLE_PRECISION_FROM
     basis = prepared.basis[found.places].astype(np.float64 if is_exact else np.float32, copy=False)

@@ -64,6 +64,7 @@ def errors_of(face: KnownFace, fit: FaceFit, model: MorphableModel) -> dict[str,
         "visible_landmarks_percent": float(landmarks[seen].mean()),
         "visible_vertices_mean_mm": float(distances.mean()),
         "visible_vertices_95_percent_within_mm": float(np.percentile(distances, 95)),
+        "visible_vertices_beyond_0.1_mm_percent": 100 * float((distances > 0.1).mean()),
         "visible_vertices_largest_mm": float(distances.max()),
         "coefficients_rms": float(np.sqrt(np.mean((fit.identity - face.identity) ** 2))),
     }
@@ -121,6 +122,7 @@ def main() -> int:
     parser.add_argument("--outliers", type=float, default=0.0)
     parser.add_argument("--regularisation", type=float, default=None, help="lambda in mm^2; left out: estimated")
     parser.add_argument("--vertices", type=int, default=COEFFICIENT_VERTICES, help="how many vertices to look for")
+    parser.add_argument("--constraints", choices=("vertices", "surface"), default="vertices")
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     model = MODELS[options.model]()
@@ -134,6 +136,7 @@ def main() -> int:
             regularisation=regularisation,
             principal_point_px=face.principal_point_px,
             n_vertices=options.vertices,
+            constraints=options.constraints,
         )
 
     errors = measure(

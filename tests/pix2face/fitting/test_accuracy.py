@@ -1,0 +1,42 @@
+"""What docs/fitting.md claims of 200 faces, held on a few: the same faces, the same measure."""
+
+import pytest
+
+from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION
+from pix2face.fitting.face_fit import fit_face
+from pix2face.morphable_model import builtin_model
+from tests.benchmarks.closed_loop import MODELS, measure, summary
+
+N_FACES = 4
+
+
+@pytest.mark.parametrize("kind", ["affine", "weak-perspective", "pinhole"])
+def test_exact_maps_give_the_face_back(kind):
+    model = builtin_model()
+
+    def fit(face, maps):
+        return fit_face(
+            maps,
+            model,
+            camera_kind=kind,
+            regularisation=EXACT_MAPS_REGULARISATION,
+            principal_point_px=face.principal_point_px,
+        )
+
+    errors = summary(measure(model, N_FACES, fit, perspective=kind == "pinhole"))
+    assert errors["reprojection_rms_px"]["largest"] < 0.05
+    assert errors["visible_landmarks_percent"]["largest"] < 0.05
+    assert errors["occluded_landmarks_percent"]["mean"] < 0.05
+    assert errors["visible_vertices_95_percent_within_mm"]["largest"] < 0.05
+    assert errors["visible_vertices_beyond_0.1_mm_percent"]["largest"] < 0.1
+    assert errors["visible_vertices_largest_mm"]["largest"] < 0.2
+    if kind == "pinhole":
+        assert errors["focal_length_percent"]["largest"] < 1
+
+
+@pytest.mark.parametrize("name", ["builtin", "full-size"])
+def test_noise_and_gross_outliers_leave_visible_landmarks_within_half_a_percent(name):
+    model = MODELS[name]()
+    errors = summary(measure(model, N_FACES, lambda _, maps: fit_face(maps, model), 1.0, 0.05))
+    assert errors["visible_landmarks_percent"]["largest"] < 0.5
+    assert errors["visible_vertices_mean_mm"]["largest"] < 0.5
