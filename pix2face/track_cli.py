@@ -2,10 +2,9 @@
 
 import json
 import os
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, final, get_args
 
@@ -23,19 +22,18 @@ from pix2face.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_tracks import (
     FaceTracker,
-    FrameBox,
     TrackSummary,
     boxes_of_every_frame,
     lasting_faces,
     main_face,
-    read_boxes,
 )
 from pix2face.fitting.picture_measurement import CameraKind
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
 from pix2face.predictor import Predictor
 from pix2face.runs import latest_checkpoint
 from pix2face.smoothing import Smoothing, open_smoother
-from pix2face.track_files import BOX_SOURCES, ClipConstants, TrackFiles, TrackFormat, draw_frame
+from pix2face.track_files import ClipConstants, TrackFiles, TrackFormat, draw_frame
+from pix2face.track_summary import ClipFace, face_report, face_summary
 from pix2face.tracking import IDENTITY_FRAMES, FaceFollower, find_boxes, find_identities, follow_faces, identity_step
 from pix2face.video import FrameSource, OverlayVideo, open_frames
 
@@ -87,32 +85,6 @@ class TrackConfig:
     (overlay.mp4)."""
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Face:
-    """One face of the clip on its way through the passes.
-
-    Attributes:
-        folder: Where its files go.
-        tracks: Of which its boxes are.
-        frames: In which it is followed.
-        counts: In how many frames its box was detected, interpolated, held, and its fit carried; counts in the last
-            pass.
-    """
-
-    folder: Path
-    tracks: Sequence[TrackSummary]
-    frames: range
-    counts: Counter[str] = field(default_factory=Counter)
-
-    def detected(self, boxes: Path) -> Iterator[FrameBox]:
-        return read_boxes(boxes, [own.track for own in self.tracks])
-
-    @property
-    def n_detected(self) -> int:
-        return sum(own.n_detected for own in self.tracks)
-
-
 def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     """Follow faces through a video: landmarks and pose of every frame, one identity, an overlay, and their jitter."""
     formats = _check_call(config)
@@ -127,18 +99,22 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     boxes = config.out / "boxes.csv"
     n_frames, tracks = _detect(config, source, find, boxes)
     faces = _faces(config, tracks, n_frames)
-    with progress_bar(
-        console, "identity", sum(min(own.n_detected, config.identity_frames) for own in faces)
-    ) as advance:
+    n_looks = sum(-(-own.n_detected // identity_step(own.n_detected, config.identity_frames)) for own in faces)
+    with progress_bar(console, "identity", n_looks) as advance:
         detected = [(own.detected(boxes), own.n_detected) for own in faces]
         identities = find_identities(source, detected, fitter, at_most=config.identity_frames, advance=advance)
     followers = [FaceFollower(fitter, own, open_smoother(config.smoothing, source.fps)) for own in identities]
     try:
         _follow(config, source, faces, followers, fitter, formats)
-    finally:
-        summary = _summary(config, source, faces, followers, fitter, n_frames)
+    finally:  # also when interrupted
+        summary = {
+            **_job_summary(config, source, fitter, n_frames),
+            "faces": [face_summary(*own, config.out) for own in zip(faces, followers, strict=True)],
+        }
         (config.out / "track.json").write_text(json.dumps(summary, indent=1) + "\n")
-    _report(config, faces, followers)
+    for face, follower in zip(faces, followers, strict=True):
+        for line in face_report(face, follower, config.smoothing):
+            say(console, line)
     return 0
 
 
@@ -210,7 +186,7 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
     return n_frames, tracker.tracks
 
 
-def _faces(config: TrackConfig, tracks: Sequence[TrackSummary], n_frames: int) -> list[_Face]:
+def _faces(config: TrackConfig, tracks: Sequence[TrackSummary], n_frames: int) -> list[ClipFace]:
     chosen = [[own] for own in lasting_faces(tracks)] if config.all_faces else [main_face(tracks)]
     faces = []
     for index, own in enumerate(chosen):
@@ -222,14 +198,16 @@ def _faces(config: TrackConfig, tracks: Sequence[TrackSummary], n_frames: int) -
                 console,
                 f"warning: {folder}: the face is {size_px:.0f} px large; below {SMALL_FACE_PX:.0f} little is seen",
             )
-        faces.append(_Face(folder, own, range(own[0].first, own[0].last + 1) if config.all_faces else range(n_frames)))
+        faces.append(
+            ClipFace(folder, own, range(own[0].first, own[0].last + 1) if config.all_faces else range(n_frames))
+        )
     return faces
 
 
 def _follow(
     config: TrackConfig,
     source: FrameSource,
-    faces: Sequence[_Face],
+    faces: Sequence[ClipFace],
     followers: Sequence[FaceFollower],
     fitter: FrameFitter,
     formats: tuple[TrackFormat, ...],
@@ -258,15 +236,7 @@ def _follow(
             advance()
 
 
-def _summary(
-    config: TrackConfig,
-    source: FrameSource,
-    faces: Sequence[_Face],
-    followers: Sequence[FaceFollower],
-    fitter: FrameFitter,
-    n_frames: int,
-) -> dict[str, object]:
-    """What ``track.json`` says."""
+def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, n_frames: int) -> dict[str, object]:
     return {
         "video": str(config.video),
         "fps": source.fps,
@@ -277,35 +247,4 @@ def _summary(
         "camera": config.camera,
         "model": {"name": fitter.model.name, "sha256": fitter.model.sha256},
         "licence": fitter.predictor.header.licence,
-        "faces": [
-            {
-                "folder": str(face.folder.relative_to(config.out)),
-                "first_frame": face.frames.start,
-                "frames": sum(face.counts[name] for name in BOX_SOURCES),
-                **{f"frames_{name}": face.counts[name] for name in (*BOX_SOURCES, "carried")},
-                "jitter_percent_raw": _percent(follower.jitter_raw.share),
-                "jitter_percent_smoothed": _percent(follower.jitter_smoothed.share),
-                "identity": follower.identity.tolist(),
-            }
-            for face, follower in zip(faces, followers, strict=True)
-        ],
     }
-
-
-def _report(config: TrackConfig, faces: Sequence[_Face], followers: Sequence[FaceFollower]) -> None:
-    for face, follower in zip(faces, followers, strict=True):
-        total = sum(face.counts[name] for name in BOX_SOURCES)
-        raw, smoothed = _percent(follower.jitter_raw.share), _percent(follower.jitter_smoothed.share)
-        jitter = "" if raw is None else f"; jitter {raw} % of the eye distance, {smoothed} % after {config.smoothing}"
-        sources = ", ".join(f"{face.counts[name]} {name}" for name in BOX_SOURCES)
-        say(console, f"{counted(total, 'frame')} ({sources}){jitter} -> {face.folder}")
-        if face.counts["carried"]:
-            say(
-                console,
-                f"warning: the network saw no face in {counted(face.counts['carried'], 'frame')}: the fit of the frame "
-                "before was carried over (column fit: carried)",
-            )
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else round(100 * share, 3)
