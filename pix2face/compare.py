@@ -26,6 +26,7 @@ from pix2face.report_json import FORMAT, SCHEMA_VERSION
 # What must be the same in both for their errors to mean the same.
 SAME = ("split", "truth", "normaliser", "threshold")
 LARGEST_BYTES = 1 << 30
+LARGEST_ERROR = 1e9
 
 
 @final
@@ -169,7 +170,8 @@ def _stored_report(path: Path, content: Mapping[str, Any]) -> StoredReport:
         for points in POINT_SETS
     }
     benchmark = {key: content["benchmark"][key] for key in (*SAME, "box_rule", "title")}
-    float(benchmark["threshold"])
+    if not 0 < float(benchmark["threshold"]) < np.inf:
+        raise ValueError(f"a threshold of {benchmark['threshold']}")
     clips = {name: str(face["clip"] or name) for name, face in zip(names, faces, strict=True)}
     return StoredReport(path, benchmark, str(content["method"]), errors, clips)
 
@@ -177,7 +179,7 @@ def _stored_report(path: Path, content: Mapping[str, Any]) -> StoredReport:
 def _error(value: float | None) -> float:
     if value is None:
         return float("inf")
-    if not (np.isfinite(value) and value >= 0):
+    if not 0 <= value <= LARGEST_ERROR:
         raise ValueError(f"an error of {value}")
     return float(value)
 

@@ -23,6 +23,7 @@ from pix2face.landmarks import N_IBUG68
 # Where the centre of the first pixel lies: at 0, at 1, or (the project's own frame) at 0.5.
 PixelFrame = Literal["0-based", "1-based", "half-pixel"]
 TO_PROJECT_PX: Mapping[PixelFrame, float] = {"0-based": 0.5, "1-based": -0.5, "half-pixel": 0.0}
+LARGEST_COORDINATE = 1e9
 NPZ_ARRAYS = ("names", "landmarks", "landmarks3d", "pose_deg")
 
 
@@ -183,4 +184,11 @@ def _numbers(
             f"{path}: expected {name} as numbers of shape {' or '.join(map(str, wanted))}, "
             f"found shape {values.shape} and type {values.dtype}"
         )
-    return values.astype(np.float64)
+    numbers = values.astype(np.float64)
+    finite = numbers[np.isfinite(numbers)]
+    if len(finite) and np.abs(finite).max() > LARGEST_COORDINATE:
+        raise InputFileError(
+            f"{path}: expected {name} up to ±{LARGEST_COORDINATE:g}, found {np.abs(finite).max():g}; say NaN where no "
+            "face was found"
+        )
+    return numbers

@@ -104,6 +104,8 @@ def test_reports_without_a_common_face_are_refused():
         (json.dumps(report_json([0.1], faces=None)), "damaged"),
         (json.dumps(report_json(["0.1"])), "damaged"),
         (json.dumps(report_json([-0.1])), "damaged: an error of -0.1"),
+        (json.dumps(report_json([1e308])), "damaged: an error of 1e"),
+        (json.dumps(report_json([0.1], benchmark={**BENCHMARK, "threshold": 0})), "a threshold of 0"),
         (json.dumps(report_json([float("nan")])), "damaged: an error of nan"),
         (json.dumps(report_json([0.1], faces=report_json([0.1])["faces"] * 2)), "a face is in it twice"),
     ],

@@ -82,6 +82,7 @@ def test_an_empty_cell_is_a_face_that_was_not_found(tmp_path):
         ({"names": np.array([]), "landmarks": POINTS[:0]}, "names as a list of texts"),
         ({"names": NAMES, "landmarks": POINTS, "pose_deg": np.zeros((2, 2))}, "pose_deg"),
         ({"names": NAMES, "landmarks": POINTS, "landmarks3d": POINTS}, "landmarks3d"),
+        ({"names": NAMES, "landmarks": POINTS * 1e300}, "up to ±1e.09, found"),
         ({"names": NAMES.astype(object), "landmarks": POINTS}, "cannot read it"),
     ],
 )
