@@ -8,9 +8,11 @@ too, which counts only where nothing else runs.
 """
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import tempfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,6 +23,7 @@ import cv2
 import h5py
 import hdf5plugin
 import numpy as np
+from isal import isal_zlib
 
 from pix2face.compressions import COMPRESSIONS
 from pix2face.images import decode_image
@@ -217,6 +220,9 @@ def measure_shards(header: ShardHeader, triplets: Sequence[Triplet], folder: Pat
                 "read_cut_ms": best_ms(lambda r=reader: [r.face_cut(index) for index in range(n)], n, rounds),
                 "decode_picture_ms": best_ms(lambda r=reader: [r.image(index) for index in range(n)], n, rounds),
             }
+    content = b"".join(values.tobytes() for values in triplets[0].layers.values())[::2]  # as many bytes as in steps
+    checksums = {"CRC-32 of ISA-L": isal_zlib.crc32, "CRC-32 of zlib": zlib.crc32, "SHA-256": hashlib.sha256}
+    rows["checksum_ms"] = {name: best_ms(lambda c=check: c(content), 1, 9) for name, check in checksums.items()}
     write_packed(path, header, packed)
     with multiprocessing.get_context("fork").Pool(2) as pool:
         pool.map(read_all, [(path, 1)] * 2)  # the processes are there and the file is in memory
