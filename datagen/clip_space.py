@@ -1,4 +1,4 @@
-"""A camera in OpenGL's terms."""
+"""A camera in OpenGL's terms: for pictures, whose surfaces OpenGL interpolates itself (maps: screen_projection.py)."""
 
 from dataclasses import dataclass
 from typing import final
@@ -21,14 +21,10 @@ class ClipTransform:
 
     Attributes:
         clip_from_model: Rows x, y, z, w of the clip coordinates. Row 0 of the image becomes the first of the buffer.
-        depth_from_model: A row that gives the depth minus ``nearest_mm``.
-        nearest_mm: Depth of the nearest vertex.
         outside_is_clockwise: How triangles that show their outside wind in OpenGL's window.
     """
 
     clip_from_model: Float64[ndarray, "4 4"]
-    depth_from_model: Float64[ndarray, "4"]
-    nearest_mm: float
     outside_is_clockwise: bool
 
 
@@ -62,4 +58,4 @@ def clip_transform(camera: Camera, vertices: Float32[ndarray, "v 3"], height: in
         ]
     )
     # v runs down the image and up OpenGL's window: what turns counter-clockwise to the eye turns clockwise there.
-    return ClipTransform(clip, depth_row, nearest, outside_is_clockwise=handedness(camera) > 0)
+    return ClipTransform(clip, outside_is_clockwise=handedness(camera) > 0)

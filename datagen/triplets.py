@@ -26,6 +26,7 @@ from pix2face.morphable_model import MorphableModel
 from pix2face.picture_size import check_decodes
 from pix2face.rasterise import RenderedMaps
 from pix2face.shards import Triplet
+from pix2face.surface_attributes import check_layers
 
 
 @final
@@ -37,9 +38,13 @@ class TripletMaker:
         gl: Where to render.
         seed: Of everything random in a picture.
         layers: What triplets have, of ``pix2face.layers.LAYER_NAMES``.
+
+    Raises:
+        UsageError: The model has not what a layer needs.
     """
 
     def __init__(self, model: MorphableModel, gl: GLContext, seed: int, layers: Sequence[str] = DEFAULT_LAYERS) -> None:
+        check_layers(model, layers)
         self._model = model
         self._renderer = Renderer(model, 16, 16, gl)
         self._seed = seed

@@ -3,7 +3,7 @@
 The OpenGL renderer and the oracle both go by this table.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import final
@@ -60,14 +60,24 @@ def normals_in_camera(
     return np.asarray(unit @ camera_from_model_axes(camera).T, dtype=np.float32)
 
 
+def check_layers(model: MorphableModel, layers: Sequence[str]) -> None:
+    """Refuses layers that no face of a model can have, before any is drawn.
+
+    Raises:
+        UsageError: The model has not what a layer needs.
+    """
+    if "uv" in layers and (model.uv is None or model.uv_triangles is None):
+        raise UsageError(f"expected a model with texture coordinates for the layer uv, found none in {model.name}")
+
+
 def texture_coordinates(model: MorphableModel, _: Float32[ndarray, "v 3"], __: Camera) -> Float32[ndarray, "u 2"]:
     """The model's.
 
     Raises:
         UsageError: It has none.
     """
-    if model.uv is None or model.uv_triangles is None:
-        raise UsageError(f"expected a model with texture coordinates for the layer uv, found none in {model.name}")
+    check_layers(model, ("uv",))
+    assert model.uv is not None
     return model.uv
 
 

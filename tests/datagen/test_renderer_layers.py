@@ -9,6 +9,7 @@ from numpy import ndarray
 from datagen import map_drawing
 from datagen.gl_context import GLContext
 from datagen.renderer import Renderer
+from datagen.triplets import TripletMaker
 from pix2face import rasterise as oracle
 from pix2face.camera import (
     Camera,
@@ -113,6 +114,8 @@ def test_a_model_without_texture_coordinates_is_named(gl: GLContext) -> None:
         Renderer(model, 32, 32, gl).render(model.mean, AFFINE, ("uv",))
     with pytest.raises(UsageError, match="texture coordinates for the layer uv, found none in a mesh"):
         render_maps(model, model.mean, AFFINE, 32, 32, ("uv",))
+    with pytest.raises(UsageError, match="texture coordinates for the layer uv"):
+        TripletMaker(model, gl, 0, ("uv",))  # before any sample is tried
 
 
 def test_what_was_not_asked_for_is_not_there(gl: GLContext) -> None:
