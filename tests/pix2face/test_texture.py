@@ -167,7 +167,7 @@ def test_texels_have_the_colours_of_their_points(yaw_deg: float) -> None:
 def test_a_texture_is_as_fine_as_the_face_in_it_needs() -> None:
     fit = fitted(TEXTURED, turned(0))
     assert TEXTURED.uv is not None
-    for scale, size in ((1.0, 1024), (0.3, 2048), (0.01, 2048)):
+    for scale, size in ((1.0, 1024), (0.05, 2048)):
         model = replace(TEXTURED, uv=TEXTURED.uv * np.float32(scale))
         assert face_texture(np.zeros((8, 8, 3), np.uint8), fit, model).shape == (size, size, 3)
 

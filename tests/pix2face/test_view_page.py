@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -31,12 +32,19 @@ BACKGROUND = np.array([0x20, 0x24, 0x2A])
 
 
 def viewed(model: MorphableModel, name: str = "person") -> ViewedFace:
+    return replace(PERSONS[model.name], name=name)
+
+
+def person(model: MorphableModel) -> ViewedFace:
     face = photographed_face(model)
     landmarks3d = face.vertices[model.landmarks["ibug68"]].astype(np.float64)
     fit = FaceFit(face.camera, face.identity, face.expression, model, face.landmarks2d, landmarks3d)
     maps = face.maps()
     points = maps.pncc[maps.mask] + maps.offset[maps.mask]
-    return ViewedFace(name, face.photograph(), fit, points, np.full(points.shape, 200, np.uint8))
+    return ViewedFace("person", face.photograph(), fit, points, np.full(points.shape, 200, np.uint8))
+
+
+PERSONS = {model.name: person(model) for model in (PLAIN, TEXTURED)}
 
 
 class Elements(HTMLParser):
