@@ -18,15 +18,16 @@ from pix2face.errors import UsageError
 Smoothing = Literal["none", "mean3", "one-euro", "spline"]
 SMOOTHINGS: Final[tuple[Smoothing, ...]] = ("none", "mean3", "one-euro", "spline")
 
-# The smoothing spline penalises the square of the second difference by this much: half of a swing of 7 frames passes.
-SPLINE_PENALTY = 2.0
+# The smoothing spline penalises the square of the second difference by this much: half the height of a swing of 6 frames
+# passes, and three quarters of one of 8.
+SPLINE_PENALTY = 1.0
 # Frames on either side that it looks at; its weights have fallen below 1e-3 there.
 SPLINE_REACH = 12
 
 # One-Euro: at rest a low-pass of this many Hz, opened by so many Hz for each eye distance that a landmark moves in a
 # second; the speed itself is smoothed by a low-pass of SPEED_CUTOFF_HZ.
 REST_CUTOFF_HZ = 2.0
-CUTOFF_PER_SPEED = 4.0
+CUTOFF_PER_SPEED = 8.0
 SPEED_CUTOFF_HZ = 1.0
 
 
