@@ -1,12 +1,15 @@
 """The whole chain over drawn clips: landmarks in every frame, near the true ones, with few frames in memory."""
 
 import io
-from dataclasses import dataclass
+import weakref
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pix2face import video
 from pix2face.clip_fit import FrameFitter, carried, expression_of, eye_distance_px
 from pix2face.crops import FaceBox, crop_camera, square_crop
 from pix2face.face_tracks import FaceTracker, FrameBox, boxes_of_every_frame, main_face, read_boxes
@@ -17,7 +20,7 @@ from pix2face.images import encode_image
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import render_maps
 from pix2face.smoothing import open_smoother
-from pix2face.tracking import FaceFollower, TrackedFrame, find_boxes, find_identities, follow_faces
+from pix2face.tracking import FACES_AT_A_TIME, FaceFollower, TrackedFrame, find_boxes, find_identities, follow_faces
 from pix2face.video import FrameSource, open_frames
 from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces, true_landmarks
 from tests.synthetic_models import small_head_model
@@ -44,8 +47,13 @@ def clip(tmp_path_factory) -> Clip:
 
 
 def run(
-    clip: Clip, out: Path, missing: tuple[int, ...] = (), smoothing: str = "none", refine: bool = True
-) -> tuple[list[TrackedFrame], FaceFollower]:
+    clip: Clip,
+    out: Path,
+    missing: tuple[int, ...] = (),
+    smoothing: str = "none",
+    refine: bool = True,
+    keep: bool = True,
+) -> tuple[Iterable[TrackedFrame], FaceFollower]:
     fitter = FrameFitter(colour_predictor(clip.model), clip.model, refine=refine)
     detector = BlobDetector(missing)
     path = out / "boxes.csv"
@@ -58,7 +66,8 @@ def run(
     (identity,) = find_identities(clip.source, detected, fitter, at_most=5)
     follower = FaceFollower(fitter, identity, open_smoother(smoothing, clip.source.fps))
     boxes = boxes_of_every_frame(read_boxes(path, numbers), range(n_frames))
-    return list(follow_faces(clip.source, [boxes], [follower], fitter)), follower
+    frames = follow_faces(clip.source, [boxes], [follower], fitter)
+    return list(frames) if keep else frames, follower
 
 
 def errors_in_percent(frames: list[TrackedFrame], clip: Clip) -> np.ndarray:
@@ -129,6 +138,35 @@ def _detections(clip: Clip):
     for line in file.getvalue().splitlines()[1:]:
         frame, track, *sides = line.split(",")
         yield FrameBox(int(frame), FaceBox(*map(float, sides)), "detected", int(track))
+
+
+@pytest.mark.parametrize(("smoothing", "reach"), [("mean3", 1), ("spline", 12)])
+def test_few_frames_are_in_memory_at_a_time(clip, tmp_path, monkeypatch, smoothing, reach):
+    alive, most = weakref.WeakSet(), 0
+    original = video.read_photograph
+
+    class Frame(np.ndarray):
+        """An array that can be in a set."""
+
+        __hash__ = object.__hash__
+
+        def __eq__(self, other: object) -> bool:
+            return self is other
+
+    def read(path: Path) -> np.ndarray:
+        nonlocal most
+        frame = original(path).view(Frame)
+        alive.add(frame)
+        most = max(most, len(alive))
+        return frame
+
+    monkeypatch.setattr(video, "read_photograph", read)
+    longer = replace(clip.source, n_announced=80, pictures=clip.source.pictures * 4)
+    n_done = 0
+    for _ in run(Clip(clip.model, longer, clip.landmarks), tmp_path, smoothing=smoothing, keep=False)[0]:
+        n_done += 1
+    assert n_done == 80
+    assert most <= 2 * FACES_AT_A_TIME + reach + 2
 
 
 def test_two_faces_stay_apart(tmp_path):

@@ -1,0 +1,169 @@
+"""What smoothing does to landmarks, and what tracking takes: python -m tests.benchmarks.tracking.
+
+    python -m tests.benchmarks.tracking [--checkpoint C --videos A.mp4,B.avi] [--out out/tracking.json]
+
+Prints and writes JSON:
+
+- ``smoothing``: for each smoother, on points that move as faces do (swings of 0.3 to 3 Hz, up to a quarter of the eye
+  distance) with normal noise of 1 % of the eye distance: jitter before and after, RMS error against the truth, lag in
+  frames behind a swing of 1 Hz, what is left of the height of swings of 1, 3 and 5 Hz, and the delay in frames.
+- ``clips``: with a checkpoint, jitter on real clips before and after each smoother, and where the boxes come from.
+- ``memory``: the largest memory of a process that tracks a drawn clip once, and 20 times over.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+
+from pix2face.cli import main as pix2face_main
+from pix2face.smoothing import SMOOTHINGS, JitterMeter, open_smoother
+from tests.benchmarks.surroundings import surroundings
+
+FPS = 25.0
+NOISE = 0.01
+LOOPS = 20
+
+
+def smooth(kind: str, points: ndarray, units: ndarray, fps: float = FPS) -> ndarray:
+    """All frames through a smoother."""
+    smoother = open_smoother(kind, fps)
+    done = [own for frame, unit in zip(points, units, strict=True) for own in smoother.push(frame, float(unit))]
+    return np.stack(done + smoother.flush())
+
+
+def jitter_percent(points: ndarray, units: ndarray) -> float:
+    """Mean second difference, % of the eye distance."""
+    meter = JitterMeter()
+    for frame, unit in zip(points, units, strict=True):
+        meter.push(frame, float(unit))
+    return round(100 * (meter.share or 0.0), 3)
+
+
+def drawn_motion(n_frames: int, seed: int = 0) -> ndarray:
+    """68 points that swing at several frequencies, in eye distances."""
+    rng, seconds = np.random.default_rng(seed), np.arange(n_frames) / FPS
+    points = np.zeros((n_frames, 68, 2))
+    for hertz, height in ((0.3, 0.25), (1.0, 0.1), (3.0, 0.02)):
+        phase = rng.uniform(0, 2 * np.pi, (68, 2))
+        points += height * np.sin(2 * np.pi * hertz * seconds[:, None, None] + phase)
+    return points
+
+
+def response(kind: str, hertz: float) -> complex:
+    """What is left of a swing of 0.1 eye distances: height (absolute value) and lag (angle)."""
+    seconds = np.arange(500) / FPS
+    wave = np.exp(-2j * np.pi * hertz * seconds)
+    swing = np.tile(0.1 * np.sin(2 * np.pi * hertz * seconds)[:, None, None], (1, 1, 2))
+    after = smooth(kind, swing, np.ones(500))[100:400, 0, 0] @ wave[100:400]
+    return complex(after / (swing[100:400, 0, 0] @ wave[100:400]))
+
+
+def measure_smoother(kind: str) -> dict[str, float]:
+    """The figures of one smoother on drawn motion."""
+    truth, units = drawn_motion(1500), np.ones(1500)
+    noisy = truth + np.random.default_rng(1).normal(0, NOISE, truth.shape)
+    after = smooth(kind, noisy, units)
+    one = response(kind, 1.0)
+    return {
+        "jitter_percent_before": jitter_percent(noisy, units),
+        "jitter_percent_after": jitter_percent(after, units),
+        "jitter_percent_of_the_truth": jitter_percent(truth, units),
+        "error_percent_before": round(100 * float(np.sqrt(((noisy - truth) ** 2).sum(axis=2).mean())), 3),
+        "error_percent_after": round(100 * float(np.sqrt(((after - truth) ** 2).sum(axis=2).mean())), 3),
+        "lag_frames": round(-float(np.angle(one)) / (2 * np.pi) * FPS, 2),
+        **{f"left_of_{hertz:g}_hz": round(abs(response(kind, hertz)), 3) for hertz in (1.0, 3.0, 5.0)},
+        "delay_frames": open_smoother(kind, FPS).delay,
+    }
+
+
+def measure_clip(video: Path, checkpoint: Path, folder: Path) -> dict[str, object]:
+    """Tracks a real clip, and smooths its raw landmarks in every way."""
+    arguments = ["track", str(video), "--out", str(folder), "--checkpoint", str(checkpoint), "--write", "npz"]
+    if pix2face_main([*arguments, "--smoothing", "none", "--detect-every", "3"]):
+        raise SystemExit(f"{video}: tracking failed")
+    summary = json.loads((folder / "track.json").read_text())
+    with np.load(folder / "track.npz", allow_pickle=False) as archive:
+        points, units = archive["landmarks2d_raw"].astype(np.float64), archive["eye_px"]
+    face = summary["faces"][0]
+    return {
+        **{name: face[name] for name in face if name.startswith("frames")},
+        "frames_of_clip": summary["frames"],
+        "jitter_percent": {kind: jitter_percent(smooth(kind, points, units), units) for kind in SMOOTHINGS},
+    }
+
+
+def track_drawn_clip(loops: int, folder: Path) -> float:
+    """Tracks a drawn clip of 30 frames so many times over; the largest memory of this process so far, in MB."""
+    from pix2face import track_cli
+    from pix2face.images import encode_image
+    from pix2face.predictor import Predictor
+    from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces
+    from tests.synthetic_models import small_head_model
+
+    model = small_head_model()
+    contents = [
+        encode_image(draw_faces(model, [camera_at(50 + index, 60, yaw_deg=index - 15.0)])) for index in range(30)
+    ]
+    contents += contents[::-1]
+    frames = folder / "frames"
+    frames.mkdir()
+    for index in range(loops * len(contents)):
+        (frames / f"{index:06d}.png").write_bytes(contents[index % len(contents)])
+    track_cli.open_model = lambda name: model  # type: ignore[assignment]
+    track_cli.open_detector = lambda name: BlobDetector()  # type: ignore[assignment]
+    Predictor.load = lambda path, device=None: colour_predictor(model)  # type: ignore[method-assign,assignment]
+    if pix2face_main(["track", str(frames), "--out", str(folder / "out"), "--checkpoint", "none"]):
+        raise SystemExit("tracking failed")
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def measure_memory() -> dict[str, float]:
+    """Megabytes of a process of its own that tracks a clip once, and one that does so 20 times over."""
+    megabytes = {}
+    for loops in (1, LOOPS):
+        command = [sys.executable, "-m", "tests.benchmarks.tracking", "--only-memory", str(loops)]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        megabytes[loops] = float(done.stdout)
+    return {
+        "megabytes_once": round(megabytes[1], 1),
+        f"megabytes_{LOOPS}_times": round(megabytes[LOOPS], 1),
+        "ratio": round(megabytes[LOOPS] / megabytes[1], 3),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--checkpoint", type=Path)
+    parser.add_argument("--videos", default="../shared/data/video/obama.mp4,../shared/data/video/multi_face.avi")
+    parser.add_argument("--out", type=Path, default=Path("out/tracking.json"))
+    parser.add_argument("--only-memory", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as name:
+        if options.only_memory:
+            sys.stdout.write(f"{track_drawn_clip(options.only_memory, Path(name))}\n")
+            return 0
+        report: dict[str, object] = {"smoothing": {kind: measure_smoother(kind) for kind in SMOOTHINGS}}
+        if options.checkpoint:
+            report["clips"] = {
+                Path(video).name: measure_clip(Path(video), options.checkpoint, Path(name) / str(index))
+                for index, video in enumerate(options.videos.split(","))
+            }
+        report["memory"] = measure_memory()
+    text = json.dumps(report | {"measured_on": surroundings()}, indent=2)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(text + "\n")
+    sys.stdout.write(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
