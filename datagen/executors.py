@@ -7,6 +7,7 @@ has: when the job stops, or is killed, the pipe closes and each of them exits at
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -106,7 +107,7 @@ class DaskCluster(WorkPlace):
             ) from error
         self._address = address
         self._client: Any = None
-        self.at_once = 1
+        self.at_once = sys.maxsize  # the scheduler itself knows who has what, and workers may come and go
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
@@ -120,8 +121,6 @@ class DaskCluster(WorkPlace):
             ) from error
         try:
             self._wait_for_workers()
-            # Enough that no thread waits; the scheduler itself knows who has what.
-            self.at_once = 2 * max(1, sum(self._client.nthreads().values()))
             yield _DaskExecutor(self._client)
         finally:
             self._client.close()

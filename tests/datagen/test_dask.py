@@ -83,6 +83,24 @@ def test_a_cluster_whose_worker_is_killed_makes_the_same_shards(scheduler: str, 
             kill(process)
 
 
+def test_a_scheduler_that_is_killed_ends_the_job_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "inputs").mkdir()
+    inputs, file = make_inputs(tmp_path / "inputs"), tmp_path / "scheduler.json"
+    process = start("scheduler", "--host", "127.0.0.1", "--port", 0, "--scheduler-file", file)
+    only_worker = worker(address_in(file), tmp_path / "worker")
+    try:
+        job = inputs.start(tmp_path / "out", "--scheduler", address_in(file))
+        wait_for_shards(tmp_path / "out", 1, job)
+        kill(process)
+        _, errors = job.communicate(timeout=120)
+    finally:
+        kill(only_worker)
+        process.kill()
+    assert job.returncode == 2, errors
+    line = next(line for line in errors.splitlines() if line.startswith("datagen: error: "))
+    assert "scheduler" in line
+
+
 def test_a_scheduler_without_workers_is_one_line(
     scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
