@@ -124,21 +124,27 @@ def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:
 
 def _write_ply(path: Path, mesh: FaceMesh) -> None:
     plain = trimesh.Trimesh(mesh.vertices, mesh.model.triangles, vertex_colors=mesh.vertex_colours, process=False)
-    path.write_bytes(plain.export(file_type="ply"))
+    path.write_bytes(_exported(plain, "ply"))
 
 
 def _write_glb(path: Path, mesh: FaceMesh) -> None:
     if mesh.texture is not None:
         vertex, uv, triangles = split_at_seams(mesh.model)
-        material = trimesh.visual.material.PBRMaterial(
+        material = trimesh.visual.material.PBRMaterial(  # type: ignore[no-untyped-call]
             name="face", baseColorTexture=Image.fromarray(mesh.texture), metallicFactor=0.0, roughnessFactor=1.0
         )
-        visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+        visual = trimesh.visual.TextureVisuals(uv=uv, material=material)  # type: ignore[no-untyped-call]
         shown = trimesh.Trimesh(mesh.vertices[vertex], triangles, visual=visual, process=False)
     else:
         colours = None if mesh.vertex_colours is None else srgb_to_linear(mesh.vertex_colours)
         shown = trimesh.Trimesh(mesh.vertices, mesh.model.triangles, vertex_colors=colours, process=False)
-    path.write_bytes(shown.export(file_type="glb"))
+    path.write_bytes(_exported(shown, "glb"))
+
+
+def _exported(mesh: trimesh.Trimesh, kind: MeshFormat) -> bytes:
+    content = mesh.export(file_type=kind)
+    assert isinstance(content, bytes)
+    return content
 
 
 def srgb_to_linear(colours: UInt8[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:

@@ -186,12 +186,11 @@ def _sample(picture: ndarray, pixels: Float[ndarray, "n 2"], how: int) -> ndarra
     """A picture at pixel positions (centres at +0.5); beyond the border 0."""
     # OpenCV's maps are pictures themselves, and of limited height and width.
     width = 4096
-    rows = -(-len(pixels) // width)
+    rows = max(1, -(-len(pixels) // width))
     positions = np.full((rows * width, 2), -10.0, dtype=np.float32)
     positions[: len(pixels)] = np.clip(pixels - 0.5, -10, 1e6)
-    sampled = cv2.remap(
-        picture, positions.reshape(rows, width, 2), None, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0
-    )
+    columns, lines = np.moveaxis(positions.reshape(rows, width, 2), 2, 0).copy()
+    sampled = cv2.remap(picture, columns, lines, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(sampled.reshape(rows * width, *picture.shape[2:])[: len(pixels)])
 
 

@@ -172,6 +172,13 @@ def test_a_texture_is_as_fine_as_the_face_in_it_needs() -> None:
         assert face_texture(np.zeros((8, 8, 3), np.uint8), fit, model).shape == (size, size, 3)
 
 
+def test_texture_coordinates_beside_the_texture_leave_it_grey() -> None:
+    assert TEXTURED.uv is not None
+    model = replace(TEXTURED, uv=TEXTURED.uv + np.float32(5))
+    fit = fitted(model, turned(0))
+    assert (face_texture(photograph(fit, gradual), fit, model, 64) == NO_COLOUR).all()
+
+
 def test_islands_of_the_texture_are_padded() -> None:
     fit = fitted(TEXTURED, turned(0))
     texture = face_texture(photograph(fit, lambda points: np.full_like(points, 90)), fit, TEXTURED, 256)
