@@ -18,8 +18,8 @@ from pix2face.errors import UsageError
 Smoothing = Literal["none", "mean3", "one-euro", "spline"]
 SMOOTHINGS: Final[tuple[Smoothing, ...]] = ("none", "mean3", "one-euro", "spline")
 
-# The smoothing spline penalises the square of the second difference by this much: half the height of a swing of 6 frames
-# passes, and three quarters of one of 8.
+# The smoothing spline penalises the square of the second difference by this much: half the height of a swing of 6
+# frames passes, and three quarters of one of 8.
 SPLINE_PENALTY = 1.0
 # Frames on either side that it looks at; its weights have fallen below 1e-3 there.
 SPLINE_REACH = 12

@@ -103,12 +103,12 @@ def _look_size(width: int, height: int, turn_deg: float) -> tuple[int, int]:
 def _look_matrix(width: int, height: int, turn_deg: float, mirror: bool) -> Float64[ndarray, "2 3"]:
     """From pixels of the picture to those of the look, centres at +0.5 (half a pixel is nothing to a detector)."""
     size = np.array(_look_size(width, height, turn_deg))
-    matrix = cv2.getRotationMatrix2D((width / 2, height / 2), turn_deg, 1.0)
+    matrix = np.asarray(cv2.getRotationMatrix2D((width / 2, height / 2), turn_deg, 1.0), dtype=np.float64)
     matrix[:, 2] += size / 2 - np.array([width, height]) / 2
     if mirror:
         matrix[0] *= -1
         matrix[0, 2] += size[0]
-    return np.asarray(matrix, dtype=np.float64)
+    return matrix
 
 
 def _groups(windows: Float64[ndarray, "n 3"], at_least: int) -> list[tuple[tuple[float, float, float], int]]:
