@@ -28,6 +28,7 @@ from pix2face.shard_layout import (
     layer_checksum,
 )
 from pix2face.shards import ShardHeader
+from pix2face.text_columns import bounded_utf8
 from pix2face.triplet import Triplet
 
 # Text has a fixed length for each shard: the longest of its samples decides, so one must not be without bounds.
@@ -66,8 +67,11 @@ def pack_triplet(triplet: Triplet, layers: Sequence[str]) -> PackedTriplet:
         InputFileError: It lacks a layer, or a value does not fit the format.
     """
     image = _image(triplet) if IMAGE in layers else b""
-    texts = {"sample_id": _text(triplet.sample_id, "sample_id")}
-    texts["attributes"] = _text(json.dumps(dict(triplet.attributes), sort_keys=True), "attributes")
+    attributes = json.dumps(dict(triplet.attributes), sort_keys=True)
+    texts = {
+        name: bounded_utf8(text, name, LARGEST_TEXT_BYTES[name])
+        for name, text in (("sample_id", triplet.sample_id), ("attributes", attributes))
+    }
     chunks, size_px, known = _pack_layers(triplet, [name for name in layers if name in LAYERS])
     columns = {**_content_columns(triplet, LANDMARKS in layers), **known, "size_px": np.array(size_px)}
     columns["checksum"] = np.array(content_checksum(known["checksum"], image, columns, texts["attributes"]))
@@ -268,19 +272,6 @@ def _image(triplet: Triplet) -> bytes:
     if not triplet.image:
         raise InputFileError(f"{triplet.sample_id}: expected a picture, since the shard is to have them; found none")
     return triplet.image
-
-
-def _text(text: str, name: str) -> bytes:
-    largest = LARGEST_TEXT_BYTES[name]
-    try:
-        content, found = text.encode("utf-8"), "a NUL character" if "\0" in text else ""
-    except UnicodeEncodeError:
-        content, found = b"", "characters that UTF-8 has not"
-    if len(content) > largest:
-        found = f"{len(content)} bytes"
-    if found:
-        raise InputFileError(f"{text[:40]!r}: expected at most {largest} bytes of UTF-8 as {name}, found {found}")
-    return content
 
 
 def _check_written(temporary: Path, content: bytes, path: Path) -> None:

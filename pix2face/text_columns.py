@@ -1,4 +1,4 @@
-"""Columns of text in HDF5 files: one JSON value a line, UTF-8, in one dataset of bytes.
+"""Columns of text in HDF5 files: mostly one JSON value a line, UTF-8, in one dataset of bytes.
 
 HDF5's own text of variable length keeps lengths apart from texts, and a damaged length makes the library read memory
 that is not the file's. Text of fixed length needs the longest before the first is written. Lines need neither, and any
@@ -41,3 +41,20 @@ def read_json_lines(file: h5py.File, name: str, path: Path) -> list[Any]:
     if lines[-1] or len(values) != len(lines) - 1:
         raise InputFileError(f"{path}: expected one value in each line of {name}, found {len(values)} in {len(lines)}")
     return values
+
+
+def bounded_utf8(text: str, name: str, largest: int) -> bytes:
+    """Text for a column of fixed length, where the longest text decides what each takes.
+
+    Raises:
+        InputFileError: It is longer than ``largest`` bytes, or holds what such a column cannot.
+    """
+    try:
+        content, found = text.encode("utf-8"), "a NUL character" if "\0" in text else ""
+    except UnicodeEncodeError:
+        content, found = b"", "characters that UTF-8 has not"
+    if len(content) > largest:
+        found = f"{len(content)} bytes"
+    if found:
+        raise InputFileError(f"{text[:40]!r}: expected at most {largest} bytes of UTF-8 as {name}, found {found}")
+    return content
