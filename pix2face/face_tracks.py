@@ -35,6 +35,8 @@ REACH_PER_SECOND = 0.6
 LARGEST_RATIO_OF_SIZES = 1.7
 # Fewer detections are an accident of the detector, wherever there are faces with more.
 LEAST_DETECTIONS = 3
+# So is a face that is found less often than this while it is followed; of a detector, not of boxes that were given.
+LEAST_SHARE_DETECTED = 0.25
 
 
 @final
@@ -140,21 +142,28 @@ class FaceTracker:
         return distance + float(np.log(ratio)) + 1 - overlap(last, box)
 
 
-def lasting_faces(tracks: Iterable[TrackSummary]) -> list[TrackSummary]:
-    """The faces with enough detections to be none of the detector's accidents, largest first."""
+def lasting_faces(tracks: Iterable[TrackSummary], least_share: float = 0.0) -> list[TrackSummary]:
+    """The faces with enough detections to be none of the detector's accidents, largest first.
+
+    Args:
+        tracks: All of the clip.
+        least_share: In how many of its frames a face must have been found.
+    """
     ordered = sorted(tracks, key=lambda own: -own.weight)
-    lasting = [own for own in ordered if own.n_detected >= LEAST_DETECTIONS]
+    lasting = [
+        own for own in ordered if own.n_detected >= max(LEAST_DETECTIONS, least_share * (own.last - own.first + 1))
+    ]
     return lasting or ordered[:1]
 
 
-def main_face(tracks: Iterable[TrackSummary]) -> list[TrackSummary]:
+def main_face(tracks: Iterable[TrackSummary], least_share: float = 0.0) -> list[TrackSummary]:
     """The tracks that make up the main face of a clip, in the order of time; none where there is no track.
 
     The face that fills most of the clip, and in the frames before and after it that which fills most of them: a face
     that was lost for long and found again elsewhere has several tracks.
     """
     chosen: list[TrackSummary] = []
-    for own in lasting_faces(tracks):
+    for own in lasting_faces(tracks, least_share):
         if all(own.last < other.first or own.first > other.last for other in chosen):
             chosen.append(own)
     return sorted(chosen, key=lambda own: own.first)

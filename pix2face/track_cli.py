@@ -21,6 +21,7 @@ from pix2face.crops import FaceBox
 from pix2face.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_tracks import (
+    LEAST_SHARE_DETECTED,
     FaceTracker,
     TrackSummary,
     boxes_of_every_frame,
@@ -187,7 +188,8 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
 
 
 def _faces(config: TrackConfig, tracks: Sequence[TrackSummary], n_frames: int) -> list[ClipFace]:
-    chosen = [[own] for own in lasting_faces(tracks)] if config.all_faces else [main_face(tracks)]
+    least = 0.0 if config.boxes else LEAST_SHARE_DETECTED / config.detect_every
+    chosen = [[own] for own in lasting_faces(tracks, least)] if config.all_faces else [main_face(tracks, least)]
     faces = []
     for index, own in enumerate(chosen):
         folder = config.out / f"face-{index}" if config.all_faces else config.out

@@ -1,13 +1,14 @@
 """What smoothing does to landmarks, and what tracking takes: python -m tests.benchmarks.tracking.
 
-    python -m tests.benchmarks.tracking [--checkpoint C --videos A.mp4,B.avi] [--out out/tracking.json]
+    python -m tests.benchmarks.tracking [--tracks A/track.npz,B/track.npz] [--out out/tracking.json]
 
 Prints and writes JSON:
 
 - ``smoothing``: for each smoother, on points that move as faces do (swings of 0.3 to 3 Hz, up to a quarter of the eye
   distance) with normal noise of 1 % of the eye distance: jitter before and after, RMS error against the truth, lag in
   frames behind a swing of 1 Hz, what is left of the height of swings of 1, 3 and 5 Hz, and the delay in frames.
-- ``clips``: with a checkpoint, jitter on real clips before and after each smoother, and where the boxes come from.
+- ``clips``: of clips that ``pix2face track`` has tracked, the jitter of the raw landmarks after each smoother, and
+  where the boxes come from.
 - ``memory``: the largest memory of a process that tracks a drawn clip once, and 20 times over.
 """
 
@@ -84,19 +85,18 @@ def measure_smoother(kind: str) -> dict[str, float]:
     }
 
 
-def measure_clip(video: Path, checkpoint: Path, folder: Path) -> dict[str, object]:
-    """Tracks a real clip, and smooths its raw landmarks in every way."""
-    arguments = ["track", str(video), "--out", str(folder), "--checkpoint", str(checkpoint), "--write", "npz"]
-    if pix2face_main([*arguments, "--smoothing", "none", "--detect-every", "3"]):
-        raise SystemExit(f"{video}: tracking failed")
-    summary = json.loads((folder / "track.json").read_text())
-    with np.load(folder / "track.npz", allow_pickle=False) as archive:
+def measure_track(path: Path) -> dict[str, object]:
+    """Smooths the raw landmarks of a tracked clip in every way."""
+    with np.load(path, allow_pickle=False) as archive:
         points, units = archive["landmarks2d_raw"].astype(np.float64), archive["eye_px"]
-    face = summary["faces"][0]
+        names = archive["box_sources"]
+        counts = np.bincount(archive["box_source"], minlength=len(names))
+        fps, n_fitted = float(archive["fps"]), int(archive["is_fitted"].sum())
     return {
-        **{name: face[name] for name in face if name.startswith("frames")},
-        "frames_of_clip": summary["frames"],
-        "jitter_percent": {kind: jitter_percent(smooth(kind, points, units), units) for kind in SMOOTHINGS},
+        "frames": len(points),
+        **{f"frames_{name}": int(count) for name, count in zip(names, counts, strict=True)},
+        "frames_fitted": n_fitted,
+        "jitter_percent": {kind: jitter_percent(smooth(kind, points, units, fps), units) for kind in SMOOTHINGS},
     }
 
 
@@ -142,8 +142,7 @@ def measure_memory() -> dict[str, float]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--checkpoint", type=Path)
-    parser.add_argument("--videos", default="../shared/data/video/obama.mp4,../shared/data/video/multi_face.avi")
+    parser.add_argument("--tracks", default="")
     parser.add_argument("--out", type=Path, default=Path("out/tracking.json"))
     parser.add_argument("--only-memory", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
@@ -152,11 +151,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.write(f"{track_drawn_clip(options.only_memory, Path(name))}\n")
             return 0
         report: dict[str, object] = {"smoothing": {kind: measure_smoother(kind) for kind in SMOOTHINGS}}
-        if options.checkpoint:
-            report["clips"] = {
-                Path(video).name: measure_clip(Path(video), options.checkpoint, Path(name) / str(index))
-                for index, video in enumerate(options.videos.split(","))
-            }
+        tracks = [Path(own) for own in options.tracks.split(",") if own]
+        report["clips"] = {own.parent.name: measure_track(own) for own in tracks}
         report["memory"] = measure_memory()
     text = json.dumps(report | {"measured_on": surroundings()}, indent=2)
     options.out.parent.mkdir(parents=True, exist_ok=True)

@@ -126,6 +126,13 @@ def test_the_main_face_fills_most_of_the_clip_and_is_found_again_elsewhere():
     assert main_face([]) == []
 
 
+def test_a_face_that_is_seldom_found_is_an_accident_unless_there_is_no_other():
+    tracks = [summary(0, 0, 99, 10, 900), summary(1, 0, 99, 60, 600), summary(2, 50, 52, 3, 60)]
+    assert [own.track for own in lasting_faces(tracks, 0.25)] == [1, 2]
+    assert [own.track for own in main_face(tracks, 0.25)] == [1]
+    assert [own.track for own in lasting_faces(tracks[:1], 0.25)] == [0]
+
+
 def test_a_clip_of_one_frame_has_a_face():
     tracker, _ = tracked({0: [box(0, 0, 30), box(100)]})
     assert [own.track for own in main_face(tracker.tracks)] == [0]
