@@ -37,6 +37,25 @@ def test_a_pose_comes_back_from_its_camera(pitch: float, yaw: float, roll: float
     np.testing.assert_allclose([found.pitch_deg, found.yaw_deg, found.roll_deg], [pitch, yaw, roll], atol=1e-6)
 
 
+@given(st.tuples(*[st.floats(-4, 4)] * 3))
+def test_poses_are_the_angles_that_scipy_finds(vector: tuple[float, ...]) -> None:
+    rotation = rotation_of(vector)
+    found = head_pose(weak_perspective_camera(WeakPerspective(2.0, rotation, np.zeros(2))))
+    np.testing.assert_allclose(rotation_of_pose(found), rotation, atol=1e-7)
+    expected = Rotation.from_matrix(np.diag([1, -1, -1]) @ rotation).as_euler("XYZ", degrees=True)
+    if abs(expected[1]) < 89.9:
+        difference = np.array([found.pitch_deg, found.yaw_deg, found.roll_deg]) + expected
+        np.testing.assert_allclose((difference + 180) % 360, 180, atol=1e-6)  # -180 is 180
+
+
+@pytest.mark.parametrize("yaw", [-90.0, 90.0])
+def test_a_face_seen_exactly_from_the_side_has_a_pose(yaw: float) -> None:
+    rotation = rotation_of_pose(HeadPose(20.0, yaw, 5.0))
+    found = head_pose(weak_perspective_camera(WeakPerspective(1.0, rotation, np.zeros(2))))
+    assert found.yaw_deg == pytest.approx(yaw, abs=1e-5)
+    np.testing.assert_allclose(rotation_of_pose(found), rotation, atol=1e-6)
+
+
 @given(rotation_vectors, st.floats(0.1, 10), st.floats(-500, 500))
 def test_weak_perspective_comes_back(vector: tuple[float, ...], scale: float, shift: float) -> None:
     rotation = rotation_of(vector)
