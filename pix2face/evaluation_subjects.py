@@ -16,7 +16,7 @@ from pix2face.crops import Crop, FaceBox
 from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION
-from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.face_fit import CameraKind, fit_face
 from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
 from pix2face.landmarks import IBUG68
@@ -223,10 +223,12 @@ class OracleSubject:
     Attributes:
         model: What is fitted.
         slides_jaw: Whether jaw points slide to the visible outline.
+        camera: Of the fit to maps; landmarks are fitted by weak perspective.
     """
 
     model: MorphableModel
     slides_jaw: bool = False
+    camera: CameraKind = "weak-perspective"
     method = "oracle"
     needs_images = False
 
@@ -242,7 +244,10 @@ class OracleSubject:
         try:
             if face.maps is not None:
                 landmarks_of = partial(contour_landmarks2d, model=self.model) if self.slides_jaw else fitted_landmarks
-                return _found(fit_face(face.maps, self.model, regularisation=EXACT_MAPS_REGULARISATION), landmarks_of)
+                fitted_maps = fit_face(
+                    face.maps, self.model, camera_kind=self.camera, regularisation=EXACT_MAPS_REGULARISATION
+                )
+                return _found(fitted_maps, landmarks_of)
             fitted = fit_landmarks(self.model, face.landmarks2d, contour=self._contour)
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error))

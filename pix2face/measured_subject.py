@@ -76,8 +76,13 @@ def open_subject(
     if options.predictions is not None:
         return _predictions(options.predictions, options.frame, manifest, found)
     if options.oracle:
-        what = "true maps" if manifest.kind == "shards" else "true 2D landmarks"
-        return OracleSubject(model, options.slides_jaw), {"oracle": f"the model fitted to the {what} of each face"}
+        maps, landmarks = (
+            f"true maps, by a {options.camera} camera,",
+            "true 2D landmarks, by a weak-perspective camera,",
+        )
+        what = maps if manifest.kind == "shards" else landmarks
+        subject = OracleSubject(model, options.slides_jaw, options.camera)
+        return subject, {"oracle": f"the model fitted to the {what} of each face"}
     return _network(options, model)
 
 

@@ -59,3 +59,15 @@ def test_the_oracle_recovers_a_rendered_face():
     assert max(abs(results[0].pose_errors_deg)) < 0.2
     assert any(note.startswith("Coefficients, RMS in standard deviations") for note in report_notes(report))
     assert any(note.startswith("Pose: found minus true") for note in report_notes(report))
+
+
+def test_the_oracle_fits_the_camera_that_is_asked_for():
+    """Perspective that a weak-perspective camera cannot follow is shown as an error that no network is to blame for."""
+    known = render_known_face(MODEL, HeadPose(0.0, 25.0, 0.0), 5, perspective=True)
+    true = BenchmarkFace(**{**vars(face(maps=known.maps)), "landmarks2d": known.landmarks2d(MODEL)})
+    weak, affine = (
+        Evaluator(MODEL, OracleSubject(MODEL, camera=camera), "box-sqrt").evaluate([true])[0].error()
+        for camera in ("weak-perspective", "affine")
+    )
+    assert weak > 5e-3
+    assert affine != pytest.approx(weak, rel=0.02)
