@@ -8,11 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int16, UInt8
 from numpy import ndarray
 
-from pix2face.errors import InputFileError
-
 # Fixed point: rounding to 1/128 mm is at most 0.004 mm off, and int16 reaches to 256 mm.
 FIXED_POINT_STEPS_PER_MM = 128
-FIXED_POINT_LIMIT_MM = 255.9
 
 
 @final
@@ -59,20 +56,6 @@ def face_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
     if not len(rows):
         return slice(0, 0), slice(0, 0)
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def maps_to_fixed_point(values_mm: Float32[ndarray, "*h 3"]) -> Int16[ndarray, "*h 3"]:
-    """Rounds millimetres to steps of 1/128 mm.
-
-    Raises:
-        InputFileError: A value is not finite or beyond ±255.9 mm: the model is not in the project's frame.
-    """
-    if not np.abs(values_mm).max(initial=0) <= FIXED_POINT_LIMIT_MM:  # also catches NaN
-        raise InputFileError(
-            f"expected map values within ±{FIXED_POINT_LIMIT_MM} mm, found {np.abs(values_mm).max():.1f}; "
-            "is the model in mm, with its origin inside the head?"
-        )
-    return np.rint(values_mm * FIXED_POINT_STEPS_PER_MM).astype(np.int16)
 
 
 def fixed_point_to_maps(values: Int16[ndarray, "*h 3"]) -> Float32[ndarray, "*h 3"]:

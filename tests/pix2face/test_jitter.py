@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from datagen.sampling import sample_faces
 from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps, maps_to_fixed_point
+from pix2face.face_maps import FaceMaps, fixed_point_to_maps
 from pix2face.jitter import STEP_MM, JitterParameters, JitterRange, crop_maps, draw_jitter, jitter_crop, jitter_image
 from pix2face.landmarks import IBUG68
+from pix2face.layers import LAYERS, to_stored
 from pix2face.mirroring import mirrored_landmarks, mirrored_points
 from pix2face.morphable_model import builtin_model
 from pix2face.rasterise import RenderedMaps, render_maps
@@ -127,7 +128,7 @@ def test_maps_of_a_crop_are_as_exact_as_the_format_demands():
         crop = jitter_crop(box, draw_jitter(rng, JitterRange()), 256)
         source = render_maps(model, vertices, camera, 256, 256)
         maps = FaceMaps(source.pncc, source.offset, source.mask)
-        stored = [fixed_point_to_maps(maps_to_fixed_point(values)) for values in (maps.pncc, maps.offset)]
+        stored = [fixed_point_to_maps(to_stored(LAYERS["pncc"], values)) for values in (maps.pncc, maps.offset)]
         cropped = crop_maps(FaceMaps(*stored, maps.mask), crop)
         truth = render_maps(model, vertices, crop_camera(camera, crop), 256, 256)
         inner = _away_from_folds(truth) & cropped.mask

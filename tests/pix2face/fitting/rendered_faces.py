@@ -14,7 +14,8 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps, maps_to_fixed_point
+from pix2face.face_maps import FaceMaps, fixed_point_to_maps
+from pix2face.layers import LAYERS, to_stored
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import render_maps, shows_outside
 
@@ -88,7 +89,7 @@ def render_known_face(
 
 def coded(values_mm: ndarray) -> ndarray:
     """What a shard gives back."""
-    return fixed_point_to_maps(maps_to_fixed_point(values_mm))
+    return fixed_point_to_maps(to_stored(LAYERS["pncc"], values_mm))
 
 
 def weak_perspective_at(rotation: ndarray, centre: ndarray) -> Camera:
