@@ -76,10 +76,8 @@ def open_subject(
     if options.predictions is not None:
         return _predictions(options.predictions, options.frame, manifest, found)
     if options.oracle:
-        maps, landmarks = (
-            f"true maps, by a {options.camera} camera,",
-            "true 2D landmarks, by a weak-perspective camera,",
-        )
+        maps = f"true maps (camera: {options.camera})"
+        landmarks = "true 2D landmarks (camera: weak-perspective)"
         what = maps if manifest.kind == "shards" else landmarks
         subject = OracleSubject(model, options.slides_jaw, options.camera)
         return subject, {"oracle": f"the model fitted to the {what} of each face"}
