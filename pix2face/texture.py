@@ -5,8 +5,9 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int32, UInt8
 from numpy import ndarray
+from scipy.spatial import cKDTree
 
 from pix2face.camera import Camera
 from pix2face.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
@@ -28,6 +29,9 @@ STEP_MM, STEP_REACH_PX = 10.0, 2
 # A surface counts fully from this cosine to the viewer up, and not at all below the other: there a pixel is smeared.
 FULL_COSINE, LEAST_COSINE = 0.5, 0.15
 NO_COLOUR = 128.0
+# What is not seen takes the mean colour of so many seen points (of at most so many), fading over this distance; three
+# times as far nothing of it is left.
+NEIGHBOURS, MOST_NEIGHBOURS, FADE_MM, REACH_FADES = 6, 40_000, 12.0, 3
 # Around each island of the texture, so that a viewer's filter does not blend in what lies beyond.
 PADDING_PX = 8
 
@@ -56,8 +60,9 @@ class PhotographColours:
     """What a photograph knows of the colours of the face that was fitted to it.
 
     Where a point of the face is seen, its colour is the photograph's; where it is hidden, the mirrored point's, if the
-    model is symmetric and that one is seen; the rest, and all that is not face, is the median colour of what is seen.
-    In between the colours are blended by how much the surface turns to the viewer.
+    model is symmetric and that one is seen; the rest of the face has the colour of what is seen around it, fading to
+    the median colour, which all has that is not face. In between colours are blended by how much the surface turns to
+    the viewer.
 
     Args:
         image: RGB.
@@ -84,12 +89,31 @@ class PhotographColours:
         """Colours (RGB) of points of the mesh."""
         colour, weight = self._seen(points)
         sure = weight > 0.5
-        neutral = np.median(colour[sure], axis=0) if sure.any() else np.full(3, NO_COLOUR)
-        below = np.broadcast_to(neutral, colour.shape)
+        below = self._around(points, colour, sure)
         if self._model.symmetry is not None:
             mirrored = SurfacePoints(self._model.symmetry[points.corners], points.weights)
             below = _blend(*self._seen(mirrored), below)
         return np.clip(np.rint(_blend(colour, weight, below)), 0, 255).astype(np.uint8)
+
+    def _around(
+        self, points: SurfacePoints, colour: Float32[ndarray, "n 3"], sure: Bool[ndarray, " n"]
+    ) -> Float64[ndarray, "n 3"]:
+        """What is seen near each point, fading to the median colour: folds and lids leave no lines."""
+        if not sure.any():
+            return np.full((len(sure), 3), NO_COLOUR)
+        neutral = np.median(colour[sure], axis=0).astype(np.float64)
+        below = np.tile(neutral, (len(sure), 1))
+        places, unsure = points.interpolate(self._model.mean), ~sure & self._is_face[points.corners].all(axis=1)
+        known = np.flatnonzero(sure)[:: max(1, int(sure.sum()) // MOST_NEIGHBOURS)]
+        neighbours = list(range(1, min(NEIGHBOURS, len(known)) + 1))
+        distance, nearest = cKDTree(places[known]).query(
+            places[unsure], k=neighbours, distance_upper_bound=REACH_FADES * FADE_MM
+        )
+        near = np.isfinite(distance).all(axis=1)
+        share = np.exp(-((distance[near].mean(axis=1, keepdims=True) / FADE_MM) ** 2))
+        around = colour[known[nearest[near]]].mean(axis=1)
+        below[np.flatnonzero(unsure)[near]] = share * around + (1 - share) * neutral
+        return below
 
     def _seen(self, points: SurfacePoints) -> tuple[Float32[ndarray, "n 3"], Float64[ndarray, " n"]]:
         """The photograph's colour where each point is projected, and how much it is worth, 0 to 1."""
