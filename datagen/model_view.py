@@ -13,6 +13,7 @@ from datagen.gl_context import create_gl_context
 from datagen.renderer import Renderer
 from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import UsageError
+from pix2face.mesh_files import GLTF_UNITS_PER_MM
 from pix2face.morphable_model import MorphableModel
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -32,7 +33,7 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
     Args:
         model: What to show.
         out: ``.jpg`` or ``.png``: the mean and ±3 standard deviations of the first components, from two sides;
-            ``.obj``, ``.glb`` or ``.ply``: the mean face.
+            ``.obj`` and ``.ply`` (mm), ``.glb`` (metres, as glTF has it): the mean face.
         n_components: How many identity and how many expression components a picture shows.
 
     Raises:
@@ -50,6 +51,8 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         mesh = mesh_of(model)
         if isinstance(mesh.visual, trimesh.visual.TextureVisuals):
             mesh.visual.material.name = out.stem  # or the files that an .obj refers to have the same names for all
+        if suffix == ".glb":
+            mesh.vertices = mesh.vertices * GLTF_UNITS_PER_MM
         mesh.export(out, **({"mtl_name": f"{out.stem}.mtl"} if suffix == ".obj" else {}))
     elif not cv2.imwrite(str(out), component_sheet(model, n_components)[..., ::-1]):
         raise UsageError(f"{out}: expected a file that can be written, found that it cannot")

@@ -1,6 +1,7 @@
 """Fitted meshes as ``.obj``, ``.ply`` and ``.glb``, with colours per vertex or a texture.
 
-Layouts: docs/file_formats.md. All are in mm, model frame: x to the subject's left, y up, z out of the face.
+Layouts: docs/file_formats.md. All are in the model frame: x to the subject's left, y up, z out of the face; .obj and
+.ply in mm, .glb in metres, because glTF says so and viewers go by it.
 """
 
 import re
@@ -21,6 +22,8 @@ from pix2face.images import encode_image
 from pix2face.morphable_model import MorphableModel
 
 MeshFormat = Literal["obj", "ply", "glb"]
+
+GLTF_UNITS_PER_MM = 1e-3
 
 
 @final
@@ -128,16 +131,17 @@ def _write_ply(path: Path, mesh: FaceMesh) -> None:
 
 
 def _write_glb(path: Path, mesh: FaceMesh) -> None:
+    vertices = mesh.vertices * GLTF_UNITS_PER_MM
     if mesh.texture is not None:
         vertex, uv, triangles = split_at_seams(mesh.model)
         material = trimesh.visual.material.PBRMaterial(  # type: ignore[no-untyped-call]
             name="face", baseColorTexture=Image.fromarray(mesh.texture), metallicFactor=0.0, roughnessFactor=1.0
         )
         visual = trimesh.visual.TextureVisuals(uv=uv, material=material)  # type: ignore[no-untyped-call]
-        shown = trimesh.Trimesh(mesh.vertices[vertex], triangles, visual=visual, process=False)
+        shown = trimesh.Trimesh(vertices[vertex], triangles, visual=visual, process=False)
     else:
         colours = None if mesh.vertex_colours is None else srgb_to_linear(mesh.vertex_colours)
-        shown = trimesh.Trimesh(mesh.vertices, mesh.model.triangles, vertex_colors=colours, process=False)
+        shown = trimesh.Trimesh(vertices, mesh.model.triangles, vertex_colors=colours, process=False)
     path.write_bytes(_exported(shown, "glb"))
 
 

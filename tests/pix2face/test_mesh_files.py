@@ -35,7 +35,9 @@ def colours(n: int) -> ndarray:
 
 
 def load(path: Path) -> trimesh.Trimesh:
-    return trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    """In mm: glTF is in metres."""
+    mesh = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    return mesh.apply_scale(1000) if path.suffix == ".glb" else mesh
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
@@ -76,6 +78,7 @@ def test_the_texture_lies_where_the_model_says(tmp_path: Path, suffix: str) -> N
     texture[..., 0], texture[..., 1] = ramp[None, :], ramp[::-1, None]  # u to the right, v upward
     write_mesh(tmp_path / f"face{suffix}", FaceMesh(face(TEXTURED), TEXTURED, texture=texture))
     mesh = trimesh.load(tmp_path / f"face{suffix}", process=False, force="mesh")
+    mesh.apply_scale(1000 if suffix == ".glb" else 1)
     assert mesh.faces.shape == TEXTURED.triangles.shape
     np.testing.assert_allclose(mesh.triangles, face(TEXTURED)[TEXTURED.triangles], atol=1e-3)
     uv = mesh.visual.uv[mesh.faces]
