@@ -1,7 +1,7 @@
 """Fits of the frames of a clip: one identity, and a camera and an expression for each frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy import ndarray
 from scipy.linalg import cho_solve
 
 from pix2face.camera import WeakPerspective, nearest_weak_perspective, weak_perspective_camera
+from pix2face.contour_landmarks import with_contour
 from pix2face.crops import Crop, FaceBox
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
@@ -48,6 +49,7 @@ class FrameFitter:
         camera: Kind of camera.
         regularisation: Tikhonov's lambda in mm^2; None estimates it for each frame.
         refine: Whether a first prediction refines each box.
+        slides_jaw: Whether jaw landmarks slide to the visible outline.
     """
 
     predictor: Predictor
@@ -55,6 +57,7 @@ class FrameFitter:
     camera: CameraKind = "weak-perspective"
     regularisation: float | None = None
     refine: bool = True
+    slides_jaw: bool = False
 
     def measure(self, faces: Sequence[tuple[Photograph, FaceBox]]) -> list[MeasuredFace | None]:
         """Predicts and measures faces of one frame or of several; None where the maps hold no face.
@@ -67,7 +70,7 @@ class FrameFitter:
         if self.refine:
             boxes = refine_boxes(faces, self.predictor, self.model)
             faces = [(image, box) for (image, _), box in zip(faces, boxes, strict=True)]
-        predictions = self.predictor.predict_batch(faces)
+        predictions = self.predictor.predict_many(faces)
         return [self._measured(own, image) for own, (image, _) in zip(predictions, faces, strict=True)]
 
     def _measured(self, prediction: Prediction, image: Photograph) -> MeasuredFace | None:
@@ -92,8 +95,8 @@ class FrameFitter:
             DegenerateGeometryError: lambda is too small for the arithmetic.
         """
         expression = expression_of(face.measurement, identity)
-        fit = face_of_coefficients(self.model, face.measurement.camera, identity, expression)
-        return fit.in_image(face.crop)
+        fit = face_of_coefficients(self.model, face.measurement.camera, identity, expression).in_image(face.crop)
+        return with_contour(fit) if self.slides_jaw else fit
 
     def placed(self, box: FaceBox, identity: Float64[ndarray, " k"]) -> FaceFit:
         """The neutral face of an identity, frontal and upright, with its landmarks in a box."""
@@ -122,7 +125,8 @@ def expression_of(measurement: PictureMeasurement, identity: Float64[ndarray, " 
 def carried(fit: FaceFit, before: FaceBox, now: FaceBox) -> FaceFit:
     """A fit moved and scaled as its box has been."""
     matrix = box_to_box(before, now)
-    return face_of_coefficients(fit.model, fit.camera.transformed(matrix), fit.identity, fit.expression)
+    landmarks2d = fit.landmarks2d @ matrix[:2, :2].T + matrix[:2, 2]
+    return replace(fit, camera=fit.camera.transformed(matrix), landmarks2d=landmarks2d)
 
 
 def box_to_box(first: FaceBox, second: FaceBox) -> Float64[ndarray, "3 3"]:

@@ -19,9 +19,6 @@ from pix2face.predictor import Prediction, Predictor
 from pix2face.refined_detection import find_faces
 from pix2face.runs import latest_checkpoint
 
-# Crops of so many faces are in the network at a time: it is no faster with more, and memory stays small.
-FACES_AT_A_TIME = 16
-
 
 @final
 class Pix2Face:
@@ -141,9 +138,7 @@ class Pix2Face:
         faces = [(image, box) for image, own in zip(images, boxes, strict=True) for box in own]
         for _, box in faces:
             check_box(box)
-        predictions: list[Prediction] = []
-        for start in range(0, len(faces), FACES_AT_A_TIME):
-            predictions += self.predictor.predict_batch(faces[start : start + FACES_AT_A_TIME])
+        predictions = self.predictor.predict_many(faces)
         for prediction in predictions:
             prediction.check_finite()
         ends = np.cumsum([len(own) for own in boxes]).tolist()

@@ -83,8 +83,8 @@ def refine_box(image: UInt8[ndarray, "h w 3"], box: FaceBox, predictor: Predicto
 def refine_boxes(
     faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]], predictor: Predictor, model: MorphableModel
 ) -> list[FaceBox]:
-    """As ``refine_box``, for several faces of one picture or of many in one pass of the network."""
-    predictions = predictor.predict_batch(faces)
+    """As ``refine_box``, for several faces of one picture or of many at once."""
+    predictions = predictor.predict_many(faces)
     return [
         better.box if better is not None and better.is_plausible else box
         for better, box in (
@@ -123,7 +123,7 @@ def confirm_faces(
     the prediction confirms it.
     """
     kept = []
-    predictions = predictor.predict_batch([(image, face.box) for face in candidates])
+    predictions = predictor.predict_many([(image, face.box) for face in candidates])
     for face, prediction in zip(candidates, predictions, strict=True):
         refined = refined_box(prediction, face.box, model)
         if refined is None or refined.is_refuted:

@@ -5,6 +5,7 @@ import pytest
 
 from pix2face.crops import FaceBox
 from pix2face.detectors.protocol import DetectedFace, overlap
+from pix2face.predictor import FACES_AT_A_TIME, Predictor
 from pix2face.refined_detection import confirm_faces, find_faces, refine_box, refine_boxes
 from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces, true_box
 from tests.synthetic_models import small_head_model
@@ -64,6 +65,21 @@ def test_doubtful_candidates_come_in_only_where_the_maps_fit_a_face(scene):
     assert len(found) == 2
     assert all(max(overlap(box, own) for own in found) > 0.9 for box in boxes)
     assert found[0].longer_side >= found[1].longer_side
+
+
+def test_a_crowd_goes_through_the_network_in_portions(scene):
+    model, image, boxes = scene
+    sizes = []
+    whole = colour_predictor(model)
+
+    def counting(pictures):
+        sizes.append(len(pictures))
+        return whole._network(pictures)
+
+    predictor = Predictor(counting, whole.header)
+    assert len(refine_boxes([(image, boxes[0])] * 20, predictor, model)) == 20
+    confirm_faces(image, [DetectedFace(boxes[0], 2.0)] * 20, predictor, model)
+    assert sizes == [FACES_AT_A_TIME, 4] * 2
 
 
 def test_two_detections_of_one_face_become_one(scene):
