@@ -117,6 +117,8 @@ def crop_maps(maps: FaceMaps, crop: Crop) -> FaceMaps:
     Maps are sampled at pixel centres like rendered ones, also where the crop is coarser than they are. A mirrored crop
     shows the mirrored face: the x of PNCC and offset change sign.
     """
+    if not maps.mask.size:  # cut to a face that is not there; OpenCV resamples no empty picture
+        maps = FaceMaps(*(np.zeros((1, 1, *values.shape[2:]), values.dtype) for values in maps.layers().values()))
     weight = _warp(maps.mask.astype(np.float32), crop, cv2.INTER_LINEAR)
     nearest_mask = _warp(maps.mask.astype(np.uint8), crop, cv2.INTER_NEAREST) > 0
     # Value (i, j) stands for the cell between the centres of pixels (i, j) and (i + 1, j + 1), half a pixel further.

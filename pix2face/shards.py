@@ -36,7 +36,7 @@ from pix2face.shard_layout import (
     open_datasets,
     read_header_fields,
 )
-from pix2face.triplet import MAP_LAYERS, Triplet, check_has_maps
+from pix2face.triplet import MAP_LAYERS, Triplet, check_has_layers
 
 __all__ = ["ShardHeader", "ShardReader", "Triplet", "shard_paths"]
 
@@ -178,7 +178,7 @@ class ShardReader:
         Raises:
             UsageError: The shard has not all of them.
         """
-        check_has_maps(self._layers, str(self.path))
+        check_has_layers(self._layers, MAP_LAYERS, str(self.path))
         return FaceMaps(*(self.layer(index, name) for name in MAP_LAYERS))
 
     def face_cut(self, index: int) -> FaceCut:
@@ -187,7 +187,7 @@ class ShardReader:
         Raises:
             UsageError: The shard has not all of them.
         """
-        check_has_maps(self._layers, str(self.path))
+        check_has_layers(self._layers, MAP_LAYERS, str(self.path))
         (pncc, box), (offset, _), (mask, _) = (self._box_steps(index, name) for name in MAP_LAYERS)
         return FaceCut(pncc, offset, mask.astype(bool), (int(box[1].start), int(box[0].start)))
 

@@ -1,6 +1,6 @@
 """One sample of a shard in memory."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -53,19 +53,23 @@ class Triplet:
         Raises:
             UsageError: One of them is not there.
         """
-        check_has_maps(self.layers, self.sample_id)
+        check_has_layers(self.layers, MAP_LAYERS, self.sample_id)
         return FaceMaps(*(self.layers[name] for name in MAP_LAYERS))
 
 
-def check_has_maps(layers: Mapping[str, object], where: str) -> None:
-    """Refuses layers without PNCC, offset or mask.
+def check_has_layers(found: Container[str], wanted: Sequence[str], where: str) -> None:
+    """Refuses what lacks a layer.
+
+    Args:
+        found: Names of the layers that there are.
+        wanted: Names of those that must be among them.
+        where: Whose they are, for the message.
 
     Raises:
         UsageError: One is missing.
     """
-    missing = [name for name in MAP_LAYERS if name not in layers]
+    missing = [name for name in wanted if name not in found]
     if missing:
         raise UsageError(
-            f"{where}: expected the layers {','.join(MAP_LAYERS)}, found no {missing[0]}; render with --layers that "
-            "name it"
+            f"{where}: expected the layers {','.join(wanted)}, found no {missing[0]}; render with --layers that name it"
         )

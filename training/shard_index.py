@@ -13,7 +13,9 @@ from jaxtyping import Int32
 from numpy import ndarray
 
 from pix2face.errors import ModelMismatchError, UsageError
+from pix2face.layers import DEFAULT_LAYERS
 from pix2face.shards import ShardHeader, ShardReader, shard_paths
+from pix2face.triplet import check_has_layers
 
 OFFSET_SCALE_STEP_MM = 5.0
 
@@ -58,7 +60,7 @@ def index_shards(folders: Sequence[Path]) -> ShardIndex:
     """Opens every shard once and notes what it holds.
 
     Raises:
-        UsageError: A folder has no shards, or there is no sample at all.
+        UsageError: A folder has no shards, a shard lacks a layer that is trained on, or there is no sample at all.
         InputFileError: A shard is truncated, foreign or of a newer schema.
         ModelMismatchError: The shards are of different morphable models.
     """
@@ -70,6 +72,7 @@ def index_shards(folders: Sequence[Path]) -> ShardIndex:
     digest, offset_limit = hashlib.sha256(), 0.0
     for path in paths:
         with ShardReader(path) as reader:
+            check_has_layers(reader.header.layers, DEFAULT_LAYERS, str(path))
             headers.append(reader.header)
             counts.append(len(reader))
             digest.update(json.dumps([reader.sample_ids, reader.stored_checksums()]).encode())

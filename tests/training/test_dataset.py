@@ -9,7 +9,10 @@ from torch.utils.data import DataLoader
 
 from pix2face.crops import FaceBox, square_crop
 from pix2face.jitter import JitterRange, crop_maps
+from pix2face.shard_writing import write_shard
 from pix2face.shards import ShardReader
+from tests.synthetic_models import small_head_model
+from tests.training.conftest import head_triplet, shard_header
 from training.dataset import EpochDraws, TripletDataset
 from training.presets import PRESETS
 from training.shard_index import index_shards
@@ -131,3 +134,14 @@ def test_epochs_are_consecutive_draws():
     draws.epoch = 3
     assert list(draws) == [12, 13, 14, 15]
     assert len(draws) == 4
+
+
+def test_a_sample_without_a_face_has_targets_of_background(tmp_path):
+    model = small_head_model()
+    seen = head_triplet(model, 0)
+    nothing = {name: np.zeros_like(values) for name, values in seen.layers.items()}
+    write_shard(tmp_path / "shard-00000.h5", shard_header(model), [replace(seen, layers=nothing)])
+    image, target = TripletDataset(index_shards([tmp_path]), RECIPE)[0]
+    assert image.isfinite().all()
+    assert target.shape == (6, RECIPE.size_px, RECIPE.size_px)
+    assert (target == 0).all()

@@ -1,10 +1,12 @@
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
+from pix2face.layers import DEFAULT_LAYERS
 from pix2face.shard_writing import write_shard
 from pix2face.shards import ShardReader
 from tests.synthetic_models import small_head_model
@@ -72,3 +74,13 @@ def test_licences_are_kept(shards_dir, tmp_path):
     model = small_head_model()
     write_shard(tmp_path / "shard-000000.h5", shard_header(model, licence="research only"), [head_triplet(model, 9)])
     assert index_shards([Path(shards_dir), tmp_path]).licence == "CC0-1.0; research only"
+
+
+@pytest.mark.parametrize("lacking", ["image", "offset", "landmarks"])
+def test_shards_without_a_layer_to_train_on_are_refused_before_any_work(tmp_path, lacking):
+    model = small_head_model()
+    layers = tuple(name for name in DEFAULT_LAYERS if name != lacking)
+    header = replace(shard_header(model), layers=layers)
+    write_shard(tmp_path / "shard-00000.h5", header, [head_triplet(model, 0)])
+    with pytest.raises(UsageError, match=rf"shard-00000\.h5: expected the layers .*, found no {lacking}; render with"):
+        index_shards([tmp_path])
