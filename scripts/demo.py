@@ -82,7 +82,8 @@ def render_and_train(demo: Demo, n_faces: int, train_options: list[str]) -> None
     out = demo.out
     for name, n, seed in (("train", n_faces, 0), ("heldout", 100, 1_000_000)):
         demo.run("datagen", "sample", "--n", n, "--seed", seed, "--out", out / f"{name}.h5")
-        demo.run("datagen", "render", "--coeffs", out / f"{name}.h5", "--out", out / f"shards-{name}")
+        shards = ["--out", out / f"shards-{name}", "--layers", "image,pncc,offset,mask,depth,landmarks"]
+        demo.run("datagen", "render", "--coeffs", out / f"{name}.h5", *shards)
     demo.run("datagen", "preview", out / "shards-train", "--n", 12, "--out", out / "contact_sheet.jpg")
     demo.run("train", "--shards", out / "shards-train", "--preset", "tiny", "--out", out / "run", *train_options)
 
