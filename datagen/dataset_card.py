@@ -12,6 +12,7 @@ from typing import Any, final
 import h5py
 
 from pix2face.command_line import counted
+from pix2face.compressions import has_foreign_filter
 from pix2face.errors import UsageError
 from pix2face.layers import IMAGE, LANDMARKS, LAYERS
 from pix2face.morphable_model import builtin_model
@@ -41,7 +42,7 @@ class DatasetSummary:
         n_rejected: Samples that could not be used.
         picture_sizes: Samples of each size, "width x height px".
         origins: For the attributes that say where something comes from, how often each value occurs.
-        first_layer: Name, kind of number and predictor of a stored layer, for the example; None without layers.
+        example: A stored layer to show reading by; None without layers.
     """
 
     header: ShardHeader
@@ -51,7 +52,25 @@ class DatasetSummary:
     n_rejected: int
     picture_sizes: dict[str, int]
     origins: dict[str, dict[str, int]]
-    first_layer: tuple[str, str, bool] | None
+    example: "StoredLayer | None"
+
+
+@final
+@dataclass(frozen=True)
+class StoredLayer:
+    """How a layer stands in its file.
+
+    Attributes:
+        name: Of the layer.
+        dtype: Of its values in steps.
+        is_planar: It holds what the predictor leaves.
+        needs_plugin: No HDF5 library reads it without hdf5plugin.
+    """
+
+    name: str
+    dtype: str
+    is_planar: bool
+    needs_plugin: bool
 
 
 def write_card(folder: Path) -> Path:
@@ -113,7 +132,7 @@ def summarise(folder: Path) -> DatasetSummary:
         origins={
             name: dict(sorted(found.items(), key=lambda item: (-item[1], item[0]))) for name, found in origins.items()
         },
-        first_layer=_first_layer(paths[0], header),
+        example=_first_layer(paths[0], header),
     )
 
 
@@ -141,7 +160,7 @@ def dataset_card(summary: DatasetSummary) -> str:
     ]
     example = hdf5_example(summary)
     if example:
-        parts.append(f"With h5py alone:\n\n{_block(example, 'python')}")
+        parts.append(f"Without it, of one layer:\n\n{_block(example, 'python')}")
     parts += ["## Configuration", _block(_pretty(header.configuration), "json")]
     return "\n\n".join(parts) + "\n"
 
@@ -186,11 +205,13 @@ def package_example() -> str:
 
 def hdf5_example(summary: DatasetSummary) -> str:
     """Five lines that read a layer with h5py; "" without layers."""
-    if summary.first_layer is None:
+    layer = summary.example
+    if layer is None:
         return ""
-    name, kind, is_planar = summary.first_layer
-    lines = ["import h5py", 'with h5py.File("shard-00000.h5") as file:', f'    values = file["{name}"][0]']
-    if is_planar:  # the predictor leaves each value less its neighbours, the sign in the lowest bit
+    name, kind = layer.name, layer.dtype
+    imports = "import h5py, hdf5plugin  # pip install hdf5plugin" if layer.needs_plugin else "import h5py"
+    lines = [imports, 'with h5py.File("shard-00000.h5") as file:', f'    values = file["{name}"][0]']
+    if layer.is_planar:  # the predictor leaves each value less its neighbours, the sign in the lowest bit
         lines.append(
             f'    values = ((values >> 1) ^ -(values & 1)).view("{kind}").cumsum(0, "{kind}").cumsum(1, "{kind}")'
         )
@@ -200,12 +221,13 @@ def hdf5_example(summary: DatasetSummary) -> str:
     return "\n".join(lines)
 
 
-def _first_layer(path: Path, header: ShardHeader) -> tuple[str, str, bool] | None:
-    stored = [name for name in LAYERS if name in header.layers]
-    if not stored:
+def _first_layer(path: Path, header: ShardHeader) -> StoredLayer | None:
+    name = next((name for name in LAYERS if name in header.layers), None)
+    if name is None:
         return None
     with h5py.File(path, "r") as file:
-        return stored[0], f"i{LAYERS[stored[0]].stored.itemsize}", is_predicted(file[stored[0]])
+        dtype = f"i{LAYERS[name].stored.itemsize}"
+        return StoredLayer(name, dtype, is_predicted(file[name]), has_foreign_filter(file[name]))
 
 
 def _layer_table(header: ShardHeader) -> str:

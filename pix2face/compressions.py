@@ -14,6 +14,8 @@ from pix2face.layers import Layer
 from pix2face.map_storage import DEFLATE_LEVEL
 
 PLUGIN_EXTRA = "pip install 'pix2face[storage]'"
+# HDF5 keeps the numbers up to this for its own filters.
+LARGEST_OWN_FILTER = 255
 PREDICTED, PLAIN = "planar", "none"
 
 
@@ -128,14 +130,20 @@ def create_layer_dataset(
 
 def is_shuffle_deflate(dataset: h5py.Dataset) -> bool:
     """Whether the chunks of a dataset are as ``map_storage.pack_layer`` makes them."""
-    properties = dataset.id.get_create_plist()
-    filters = [properties.get_filter(index)[0] for index in range(properties.get_nfilters())]
     shuffle = [h5py.h5z.FILTER_SHUFFLE] if dataset.dtype.itemsize > 1 else []
-    return filters == [*shuffle, h5py.h5z.FILTER_DEFLATE]
+    return _filters(dataset) == [*shuffle, h5py.h5z.FILTER_DEFLATE]
 
 
 def needs_plugin(dataset: h5py.Dataset) -> bool:
     """Whether a filter of a dataset is none that the HDF5 library has at the moment."""
+    return not all(h5py.h5z.filter_avail(code) for code in _filters(dataset))
+
+
+def has_foreign_filter(dataset: h5py.Dataset) -> bool:
+    """Whether a filter of a dataset is none of HDF5's own, at hand or not."""
+    return any(code > LARGEST_OWN_FILTER for code in _filters(dataset))
+
+
+def _filters(dataset: h5py.Dataset) -> list[int]:
     properties = dataset.id.get_create_plist()
-    filters = [properties.get_filter(index)[0] for index in range(properties.get_nfilters())]
-    return not all(h5py.h5z.filter_avail(code) for code in filters)
+    return [properties.get_filter(index)[0] for index in range(properties.get_nfilters())]

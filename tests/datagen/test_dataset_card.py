@@ -13,6 +13,7 @@ import pytest
 
 from datagen.cli import main
 from datagen.dataset_card import CARD_FILE, write_card
+from pix2face.compressions import COMPRESSIONS, DEFAULT_COMPRESSION
 from pix2face.errors import UsageError
 from pix2face.morphable_model import builtin_model
 from pix2face.shard_writing import write_shard
@@ -35,11 +36,11 @@ def base(tmp_path: Path) -> tuple[ShardHeader, Triplet]:
 def card(tmp_path: Path, base: tuple[ShardHeader, Triplet]) -> Writer:
     """Writes two shards of two samples, their card, and reads it."""
 
-    def write(attributes: dict[str, str | float], **header: object) -> str:
+    def write(attributes: dict[str, str | float], compression: str = DEFAULT_COMPRESSION, **header: object) -> str:
         for shard in range(2):
             triplets = [replace(base[1], sample_id=f"{shard}{i}", attributes=attributes) for i in range(2)]
             changed = replace(base[0], **header)  # type: ignore[arg-type]
-            write_shard(tmp_path / "shards" / f"shard-{shard:05d}.h5", changed, triplets)
+            write_shard(tmp_path / "shards" / f"shard-{shard:05d}.h5", changed, triplets, compression)
         return write_card(tmp_path / "shards").read_text(encoding="utf-8")
 
     return write
@@ -90,13 +91,15 @@ def test_photographs_and_models_of_others_are_not(card: Writer) -> None:
     assert "Photographs" not in maps
 
 
+@pytest.mark.parametrize("compression", list(COMPRESSIONS))
 @pytest.mark.parametrize("layers", [("pncc", "mask"), ("mask",), ("image", "depth", "landmarks")])
-def test_the_examples_run_and_read_what_is_there(layers: tuple[str, ...], card: Writer, tmp_path: Path) -> None:
-    package, plain = examples(card({}, layers=layers))
-    assert (len(package.splitlines()), len(plain.splitlines())) == (
-        3,
-        5 if layers[-1] != "mask" or "pncc" in layers else 4,
-    )
+def test_the_examples_run_and_read_what_is_there(
+    layers: tuple[str, ...], compression: str, card: Writer, tmp_path: Path
+) -> None:
+    package, plain = examples(card({}, compression, layers=layers))
+    is_planar = layers != ("mask",) and COMPRESSIONS[compression].is_predicted
+    assert (len(package.splitlines()), len(plain.splitlines())) == (3, 5 if is_planar else 4)
+    assert ("hdf5plugin" in plain) == (compression == "zstd")
     check = "import json, sys; json.dump([str(values.dtype), values.tolist()], sys.stdout)"
     run = [sys.executable, "-W", "error", "-c"]
     found = subprocess.run([*run, f"{plain}\n{check}"], cwd=tmp_path / "shards", capture_output=True, text=True)
