@@ -38,7 +38,7 @@ class BoxFile:
 
     def of_image(self, path: Path) -> tuple[FaceBox, ...]:
         """The boxes of a picture, largest first; empty where the file names none."""
-        for name in (str(path), path.as_posix(), path.name, path.stem):
+        for name in (str(path), path.as_posix(), path.name):
             if name in self.boxes:
                 return self.boxes[name]
         return ()
@@ -105,8 +105,11 @@ def _box(path: Path, where: str, sides: Iterable[Any]) -> FaceBox:
     found = list(sides)
     try:
         left, top, right, bottom = (float(side) for side in found)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputFileError(f"{path}, {where}: expected four numbers, found {found!r}") from error
     if not (np.abs([left, top, right, bottom]).max() <= LARGEST_BOX_PX and right - left >= 1 and bottom - top >= 1):
-        raise InputFileError(f"{path}, {where}: expected left < right and top < bottom in pixels, found {found!r}")
+        raise InputFileError(
+            f"{path}, {where}: expected left < right and top < bottom by a pixel or more, and at most a million pixels, "
+            f"found {found!r}"
+        )
     return FaceBox(left, top, right, bottom)

@@ -122,7 +122,7 @@ def read_report(path: Path) -> StoredReport:
         )
     try:
         return _stored_report(path, content)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputFileError(
             f"{path}: expected a complete report.json of evaluate, found it damaged: {error}"
         ) from error

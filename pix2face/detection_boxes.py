@@ -8,6 +8,7 @@ from numpy import ndarray
 
 from pix2face.benchmark_data import BenchmarkFace
 from pix2face.crops import FaceBox
+from pix2face.detectors.protocol import overlap
 from pix2face.errors import DegenerateGeometryError
 
 # Intersection over union below which a detector's box is taken for another face, or for none.
@@ -48,17 +49,8 @@ class DetectedBox:
         assert image is not None
         true_box = FaceBox.around(face.landmarks2d)
         boxes = self.detector.detect(image)
-        overlaps = [intersection_over_union(box, true_box) for box in boxes]
+        overlaps = [overlap(box, true_box) for box in boxes]
         if not boxes or max(overlaps) < LEAST_OVERLAP:
             found = f"{len(boxes)} elsewhere" if boxes else "no face"
             raise DegenerateGeometryError(f"detector {self.name}: {found}")
         return boxes[overlaps.index(max(overlaps))]
-
-
-def intersection_over_union(first: FaceBox, second: FaceBox) -> float:
-    """Common area of two boxes over the area that either covers, 0 to 1."""
-    width = min(first.right, second.right) - max(first.left, second.left)
-    height = min(first.bottom, second.bottom) - max(first.top, second.top)
-    common = max(width, 0.0) * max(height, 0.0)
-    union = first.width * first.height + second.width * second.height - common
-    return common / union if union > 0 else 0.0

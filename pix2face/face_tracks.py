@@ -93,6 +93,7 @@ class FaceTracker:
         self._fps = fps
         self._tracks: list[TrackSummary] = []
         self._live: dict[int, FaceBox] = {}
+        self._before = 0  # the frame that was looked at before
 
     @property
     def tracks(self) -> tuple[TrackSummary, ...]:
@@ -101,10 +102,10 @@ class FaceTracker:
 
     def push(self, frame: int, boxes: Sequence[FaceBox]) -> None:
         """Takes the detections of a frame; frames come in their order, and may be left out."""
-        gap = LONGEST_GAP_SECONDS * self._fps
-        self._live = {
-            track: box for track, box in self._live.items() if frame - self._tracks[track].last <= max(gap, 1)
-        }
+        # A face of the frame that was looked at before is not lost, however long ago that was.
+        gap = max(LONGEST_GAP_SECONDS * self._fps, frame - self._before)
+        self._live = {track: box for track, box in self._live.items() if frame - self._tracks[track].last <= gap}
+        self._before = frame
         matched = self._match(frame, boxes)
         for index, box in enumerate(boxes):
             track = matched.get(index)

@@ -20,7 +20,7 @@ from pix2face.face_options import FaceOptions, FitOptions
 from pix2face.fit_files import read_fit
 from pix2face.images import read_photograph
 from pix2face.morphable_model import MorphableModel, open_model
-from pix2face.photograph_jobs import SeenFace, Tally, for_each_face
+from pix2face.photograph_jobs import SeenFace, Tally, for_each_face, located
 from pix2face.view_page import FaceData, ViewedFace, face_data, view_page
 
 
@@ -57,7 +57,7 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
             shown.append(face_data(_stored_face(path, model), model))
             tally.n_faces += 1
         except (InputFileError, DegenerateGeometryError) as error:
-            tally.problems.append(str(error) if str(path) in str(error) else f"{path}: {error}")
+            tally.problems.append(located(error, path))
     if shown:
         config.out.parent.mkdir(parents=True, exist_ok=True)
         page = view_page(shown, f"pix2face: {config.inputs[0].stem}")

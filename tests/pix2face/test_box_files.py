@@ -31,6 +31,7 @@ def test_frames_by_number(tmp_path):
     boxes = read_box_file(written(tmp_path, "\ufeffframe, left, top, right, bottom\n7,1,2,30,40\n"))
     assert boxes.of_frame(7) == (FaceBox(1, 2, 30, 40),)
     assert boxes.of_frame(8) == ()
+    assert boxes.of_image(Path("frames/7.png")) == ()  # a frame's number is no file name
 
 
 def test_json_says_the_same_as_csv(tmp_path):
@@ -54,6 +55,7 @@ def test_json_says_the_same_as_csv(tmp_path):
         ("b.json", "[]", "an object of lists"),
         ("b.json", '{"a": [1, 2, 3, 4]}', "a list of"),
         ("b.json", '{"a": [[1, 2, 3]]}', "expected four numbers"),
+        ("b.json", f'{{"a": [[1, 2, 3, 1{"0" * 400}]]}}', "expected four numbers"),
     ],
 )
 def test_other_files_are_refused(tmp_path, name, text, words):

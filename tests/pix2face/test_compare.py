@@ -100,6 +100,7 @@ def test_reports_without_a_common_face_are_refused():
         (json.dumps(report_json([0.1], schema_version=1)), "expected schema 2, found 1"),
         (json.dumps(report_json([0.1], benchmark={})), "damaged: 'split'"),
         (json.dumps(report_json([0.1], benchmark={**BENCHMARK, "threshold": "x"})), "damaged"),
+        (json.dumps(report_json([0.1], benchmark={**BENCHMARK, "threshold": 10**400})), "damaged"),
         (json.dumps(report_json([0.1], faces=[1])), "damaged"),
         (json.dumps(report_json([0.1], faces=None)), "damaged"),
         (json.dumps(report_json(["0.1"])), "damaged"),

@@ -9,7 +9,8 @@ import pytest
 from pix2face.benchmark_data import BenchmarkFace, BenchmarkItem
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.crops import FaceBox
-from pix2face.detection_boxes import DetectedBox, intersection_over_union
+from pix2face.detection_boxes import DetectedBox
+from pix2face.detectors.protocol import overlap
 from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation import Evaluator, evaluate_faces
 from pix2face.evaluation_subjects import NetworkSubject, OracleSubject, PredictionsSubject
@@ -113,10 +114,10 @@ def test_a_miss_in_a_batch_leaves_the_others_in_their_places():
 
 def test_overlap_is_common_over_covered_area():
     box = FaceBox(0, 0, 10, 10)
-    assert intersection_over_union(box, FaceBox(5, 0, 15, 10)) == pytest.approx(1 / 3)
-    assert intersection_over_union(box, FaceBox(20, 0, 30, 10)) == 0
-    assert intersection_over_union(box, box) == 1
-    assert intersection_over_union(FaceBox(1, 1, 1, 1), FaceBox(1, 1, 1, 1)) == 0
+    assert overlap(box, FaceBox(5, 0, 15, 10)) == pytest.approx(1 / 3)
+    assert overlap(box, FaceBox(20, 0, 30, 10)) == 0
+    assert overlap(box, box) == 1
+    assert overlap(FaceBox(1, 1, 1, 1), FaceBox(1, 1, 1, 1)) == 0
 
 
 def test_faces_absent_from_a_file_or_nan_in_it_were_not_found(tmp_path):

@@ -57,8 +57,15 @@ def test_a_false_box_beside_does_not_take_the_face_over():
 def test_a_face_is_followed_over_a_short_gap_but_not_over_a_long_one():
     short, _ = tracked({0: [box(0)], 15: [box(5)]})
     assert [own.n_detected for own in short.tracks] == [2]
-    long, _ = tracked({0: [box(0)], 25: [box(5)]})
+    long, _ = tracked({0: [box(0)], 12: [], 25: [box(5)]})
     assert [own.n_detected for own in long.tracks] == [1, 1]
+
+
+def test_a_face_is_followed_however_seldom_frames_are_looked_at():
+    seldom, _ = tracked({frame: [box(frame / 10)] for frame in range(0, 500, 50)})  # each 5 s, a gap of 2 s allowed
+    assert [own.n_detected for own in seldom.tracks] == [10]
+    lost, _ = tracked({frame: [box(0)] if frame in (0, 150) else [] for frame in range(0, 500, 50)})
+    assert [own.n_detected for own in lost.tracks] == [1, 1]
 
 
 def test_a_box_far_off_or_of_another_size_is_another_face():
