@@ -3,6 +3,7 @@
 The two agree on a frontal face. On a turned one they are several per cent of the face apart on the far side.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,6 +16,11 @@ from pix2face.landmarks import IBUG68_PARTS
 from pix2face.morphable_model import MorphableModel
 
 JAW = list(IBUG68_PARTS["jaw"])
+
+
+def with_contour(fit: FaceFit) -> FaceFit:
+    """The fit with its jaw landmarks (2D; those in space stay) slid to the visible outline."""
+    return replace(fit, landmarks2d=contour_landmarks2d(fit, fit.model))
 
 
 def contour_landmarks2d(fit: FaceFit, model: MorphableModel) -> Float64[ndarray, "68 2"]:

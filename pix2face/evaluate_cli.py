@@ -29,10 +29,11 @@ from pix2face.evaluation import Evaluator, FaceResult, evaluate_faces, frontal_l
 from pix2face.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind
+from pix2face.landmark_file import open_model_with
 from pix2face.manifest import Manifest, load_manifest
 from pix2face.measured_subject import SubjectOptions, open_subject, versions
 from pix2face.metrics import Normaliser
-from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel
 from pix2face.predictions_file import PixelFrame
 from pix2face.report import report_notes, report_tables
 from pix2face.report_files import Cases, write_report
@@ -60,6 +61,7 @@ class EvaluateConfig:
         oracle: Measure the model fitted to the truth instead: how much of an error is the model's.
         out: Folder for the report; default is out/evaluate-SPLIT.
         model: "builtin" or a model file: the one that the checkpoint was trained for.
+        landmarks: Which vertices the landmarks are: a file of pix2face landmarks select in place of the model's own.
         truth: Which of several truths is meant (aflw2000-3d: original or reannotated); default is the benchmark's own.
         reannotated: File of re-annotated landmarks; default is one beside the pictures.
         boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face.
@@ -83,6 +85,7 @@ class EvaluateConfig:
     oracle: bool = False
     out: Path | None = None
     model: str = BUILTIN_MODEL
+    landmarks: Path | None = None
     truth: str | None = None
     reannotated: Path | None = None
     boxes: Literal["truth", "lbp", "lbp-quick", "dlib"] = "truth"
@@ -105,7 +108,7 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     """
     _check_numbers(config)
     manifest = _as_asked(config, load_manifest(config.split))
-    model = open_model(config.model)
+    model = open_model_with(config.model, config.landmarks)
     model_landmarks(model)  # a model without them is refused before anything takes time
     found = find_benchmark(manifest, _data_folder(config), model, config.reannotated)
     subject, description = open_subject(_subject_options(config), model, manifest, found)

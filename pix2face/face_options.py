@@ -2,19 +2,21 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.box_files import BoxFile, read_box_file
+from pix2face.contour_landmarks import with_contour
 from pix2face.crops import FaceBox
 from pix2face.detection import DEFAULT_DETECTOR
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.fitting.picture_measurement import CameraKind
 from pix2face.interface import Pix2Face
+from pix2face.landmark_file import open_model_with
 from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.predictor import Prediction
 
@@ -31,6 +33,8 @@ class FaceOptions:
     """What training wrote; default is the last one below runs/."""
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
+    landmarks: Path | None = None
+    """Which vertices the landmarks are: a file of ``pix2face landmarks select`` in place of the model's own."""
     device: str | None = None
     """Torch device, such as cpu or cuda; default is a GPU where there is one."""
     box: tuple[float, float, float, float] | None = None
@@ -68,7 +72,7 @@ class FaceOptions:
             Pix2FaceError: As ``Pix2Face.load`` and ``read_box_file``.
         """
         detects = self.box is None and self.boxes is None
-        model = self.model if needs_model or (detects and self.refine) else None
+        model = open_model_with(self.model, self.landmarks) if needs_model or (detects and self.refine) else None
         box_file = None if self.boxes is None else read_box_file(self.boxes)
         try:
             pix2face = Pix2Face.load(self.checkpoint, model, self.device, self.detector, self.refine)
@@ -89,6 +93,8 @@ class FitOptions:
     auto: a pinhole where perspective shows, else weak-perspective."""
     regularisation: float | None = None
     """Tikhonov weight of the coefficients, in mm^2; default is an estimate from each face's maps."""
+    contour: Literal["off", "2d"] = "off"
+    """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
     reprojection_rounds: int = 0
     """How often the camera is fitted again to the fitted mesh, and the coefficients after it."""
 
@@ -107,13 +113,18 @@ class FitOptions:
 
     def fit(self, pix2face: Pix2Face, prediction: Prediction, image_size_px: tuple[int, int]) -> FaceFit:
         """Fits the maps of one face, as ``Pix2Face.fit_prediction``."""
-        return pix2face.fit_prediction(
+        fitted = pix2face.fit_prediction(
             prediction,
             image_size_px,
             camera=self.camera,
             regularisation=self.regularisation,
             reprojection_rounds=self.reprojection_rounds,
         )
+        return self.with_landmarks(fitted)
+
+    def with_landmarks(self, fitted: FaceFit) -> FaceFit:
+        """A fit in the pixels of the photograph with the landmarks that were asked for."""
+        return with_contour(fitted) if self.contour == "2d" else fitted
 
 
 @final

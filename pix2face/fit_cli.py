@@ -103,7 +103,7 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
     )
     for face, fitted in zip(seen, fits, strict=True):
         try:
-            _write(config, formats, face.with_image(), fitted, pix2face.model)
+            _write(config, formats, face.with_image(), config.how.with_landmarks(fitted), pix2face.model)
         except DegenerateGeometryError as error:
             tally.n_faces -= 1
             tally.problems.append(located(error, face.path))

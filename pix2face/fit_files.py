@@ -21,6 +21,7 @@ from pix2face.camera import (
 )
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.fitting.face_fit import FaceFit
+from pix2face.landmark_visibility import visible_landmarks
 from pix2face.morphable_model import MorphableModel
 from pix2face.w300lp import pose_of_camera
 
@@ -68,6 +69,7 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_h
             "expression": fitted.expression.tolist(),
             "landmarks2d_px": fitted.landmarks2d.tolist(),
             "landmarks3d_mm": fitted.landmarks3d.tolist(),
+            "landmarks_visible": visible_landmarks(fitted).tolist(),
         },
         indent=1,
     )

@@ -51,7 +51,7 @@ def draw_overlay(
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, size_px)
     camera, background = crop_camera(fit.camera, crop), crop_image(image, crop)
     blend = shaded_face(background, fit.vertices, model, camera)
-    return draw_landmarks(blend, camera.project(fit.landmarks3d))
+    return draw_landmarks(blend, crop.to_crop(fit.landmarks2d))
 
 
 def shaded_face(

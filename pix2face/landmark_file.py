@@ -12,7 +12,7 @@ from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.images import read_bytes
 from pix2face.landmark_selection import LandmarkSelection
 from pix2face.landmarks import SCHEMES
-from pix2face.morphable_model import MorphableModel
+from pix2face.morphable_model import MorphableModel, open_model
 
 FORMAT = "pix2face-landmarks"
 SCHEMA_VERSION = 1
@@ -88,6 +88,16 @@ def load_landmarks(path: Path) -> LandmarkChoice:
     if len(vertices) != SCHEMES.get(scheme):
         raise InputFileError(f"{path}: expected the {SCHEMES.get(scheme)} vertices of {scheme}, found {len(vertices)}")
     return choice
+
+
+def open_model_with(name_or_path: str, landmarks: Path | None) -> MorphableModel:
+    """Opens a model, with the landmarks of a file in place of its own where one is given.
+
+    Raises:
+        Pix2FaceError: As ``open_model`` and ``with_landmarks``.
+    """
+    model = open_model(name_or_path)
+    return model if landmarks is None else with_landmarks(model, landmarks)
 
 
 def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:

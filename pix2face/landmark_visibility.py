@@ -8,10 +8,22 @@ from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 
 from pix2face.camera import Camera
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.landmarks import IBUG68
 
 # A vertex lies on its own surface: only what is nearer by more than this hides it. Landmark vertices sit a little
 # below the skin of the neighbouring triangles where the surface is bent.
 TOLERANCE_MM = 1.0
+
+
+def visible_landmarks(fit: FaceFit, scheme: str = IBUG68) -> Bool[ndarray, " m"]:
+    """Which landmarks of a fitted face the fitted head itself does not hide.
+
+    Args:
+        fit: The face.
+        scheme: The landmarks that it was fitted with.
+    """
+    return visible_vertices(fit.vertices, fit.model.triangles, fit.camera, fit.model.landmarks[scheme])
 
 
 def visible_vertices(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, final, get_args
+from typing import Annotated, Literal, final, get_args
 
 import cv2
 import tyro
@@ -29,7 +29,8 @@ from pix2face.face_tracks import (
     main_face,
 )
 from pix2face.fitting.picture_measurement import CameraKind
-from pix2face.morphable_model import BUILTIN_MODEL, open_model
+from pix2face.landmark_file import open_model_with
+from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.predictor import Predictor
 from pix2face.runs import latest_checkpoint
 from pix2face.smoothing import Smoothing, open_smoother
@@ -59,6 +60,8 @@ class TrackConfig:
     """What training wrote; default is the last one below runs/."""
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
+    landmarks: Path | None = None
+    """Which vertices the landmarks are: a file of ``pix2face landmarks select`` in place of the model's own."""
     device: str | None = None
     """Torch device, such as cpu or cuda; default is a GPU where there is one."""
     detector: str = "lbp-quick"
@@ -79,6 +82,8 @@ class TrackConfig:
     """Camera of the fits; the principal point of a pinhole is the centre of the frame."""
     regularisation: float | None = None
     """Tikhonov weight of the coefficients, in mm^2; without it each frame's own noise sets it."""
+    contour: Literal["off", "2d"] = "off"
+    """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
     identity_frames: int = IDENTITY_FRAMES
     """From how many frames the identity comes, evenly spread over the clip."""
     write: Annotated[str, tyro.conf.arg(metavar="csv,npz,pts,video")] = "csv,npz,video"
@@ -91,10 +96,11 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     formats = _check_call(config)
     _silence_decoders()
     source = open_frames(config.video)
-    model = open_model(config.model)
+    model = open_model_with(config.model, config.landmarks)
     predictor = Predictor.load(config.checkpoint or latest_checkpoint(), config.device)
     predictor.header.check_model(model.name, model.sha256)
-    fitter = FrameFitter(predictor, model, config.camera, config.regularisation, config.refine)
+    slides_jaw = config.contour == "2d"
+    fitter = FrameFitter(predictor, model, config.camera, config.regularisation, config.refine, slides_jaw)
     find = _finder(config, source)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"

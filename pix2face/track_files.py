@@ -20,6 +20,7 @@ from numpy import ndarray
 from pix2face.camera import head_pose, nearest_weak_perspective
 from pix2face.face_tracks import BoxSource
 from pix2face.fit_pictures import draw_landmarks
+from pix2face.landmark_visibility import visible_landmarks
 from pix2face.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.tracking import TrackedFace, TrackedFrame
 
@@ -214,6 +215,7 @@ def _frame_arrays(face: TrackedFace) -> dict[str, ndarray]:
         "landmarks2d": face.landmarks2d.astype(np.float32),
         "landmarks2d_raw": face.fit.landmarks2d.astype(np.float32),
         "landmarks3d": face.fit.landmarks3d.astype(np.float32),
+        "landmarks_visible": visible_landmarks(face.fit),
         "eye_px": np.array(face.eye_px, dtype=np.float32),
         "camera": face.fit.camera.matrix,
         "expression": face.fit.expression.astype(np.float32),

@@ -32,7 +32,7 @@ LANDMARKS = landmarks_of(MODEL, frontal_camera())
 @pytest.fixture
 def small_model(monkeypatch):
     """Whatever --model says, the small head is opened: evaluation needs no particular face."""
-    monkeypatch.setattr("pix2face.evaluate_cli.open_model", lambda name: MODEL)
+    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
 
 
 def write_checkpoint(path, model_name=MODEL.name, model_sha256=MODEL.sha256):

@@ -11,8 +11,9 @@ import pytest
 import trimesh
 from torch import Tensor
 
+from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.cli import main
-from pix2face.morphable_model import MorphableModel
+from pix2face.morphable_model import MorphableModel, builtin_model
 from pix2face.predictor import Predictor
 from tests.pix2face.seen_faces import (
     PhotographedFace,
@@ -42,7 +43,7 @@ def with_model(monkeypatch: pytest.MonkeyPatch) -> Callable[[MorphableModel, Pre
     """Sets the model and the network that every command opens."""
 
     def use(model: MorphableModel, predictor: Predictor) -> None:
-        monkeypatch.setattr("pix2face.interface.open_model", lambda name: model)
+        monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: model)
         monkeypatch.setattr("pix2face.view_cli.open_model", lambda name: model)
         monkeypatch.setattr(Predictor, "load", lambda path, device=None: predictor)
 
@@ -263,3 +264,42 @@ def test_a_pipe_or_device_is_refused_at_once(
     path = tmp_path / "pipe" if kind == "pipe" else Path("/dev/zero")
     assert call("fit", path, *where(plain), "--out", tmp_path / "out") == 3
     assert f"{path}: expected a picture, found a device, pipe or socket" in capsys.readouterr().err
+
+
+def test_jaw_landmarks_slide_to_the_outline_on_request(with_model: Callable[..., None], tmp_path: Path) -> None:
+    model, pose = builtin_model(), HeadPose(0, 45, 0)
+    camera = weak_perspective_camera(WeakPerspective(0.7, rotation_of_pose(pose), np.array([140.0, 100.0])))
+    face = PhotographedFace(model, np.zeros(model.n_identity), np.zeros(model.n_expression), pose, camera)
+    with_model(model, exact_predictor(model, [face.maps()]))
+    photograph = write_picture(tmp_path / "person.png", face.photograph())
+    fits = []
+    for contour in ("off", "2d"):
+        out = tmp_path / contour
+        assert call("fit", photograph, *where(face), "--mesh", "none", "--contour", contour, "--out", out) == 0
+        fits.append(json.loads((out / "person.json").read_text()))
+    fixed, slid = (np.array(fit["landmarks2d_px"]) for fit in fits)
+    np.testing.assert_allclose(fixed, face.landmarks2d, atol=0.5)
+    np.testing.assert_array_equal(fixed[17:], slid[17:])
+    assert np.linalg.norm(fixed - slid, axis=1).max() > 5
+    assert fits[0]["landmarks3d_mm"] == fits[1]["landmarks3d_mm"]
+    visible = np.array(fits[0]["landmarks_visible"])
+    assert visible[[27, 30, 33, 8]].all()
+    assert visible[36] != visible[45] or visible[:8].any() != visible[9:17].any()  # one side of the head is hidden
+
+
+def test_the_landmarks_of_a_file_take_the_place_of_the_models(plain: PhotographedFace, tmp_path: Path) -> None:
+    model = plain.model
+    chosen = np.roll(model.landmarks["ibug68"], 1)
+    content = {
+        "format": "pix2face-landmarks",
+        "schema_version": 1,
+        "scheme": "ibug68",
+        "vertices": chosen.tolist(),
+        "model": {"name": model.name, "sha256": model.sha256},
+    }
+    (tmp_path / "chosen.json").write_text(json.dumps(content))
+    photograph = write_picture(tmp_path / "person.png", plain.photograph())
+    options = ("--landmarks", tmp_path / "chosen.json", "--mesh", "none", "--regularisation", "1e-3")
+    assert call("fit", photograph, *where(plain), *options, "--out", tmp_path / "out") == 0
+    found = np.array(json.loads((tmp_path / "out/person.json").read_text())["landmarks2d_px"])
+    np.testing.assert_allclose(found, np.roll(plain.landmarks2d, 1, axis=0), atol=0.5)

@@ -49,7 +49,7 @@ def frames(model, tmp_path_factory) -> Path:
 @pytest.fixture
 def stand_ins(monkeypatch, model) -> None:
     """The command opens the small head, a network that reads colours, and a detector of blobs."""
-    monkeypatch.setattr(track_cli, "open_model", lambda name: model)
+    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: model)
     monkeypatch.setattr(Predictor, "load", lambda path, device=None: colour_predictor(model))
     monkeypatch.setattr(track_cli, "open_detector", lambda name: BlobDetector())
 
@@ -215,7 +215,7 @@ def test_a_file_that_is_no_video_is_one_line(tmp_path, capfd, content):
 
 
 def test_an_unknown_detector_is_refused(tmp_path, frames, monkeypatch, model, capsys):
-    monkeypatch.setattr(track_cli, "open_model", lambda name: model)
+    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: model)
     monkeypatch.setattr(Predictor, "load", lambda path, device=None: colour_predictor(model))
     assert track(frames, "--out", tmp_path, "--detector", "haar") == 2
     assert f"expected a detector of {', '.join(detection.DETECTORS)}" in capsys.readouterr().err

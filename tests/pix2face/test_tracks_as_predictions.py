@@ -38,7 +38,7 @@ def test_frames_of_videos_count_from_one_and_pictures_have_names(tmp_path):
 
 
 def test_tracks_are_measured_as_they_are(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("pix2face.evaluate_cli.open_model", lambda name: MODEL)
+    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
     for frame in ("000731", "000733"):
         write_photograph(tmp_path / "data" / "401" / "imgs" / f"{frame}.jpg")
         write_pts(tmp_path / "data" / "401" / "annot" / f"{frame}.pts", LANDMARKS)
