@@ -109,7 +109,7 @@ def _box(path: Path, where: str, sides: Iterable[Any]) -> FaceBox:
         raise InputFileError(f"{path}, {where}: expected four numbers, found {found!r}") from error
     if not (np.abs([left, top, right, bottom]).max() <= LARGEST_BOX_PX and right - left >= 1 and bottom - top >= 1):
         raise InputFileError(
-            f"{path}, {where}: expected left < right and top < bottom by a pixel or more, and at most a million pixels, "
+            f"{path}, {where}: expected left < right and top < bottom by a pixel or more, at most a million pixels, "
             f"found {found!r}"
         )
     return FaceBox(left, top, right, bottom)
