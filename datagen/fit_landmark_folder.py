@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy import ndarray
 
-from datagen.sources import FaceSource, folder_sha256, is_text
+from datagen.sources import FaceSource, folder_sha256, is_text, picture_of
 from pix2face.annotations import AnnotatedFace, find_annotations
 from pix2face.coefficients import Face
 from pix2face.crops import FaceBox
@@ -42,7 +42,8 @@ class AnnotatedFolder(FaceSource):
         self._annotations = find_annotations(folder)
         self.sample_ids = tuple(annotation.name for annotation in self._annotations)
         self.sha256 = folder_sha256(
-            self.sample_ids, ((annotation.path, annotation.image_path) for annotation in self._annotations)
+            self.sample_ids,
+            ((each.path, each.image_path or picture_of(each.path)) for each in self._annotations),
         )
         self.licence = f"photographs and annotations: terms of their source; model: {model.licence}"
 

@@ -64,7 +64,7 @@ class Retargeter:
         if file.landmarks3d is not None:
             found = fit_landmarks(self._model, file.landmarks3d[:, :2], depths_px=file.landmarks3d[:, 2])
             return found.identity, found.expression, found.camera, "fitted to pt3d_68"
-        landmark_path = self._landmark_path(file.path)
+        landmark_path = self.landmark_path(file.path)
         if landmark_path is not None:
             found = fit_landmarks(self._model, read_landmark_file(landmark_path))
             return found.identity, found.expression, found.camera, "fitted to the landmarks folder"
@@ -109,7 +109,7 @@ class Retargeter:
         across = np.append((seen.translation_px - stated.translation_px) / stated.scale, 0)
         return fit, np.column_stack([rotation, stated.rotation.T @ across])
 
-    def _landmark_path(self, path: Path) -> Path | None:
+    def landmark_path(self, path: Path) -> Path | None:
         """``landmarks/<folder>/NAME_pts.mat`` of a file, looked for from its folder upward."""
         name = f"{path.stem}_pts.mat"
         for root in path.parents:

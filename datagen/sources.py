@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import final
 
@@ -126,7 +126,7 @@ class W300LPFolder(FaceSource):
             )
         self._paths = paths
         self.sample_ids = tuple(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
-        self.sha256 = folder_sha256(self.sample_ids, ((path, None) for path in paths))
+        self.sha256 = folder_sha256(self.sample_ids, map(self._files_of, paths))
         self.licence = f"pictures: 300W-LP / AFLW2000-3D, research use only; model: {model.licence}"
 
     def face(self, index: int) -> Face:
@@ -140,6 +140,11 @@ class W300LPFolder(FaceSource):
         except InputFileError as error:
             raise SampleRejectedError(str(error)) from error
         return self._face(index, file, image_path, _declared_size_of(image_path))
+
+    def _files_of(self, path: Path) -> tuple[Path | None, ...]:
+        """What decides the content of a sample."""
+        landmarks = (self._retargeter.landmark_path(path),) if self._retargeter else ()
+        return path, picture_of(path), *landmarks
 
     def _face(self, index: int, file: CoefficientFile, image_path: Path, size_px: tuple[int, int]) -> Face:
         if self._deviations:
@@ -167,7 +172,7 @@ class W300LPFolder(FaceSource):
 
 
 def _table_sha256(table: FaceCoefficients) -> str:
-    digest = hashlib.sha256(json.dumps([table.sample_ids, table.image_paths]).encode())
+    digest = hashlib.sha256(json.dumps([table.sample_ids, table.image_paths, table.attributes]).encode())
     for values in (table.identity, table.expression, table.cameras, table.sizes_px):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
@@ -185,7 +190,7 @@ def _declared_size_of(path: Path) -> tuple[int, int]:
         raise SampleRejectedError(str(error)) from error
 
 
-def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[tuple[Path, Path | None]]) -> str:
+def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[Sequence[Path | None]]) -> str:
     """What tells a folder from another: the names of its faces, and the sizes of their files.
 
     Sizes are there for the asking, and the same wherever the folder is copied to. Contents would have to be read, all
@@ -193,13 +198,15 @@ def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[tuple[Path, Path 
 
     Args:
         sample_ids: The names.
-        files: For each the file of its coefficients or points, and its picture; None is the picture beside it.
+        files: For each those that its content depends on: of its coefficients or points, its picture; None is one
+            that is not there.
     """
-    sizes = [(_size_bytes(path), _size_bytes(picture or _picture_of(path))) for path, picture in files]
+    sizes = [[_size_bytes(path) for path in of_one] for of_one in files]
     return hashlib.sha256(json.dumps([sample_ids, sizes]).encode()).hexdigest()
 
 
-def _picture_of(path: Path) -> Path | None:
+def picture_of(path: Path) -> Path | None:
+    """The picture beside a file, if there is one."""
     try:
         return picture_beside(path)
     except InputFileError:

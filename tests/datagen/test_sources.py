@@ -120,6 +120,29 @@ def test_a_source_is_told_from_another_of_its_name(tmp_path: Path) -> None:
     assert len({first, other_picture, no_picture, other_file, open_source(tmp_path, model).sha256}) == 5
 
 
+def test_what_a_table_says_of_a_face_tells_it_from_another(tmp_path: Path) -> None:
+    """Attributes go into shards as they are."""
+    model, hashes = small_head_model(), set()
+    table = sample_faces(model, 2, 0, 64)
+    for attributes in (('{"a": 1}', "{}"), ('{"a": 2}', "{}")):
+        save_coefficients(replace(table, attributes=attributes), tmp_path / "faces.h5")
+        hashes.add(TableSource(tmp_path / "faces.h5", model).sha256)
+    assert len(hashes) == 2
+
+
+def test_landmarks_that_a_model_is_fitted_to_tell_a_folder_from_another(tmp_path: Path, bfm: MorphableModel) -> None:
+    write_file(tmp_path, "a")
+    landmarks = tmp_path / "landmarks" / "a_pts.mat"
+    landmarks.parent.mkdir()
+    fitted, own = set(), set()
+    for content in (None, b"some", b"others"):
+        if content is not None:
+            landmarks.write_bytes(content)
+        fitted.add(open_source(tmp_path, small_head_model()).sha256)
+        own.add(open_source(tmp_path, bfm).sha256)
+    assert (len(fitted), len(own)) == (3, 1)  # BFM takes the coefficients of the files
+
+
 def test_a_place_without_faces_is_named(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"expected \.mat files of 300W-LP"):
         open_source(tmp_path, small_head_model())
