@@ -27,7 +27,6 @@ from pix2face.compare_cli import compare
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation import Evaluator, FaceResult, evaluate_faces, frontal_landmarks, model_landmarks
 from pix2face.evaluation_report import EvaluationSettings, Report, make_report
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind
 from pix2face.landmark_file import open_model_with
 from pix2face.manifest import Manifest, load_manifest
@@ -70,7 +69,8 @@ class EvaluateConfig:
         contour: 2d lets jaw points slide to the visible outline, as the truth of 300-W and 300-VW does.
         align: How 3D landmarks are laid onto the true ones (menpo3d-tracking); default is the benchmark's own.
         camera: Camera of the fit.
-        regularisation: Tikhonov weight of the coefficients in mm^2.
+        regularisation: Tikhonov weight of the coefficients in mm^2; default is an estimate from each face's maps, as in
+            pix2face fit.
         batch_size: Faces that go through the network at once.
         resamples: Draws of the bootstrap that intervals come from; 0 for none.
         seed: Of the draws.
@@ -94,7 +94,7 @@ class EvaluateConfig:
     contour: Literal["off", "2d"] = "off"
     align: Alignment | None = None
     camera: CameraKind = "weak-perspective"
-    regularisation: float = PREDICTED_MAPS_REGULARISATION
+    regularisation: float | None = None
     batch_size: int = 16
     resamples: int = 1000
     seed: int = 0
@@ -142,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _check_numbers(config: EvaluateConfig) -> None:
     check_max_rejected(config.max_rejected)
-    if not 0 < config.regularisation < float("inf"):
+    if config.regularisation is not None and not 0 < config.regularisation < float("inf"):
         raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
     if config.threshold is not None and not 0 < config.threshold < float("inf"):
         raise UsageError(f"expected a positive --threshold as a fraction (0.08 is 8 %), found {config.threshold}")

@@ -50,7 +50,7 @@ class SubjectOptions:
         boxes: "truth", or the name of a detector.
         slides_jaw: Whether jaw points slide to the visible outline.
         camera: Of the fit.
-        regularisation: Tikhonov weight of the coefficients in mm^2.
+        regularisation: Tikhonov weight of the coefficients in mm^2; None estimates it for each face.
     """
 
     checkpoint: Path | None
@@ -60,7 +60,7 @@ class SubjectOptions:
     boxes: str
     slides_jaw: bool
     camera: CameraKind
-    regularisation: float
+    regularisation: float | None
 
 
 def open_subject(
@@ -108,10 +108,14 @@ def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, d
     header["configuration"] = json.loads(predictor.header.configuration)
     return subject, {
         "checkpoint": f"{checkpoint} (epoch {predictor.header.epoch}, {predictor.header.size_px} px)",
-        "fit": f"{options.camera} camera, regularisation {options.regularisation:g} mm^2",
+        "fit": f"{options.camera} camera, regularisation {_in_words(options.regularisation)}",
         "hashes": {"checkpoint": sha256(checkpoint.read_bytes()).hexdigest()},
         "checkpoint_header": header,
     }
+
+
+def _in_words(regularisation: float | None) -> str:
+    return "estimated for each face" if regularisation is None else f"{regularisation:g} mm^2"
 
 
 def _tracks(folder: Path, found: BenchmarkFiles) -> tuple[Subject, dict[str, Any]]:
