@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from datagen.random_streams import generator_for
 from pix2face.camera import Camera
-from pix2face.coefficients import Face
+from pix2face.coefficients import LARGEST_SIDE_PX, Face
 from pix2face.crops import Crop, FaceBox, crop_camera
 from pix2face.errors import DegenerateGeometryError, SampleRejectedError, UsageError
 from pix2face.jitter import JitterParameters, JitterRange, draw_jitter, jitter_crop, jitter_image
@@ -51,8 +51,8 @@ class JitterBake:
         """
         if not 0 <= self.n <= MOST_VARIANTS:
             raise UsageError(f"--jitter: expected 0 to {MOST_VARIANTS} variants of each sample, found {self.n}")
-        if not self.size_px > 0:
-            raise UsageError(f"--jitter-size: expected a side in pixels, found {self.size_px}")
+        if not 0 < self.size_px <= LARGEST_SIDE_PX:
+            raise UsageError(f"--jitter-size: expected a side of 1 to {LARGEST_SIDE_PX} pixels, found {self.size_px}")
 
     def described(self) -> dict[str, Any]:
         """What shards say of it; nothing where no variants are made."""

@@ -22,9 +22,9 @@ from datagen.render_unit import Unit, UnitReport, render_unit
 from datagen.sources import FaceSource, open_source
 from datagen.stage_times import StageTimes
 from datagen.work_units import finish_units
-from pix2face.errors import UsageError
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.shards import ShardReader
+from pix2face.surface_attributes import check_layers
 
 REJECTED_FILE = "rejected.jsonl"
 
@@ -78,11 +78,7 @@ def open_job(job: RenderJob) -> OpenedJob:
     name = job.model if job.model == BUILTIN_MODEL else os.fspath(Path(job.model).absolute())
     job = replace(job, coefficients=job.coefficients.absolute(), model=name)
     model = open_model(job.model)
-    if "uv" in job.layers and model.uv_triangles is None:
-        raise UsageError(
-            f"expected a model with texture coordinates for the layer uv, found {model.name} without; leave uv out of "
-            "--layers or choose another --model"
-        )
+    check_layers(model, job.layers)
     return OpenedJob(job, model, open_source(job.coefficients, model))
 
 

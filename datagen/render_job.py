@@ -139,29 +139,27 @@ def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHead
                 f"{path} does not belong to this job, whose last shard is {shard_path(out, n_units - 1).name}; "
                 "delete it or choose another --out"
             )
-        if _is_damaged(path):
+        try:
+            reader = ShardReader(path)
+        except InputFileError as error:
+            if not _is_damage(error):
+                raise
             damaged.append(path)
             continue
-        with ShardReader(path) as reader:
+        with reader:
             _check_header(path, reader.header, expected)
             _check_samples(path, reader, job.sample_ids_of(source, units[path]))
     missing = tuple(unit for path, unit in units.items() if path in set(damaged) or not path.exists())
     return FolderState(missing, tuple(damaged))
 
 
-def _is_damaged(path: Path) -> bool:
-    """Whether HDF5 itself cannot open a file that may be read: it was cut short or overwritten.
+def _is_damage(error: InputFileError) -> bool:
+    """Whether HDF5 itself could not open a file that may be read: it was cut short or overwritten.
 
     A shard of another schema, or another program's file, is no damage, and never replaced.
     """
-    try:
-        ShardReader(path).close()
-    except InputFileError as error:
-        cause = error.__cause__
-        if isinstance(cause, OSError) and not isinstance(cause, PermissionError | IsADirectoryError):
-            return True
-        raise
-    return False
+    cause = error.__cause__
+    return isinstance(cause, OSError) and not isinstance(cause, PermissionError | IsADirectoryError)
 
 
 def _check_header(path: Path, found: ShardHeader, expected: ShardHeader) -> None:

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import final
 
@@ -80,7 +79,7 @@ def render_unit(unit: Unit) -> UnitReport:
         UsageError: The worker sees another model or other faces than the job, or the shard cannot be written.
         GLUnavailableError: The worker cannot draw.
     """
-    return _drawing_thread().submit(_render_unit, unit).result()
+    return _DRAWING_THREAD.submit(_render_unit, unit).result()
 
 
 @final
@@ -95,7 +94,9 @@ class _Worker:
     maker: TripletMaker
 
 
-# The worker of this process, by its job; of one thread.
+# A context of OpenGL belongs to one thread; the workers of a cluster may call from several.
+_DRAWING_THREAD = ThreadPoolExecutor(1, thread_name_prefix="drawing")
+# The worker of this process, by its job; of that thread.
 _KEPT: dict[Unit, _Worker] = {}
 
 
@@ -152,12 +153,6 @@ def _views(job: RenderJob, worker: _Worker, indices: range, rejected: list[tuple
         except SampleRejectedError as error:
             rejected += [(name, str(error)) for name in job.jitter.sample_ids(worker.source.sample_ids[index])]
     return views
-
-
-@lru_cache(maxsize=1)
-def _drawing_thread() -> ThreadPoolExecutor:
-    """A context of OpenGL belongs to one thread; the workers of a cluster may call from several."""
-    return ThreadPoolExecutor(1, thread_name_prefix="drawing")
 
 
 def _worker(unit: Unit) -> _Worker:

@@ -19,7 +19,7 @@ from pix2face.text_columns import json_lines, read_json_lines
 
 FORMAT = "pix2face-coefficients"
 SCHEMA_VERSION = 2
-# What OpenGL can draw everywhere; a table that asks for more is damaged.
+# What OpenGL can draw everywhere; a table that asks for more, or a shard of more, is damaged.
 LARGEST_SIDE_PX = 16384
 # Type and shape of each column, rows aside; None is any length.
 _COLUMNS: dict[str, tuple[Any, tuple[int | None, ...]]] = {

@@ -12,6 +12,7 @@ from isal import isal_zlib
 from numpy import ndarray
 
 from pix2face.checked_hdf5 import check_contained, read_text
+from pix2face.coefficients import LARGEST_SIDE_PX
 from pix2face.compressions import PLAIN, PREDICTED
 from pix2face.errors import InputFileError
 from pix2face.layers import IMAGE, LAYER_NAMES, LAYERS, WHOLE_HEAD_LAYERS, Layer
@@ -19,8 +20,6 @@ from pix2face.map_storage import Box
 
 FORMAT = "pix2face-shard"
 SCHEMA_VERSION = 2
-# What OpenGL can draw everywhere; a larger layer is damage.
-LARGEST_SIDE_PX = 16384
 
 
 @final

@@ -67,7 +67,10 @@ def check_layers(model: MorphableModel, layers: Sequence[str]) -> None:
         UsageError: The model has not what a layer needs.
     """
     if "uv" in layers and (model.uv is None or model.uv_triangles is None):
-        raise UsageError(f"expected a model with texture coordinates for the layer uv, found none in {model.name}")
+        raise UsageError(
+            f"expected a model with texture coordinates for the layer uv, found {model.name} without; leave uv out of "
+            "--layers or choose another --model"
+        )
 
 
 def texture_coordinates(model: MorphableModel, _: Float32[ndarray, "v 3"], __: Camera) -> Float32[ndarray, "u 2"]:

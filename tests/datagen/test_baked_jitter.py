@@ -142,7 +142,11 @@ def test_a_photograph_that_cannot_be_read_rejects_all_its_variants(faces, tmp_pa
 
 @pytest.mark.parametrize(
     ("more", "message"),
-    [(["--jitter", "-1"], "--jitter: expected 0 to 1000"), (["--jitter-size", "0"], "--jitter-size: expected a side")],
+    [
+        (["--jitter", "-1"], "--jitter: expected 0 to 1000"),
+        (["--jitter-size", "0"], "--jitter-size: expected a side"),
+        (["--jitter-size", "99999"], "--jitter-size: expected a side of 1 to 16384 pixels, found 99999"),
+    ],
 )
 def test_wrong_numbers_are_one_line(faces, tmp_path, capsys, more, message):
     assert render(faces, tmp_path, *more) == 2

@@ -110,9 +110,9 @@ def test_texture_coordinates_may_split_at_vertices(gl: GLContext) -> None:
 
 def test_a_model_without_texture_coordinates_is_named(gl: GLContext) -> None:
     model = mesh_model(small_head_model().mean, small_head_model().triangles)
-    with pytest.raises(UsageError, match="texture coordinates for the layer uv, found none in a mesh"):
+    with pytest.raises(UsageError, match="texture coordinates for the layer uv, found a mesh without; leave uv out"):
         Renderer(model, 32, 32, gl).render(model.mean, AFFINE, ("uv",))
-    with pytest.raises(UsageError, match="texture coordinates for the layer uv, found none in a mesh"):
+    with pytest.raises(UsageError, match="texture coordinates for the layer uv, found a mesh without; leave uv out"):
         render_maps(model, model.mean, AFFINE, 32, 32, ("uv",))
     with pytest.raises(UsageError, match="texture coordinates for the layer uv"):
         TripletMaker(model, gl, 0, ("uv",))  # before any sample is tried
