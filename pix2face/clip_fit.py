@@ -11,7 +11,7 @@ from scipy.linalg import cho_solve
 
 from pix2face.camera import WeakPerspective, nearest_weak_perspective, weak_perspective_camera
 from pix2face.contour_landmarks import with_contour
-from pix2face.crops import Crop, FaceBox
+from pix2face.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
 from pix2face.fitting.linear_system import cholesky
@@ -75,7 +75,7 @@ class FrameFitter:
 
     def _measured(self, prediction: Prediction, image: Photograph) -> MeasuredFace | None:
         prediction.check_finite()
-        middle = prediction.crop.to_crop(np.array([image.shape[1], image.shape[0]]) / 2)
+        middle = image_centre_in_crop(prediction.crop, (image.shape[0], image.shape[1]))
         try:
             measurement = measure_picture(
                 prediction.maps,

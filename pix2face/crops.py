@@ -123,6 +123,12 @@ def square_crop(
     return Crop(image_from_crop, size_px)
 
 
+def image_centre_in_crop(crop: Crop, image_size_px: tuple[int, int]) -> Float64[ndarray, "2"]:
+    """The centre of an image of some height and width, in the pixels of a crop: the principal point of its camera."""
+    height, width = image_size_px
+    return crop.to_crop(np.array([width, height]) / 2)
+
+
 def crop_image(image: Shaped[ndarray, "h w *c"], crop: Crop, *, nearest: bool = False) -> Shaped[ndarray, "s s *c"]:
     """Resamples an image into a crop; beyond the border it is black.
 

@@ -12,7 +12,7 @@ from numpy import ndarray
 from pix2face.benchmark_data import BenchmarkFace
 from pix2face.camera import Camera, head_pose
 from pix2face.contour_landmarks import contour_landmarks2d
-from pix2face.crops import Crop, FaceBox
+from pix2face.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION
@@ -172,7 +172,7 @@ class NetworkSubject:
         return [face for face in found if face is not None]
 
     def _fitted(self, prediction: PredictedMaps, image: UInt8[ndarray, "h w 3"]) -> FoundFace:
-        image_centre = prediction.crop.to_crop(np.array([image.shape[1], image.shape[0]]) / 2)
+        image_centre = image_centre_in_crop(prediction.crop, (image.shape[0], image.shape[1]))
         try:
             prediction.check_finite()
             fitted = self.fit(prediction.maps, image_centre).in_image(prediction.crop)

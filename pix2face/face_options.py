@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.box_files import BoxFile, read_box_file
+from pix2face.box_files import LARGEST_BOX_PX, BoxFile, read_box_file
 from pix2face.contour_landmarks import with_contour
 from pix2face.crops import FaceBox
 from pix2face.detection import DEFAULT_DETECTOR
@@ -20,7 +20,6 @@ from pix2face.landmark_file import open_model_with
 from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.predictor import Prediction
 
-LARGEST_BOX_PX = 1e6
 MOST_ROUNDS = 100
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from pix2face.command_line import prepare_output_folder
 from pix2face.crops import crop_image
-from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.face_options import FaceFinder, FaceOptions, FitOptions
 from pix2face.fit_files import write_fit
 from pix2face.fit_pictures import draw_overlay, write_point_cloud
@@ -104,7 +104,7 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
     for face, fitted in zip(seen, fits, strict=True):
         try:
             _write(config, formats, face.with_image(), config.how.with_landmarks(fitted), pix2face.model)
-        except DegenerateGeometryError as error:
+        except (DegenerateGeometryError, InputFileError) as error:  # of the overlay; the photograph is gone
             tally.n_faces -= 1
             tally.problems.append(located(error, face.path))
     return tally

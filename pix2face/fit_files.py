@@ -138,7 +138,7 @@ def _numbers(fields: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Fl
     """A field as finite numbers of a shape; -1 stands for any length."""
     try:
         values = np.array(fields[name], dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(repr(name)) from error
     fits = values.ndim == len(shape) and all(n in (m, -1) or m == -1 for n, m in zip(values.shape, shape, strict=True))
     if not fits or not np.isfinite(values).all():

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.crops import FaceBox
+from pix2face.crops import FaceBox, image_centre_in_crop
 from pix2face.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
@@ -205,7 +205,7 @@ class Pix2Face:
             self.model,
             camera_kind=camera,
             regularisation=regularisation,
-            principal_point_px=principal_point_in_crop(prediction, image_size_px),
+            principal_point_px=image_centre_in_crop(prediction.crop, image_size_px),
             reprojection_rounds=reprojection_rounds,
         ).in_image(prediction.crop)
 
@@ -260,7 +260,7 @@ class Pix2Face:
         for prediction in predictions:
             prediction.check_finite()
         principal_points = [
-            principal_point_in_crop(prediction, size)
+            image_centre_in_crop(prediction.crop, size)
             for prediction, size in zip(predictions, image_sizes_px, strict=True)
         ]
         joint = fit_joint(
@@ -277,9 +277,3 @@ class Pix2Face:
         if not boxes:
             raise DegenerateGeometryError(f"no face found in photograph {index} (from 0); say where it is with boxes")
         return boxes[0]
-
-
-def principal_point_in_crop(prediction: Prediction, image_size_px: tuple[int, int]) -> ndarray:
-    """The centre of a photograph of some height and width, in the pixels of the maps."""
-    height, width = image_size_px
-    return prediction.crop.to_crop(np.array([width, height]) / 2)

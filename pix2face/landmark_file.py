@@ -81,7 +81,7 @@ def load_landmarks(path: Path) -> LandmarkChoice:
         scheme, vertices = str(content["scheme"]), tuple(int(vertex) for vertex in content["vertices"])
         model = content["model"]
         choice = LandmarkChoice(scheme, vertices, str(model["name"]), str(model["sha256"]))
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise InputFileError(
             f"{path}: expected landmarks as `pix2face landmarks select` writes them, found something else ({error})"
         ) from error

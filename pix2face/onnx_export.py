@@ -89,7 +89,7 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]
         if int(fields["schema_version"]) > SCHEMA_VERSION:
             raise InputFileError(f"{path}: schema {fields['schema_version']} is newer than {SCHEMA_VERSION}; upgrade")
         header = CheckpointHeader(**fields)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
 
     def network(images: Tensor) -> Tensor:

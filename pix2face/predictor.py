@@ -76,11 +76,16 @@ class Predictor:
 
         Raises:
             InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
-            UsageError: There is no such device, or the package for ONNX is not installed.
+            UsageError: No such device (of ONNX: none but the CPU), or the package for ONNX is not installed.
         """
         if path.suffix.lower() == ".onnx":
             from pix2face.onnx_export import load_onnx
 
+            if device not in (None, "cpu"):
+                raise UsageError(
+                    f"{path}: expected --device cpu, where ONNX files run here, found {device!r}; the checkpoint that "
+                    "it was exported from runs on any"
+                )
             own_header, run = load_onnx(path)
             return cls(run, own_header)
         header, network = load_checkpoint(path)

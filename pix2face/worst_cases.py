@@ -33,7 +33,7 @@ def cases_sheet(cases: Sequence[tuple[BenchmarkFace, FaceResult]]) -> UInt8[ndar
     return np.vstack(rows)
 
 
-def draw_landmarks(
+def draw_outlined_landmarks(
     image: UInt8[ndarray, "h w 3"], landmarks2d: Float[ndarray, "68 2"], colour: tuple[int, int, int]
 ) -> None:
     """Draws the 68 landmarks with their contours into a picture."""
@@ -51,9 +51,9 @@ def _tile(face: BenchmarkFace, result: FaceResult) -> UInt8[ndarray, "h w 3"]:
     picture = np.full((TILE_PX, TILE_PX, 3), UNREADABLE_GREY, dtype=np.uint8)
     if face.image is not None:
         picture = crop_image(face.image, crop).copy()
-    draw_landmarks(picture, crop.to_crop(face.landmarks2d), TRUE_RGB)
+    draw_outlined_landmarks(picture, crop.to_crop(face.landmarks2d), TRUE_RGB)
     if result.landmarks2d is not None:
-        draw_landmarks(picture, crop.to_crop(result.landmarks2d), FOUND_RGB)
+        draw_outlined_landmarks(picture, crop.to_crop(result.landmarks2d), FOUND_RGB)
     caption = np.full((CAPTION_PX, TILE_PX, 3), 255, dtype=np.uint8)
     error = "not found" if result.failure is not None else f"{100 * result.error():.1f} %"
     yaw = "" if face.yaw_deg is None else f", yaw {face.yaw_deg:.0f}"

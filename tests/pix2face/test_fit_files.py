@@ -81,6 +81,7 @@ BAD_FIELDS: list[tuple[str, Any]] = [
     ("identity", [0.0]),
     ("identity", [float("nan")] * 12),
     ("expression", None),
+    ("expression", [10**400] * 8),
     ("landmarks2d_px", [[1, 2, 3]]),
     ("landmarks3d_mm", [[1, [2], 3]]),
     ("model", {"name": "x"}),

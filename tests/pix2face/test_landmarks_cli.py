@@ -90,7 +90,7 @@ def test_frames_that_cannot_be_used_are_named_and_the_exit_status_tells(annotate
 )
 def test_wrong_calls_end_in_one_line(annotated_faces, tmp_path, capsys, more, message):
     folder, fits, _ = annotated_faces
-    assert select(folder, fits, tmp_path / "out.json", *more) == (3 if message == "84" else 2) or message == "84"
+    assert select(folder, fits, tmp_path / "out.json", *more) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out.json").exists()
 
@@ -112,6 +112,7 @@ def test_the_landmarks_of_a_model_are_drawn(tmp_path):
         ({"scheme": "unknown"}, "unknown"),
         ({"vertices": ["x"] * 68}, "invalid literal"),
         ({"model": 3}, "something else"),
+        ({"vertices": [float("inf")] * 68}, "something else"),
     ],
 )
 def test_damaged_files_are_refused(tmp_path, change, message):
@@ -129,9 +130,10 @@ def test_damaged_files_are_refused(tmp_path, change, message):
     path.write_text(json.dumps({**sound, **change}))
     with pytest.raises(InputFileError, match=message):
         load_landmarks(path)
-    path.write_text("no json")
-    with pytest.raises(InputFileError):
-        load_landmarks(path)
+    for content in ("no json", "[" * 100_000):
+        path.write_text(content)
+        with pytest.raises(InputFileError, match="something else"):
+            load_landmarks(path)
 
 
 def test_landmarks_of_another_model_or_mesh_are_refused(tmp_path):

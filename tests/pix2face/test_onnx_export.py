@@ -64,6 +64,11 @@ def test_it_predicts_what_the_checkpoint_predicts(checkpoint: Path, exported: Pa
     np.testing.assert_array_equal(by_onnx.crop.image_from_crop, by_torch.crop.image_from_crop)
 
 
+def test_another_device_than_the_cpu_is_refused_not_ignored(exported: Path) -> None:
+    with pytest.raises(UsageError, match="expected --device cpu, where ONNX files run here, found 'cuda'"):
+        Predictor.load(exported, "cuda")
+
+
 @pytest.mark.parametrize("content", [b"", b"no network", b"\x08\x07\x12\x07pytorch"])
 def test_what_is_no_network_is_named(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "broken.onnx"

@@ -20,7 +20,7 @@ from pix2face.predictions_file import read_predictions
 from pix2face.report import SHORT_GROUPS, all_cells, report_notes, report_tables, table_cells
 from pix2face.report_files import write_report
 from pix2face.report_pictures import face_svg
-from pix2face.worst_cases import TRUE_RGB, cases_sheet, draw_landmarks
+from pix2face.worst_cases import TRUE_RGB, cases_sheet, draw_outlined_landmarks
 from tests.pix2face.benchmark_files import StubFit, StubPredictor, fit_that_fails, frontal_camera, landmarks_of
 from tests.synthetic_models import small_head_model
 
@@ -240,7 +240,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
 
 def test_landmarks_are_drawn_where_they_are():
     image = np.zeros((200, 200, 3), dtype=np.uint8)
-    draw_landmarks(image, TRUTH, TRUE_RGB)
+    draw_outlined_landmarks(image, TRUTH, TRUE_RGB)
     for x, y in TRUTH:
         assert tuple(image[int(y), int(x)]) == TRUE_RGB
     assert image[0].max() == image[:, 0].max() == 0
