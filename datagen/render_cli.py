@@ -37,7 +37,8 @@ class RenderConfig:
     """Configuration of ``datagen render``."""
 
     coeffs: Path
-    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table made by ``datagen sample``."""
+    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by ``datagen sample``,
+    ``datagen fit`` or ``datagen coeffs convert``."""
     out: Path
     """Folder of the shards. Run again with the same settings, it is completed. Other settings are refused, another
     table, and a folder in which a file has come, gone, or changed its size; not one edited to the same size."""
@@ -45,14 +46,15 @@ class RenderConfig:
     """``builtin``, or a model file made by ``datagen model import``. With an imported BFM 2009 the coefficients of
     300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
     layers: str = ",".join(DEFAULT_LAYERS)
-    """What each sample has: any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks."""
+    """What each sample has: ``all``, or any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks with
+    commas between."""
     compression: str = DEFAULT_COMPRESSION
     """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read); docs/storage.md compares
     them."""
     seed: int = 0
     """Seed of light, colours and background of rendered pictures, and of jitter."""
     shard_size: int = 100
-    """Faces in a shard."""
+    """Faces in a shard. A shard is made by one process, so small sets use all of them only if this is small."""
     jitter: int = 0
     """Variants of each face to render instead of it: crops of 1 to 1.8 times its box, shifted, turned, with other gamma
     and colours. Not needed for `train`, which varies every sample anew each time."""

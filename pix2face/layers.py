@@ -128,12 +128,13 @@ LAYERS: Mapping[str, Layer] = {layer.name: layer for layer in _TABLE}
 IMAGE, LANDMARKS = "image", "landmarks"
 LAYER_NAMES = (IMAGE, *LAYERS, LANDMARKS)
 DEFAULT_LAYERS = (IMAGE, "pncc", "offset", "mask", LANDMARKS)
+ALL_LAYERS = "all"  # instead of a list of names
 # Layers that hold beyond the mask, on the whole head.
 WHOLE_HEAD_LAYERS = ("regions",)
 
 
 def parse_layers(text: str) -> tuple[str, ...]:
-    """Reads a choice such as ``image,pncc,offset,mask``.
+    """Reads a choice such as ``image,pncc,offset,mask``, or ``all``.
 
     Returns:
         The names, each once, in the order of ``LAYER_NAMES``.
@@ -141,6 +142,8 @@ def parse_layers(text: str) -> tuple[str, ...]:
     Raises:
         UsageError: A name is unknown, or there is none.
     """
+    if text.strip() == ALL_LAYERS:
+        return LAYER_NAMES
     names = [name.strip() for name in text.split(",") if name.strip()]
     return order_layers(names)
 
@@ -154,7 +157,7 @@ def order_layers(names: Sequence[str]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in LAYER_NAMES]
     if unknown or not names:
         found = repr(unknown[0]) if unknown else "none"
-        raise UsageError(f"expected layers among {','.join(LAYER_NAMES)}, found {found}")
+        raise UsageError(f"expected layers among {','.join(LAYER_NAMES)}, or {ALL_LAYERS}, found {found}")
     return tuple(name for name in LAYER_NAMES if name in names)
 
 

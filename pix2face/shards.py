@@ -267,6 +267,8 @@ def shard_paths(folder: Path) -> list[Path]:
     Raises:
         UsageError: There is no such folder or no shard in it.
     """
+    if folder.is_file():
+        raise UsageError(f"{folder}: expected a folder of shards (shard-*.h5), found a file")
     paths = sorted(folder.glob("shard-*.h5"))
     if not paths:
         found = "no shard-*.h5 in it" if folder.is_dir() else "no such folder"

@@ -16,12 +16,17 @@ ROUNDED = [layer for layer in LAYERS.values() if layer.steps_per_unit > 1]
 def test_a_choice_is_put_in_one_order_and_each_name_taken_once() -> None:
     assert parse_layers("mask, image,pncc,mask,") == ("image", "pncc", "mask")
     assert parse_layers(",".join(reversed(LAYER_NAMES))) == LAYER_NAMES
+    assert parse_layers(" all ") == LAYER_NAMES
     assert set(DEFAULT_LAYERS) < set(LAYER_NAMES)
 
 
-@pytest.mark.parametrize(("text", "found"), [("image,pnc", "'pnc'"), ("", "none"), (" , ", "none"), ("PNCC", "'PNCC'")])
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [("image,pnc", "'pnc'"), ("", "none"), (" , ", "none"), ("PNCC", "'PNCC'"), ("all,mask", "'all'")],
+)
 def test_an_unknown_layer_is_named_with_those_that_there_are(text: str, found: str) -> None:
-    with pytest.raises(UsageError, match=re.escape(f"expected layers among {','.join(LAYER_NAMES)}, found {found}")):
+    message = f"expected layers among {','.join(LAYER_NAMES)}, or all, found {found}"
+    with pytest.raises(UsageError, match=re.escape(message)):
         parse_layers(text)
 
 

@@ -227,3 +227,7 @@ def test_a_folder_without_shards_says_how_to_make_one(tmp_path: Path) -> None:
         shard_paths(tmp_path)
     with pytest.raises(UsageError, match="no such folder"):
         shard_paths(tmp_path / "nothing")
+    table = tmp_path / "faces.h5"
+    table.touch()
+    with pytest.raises(UsageError, match=r"faces\.h5: expected a folder of shards .*, found a file$"):
+        shard_paths(table)
