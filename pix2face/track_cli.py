@@ -41,7 +41,7 @@ from pix2face.video import FrameSource, OverlayVideo, open_frames
 
 console = Console(stderr=True)
 
-Find = Callable[[int, UInt8[ndarray, "_ _ 3"]], Sequence[FaceBox]]
+Find = Callable[[int, UInt8[ndarray, "_ _ 3"]], Sequence[FaceBox] | None]
 
 # Below, the maps of a face tell little: a pixel of the network's input is then a part of a pixel of the video.
 SMALL_FACE_PX = 40.0
@@ -154,6 +154,8 @@ def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
 def _finder(config: TrackConfig, source: FrameSource) -> Find:
     """From the number of a frame and the frame to its boxes: from a file, or by the detector.
 
+    Of a frame that it does not name, a file says nothing: it may name every hundredth.
+
     Raises:
         Pix2FaceError: The file cannot be used, or what the detector needs is not installed.
     """
@@ -162,8 +164,8 @@ def _finder(config: TrackConfig, source: FrameSource) -> Find:
         return lambda index, image: detector.detect(image)
     given = read_box_file(config.boxes)
     if source.pictures:
-        return lambda index, image: given.of_frame(index) or given.of_image(source.pictures[index])
-    return lambda index, image: given.of_frame(index)
+        return lambda index, image: given.of_frame(index) or given.of_image(source.pictures[index]) or None
+    return lambda index, image: given.of_frame(index) or None
 
 
 def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -> tuple[int, Sequence[TrackSummary]]:

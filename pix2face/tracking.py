@@ -69,7 +69,7 @@ class TrackedFrame:
 
 def find_boxes(
     source: FrameSource,
-    find: Callable[[int, Photograph], Sequence[FaceBox]],
+    find: Callable[[int, Photograph], Sequence[FaceBox] | None],
     tracker: FaceTracker,
     *,
     every: int = 1,
@@ -79,7 +79,7 @@ def find_boxes(
 
     Args:
         source: The clip.
-        find: From the number of a frame and the frame to the boxes of its faces.
+        find: From the number of a frame and the frame to the boxes of its faces; None where nobody has looked.
         tracker: Gets every detection.
         every: Look at each so-manieth frame only; boxes between are interpolated like gaps.
         advance: Called after each frame.
@@ -92,8 +92,9 @@ def find_boxes(
     """
     count = 0
     for index, image in enumerate(source.frames()):
-        if index % every == 0:
-            tracker.push(index, find(index, image))
+        boxes = find(index, image) if index % every == 0 else None
+        if boxes is not None:
+            tracker.push(index, boxes)
         count = index + 1
         advance()
     return count

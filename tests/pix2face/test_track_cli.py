@@ -119,6 +119,20 @@ def test_its_own_boxes_can_be_given_back(tmp_path, frames):
 
 
 @pytest.mark.usefixtures("stand_ins")
+def test_boxes_of_a_few_frames_lead_through_the_whole_clip(tmp_path, frames):
+    with OverlayVideo(tmp_path / "slow.mp4", 1) as video:  # a detector's face would be lost after two frames
+        for image in open_frames(frames).frames():
+            video.write(image)
+    assert track(frames, "--out", tmp_path / "a", "--write", "csv") == 0
+    lines = (tmp_path / "a" / "boxes.csv").read_text().splitlines()
+    some = tmp_path / "some.csv"
+    some.write_text("\n".join([lines[0], *(lines[1 + frame] for frame in (0, 3, 7))]))
+    assert track(tmp_path / "slow.mp4", "--out", tmp_path / "b", "--write", "csv", "--boxes", some) == 0
+    flags = [row["box"] for row in rows_of(tmp_path / "b" / "landmarks.csv")]
+    assert flags == ["detected" if frame in (0, 3, 7) else "interpolated" for frame in range(N_FRAMES)]
+
+
+@pytest.mark.usefixtures("stand_ins")
 def test_frames_without_a_detection_are_flagged(tmp_path, frames, monkeypatch):
     monkeypatch.setattr(track_cli, "open_detector", lambda name: BlobDetector(missing=(0, 3, 4, 7)))
     assert track(frames, "--out", tmp_path, "--write", "csv,npz") == 0
