@@ -15,9 +15,10 @@ from rich.table import Table
 from rich.text import Text
 
 from datagen.coefficient_summary import CoefficientSummary, group_reasons, summarise_folder, summarise_table
-from datagen.conversion import REJECTED_FILE, ConversionJob, ConversionSummary, convert, open_job
+from datagen.conversion import ConversionJob, ConversionSummary, convert, open_job
 from datagen.model_transfer import Through, transfer_table
 from datagen.sources import coefficient_paths
+from datagen.text_files import REJECTED_FILE
 from pix2face.coefficients import load_coefficients, moved_path, save_coefficients
 from pix2face.command_line import (
     EXIT_REJECTED,

@@ -4,7 +4,6 @@ What a face becomes depends on its files and the model alone, and faces are writ
 table is the same for any number of workers. A face that cannot be used is listed with its reason; the rest is done.
 """
 
-import json
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
@@ -19,13 +18,13 @@ import numpy as np
 
 from datagen.fit_landmark_folder import AnnotatedFolder
 from datagen.sources import FaceSource, W300LPFolder, is_text
+from datagen.text_files import write_rejected
 from pix2face import __version__
 from pix2face.coefficient_writing import CoefficientWriter, TableHeader
 from pix2face.coefficients import Face, configuration_to_json
 from pix2face.errors import SampleRejectedError, UsageError
 from pix2face.morphable_model import MorphableModel, open_model
 
-REJECTED_FILE = "rejected.jsonl"
 FACES_PER_TASK = 64
 # Tasks that are under way or wait to be written: what bounds memory.
 TASKS_AT_ONCE = 16
@@ -123,7 +122,7 @@ def _convert(
                     rejected.append(outcome)
                     writer.reject(*outcome)
             on_progress(len(outcomes))
-        _write_rejected(out.parent / REJECTED_FILE, rejected)
+        write_rejected(out.parent, rejected)
         if not writer.n_faces:
             raise UsageError(f"{job.folder}: expected at least one face that can be used; the first: {rejected[0][1]}")
     return ConversionSummary(writer.n_faces, tuple(rejected))
@@ -168,11 +167,6 @@ def _outcomes(job: ConversionJob, n: int, executor: Executor | None) -> Iterator
     finally:
         for future in running:
             future.cancel()
-
-
-def _write_rejected(path: Path, rejected: list[tuple[str, str]]) -> None:
-    lines = (json.dumps({"sample_id": sample_id, "reason": reason}) for sample_id, reason in rejected)
-    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 def _as_text(text: str) -> str:

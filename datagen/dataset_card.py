@@ -11,6 +11,7 @@ from typing import Any, final
 
 import h5py
 
+from datagen.text_files import write_whole
 from pix2face.command_line import counted
 from pix2face.compressions import has_foreign_filter
 from pix2face.errors import UsageError
@@ -83,14 +84,8 @@ def write_card(folder: Path) -> Path:
         UsageError: There are no shards, or shards of several jobs.
         InputFileError: A shard cannot be read.
     """
-    content = dataset_card(summarise(folder))
     path = folder / CARD_FILE
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        temporary.write_text(content, encoding="utf-8")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_whole(path, dataset_card(summarise(folder)))
     return path
 
 

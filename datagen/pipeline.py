@@ -7,7 +7,7 @@ as if nothing had happened. One job at a time writes to a folder (``folder_lock`
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,12 +21,11 @@ from datagen.render_job import RenderJob, look_into, shard_header, shard_path
 from datagen.render_unit import Unit, UnitReport, render_unit
 from datagen.sources import FaceSource, open_source
 from datagen.stage_times import StageTimes
+from datagen.text_files import write_rejected
 from datagen.work_units import finish_units
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.shards import ShardReader
 from pix2face.surface_attributes import check_layers
-
-REJECTED_FILE = "rejected.jsonl"
 
 
 @final
@@ -144,20 +143,9 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
 
     finish_units(found.missing, place, submit, on_finished)
     n_triplets, rejected = _count(out, n_units)
-    write_rejected(out / REJECTED_FILE, rejected)
+    write_rejected(out, rejected)
     write_card(out)
     return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(found.missing), times, tuple(peaks))
-
-
-def write_rejected(path: Path, rejected: Sequence[tuple[str, str]]) -> None:
-    """Writes the list of rejected samples, whole or not at all."""
-    temporary = path.with_name(f".{path.name}.part")
-    lines = (json.dumps({"sample_id": sample_id, "reason": reason}) for sample_id, reason in rejected)
-    try:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _count(out: Path, n_units: int) -> tuple[int, list[tuple[str, str]]]:

@@ -12,9 +12,10 @@ from datagen.baked_jitter import JitterBake, ViewMaker
 from datagen.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.gl_context import GLSettings
 from datagen.model_cli import describe
-from datagen.pipeline import REJECTED_FILE, JobSummary, Listener, OpenedJob, open_job, run_job
+from datagen.pipeline import JobSummary, Listener, OpenedJob, open_job, run_job
 from datagen.render_job import RenderJob
 from datagen.stop_signals import StoppedBySignal, stopping_on_signals
+from datagen.text_files import REJECTED_FILE
 from pix2face.command_line import (
     EXIT_REJECTED,
     check_max_rejected,

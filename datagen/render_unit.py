@@ -4,6 +4,7 @@ What a unit writes depends on its number, the seed and the names of its samples 
 nor their order matters, and a unit that is tried again writes the same bytes.
 """
 
+import os
 import resource
 import sys
 from collections.abc import Iterator, Mapping
@@ -112,7 +113,7 @@ def _render_unit(unit: Unit) -> UnitReport:
         packed = list(_packed(unit, worker, rejected, times))
         rejected.sort(key=lambda entry: order[entry[0]])
         with times.stage("write, check"):
-            header = shard_header(unit.job, worker.source, worker.model, rejected)
+            header = shard_header(unit.job, worker.source, worker.model, _without_place(unit.job, rejected))
             write_packed(shard_path(unit.out, unit.number), header, packed, unit.job.compression)
     n_faces = len(unit.job.faces_of(worker.source, unit.number))
     return UnitReport(n_faces, times.seconds, times.cpu_seconds, _peak_memory_bytes())
@@ -136,6 +137,12 @@ def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times:
                 rejected.append((sample_id, f"{sample_id}: {error}"))
                 continue
             yield packed
+
+
+def _without_place(job: RenderJob, rejected: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Reasons with paths from the folder of the faces on: where that lies is nothing that a shard should say."""
+    folder = job.coefficients if job.coefficients.is_dir() else job.coefficients.parent
+    return [(sample_id, reason.replace(f"{folder}{os.sep}", "")) for sample_id, reason in rejected]
 
 
 def _even_parts(faces: range, at_most: int) -> Iterator[range]:

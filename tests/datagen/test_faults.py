@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -54,6 +55,16 @@ def test_any_number_of_workers_gives_the_same_bytes(
 ) -> None:
     inputs.run(tmp_path, workers=workers)
     assert content(tmp_path) == undisturbed
+
+
+def test_inputs_that_lie_elsewhere_give_the_same_bytes(
+    inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    """Also what is said of the photograph that is missing."""
+    shutil.copytree(inputs.folder, tmp_path / "copy")
+    Inputs(tmp_path / "copy").run(tmp_path / "out")
+    assert content(tmp_path / "out") == undisturbed
+    assert b'"reason": "missing.jpg: ' in undisturbed["rejected.jsonl"]
 
 
 @pytest.mark.parametrize("seed", range(2))
