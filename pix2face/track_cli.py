@@ -226,21 +226,27 @@ def _follow(
     every_box = [boxes_of_every_frame(own.detected(config.out / "boxes.csv"), own.frames) for own in faces]
     model = fitter.model
     n_frames = max(own.frames.stop for own in faces)
+
+    def open_files(index: int) -> TrackFiles:
+        constants = ClipConstants(source.fps, followers[index].identity, model.name, model.sha256)
+        return TrackFiles(faces[index].folder, formats, constants)
+
+    for index in range(len(faces)):
+        open_files(index).close()  # whatever an earlier run left there
     with ExitStack() as stack:
-        files = [
-            stack.enter_context(
-                TrackFiles(face.folder, formats, ClipConstants(source.fps, follower.identity, model.name, model.sha256))
-            )
-            for face, follower in zip(faces, followers, strict=True)
-        ]
+        files: dict[int, TrackFiles] = {}  # of the faces in the picture: a long clip has more than a process may open
         overlay = None
         if "video" in formats:
             overlay = stack.enter_context(OverlayVideo(config.out / "overlay.mp4", source.fps))
         advance = stack.enter_context(progress_bar(console, "track", n_frames))
         for frame in follow_faces(source, every_box, followers, fitter):
             for index, own in frame.faces.items():
+                if index not in files:
+                    files[index] = stack.enter_context(open_files(index))
                 files[index].write(own)
                 faces[index].counts.update([own.box.source, *(() if own.is_fitted else ("carried",))])
+                if frame.index == faces[index].frames[-1]:
+                    files[index].close()
             if overlay is not None:
                 overlay.write(draw_frame(frame))
             advance()
@@ -255,6 +261,11 @@ def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, 
         "detector": None if config.boxes else config.detector,
         "smoothing": config.smoothing,
         "camera": config.camera,
+        "regularisation": config.regularisation,
+        "contour": config.contour,
+        "landmarks": None if config.landmarks is None else str(config.landmarks),
+        "refine": config.refine,
+        "detect_every": config.detect_every,
         "model": {"name": fitter.model.name, "sha256": fitter.model.sha256},
         "licence": fitter.predictor.header.licence,
     }

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pix2face import detection, track_cli
+from pix2face import detection, track_cli, track_files
 from pix2face.cli import main
 from pix2face.images import encode_image
 from pix2face.landmarks import read_pts
@@ -155,6 +155,34 @@ def test_all_faces_get_a_folder_each_and_one_overlay(tmp_path, model):
     assert abs(landmarks_of(first[0])[:, 0].mean() - 40) < 5
     assert abs(landmarks_of(second[0])[:, 0].mean() - 120) < 5
     assert len(list(open_frames(tmp_path / "out" / "overlay.mp4").frames())) == 5
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_files_are_open_while_their_face_is_in_the_picture(tmp_path, model, monkeypatch):
+    source, n_open, most = tmp_path / "frames", 0, 0
+    source.mkdir()
+    for index in range(12):  # three faces, one after the other
+        camera = camera_at(40, 50) if index // 4 != 1 else camera_at(120, 70, scale=0.3)
+        (source / f"{index}.png").write_bytes(encode_image(draw_faces(model, [camera])))
+    monkeypatch.setattr("pix2face.face_tracks.LONGEST_GAP_SECONDS", 0)
+    begin, end = track_files.GrowingNpz.__enter__, track_files.GrowingNpz.__exit__
+
+    def counted_begin(self):
+        nonlocal n_open, most
+        n_open += 1
+        most = max(most, n_open)
+        return begin(self)
+
+    def counted_end(self, *error):
+        nonlocal n_open
+        n_open -= 1
+        end(self, *error)
+
+    monkeypatch.setattr(track_files.GrowingNpz, "__enter__", counted_begin)
+    monkeypatch.setattr(track_files.GrowingNpz, "__exit__", counted_end)
+    assert track(source, "--out", tmp_path / "out", "--all-faces", "--write", "csv,npz", "--smoothing", "spline") == 0
+    assert [len(rows_of(path)) for path in sorted((tmp_path / "out").glob("face-*/landmarks.csv"))] == [4, 4, 4]
+    assert (n_open, most) == (0, 1)
 
 
 @pytest.mark.usefixtures("stand_ins")
