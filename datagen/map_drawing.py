@@ -1,5 +1,7 @@
 """From the triangle that each pixel sees to maps and layers: both rasterisers share this pass."""
 
+import math
+from dataclasses import dataclass
 from typing import final
 
 import cv2
@@ -14,6 +16,29 @@ from pix2face.camera import Camera
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import RenderedMaps
 from pix2face.surface_attributes import ATTRIBUTES, REGIONS, Attribute
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What is kept for one size of image.
+
+    Attributes:
+        framebuffer: With two colours of four floats.
+        copies: Where each is read into, over and over: memory that is asked for anew costs as much as reading does.
+    """
+
+    framebuffer: moderngl.Framebuffer
+    copies: tuple[Float32[ndarray, " n"], ...]
+
+    def read(self, projection: ScreenProjection, attachment: int) -> Float32[ndarray, "h w 4"]:
+        """One colour in the projection's box; valid until it is read again."""
+        left, top, right, bottom = projection.box_px
+        shape = (bottom - top, right - left, 4)
+        out = self.copies[attachment][: math.prod(shape)].reshape(shape)
+        viewport = (left, top, right - left, bottom - top)
+        self.framebuffer.read_into(out, viewport=viewport, components=4, attachment=attachment, dtype="f4")
+        return out
 
 
 @final
@@ -61,7 +86,7 @@ class MapDrawer:
             self._place(projection)
             target = self._begin(projection, height, width)
             self._maps_array.render(moderngl.TRIANGLES, vertices=3)
-            pncc_region, offset_depth = (_read(target, projection, attachment) for attachment in range(2))
+            pncc_region, offset_depth = (target.read(projection, attachment) for attachment in range(2))
             cv2.cvtColor(pncc_region, cv2.COLOR_RGBA2RGB, dst=pncc[inside])
             cv2.cvtColor(offset_depth, cv2.COLOR_RGBA2RGB, dst=offset[inside])
             region = cv2.extractChannel(pncc_region, 3)
@@ -97,7 +122,7 @@ class MapDrawer:
             self._set_sight(self._attribute, projection)
             target = self._begin(projection, *size)
             self._attribute_array.render(moderngl.TRIANGLES, vertices=3)
-            out[top:bottom, left:right] = _read(target, projection, 0)[..., : attribute.n_channels]
+            out[top:bottom, left:right] = target.read(projection, 0)[..., : attribute.n_channels]
         return out
 
     def _bind(self, name: str, attribute: Attribute, vertices: Float32[ndarray, "v 3"], camera: Camera) -> None:
@@ -122,29 +147,22 @@ class MapDrawer:
         program["inverse_distance"] = projection.inverse_distance
         program["outside"] = float(projection.outside_sign)
 
-    def _begin(self, projection: ScreenProjection, height: int, width: int) -> moderngl.Framebuffer:
+    def _begin(self, projection: ScreenProjection, height: int, width: int) -> _Target:
         left, top, right, bottom = projection.box_px
         target = self._targets.get(height, width)
-        target.use()
-        target.viewport = (left, top, right - left, bottom - top)
+        target.framebuffer.use()
+        target.framebuffer.viewport = (left, top, right - left, bottom - top)
         self._context.enable_only(moderngl.NOTHING)
         return target
 
-    def _make(self, height: int, width: int) -> moderngl.Framebuffer:
+    def _make(self, height: int, width: int) -> _Target:
         colours = [self._context.renderbuffer((width, height), 4, dtype="f4") for _ in range(2)]
-        return self._context.framebuffer(color_attachments=colours)
+        copies = tuple(np.empty(4 * height * width, dtype=np.float32) for _ in colours)
+        return _Target(self._context.framebuffer(color_attachments=colours), copies)
 
 
-def _read(target: moderngl.Framebuffer, projection: ScreenProjection, attachment: int) -> Float32[ndarray, "h w 4"]:
-    left, top, right, bottom = projection.box_px
-    out = np.empty((bottom - top, right - left, 4), dtype=np.float32)
-    viewport = (left, top, right - left, bottom - top)
-    target.read_into(out, viewport=viewport, components=4, attachment=attachment, dtype="f4")
-    return out
-
-
-def _release(target: moderngl.Framebuffer) -> None:
-    attachments = target.color_attachments
-    target.release()
+def _release(target: _Target) -> None:
+    attachments = target.framebuffer.color_attachments
+    target.framebuffer.release()
     for attachment in attachments:
         attachment.release()
