@@ -77,16 +77,20 @@ def _read_points(manifest: Manifest, path: Path) -> Float64[ndarray, "68 2"]:
 
 
 def _declared_points(path: Path) -> int | None:
-    words = path.read_bytes()[:200].partition(b"n_points:")[2].split()
+    try:
+        with path.open("rb") as file:
+            words = file.read(200).partition(b"n_points:")[2].split()
+    except OSError:
+        return None  # who reads the points says why it cannot be read
     return int(words[0]) if words and words[0].isdigit() else None
 
 
 def _read_points3d(manifest: Manifest, path: Path) -> Float64[ndarray, "68 3"]:
     """Points in space, three numbers a line between braces, in the unit of the data."""
-    body = path.read_bytes().partition(b"{")[2].partition(b"}")[0]
     try:
+        body = path.read_bytes().partition(b"{")[2].partition(b"}")[0]
         numbers = np.array(body.split(), dtype=np.float64)
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         raise InputFileError(f"{path}: expected three numbers a line: {error}") from error
     counts = [N_IBUG68] if manifest.n_annotated is None else [manifest.n_annotated, N_IBUG68]
     if len(numbers) not in [3 * count for count in counts]:

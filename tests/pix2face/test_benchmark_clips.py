@@ -129,6 +129,16 @@ def test_points_of_another_number_are_refused(tmp_path):
         item.load()
 
 
+def test_an_annotation_that_cannot_be_read_is_the_error_of_its_frame(tmp_path):
+    write_menpo(tmp_path / "clip")
+    annotation = tmp_path / "clip" / "annot" / "000001.pts"
+    annotation.unlink()
+    annotation.mkdir()
+    (item,) = find("menpo3d-tracking", tmp_path).items
+    with pytest.raises(InputFileError, match=r"000001\.pts, found none that can be read"):
+        item.load()
+
+
 def test_the_clips_at_hand(shared_dir):
     found = find("300vw", shared_dir / "data" / "300vw")
     assert [item.name for item in found.items] == ["001/000006", "001/000009", "401/000731", "401/000732"]
