@@ -15,7 +15,7 @@ from numpy import ndarray
 from pix2face.camera import Camera
 from pix2face.checked_hdf5 import check_contained, fixed_text, read_text
 from pix2face.errors import InputFileError
-from pix2face.text_columns import json_lines, read_json_lines
+from pix2face.text_columns import json_lines, read_attributes, read_json_lines
 
 FORMAT = "pix2face-coefficients"
 SCHEMA_VERSION = 2
@@ -240,8 +240,13 @@ def _check_rows(table: FaceCoefficients, path: Path) -> None:
 
 def _check_attributes(table: FaceCoefficients, path: Path) -> None:
     for sample_id, text in zip(table.sample_ids, table.attributes, strict=False):
-        if not text.startswith("{"):
-            raise InputFileError(f"{path}: expected a JSON object as attributes of {sample_id!r}, found {text[:40]!r}")
+        try:
+            read_attributes(text)
+        except ValueError as error:
+            raise InputFileError(
+                f"{path}: expected a JSON object of texts and numbers as attributes of {sample_id!r}, "
+                f"found {text[:40]!r}"
+            ) from error
 
 
 def _texts(file: h5py.File, name: str, path: Path) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ Reading needs only HDF5's built-in filters. A shard appears under its name when 
 then it has a temporary name, so an interrupted job leaves no half shard.
 """
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ from pix2face.shard_layout import (
     open_datasets,
     read_header_fields,
 )
+from pix2face.text_columns import read_attributes
 from pix2face.triplet import MAP_LAYERS, Triplet, check_has_layers
 
 __all__ = ["ShardHeader", "ShardReader", "Triplet", "shard_paths"]
@@ -199,7 +199,7 @@ class ShardReader:
     def attributes(self) -> list[dict[str, str | float]]:
         """What else is known of each sample."""
         with _reading(self.path):
-            return [json.loads(text.decode("utf-8")) for text in self._datasets["attributes"][()].tolist()]
+            return [read_attributes(text) for text in self._datasets["attributes"][()].tolist()]
 
     def stored_checksums(self) -> list[str]:
         """The checksum that was stored with each sample, in hexadecimal digits; nothing is recomputed."""
@@ -220,7 +220,7 @@ class ShardReader:
     def triplet(self, index: int, with_pixels: bool = True) -> Triplet:
         """Everything that is known of a sample; without its pixels (picture, layers) a hundred times as fast."""
         with _reading(self.path):
-            attributes = json.loads(bytes(self._datasets["attributes"][index]).decode("utf-8"))
+            attributes = read_attributes(bytes(self._datasets["attributes"][index]))
             return Triplet(
                 sample_id=self.sample_ids[index],
                 image=self.image_bytes(index) if with_pixels and IMAGE in self.header.layers else None,

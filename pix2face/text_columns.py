@@ -43,6 +43,18 @@ def read_json_lines(file: h5py.File, name: str, path: Path) -> list[Any]:
     return values
 
 
+def read_attributes(text: str | bytes) -> dict[str, str | float]:
+    """The attributes of a sample.
+
+    Raises:
+        ValueError: They are no JSON object of texts and numbers.
+    """
+    found = json.loads(text)
+    if not isinstance(found, dict) or not all(isinstance(value, str | int | float) for value in found.values()):
+        raise ValueError(f"attributes {text[:40]!r} are no object of texts and numbers")
+    return found
+
+
 def bounded_utf8(text: str, name: str, largest: int) -> bytes:
     """Text for a column of fixed length, where the longest text decides what each takes.
 

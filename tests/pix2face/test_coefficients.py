@@ -237,10 +237,13 @@ def test_tables_without_the_later_columns_are_read(path: Path) -> None:
     assert table.face(0, path.parent).attributes == {}
 
 
-@pytest.mark.parametrize("text", ["", "[1]", "{", '"text"'])
+@pytest.mark.parametrize("text", ["", "[1]", '{"yaw_deg": null}', "{", '"text"'])
 def test_attributes_that_are_no_json_are_refused(path: Path, text: str) -> None:
     replace_column(path, "attributes", np.frombuffer(f"{{}}\n{text}\n{{}}\n{{}}\n".encode(), np.uint8))
-    with pytest.raises(InputFileError, match=r"expected (a JSON object as attributes of 'face/1'|JSON in each line)"):
+    with pytest.raises(
+        InputFileError,
+        match=r"expected (a JSON object of texts and numbers as attributes of 'face/1'|JSON in each line)",
+    ):
         load_coefficients(path)
 
 

@@ -113,6 +113,10 @@ def test_pictures_that_do_not_decode_are_all_named(tmp_path: Path) -> None:
         ("identity", (2, 0), np.nan, "identity is not finite"),
         ("image_bytes", slice(5000, 5010), 7, "expected a picture|the checksum differs"),
         ("checksum", 2, 0, "the checksum differs"),
+        ("attributes", 2, b'{"yaw_deg": 9}', "the checksum differs"),
+        ("attributes", 2, b'{"yaw_deg": null}', "no object of texts and numbers"),
+        ("attributes", 2, b"[1]", "no object of texts and numbers"),
+        ("attributes", 2, b"{", "cannot be read"),
     ],
 )
 def test_changed_columns_are_noticed(shard: Path, name: str, place: object, value: object, message: str) -> None:
