@@ -7,64 +7,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import tyro
 
-from pix2face.checkpoint import CheckpointHeader, save_checkpoint
 from pix2face.compare_cli import CompareConfig
 from pix2face.evaluate_cli import EvaluateConfig, main
 from pix2face.manifest import SPLITS
-from pix2face.network import UNet
-from tests.pix2face.benchmark_files import (
-    frontal_camera,
-    landmarks_of,
-    write_heldout,
-    write_mat,
-    write_photograph,
-    write_pts,
+from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph
+from tests.pix2face.evaluation_calls import (
+    LANDMARKS,
+    MODEL,
+    measure,
+    run,
+    stored_report,
+    write_checkpoint,
+    write_ibug,
 )
-from tests.synthetic_models import small_head_model
-
-MODEL = small_head_model()
-LANDMARKS = landmarks_of(MODEL, frontal_camera())
 
 
 @pytest.fixture
 def small_model(monkeypatch):
     """Whatever --model says, the small head is opened: evaluation needs no particular face."""
     monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
-
-
-def write_checkpoint(path, model_name=MODEL.name, model_sha256=MODEL.sha256):
-    torch.manual_seed(0)
-    header = CheckpointHeader(
-        model_name=model_name,
-        model_sha256=model_sha256,
-        size_px=32,
-        filters=4,
-        pncc_scale_mm=150.0,
-        offset_scale_mm=20.0,
-        smallest_radius_mm=MODEL.smallest_radius_mm,
-        licence="CC0",
-        configuration='{"preset": "test"}',
-        epoch=2,
-    )
-    save_checkpoint(path, header, UNet(32, 4))
-    return path
-
-
-def run(tmp_path, *arguments, split="ibug"):
-    checkpoint = tmp_path / "checkpoint.safetensors"
-    if not checkpoint.exists():
-        write_checkpoint(checkpoint)
-    out = tmp_path / "out"
-    return main(["--split", split, "--checkpoint", str(checkpoint), "--out", str(out), *map(str, arguments)])
-
-
-def write_ibug(folder, names=("image_003_1", "image_004_1")):
-    for name in names:
-        write_photograph(folder / "ibug" / f"{name}.jpg")
-        write_pts(folder / "ibug" / f"{name}.pts", LANDMARKS)
 
 
 def test_photographs_give_a_table_and_files_with_every_face_counted(tmp_path, small_model, capsys):
@@ -198,71 +161,6 @@ def test_unknown_split_is_refused_by_the_parser(capsys):
     assert caught.value.code == 2
 
 
-def predictions_for(path, names, landmarks2d=LANDMARKS, n=None):
-    np.savez(path, names=names, landmarks=np.stack([landmarks2d - 0.5] * (len(names) if n is None else n)))
-    return path
-
-
-def measure(tmp_path, *arguments, split="ibug"):
-    call = ["--split", split, "--data", tmp_path, "--out", tmp_path / "out", "--resamples", 20, *arguments]
-    return main([str(argument) for argument in call])
-
-
-def stored_report(tmp_path):
-    return json.loads((tmp_path / "out" / "report.json").read_text())
-
-
-def test_landmarks_of_another_system_are_measured_and_absent_faces_are_named(tmp_path, small_model, capsys):
-    write_ibug(tmp_path, ("image_003_1", "image_004_1", "image_005_1"))
-    broken = np.stack([LANDMARKS - 0.5 + [3, 4], np.full((68, 2), np.nan)])
-    np.savez(tmp_path / "p.npz", names=["image_003_1", "ibug/image_004_1.jpg"], landmarks=broken)
-    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 0
-    report, printed = stored_report(tmp_path), capsys.readouterr().out
-    own = report["table"][0]["all_images"]
-    assert (report["method"], own["n_images"], own["n_failed"]) == ("predictions", 3, 2)
-    assert own["failure_rate"] == pytest.approx(2 / 3)
-    assert own["mean"] == pytest.approx(5 / np.linalg.norm(LANDMARKS[45] - LANDMARKS[36]))
-    assert (
-        "2 not found: ibug/image_004_1.jpg (NaN or infinity in p.npz), ibug/image_005_1.jpg (absent from p.npz)."
-        in (printed)
-    )
-
-
-def test_what_a_run_found_can_be_measured_again_by_other_rules(tmp_path, small_model):
-    write_ibug(tmp_path)
-    assert run(tmp_path, "--data", tmp_path) == 0
-    first = stored_report(tmp_path)
-    (tmp_path / "out" / "landmarks.npz").rename(tmp_path / "again.npz")
-    assert measure(tmp_path, "--predictions", tmp_path / "again.npz") == 0
-    again = stored_report(tmp_path)
-    for old, new in zip(first["faces"], again["faces"], strict=True):
-        assert old["failure"] is None or new["failure"] is not None
-        assert new["errors"]["68"] == pytest.approx(old["errors"]["68"]) if old["errors"]["68"] else True
-    assert measure(tmp_path, "--predictions", tmp_path / "again.npz", "--normaliser", "box-diagonal") == 0
-    assert stored_report(tmp_path)["benchmark"]["normaliser"] == "box-diagonal"
-
-
-def test_a_picture_that_is_damaged_does_not_stop_what_is_measured_without_it(tmp_path, small_model):
-    write_ibug(tmp_path)
-    (tmp_path / "ibug" / "image_003_1.jpg").write_bytes(b"")
-    predictions_for(tmp_path / "p.npz", ["image_003_1", "image_004_1"])
-    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 0
-    assert stored_report(tmp_path)["n_evaluated"] == 2
-    assert run(tmp_path, "--data", tmp_path) == 3
-    assert stored_report(tmp_path)["unreadable"][0]["name"] == "ibug/image_003_1.jpg"
-
-
-def test_the_oracle_is_called_what_it_is(tmp_path, small_model, capsys):
-    write_ibug(tmp_path)
-    assert measure(tmp_path, "--oracle") == 0
-    printed = capsys.readouterr().out
-    assert "Row oracle: NOT A RESULT: the model fitted to the truth itself" in printed
-    assert "the model fitted to the true 2D landmarks" in printed
-    assert stored_report(tmp_path)["table"][0]["all_images"]["mean"] < 0.01
-    assert measure(tmp_path, "--oracle", "--contour", "2d") == 0
-    assert "slide to the visible outline (--contour 2d)" in capsys.readouterr().out
-
-
 def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys):
     write_ibug(tmp_path)  # noise: there is no face to be found
     assert run(tmp_path, "--data", tmp_path, "--boxes", "lbp") == 0
@@ -304,52 +202,6 @@ def test_calls_that_cannot_be_meant_are_one_line(tmp_path, small_model, capsys, 
 def test_a_contour_is_for_truths_that_follow_it(tmp_path, small_model, capsys):
     assert measure(tmp_path, "--contour", "2d", split="aflw2000-3d") == 2
     assert "--contour 2d: expected a split whose truth follows the visible outline" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("names", "n", "message"),
-    [
-        (["image_003_1", "image_003_1"], None, "each name once, found 'image_003_1' 2 times"),
-        (["image_003_1", "image_003_1.jpg"], None, "each face of ibug"),
-        (["image_003_1", "mine"], None, "expected names of ibug"),
-        (["image_003_1", "image_004_1"], 3, "expected landmarks as numbers of shape"),
-    ],
-)
-def test_names_that_cannot_be_meant_are_one_line(tmp_path, small_model, capsys, names, n, message):
-    write_ibug(tmp_path)
-    predictions_for(tmp_path / "p.npz", names, n=n)
-    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-
-
-def test_annotations_of_another_number_and_without_extent_are_listed(tmp_path, small_model, capsys):
-    write_ibug(tmp_path, ("image_003_1", "image_004_1", "image_005_1", "image_006"))
-    write_pts(tmp_path / "ibug" / "image_003_1.pts", LANDMARKS[:51])
-    write_pts(tmp_path / "ibug" / "image_004_1.pts", np.full((68, 2), 7.0))
-    write_pts(tmp_path / "ibug" / "image_005_1.pts", LANDMARKS * [1, np.nan])
-    predictions_for(tmp_path / "p.npz", ["image_006"])
-    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 3
-    reasons = {face["name"]: face["reason"] for face in stored_report(tmp_path)["unreadable"]}
-    assert "expected 68 points" in reasons["ibug/image_003_1.jpg"]
-    assert "normaliser outer-eye, found 0.0 px" in reasons["ibug/image_004_1.jpg"]
-    assert "finite" in reasons["ibug/image_005_1.jpg"]
-    assert all("\n" not in reason for reason in reasons.values())
-
-
-def test_clips_are_drawn_as_a_whole_and_counted(tmp_path, small_model, capsys):
-    for clip in ("401", "402", "001"):
-        for frame in ("000001", "000002"):
-            write_photograph(tmp_path / clip / "imgs" / f"{frame}.png")
-            write_pts(tmp_path / clip / "annot" / f"{frame}.pts", LANDMARKS)
-    assert measure(tmp_path, "--oracle", "--contour", "2d", split="300vw") == 0
-    printed, report = capsys.readouterr().out, stored_report(tmp_path)
-    assert "Evaluated 6 frames of 3 clips; 300vw has 64 clips to test on." in printed
-    assert "bootstrap over clips" in printed
-    assert report["bootstrap"]["drawn"] == "clips"
-    assert report["table"][0]["groups"]["training"]["n_images"] == 2
-    assert [face["clip"] for face in report["faces"]] == ["001", "001", "401", "401", "402", "402"]
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/evaluation.md", "docs/reproduce.md"])

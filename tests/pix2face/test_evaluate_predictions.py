@@ -1,0 +1,123 @@
+"""``evaluate`` without a network: another system's landmarks, the model as an oracle, and what is wrong with files."""
+
+import numpy as np
+import pytest
+
+from tests.pix2face.benchmark_files import write_photograph, write_pts
+from tests.pix2face.evaluation_calls import (
+    LANDMARKS,
+    MODEL,
+    measure,
+    predictions_for,
+    run,
+    stored_report,
+    write_ibug,
+)
+
+
+@pytest.fixture
+def small_model(monkeypatch):
+    """Whatever --model says, the small head is opened: evaluation needs no particular face."""
+    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
+
+
+def test_landmarks_of_another_system_are_measured_and_absent_faces_are_named(tmp_path, small_model, capsys):
+    write_ibug(tmp_path, ("image_003_1", "image_004_1", "image_005_1"))
+    broken = np.stack([LANDMARKS - 0.5 + [3, 4], np.full((68, 2), np.nan)])
+    np.savez(tmp_path / "p.npz", names=["image_003_1", "ibug/image_004_1.jpg"], landmarks=broken)
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 0
+    report, printed = stored_report(tmp_path), capsys.readouterr().out
+    own = report["table"][0]["all_images"]
+    assert (report["method"], own["n_images"], own["n_failed"]) == ("predictions", 3, 2)
+    assert own["failure_rate"] == pytest.approx(2 / 3)
+    assert own["mean"] == pytest.approx(5 / np.linalg.norm(LANDMARKS[45] - LANDMARKS[36]))
+    assert (
+        "2 not found: ibug/image_004_1.jpg (NaN or infinity in p.npz), ibug/image_005_1.jpg (absent from p.npz)."
+        in (printed)
+    )
+
+
+def test_what_a_run_found_can_be_measured_again_by_other_rules(tmp_path, small_model):
+    write_ibug(tmp_path)
+    found = np.stack([LANDMARKS + [3, 4], np.full((68, 2), np.nan)])
+    np.savez(tmp_path / "p.npz", names=["image_003_1", "image_004_1"], landmarks=found)
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz", "--frame", "half-pixel") == 0
+    first = stored_report(tmp_path)
+    eye_distance = np.linalg.norm(LANDMARKS[45] - LANDMARKS[36])
+    assert [face["errors"]["68"] for face in first["faces"]] == [pytest.approx(5 / eye_distance), None]
+    (tmp_path / "out" / "landmarks.npz").rename(tmp_path / "again.npz")
+    assert measure(tmp_path, "--predictions", tmp_path / "again.npz") == 0
+    for old, new in zip(first["faces"], stored_report(tmp_path)["faces"], strict=True):
+        assert (old["failure"] is None) == (new["failure"] is None)
+        assert new["errors"]["68"] == (None if old["failure"] else pytest.approx(old["errors"]["68"]))
+    assert measure(tmp_path, "--predictions", tmp_path / "again.npz", "--normaliser", "box-diagonal") == 0
+    again = stored_report(tmp_path)
+    assert again["benchmark"]["normaliser"] == "box-diagonal"
+    assert again["faces"][0]["errors"]["68"] == pytest.approx(5 / np.hypot(*np.ptp(LANDMARKS, axis=0)))
+
+
+def test_a_picture_that_is_damaged_does_not_stop_what_is_measured_without_it(tmp_path, small_model):
+    write_ibug(tmp_path)
+    (tmp_path / "ibug" / "image_003_1.jpg").write_bytes(b"")
+    predictions_for(tmp_path / "p.npz", ["image_003_1", "image_004_1"])
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 0
+    assert stored_report(tmp_path)["n_evaluated"] == 2
+    assert run(tmp_path, "--data", tmp_path) == 3
+    assert stored_report(tmp_path)["unreadable"][0]["name"] == "ibug/image_003_1.jpg"
+
+
+def test_the_oracle_is_called_what_it_is(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    assert measure(tmp_path, "--oracle") == 0
+    printed = capsys.readouterr().out
+    assert "Row oracle: NOT A RESULT: the model fitted to the truth itself" in printed
+    assert "the model fitted to the true 2D landmarks" in printed
+    assert stored_report(tmp_path)["table"][0]["all_images"]["mean"] < 0.01
+    assert measure(tmp_path, "--oracle", "--contour", "2d") == 0
+    assert "slide to the visible outline (--contour 2d)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("names", "n", "message"),
+    [
+        (["image_003_1", "image_003_1"], None, "each name once, found 'image_003_1' 2 times"),
+        (["image_003_1", "image_003_1.jpg"], None, "each face of ibug"),
+        (["image_003_1", "mine"], None, "expected names of ibug"),
+        (["image_003_1", "image_004_1"], 3, "expected landmarks as numbers of shape"),
+    ],
+)
+def test_names_that_cannot_be_meant_are_one_line(tmp_path, small_model, capsys, names, n, message):
+    write_ibug(tmp_path)
+    predictions_for(tmp_path / "p.npz", names, n=n)
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_annotations_of_another_number_and_without_extent_are_listed(tmp_path, small_model, capsys):
+    write_ibug(tmp_path, ("image_003_1", "image_004_1", "image_005_1", "image_006"))
+    write_pts(tmp_path / "ibug" / "image_003_1.pts", LANDMARKS[:51])
+    write_pts(tmp_path / "ibug" / "image_004_1.pts", np.full((68, 2), 7.0))
+    write_pts(tmp_path / "ibug" / "image_005_1.pts", LANDMARKS * [1, np.nan])
+    predictions_for(tmp_path / "p.npz", ["image_006"])
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz") == 3
+    reasons = {face["name"]: face["reason"] for face in stored_report(tmp_path)["unreadable"]}
+    assert "expected 68 points" in reasons["ibug/image_003_1.jpg"]
+    assert "normaliser outer-eye, found 0.0 px" in reasons["ibug/image_004_1.jpg"]
+    assert "finite" in reasons["ibug/image_005_1.jpg"]
+    assert all("\n" not in reason for reason in reasons.values())
+
+
+def test_clips_are_drawn_as_a_whole_and_counted(tmp_path, small_model, capsys):
+    for clip in ("401", "402", "001"):
+        for frame in ("000001", "000002"):
+            write_photograph(tmp_path / clip / "imgs" / f"{frame}.png")
+            write_pts(tmp_path / clip / "annot" / f"{frame}.pts", LANDMARKS)
+    assert measure(tmp_path, "--oracle", "--contour", "2d", split="300vw") == 0
+    printed, report = capsys.readouterr().out, stored_report(tmp_path)
+    assert "Evaluated 6 frames of 3 clips; 300vw has 64 clips to test on." in printed
+    assert "bootstrap over clips" in printed
+    assert report["bootstrap"]["drawn"] == "clips"
+    assert report["table"][0]["groups"]["training"]["n_images"] == 2
+    assert [face["clip"] for face in report["faces"]] == ["001", "001", "401", "401", "402", "402"]
