@@ -10,6 +10,7 @@ from rich.console import Console
 
 from datagen.baked_jitter import JitterBake, ViewMaker
 from datagen.executors import DaskCluster, ProcessPool, WorkPlace
+from datagen.folder_lock import UNFINISHED_SHARDS
 from datagen.gl_context import GLSettings
 from datagen.model_cli import describe
 from datagen.pipeline import JobSummary, Listener, OpenedJob, open_job, run_job
@@ -87,11 +88,12 @@ def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
         try:
             return _render(config)
         except StoppedBySignal as stop:
-            n_kept = len(list(config.out.glob("shard-*.h5")))
+            n_kept, n_left = (len(list(config.out.glob(pattern))) for pattern in ("shard-*.h5", UNFINISHED_SHARDS))
+            left = f"{counted(n_left, 'unfinished file')} (.part)" if n_left else "nothing unfinished"
             say(
                 console,
-                f"stopped by {stop}: {counted(n_kept, 'finished shard')} kept in {config.out}, nothing unfinished is "
-                "left behind; run the same command again to go on",
+                f"stopped by {stop}: {counted(n_kept, 'finished shard')} kept in {config.out}, left behind: {left}; "
+                "run the same command again to go on",
             )
             return stop.exit_status
 

@@ -1,11 +1,15 @@
-"""An OpenGL context that notices errors before and after each test that uses it."""
+"""An OpenGL context that notices errors before and after each test that uses it; a sample to make others of."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from datagen.gl_context import GLContext, create_gl_context
 from pix2face.errors import GLUnavailableError
+from pix2face.shards import ShardHeader, ShardReader, Triplet
+from tests.pix2face.benchmark_files import write_heldout
+from tests.synthetic_models import small_head_model
 
 
 @pytest.fixture(scope="session")
@@ -25,3 +29,11 @@ def gl(gl_session: GLContext) -> Iterator[GLContext]:
     assert gl_session.context.error == "GL_NO_ERROR"
     yield gl_session
     assert gl_session.context.error == "GL_NO_ERROR"
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> tuple[ShardHeader, Triplet]:
+    """A sample of a shard, and the header."""
+    write_heldout(tmp_path / "base", small_head_model(), n=1)
+    with ShardReader(tmp_path / "base" / "shard-00000.h5") as reader:
+        return reader.header, reader.triplet(0)

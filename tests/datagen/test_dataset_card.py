@@ -18,18 +18,9 @@ from pix2face.errors import UsageError
 from pix2face.morphable_model import builtin_model
 from pix2face.shard_writing import write_shard
 from pix2face.shards import ShardHeader, ShardReader, Triplet
-from tests.pix2face.benchmark_files import write_heldout
-from tests.synthetic_models import small_head_model
 
 HOSTILE = "a`b``c\n# heading <script>alert(1)</script>\x1b[2J ![x](http://x)"
 Writer = Callable[..., str]
-
-
-@pytest.fixture
-def base(tmp_path: Path) -> tuple[ShardHeader, Triplet]:
-    write_heldout(tmp_path / "base", small_head_model(), n=1)
-    with ShardReader(tmp_path / "base" / "shard-00000.h5") as reader:
-        return reader.header, reader.triplet(0)
 
 
 @pytest.fixture

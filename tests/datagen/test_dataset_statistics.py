@@ -20,19 +20,10 @@ from datagen.statistics_tables import N_KINDS_SHOWN, listings, picture_png, stat
 from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import UsageError
 from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardHeader, ShardReader, Triplet
-from tests.pix2face.benchmark_files import write_heldout
-from tests.synthetic_models import small_head_model
+from pix2face.shards import ShardHeader, Triplet
 
 HOSTILE = "</td><script>alert(1)</script>[red]\x1b[2J"
 Writer = Callable[[list[Triplet]], Path]
-
-
-@pytest.fixture
-def base(tmp_path: Path) -> tuple[ShardHeader, Triplet]:
-    write_heldout(tmp_path / "base", small_head_model(), n=1)
-    with ShardReader(tmp_path / "base" / "shard-00000.h5") as reader:
-        return reader.header, reader.triplet(0)
 
 
 @pytest.fixture

@@ -116,7 +116,7 @@ def test_signals_stop_cleanly(
     kept = content(tmp_path)
     assert set(kept) == {path.name for path in finished_shards(tmp_path)}  # nothing unfinished, no lock
     assert kept.items() <= undisturbed.items()
-    assert f"{len(kept)} finished shards kept in {tmp_path}" in errors
+    assert f"{len(kept)} finished shards kept in {tmp_path}, left behind: nothing unfinished; run" in errors
     assert "run the same command again to go on" in errors
     said = inputs.run(tmp_path)
     assert f"({len(kept)} there already)" in said

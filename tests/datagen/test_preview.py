@@ -24,9 +24,7 @@ from datagen.preview_page import LARGEST_SIDE_PX, json_for_html, preview_page
 from pix2face.images import encode_image
 from pix2face.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS
 from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardHeader, ShardReader, Triplet
-from tests.pix2face.benchmark_files import write_heldout
-from tests.synthetic_models import small_head_model
+from pix2face.shards import ShardHeader, Triplet
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&lt;\u2028\"'"
 
@@ -45,13 +43,6 @@ def all_layers(height: int = 60, width: int = 40) -> dict[str, ndarray]:
         "uv": mask[..., None] * np.float32([0.25, 1.75]),
         "regions": head.astype(np.uint8) + mask,
     }
-
-
-@pytest.fixture
-def base(tmp_path: Path) -> tuple[ShardHeader, Triplet]:
-    write_heldout(tmp_path / "base", small_head_model(), n=1)
-    with ShardReader(tmp_path / "base" / "shard-00000.h5") as reader:
-        return reader.header, reader.triplet(0)
 
 
 @pytest.fixture
