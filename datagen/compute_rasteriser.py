@@ -81,17 +81,14 @@ class ComputeRasteriser:
         return 1
 
     def _nearest(self, lowest: UInt32[ndarray, " n"], highest: UInt32[ndarray, " n"], top: int, width: int) -> ndarray:
-        """The nearest triangle of each pixel, from the lowest and the highest number at its nearest coarse depth."""
+        """The nearest triangle of each pixel, from the keys of the shader."""
         every = np.uint32((1 << self._triangle_bits) - 1)
-        highest ^= lowest
-        highest &= every
-        # Every bit differs where the triangle is the only one (the shader turns the bits of the second key), none
-        # where no triangle is.
-        undecided = np.flatnonzero(highest - np.uint32(1) < every - np.uint32(1))
+        # A tie of triangles farther away has left a key of its own depth.
+        undecided = np.flatnonzero(((highest ^ lowest) <= every) & (lowest != NONE))
         lowest &= every
         if len(undecided):
             first = lowest[undecided].astype(np.int64)
-            second = ((highest[undecided] ^ every) ^ lowest[undecided]).astype(np.int64)
+            second = (every - (highest[undecided] & every)).astype(np.int64)
             centre = np.stack([undecided % width, undecided // width + top], axis=1) + 0.5
             corners = self._mesh.screen.reshape(-1, 4)[:, :3]
             depths = [

@@ -1,6 +1,7 @@
 // Which triangle is nearest at each pixel centre, without an order among threads: a key holds a coarse depth above and
-// a triangle below, and the smallest key stays. Two keys are kept, with the lowest and with the highest triangle of the
-// nearest coarse depth; where they differ, the host compares both in float64.
+// a triangle below, and the smallest key stays. Where a triangle meets one of its own coarse depth there, a second key
+// keeps the highest triangle of them: whoever comes second notices, in whatever order they come. Where the second key
+// has the depth of the first, the host compares both triangles in float64.
 
 layout(local_size_x = 512) in;
 
@@ -52,12 +53,17 @@ void draw_pair(uint pair) {
         uint depth_acd = depth_key(acd, area_acd, vec3(a.z, c.z, d.z));
         uint key_abc = 2u * pair, key_acd = 2u * pair + 1u;
         uint low_key = min(in_abc ? depth_abc | key_abc : NONE, in_acd ? depth_acd | key_acd : NONE);
-        uint high_key = min(in_abc ? depth_abc | (all_triangles - key_abc) : NONE,
-                            in_acd ? depth_acd | (all_triangles - key_acd) : NONE);
         if (low_key != NONE) {
             uint index = uint(pixel.y * size.x + pixel.x);
-            atomicMin(lowest[index], low_key);
-            atomicMin(highest[index], high_key);
+            uint before = atomicMin(lowest[index], low_key);
+            // The higher triangle of a tie: with the one before, or within the pair. An atomic operation costs more
+            // than all else here, and ties are few.
+            uint depth = low_key & ~all_triangles;
+            bool ties = (before & ~all_triangles) == depth && before != NONE;
+            bool ties_within = in_abc && in_acd && depth_abc == depth_acd;
+            uint other = max(ties ? before & all_triangles : 0u, ties_within ? key_acd : 0u);
+            if (ties || ties_within)
+                atomicMin(highest[index], depth | (all_triangles - max(other, low_key & all_triangles)));
         }
         if (++pixel.x > last.x) {
             pixel.x = first.x;
