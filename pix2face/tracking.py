@@ -9,7 +9,7 @@ Deviation from the paper: which fits each frame alone. Here the identity is that
 camera and expression change from frame to frame.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -124,19 +124,25 @@ def find_identities(
     for face, (boxes, count) in enumerate(detected):
         for own in islice(boxes, 0, None, identity_step(count, at_most)):
             wanted.setdefault(own.frame, []).append((face, own.box))
-    sums = [JointAccumulator(fitter.model.n_identity) for _ in detected]
-    n_seen = [0] * len(sums)
+    n_identity = fitter.model.n_identity
+    identities: list[Float64[ndarray, " k"]] = [np.zeros(n_identity) for _ in detected]
+    left = Counter(face for looks in wanted.values() for face, _ in looks)
+    sums: dict[int, JointAccumulator] = {}  # of the faces in the picture: a long clip has many, each of megabytes
     last = max(wanted, default=-1)
     chosen = ((index, image) for index, image in enumerate(islice(source.frames(), last + 1)) if index in wanted)
     for chunk in _chunks(((face, image, box) for index, image in chosen for face, box in wanted[index])):
         measured = fitter.measure([(image, box) for _, image, box in chunk])
         for (face, _, _), seen in zip(chunk, measured, strict=True):
             if seen is not None:
-                sums[face].add(seen.measurement.system, seen.measurement.regularisation)
-                n_seen[face] += 1
+                of_face = sums.setdefault(face, JointAccumulator(n_identity))
+                of_face.add(seen.measurement.system, seen.measurement.regularisation)
+            left[face] -= 1
+            if face in sums and not left[face]:
+                identities[face] = sums.pop(face).solve()[0]
             advance()
-    zero = np.zeros(fitter.model.n_identity)
-    return [own.solve()[0] if count else zero for own, count in zip(sums, n_seen, strict=True)]
+    for face, of_face in sums.items():  # a clip that ends before it did when it was searched
+        identities[face] = of_face.solve()[0]
+    return identities
 
 
 def identity_step(n_detected: int, at_most: int) -> int:
