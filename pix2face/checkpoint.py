@@ -13,6 +13,7 @@ from torch import Tensor
 
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.network import UNet
+from pix2face.runs import CHECKPOINT_NAME
 
 METADATA_KEY = "pix2face-checkpoint"
 SCHEMA_VERSION = 1
@@ -140,6 +141,8 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
     """Opens a safetensors file, which checks that it is whole."""
+    if path.is_dir():
+        raise InputFileError(f"{path}: expected a checkpoint, found a folder; training writes {path / CHECKPOINT_NAME}")
     if not path.is_file():
         raise InputFileError(f"{path}: no such file; `train --shards DIR` writes checkpoints, --checkpoint names one")
     try:

@@ -94,7 +94,15 @@ def _notes(a: StoredReport, b: StoredReport, comparison: Comparison, bootstrap: 
         f"{100 * CONFIDENCE:g} % intervals, paired bootstrap, {bootstrap.n_resamples} resamples of "
         f"{comparison.n_drawn} images or clips, seed {bootstrap.seed}."
     )
-    return [*notes, _verdict(comparison.points["68"].intervals["difference"])]
+    own = comparison.points["68"]
+    verdict = _verdict(own.intervals["difference"])
+    if own.n_both_found < comparison.n_common:
+        # Who finds the easy faces alone has the smaller mean: shares and failures count all of them.
+        verdict += (
+            f" This is about the {own.n_both_found} of {counted(comparison.n_common, 'image')} that both found; over "
+            f"all of them A is better on {_number(own.share_a_better)} %, B on {_number(own.share_b_better)} %."
+        )
+    return [*notes, verdict]
 
 
 def _verdict(interval: Interval | None) -> str:

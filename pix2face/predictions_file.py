@@ -125,7 +125,11 @@ def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> ndarray:
 def _read_csv(path: Path) -> dict[str, ndarray]:
     try:
         rows = [row for row in csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"))) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise InputFileError(
+            f"{path}: expected a .csv file of predictions, cannot read it: {error.strerror}"
+        ) from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InputFileError(f"{path}: expected the text of a .csv file of predictions, found: {error}") from error
     heading = [word.strip() for word in rows[0]] if rows else []
     axes = next((axes for axes in ("xy", "xyz") if heading == _csv_heading(axes)), None)

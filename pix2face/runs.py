@@ -17,7 +17,7 @@ def latest_checkpoint(runs: Path = RUNS) -> Path:
     written = [(path.stat().st_mtime_ns, path) for path in runs.glob(f"*/{CHECKPOINT_NAME}")]
     if not written:
         raise UsageError(
-            f"expected a checkpoint at {runs}/*/{CHECKPOINT_NAME}, found none: pass --checkpoint, or train one "
-            f"with `train --shards SHARDS --out {runs}/tiny --preset tiny`"
+            f"expected a checkpoint at {runs}/*/{CHECKPOINT_NAME}, found none: pass --checkpoint (`make demo` "
+            f"leaves demo/run/{CHECKPOINT_NAME}), or train one with `train --shards SHARDS --out {runs}/tiny --preset tiny`"
         )
     return max(written)[1]

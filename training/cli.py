@@ -40,7 +40,8 @@ class TrainConfig:
         shards: Folders of shards, all of one morphable model.
         out: Folder of the checkpoint, the log and the state to resume from; default runs/PRESET.
         preset: paper: 256 px, 64 filters, 60 epochs of 100,000 pictures; asks for a GPU. tiny: two minutes, two cores.
-        epochs: Passes with a learning rate of their own; a checkpoint is written after each.
+        epochs: Passes with a learning rate of their own; a checkpoint is written after each. This and the options below
+            have the value of the preset where they are not given.
         epoch_size: Pictures an epoch, drawn over and over with ever new jitter.
         batch_size: Pictures a step.
         size_px: Side of the network's input, a power of two.
@@ -146,7 +147,7 @@ def next_command(shards: ShardIndex, checkpoint: Path) -> str:
     builtin = builtin_model()
     # Renders are under the terms of their model and nothing else; photographs have terms of their own.
     if (shards.model_sha256, shards.licence) == (builtin.sha256, builtin.licence):
-        return f"evaluate --split builtin-heldout --checkpoint {checkpoint}"
+        return f"evaluate --split builtin-heldout --data HELDOUT --checkpoint {checkpoint} (without --data it says how)"
     return f"evaluate --help lists the benchmarks for --checkpoint {checkpoint}"
 
 

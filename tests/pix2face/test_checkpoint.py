@@ -70,6 +70,8 @@ def test_a_truncated_file_is_refused(checkpoint, kept):
 
 
 def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputFileError, match=r"expected a checkpoint, found a folder; training writes .*/checkpoint\."):
+        load_checkpoint(tmp_path)
     with pytest.raises(InputFileError, match=r"none\.safetensors: no such file; `train"):
         load_checkpoint(tmp_path / "none.safetensors")
 

@@ -121,6 +121,17 @@ def test_files_that_are_no_report_are_refused_in_a_line(tmp_path, capsys, text, 
     assert "a.json" in error
 
 
+def test_the_verdict_says_where_it_is_about_a_part_of_the_faces_alone(tmp_path, capsys):
+    """A system that finds the easy faces alone has the smaller mean."""
+    (tmp_path / "a.json").write_text(json.dumps(report_json([0.05] * 8)))
+    (tmp_path / "b.json").write_text(json.dumps(report_json([0.01, 0.01, *[None] * 6])))
+    assert main(["compare", str(tmp_path / "a.json"), str(tmp_path / "b.json")]) == 0
+    last = " ".join(capsys.readouterr().out.split())
+    assert last.endswith(
+        "This is about the 2 of 8 images that both found; over all of them A is better on 75.00 %, B on 25.00 %."
+    )
+
+
 def test_the_command_prints_a_table_and_writes_its_figures(tmp_path, capsys):
     random = np.random.default_rng(0)
     first = random.uniform(0.02, 0.06, 40).tolist()
@@ -137,6 +148,7 @@ def test_the_command_prints_a_table_and_writes_its_figures(tmp_path, capsys):
     assert facts["points"]["68"]["difference"] == pytest.approx(-0.01)
     assert facts["points"]["68"]["share_b_better"] == 1
     assert facts["bootstrap"] == {"n_resamples": 1000, "seed": 0}
+    assert "that both found" not in printed.splitlines()[-1]
     assert main([*call[:3], "--resamples", "0"]) == 2
     assert "--resamples from 1" in capsys.readouterr().err
     assert main([*call[:3], "--out", str(tmp_path)]) == 2

@@ -47,7 +47,8 @@ def test_the_next_command_is_the_benchmark_of_the_faces_trained_on(shards_dir, t
     of_head = index_shards([shards_dir])
     of_renders = replace(of_head, model_sha256=builtin.sha256, licence=builtin.licence)
     of_photographs = replace(of_renders, licence=f"pictures: research use only; model: {builtin.licence}")
-    assert next_command(of_renders, checkpoint) == f"evaluate --split builtin-heldout --checkpoint {checkpoint}"
+    command = f"evaluate --split builtin-heldout --data HELDOUT --checkpoint {checkpoint} "
+    assert next_command(of_renders, checkpoint).startswith(command)
     for shards in (of_head, of_photographs):
         assert next_command(shards, checkpoint).startswith("evaluate --help")
 
