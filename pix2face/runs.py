@@ -18,6 +18,6 @@ def latest_checkpoint(runs: Path = RUNS) -> Path:
     if not written:
         raise UsageError(
             f"expected a checkpoint at {runs}/*/{CHECKPOINT_NAME}, found none: pass --checkpoint (`make demo` "
-            f"leaves demo/run/{CHECKPOINT_NAME}), or train one with `train --shards SHARDS --out {runs}/tiny --preset tiny`"
+            f"leaves demo/run/{CHECKPOINT_NAME}), or train one: `train --shards SHARDS --out {runs}/tiny --preset tiny`"
         )
     return max(written)[1]
