@@ -53,6 +53,8 @@ class JitterBake:
             raise UsageError(f"--jitter: expected 0 to {MOST_VARIANTS} variants of each sample, found {self.n}")
         if not 0 < self.size_px <= LARGEST_SIDE_PX:
             raise UsageError(f"--jitter-size: expected a side of 1 to {LARGEST_SIDE_PX} pixels, found {self.size_px}")
+        if not self.n and self != NO_JITTER:
+            raise UsageError("--jitter-size, --jitter-mirror: expected --jitter N with them, found no variants to make")
 
     def described(self) -> dict[str, Any]:
         """What shards say of it; nothing where no variants are made."""

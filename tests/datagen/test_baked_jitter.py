@@ -145,6 +145,8 @@ def test_a_photograph_that_cannot_be_read_rejects_all_its_variants(faces, tmp_pa
     [
         (["--jitter", "-1"], "--jitter: expected 0 to 1000"),
         (["--jitter-size", "0"], "--jitter-size: expected a side"),
+        (["--jitter", "0", "--jitter-mirror"], "--jitter-mirror: expected --jitter N with them"),
+        (["--jitter", "0", "--jitter-size", "99"], "found no variants to make"),
         (["--jitter-size", "99999"], "--jitter-size: expected a side of 1 to 16384 pixels, found 99999"),
     ],
 )
