@@ -33,7 +33,9 @@ def read_bytes(path: Path) -> bytes:
     """
     try:
         mode = path.stat().st_mode
-        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # of a folder the system itself says what is wrong
+        if stat.S_ISDIR(mode):
+            raise InputFileError(f"{path}: expected a picture, found a folder; name the pictures in it")
+        if not stat.S_ISREG(mode):
             raise InputFileError(f"{path}: expected a picture, found a device, pipe or socket; name a file")
         return path.read_bytes()
     except OSError as error:
