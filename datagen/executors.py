@@ -112,6 +112,11 @@ class DaskCluster(WorkPlace):
     @contextmanager
     def open(self) -> Iterator[Executor]:
         """An executor of the cluster; what has not begun is dropped when the block raises."""
+        # Without a port the client fails half made, and what is left of it complains when it is deleted.
+        if not self._address.rpartition(":")[2].isdigit():
+            raise UsageError(
+                f"--scheduler {self._address}: expected an address with a port, such as tcp://host:8786, found no port"
+            )
         try:
             self._client = self._distributed.Client(self._address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:

@@ -124,6 +124,14 @@ def test_no_scheduler_is_one_line(
     assert "`dask scheduler`" in error
 
 
+def test_an_address_without_a_port_is_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    arguments = make_inputs(tmp_path).command(tmp_path / "out", "--scheduler", "localhost")[3:]
+    assert main(arguments) == 2
+    error = capfd.readouterr().err
+    assert "Traceback" not in error
+    assert error.splitlines()[-1].endswith("expected an address with a port, such as tcp://host:8786, found no port")
+
+
 def test_without_the_package_its_name_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     code = "import sys; sys.modules['distributed'] = None; from datagen.cli import main; sys.exit(main(sys.argv[1:]))"
     arguments = make_inputs(tmp_path).command(tmp_path / "out", "--scheduler", "tcp://127.0.0.1:8786")[3:]
