@@ -186,6 +186,7 @@ def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys):
         (["--align", "rigid"], "--align rigid: expected a split with 3D landmarks, found ibug"),
         (["--oracle", "--boxes", "lbp"], "--boxes lbp: expected a checkpoint"),
         (["--predictions", "p.npz", "--contour", "2d"], "--contour 2d: expected a fit"),
+        (["--oracle", "--regularisation", 80], "--regularisation: expected a checkpoint"),
         (["--reannotated", "x.npy"], "expected --truth reannotated with it"),
         (["--predictions", "absent.npz"], "absent.npz: expected an .npz file of predictions"),
     ],
