@@ -179,7 +179,7 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
     if config.contour == "2d" and config.predictions is not None:
         raise UsageError("--contour 2d: expected a fit whose jaw points can slide, found --predictions")
     if config.regularisation is not None and (config.predictions is not None or config.oracle):
-        raise UsageError("--regularisation: expected a checkpoint to measure; predictions and the oracle do not go by it")
+        raise UsageError("--regularisation: expected a checkpoint to measure; nothing else goes by it")
     if config.align is not None and manifest.alignment is None:
         raise UsageError(f"--align {config.align}: expected a split with 3D landmarks, found {config.split}")
     if config.boxes != "truth":
