@@ -49,6 +49,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "expected Python 3.11 or newer, found $$($(PYTHON) --version); say PYTHON=... to make" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
+	@echo "installing the package and what it needs into $(VENV): some minutes without a word"
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
