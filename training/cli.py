@@ -147,7 +147,7 @@ def next_command(shards: ShardIndex, checkpoint: Path) -> str:
     builtin = builtin_model()
     # Renders are under the terms of their model and nothing else; photographs have terms of their own.
     if (shards.model_sha256, shards.licence) == (builtin.sha256, builtin.licence):
-        return f"evaluate --split builtin-heldout --data HELDOUT --checkpoint {checkpoint} (it says how HELDOUT is made)"
+        return f"evaluate --split builtin-heldout --data HELDOUT --checkpoint {checkpoint} (says how to make HELDOUT)"
     return f"evaluate --help lists the benchmarks for --checkpoint {checkpoint}"
 
 
