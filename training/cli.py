@@ -40,8 +40,8 @@ class TrainConfig:
         shards: Folders of shards, all of one morphable model.
         out: Folder of the checkpoint, the log and the state to resume from; default runs/PRESET.
         preset: paper: 256 px, 64 filters, 60 epochs of 100,000 pictures; asks for a GPU. tiny: two minutes, two cores.
-        epochs: Passes with a learning rate of their own; a checkpoint is written after each. Without this and the options down to
-            --precision, and without --seed, the preset's values hold.
+        epochs: Passes with a learning rate of their own; a checkpoint is written after each. Where this is not given,
+            nor one of those down to --precision, nor --seed, the preset's value holds.
         epoch_size: Pictures an epoch, drawn over and over with ever new jitter.
         batch_size: Pictures a step.
         size_px: Side of the network's input, a power of two.
