@@ -12,6 +12,7 @@ Distributions (all from one seed, each face from its own stream):
   length) to 4 m, focal length such that the picture is 1.5 to 2.1 times the face box, centre off by up to 10 % of it.
 """
 
+import json
 from dataclasses import dataclass
 from typing import final
 
@@ -95,6 +96,7 @@ def sample_faces(model: MorphableModel, n: int, seed: int, size_px: int) -> Face
         cameras=cameras,
         sizes_px=np.full((n, 2), size_px, dtype=np.int32),
         image_paths=("",) * n,
+        attributes=(json.dumps({"geometry": "drawn by datagen sample"}),) * n,
         configuration=configuration_to_json({"n": n, "seed": seed, "size_px": size_px}),
     )
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from pix2face import Pix2Face
 from pix2face.camera import head_pose
+from pix2face.errors import Pix2FaceError
 from pix2face.fit_pictures import draw_landmarks
 from pix2face.images import encode_image, read_photograph
 from pix2face.mesh_files import FaceMesh, write_mesh
@@ -42,4 +43,7 @@ if __name__ == "__main__":
     parser.add_argument("--checkpoint", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/example"))
     options = parser.parse_args()
-    main(options.photograph, options.checkpoint, options.out)
+    try:
+        main(options.photograph, options.checkpoint, options.out)
+    except Pix2FaceError as error:  # no checkpoint, no photograph, ...: the message says what to do
+        parser.exit(2, f"{error}\n")

@@ -94,23 +94,27 @@ def _notes(a: StoredReport, b: StoredReport, comparison: Comparison, bootstrap: 
         f"{100 * CONFIDENCE:g} % intervals, paired bootstrap, {bootstrap.n_resamples} resamples of "
         f"{comparison.n_drawn} images or clips, seed {bootstrap.seed}."
     )
-    own = comparison.points["68"]
-    verdict = _verdict(own.intervals["difference"])
-    if own.n_both_found < comparison.n_common:
-        # Who finds the easy faces alone has the smaller mean: shares and failures count all of them.
-        verdict += (
-            f" This is about the {own.n_both_found} of {counted(comparison.n_common, 'image')} that both found; over "
-            f"all of them A is better on {_number(own.share_a_better)} %, B on {_number(own.share_b_better)} %."
-        )
-    return [*notes, verdict]
+    return [*notes, _verdict(comparison.points["68"], comparison.n_common)]
 
 
-def _verdict(interval: Interval | None) -> str:
+def _verdict(own: PointComparison, n_common: int) -> str:
+    if own.n_both_found == n_common:
+        return _of_interval(own.intervals["difference"], "means", "68 points", smaller_is_better=True)
+    # Who finds the easy faces alone has the smaller mean: the area counts a face that is not found as a failure.
+    verdict = _of_interval(own.intervals["difference_of_area"], "AUC", "68 points, all images", smaller_is_better=False)
+    return (
+        f"{verdict} Both found {own.n_both_found} of {counted(n_common, 'image')}; over all of them A is better on "
+        f"{_number(own.share_a_better)} %, B on {_number(own.share_b_better)} %."
+    )
+
+
+def _of_interval(interval: Interval | None, of_what: str, where: str, *, smaller_is_better: bool) -> str:
     if interval is None:
         return "Too few images for an interval."
     if interval[0] <= 0 <= interval[1]:
-        return "The difference of the means (68 points) may be chance: its interval holds 0."
-    return f"{'B' if interval[1] < 0 else 'A'} is better (68 points): the interval of the difference excludes 0."
+        return f"The difference of the {of_what} ({where}) may be chance: its interval holds 0."
+    better = "B" if (interval[1] < 0) == smaller_is_better else "A"
+    return f"{better} is better ({where}): the interval of the difference of the {of_what} excludes 0."
 
 
 def _with_interval(value: float | None, interval: Interval | None) -> str:

@@ -121,14 +121,15 @@ def test_files_that_are_no_report_are_refused_in_a_line(tmp_path, capsys, text, 
     assert "a.json" in error
 
 
-def test_the_verdict_says_where_it_is_about_a_part_of_the_faces_alone(tmp_path, capsys):
-    """A system that finds the easy faces alone has the smaller mean."""
-    (tmp_path / "a.json").write_text(json.dumps(report_json([0.05] * 8)))
-    (tmp_path / "b.json").write_text(json.dumps(report_json([0.01, 0.01, *[None] * 6])))
+def test_who_finds_the_easy_faces_alone_is_not_better(tmp_path, capsys):
+    """Its mean is smaller, over the faces that it found."""
+    (tmp_path / "a.json").write_text(json.dumps(report_json([0.05] * 40)))
+    (tmp_path / "b.json").write_text(json.dumps(report_json([*[0.01] * 4, *[None] * 36])))
     assert main(["compare", str(tmp_path / "a.json"), str(tmp_path / "b.json")]) == 0
     last = " ".join(capsys.readouterr().out.split())
     assert last.endswith(
-        "This is about the 2 of 8 images that both found; over all of them A is better on 75.00 %, B on 25.00 %."
+        "A is better (68 points, all images): the interval of the difference of the AUC excludes 0. "
+        "Both found 4 of 40 images; over all of them A is better on 90.00 %, B on 10.00 %."
     )
 
 
