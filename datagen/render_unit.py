@@ -20,7 +20,6 @@ from datagen.baked_jitter import View, ViewMaker
 from datagen.executors import limit_threads
 from datagen.folder_lock import worker_lock
 from datagen.gl_context import GLContext, GLSettings, create_gl_context
-from datagen.memory_reuse import keep_freed_memory
 from datagen.render_job import RenderJob, shard_header, shard_path
 from datagen.sources import FaceSource, open_source
 from datagen.stage_times import StageTimes
@@ -174,7 +173,6 @@ def _worker(unit: Unit) -> _Worker:
 
 def _open_worker(unit: Unit) -> _Worker:
     limit_threads()
-    keep_freed_memory()
     cv2.setNumThreads(1)
     job = unit.job
     model = open_model(job.model)
