@@ -10,12 +10,12 @@ import tyro
 from rich.console import Console
 
 from datagen.coeffs_cli import coeffs, fit
-from datagen.doctor_cli import doctor
-from datagen.inspect_cli import preview, verify
+from datagen.inspection.inspect_cli import preview, verify
+from datagen.inspection.summary_cli import card, stats
+from datagen.jobs.render_cli import render
 from datagen.model_cli import model
-from datagen.render_cli import render
+from datagen.opengl.doctor_cli import doctor
 from datagen.sampling import sample_faces
-from datagen.summary_cli import card, stats
 from pix2face.coefficients import save_coefficients
 from pix2face.command_line import check_output_file, counted, run_commands, say
 from pix2face.morphable_model import BUILTIN_MODEL, open_model

@@ -9,12 +9,12 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.plain import PlainAppearance
-from datagen.gl_context import create_gl_context
-from datagen.renderer import Renderer
+from datagen.opengl.gl_context import create_gl_context
+from datagen.rendering.renderer import Renderer
 from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import UsageError
-from pix2face.mesh_files import GLTF_UNITS_PER_MM
 from pix2face.morphable_model import MorphableModel
+from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
 MESH_SUFFIXES = (".obj", ".glb", ".ply")

@@ -4,12 +4,12 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pix2face.command_line import run_commands
-from pix2face.export_cli import export
-from pix2face.fit_cli import fit
 from pix2face.landmarks_cli import landmarks
-from pix2face.predict_cli import predict
-from pix2face.track_cli import track
-from pix2face.view_cli import view
+from pix2face.photographs.export_cli import export
+from pix2face.photographs.fit_cli import fit
+from pix2face.photographs.predict_cli import predict
+from pix2face.photographs.view_cli import view
+from pix2face.tracking.track_cli import track
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

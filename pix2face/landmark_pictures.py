@@ -6,8 +6,8 @@ from jaxtyping import Int, UInt8
 from numpy import ndarray
 
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.fit_pictures import shaded_face
 from pix2face.morphable_model import MorphableModel
+from pix2face.photographs.fit_pictures import shaded_face
 
 YAWS_DEG = (0.0, 45.0, 90.0)
 PANEL_PX = 640

@@ -25,7 +25,7 @@ from pix2face.landmark_pictures import draw_model_landmarks
 from pix2face.landmark_selection import LandmarkSelection, ReprojectionErrors, fold_of_frame
 from pix2face.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
-from pix2face.photograph_jobs import write_picture
+from pix2face.photographs.photograph_jobs import write_picture
 from pix2face.predictor import Predictor
 from pix2face.runs import latest_checkpoint
 

@@ -54,7 +54,7 @@ class RenderedMaps:
         mask: Where the nearest surface is the outside of a face region.
         depth: Depth in mm; 0 outside the mask.
         surface_depth: Depth of whatever is nearest, face or not, in mm; inf outside the head.
-        extra: Further layers, by the names of ``pix2face.layers``: ``normals``, ``uv``, ``regions``.
+        extra: Further layers, by the names of ``pix2face.shards.layers``: ``normals``, ``uv``, ``regions``.
     """
 
     pncc: Float32[ndarray, "h w 3"]

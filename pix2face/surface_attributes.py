@@ -92,7 +92,7 @@ def _mesh_corners(model: MorphableModel) -> Int32[ndarray, "t 3"]:
     return model.triangles
 
 
-# A new layer of something known at vertices is one line here (and one in pix2face.layers, so that shards take it).
+# A new layer of something known at vertices is one line here (and one in shards/layers.py, so that shards take it).
 ATTRIBUTES: Mapping[str, Attribute] = {
     "normals": Attribute(3, normals_in_camera, _mesh_corners, is_direction=True),
     "uv": Attribute(2, texture_coordinates, _texture_corners, same_for_all=True),

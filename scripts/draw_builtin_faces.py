@@ -12,11 +12,11 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.appearance.plain import draw_plain_appearance
-from datagen.gl_context import create_gl_context
+from datagen.opengl.gl_context import create_gl_context
 from datagen.random_streams import generator_for
-from datagen.renderer import Renderer
+from datagen.rendering.renderer import Renderer
+from datagen.rendering.visibility import visible_landmarks
 from datagen.sampling import draw_expression
-from datagen.visibility import visible_landmarks
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel, open_model

@@ -14,9 +14,9 @@ import numpy as np
 
 from pix2face.coefficients import FaceCoefficients, load_coefficients, save_coefficients
 from pix2face.errors import InputFileError
-from pix2face.shard_checks import verify_shard
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardReader
+from pix2face.shards.shard_checks import verify_shard
+from pix2face.shards.shard_reader import ShardReader
+from pix2face.shards.shard_writing import write_shard
 from tests.fuzz_model_formats import FORMATS, Fuzzed, run_formats
 from tests.pix2face.shard_files import every_layer
 

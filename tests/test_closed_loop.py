@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.gl_context import create_gl_context
-from datagen.render_job import RenderJob, shard_header
+from datagen.jobs.render_job import RenderJob, shard_header
+from datagen.jobs.triplets import TripletMaker
+from datagen.opengl.gl_context import create_gl_context
 from datagen.sampling import sample_faces
 from datagen.sources import open_source
-from datagen.triplets import TripletMaker
 from pix2face.camera import linearised
 from pix2face.coefficients import save_coefficients
 from pix2face.errors import GLUnavailableError
@@ -18,8 +18,8 @@ from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind, fit_face
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import builtin_model
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardReader
+from pix2face.shards.shard_reader import ShardReader
+from pix2face.shards.shard_writing import write_shard
 
 N_FACES = 12
 LIMIT = 0.001  # of the eye distance

@@ -20,7 +20,7 @@ from torch.utils.data import Dataset, Sampler
 from pix2face.crops import Crop, FaceBox
 from pix2face.face_maps import FaceMaps, fixed_point_to_maps
 from pix2face.jitter import crop_maps, draw_jitter, jitter_crop, jitter_image
-from pix2face.shards import ShardReader
+from pix2face.shards.shard_reader import ShardReader
 from training.presets import Recipe
 from training.shard_index import ShardIndex
 

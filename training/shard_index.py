@@ -13,9 +13,9 @@ from jaxtyping import Int32
 from numpy import ndarray
 
 from pix2face.errors import ModelMismatchError, UsageError
-from pix2face.layers import DEFAULT_LAYERS
-from pix2face.shards import ShardHeader, ShardReader, shard_paths
-from pix2face.triplet import check_has_layers
+from pix2face.shards.layers import DEFAULT_LAYERS
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
+from pix2face.shards.triplet import check_has_layers
 
 OFFSET_SCALE_STEP_MM = 5.0
 

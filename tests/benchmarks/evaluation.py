@@ -13,9 +13,9 @@ import time
 import numpy as np
 import torch
 
-from pix2face.bootstrap import Bootstrap, intervals, mean_of, median_of
 from pix2face.checkpoint import CheckpointHeader
 from pix2face.crops import FaceBox
+from pix2face.evaluation.bootstrap import Bootstrap, intervals, mean_of, median_of
 from pix2face.network import UNet
 from pix2face.predictor import Predictor
 from tests.benchmarks.surroundings import surroundings

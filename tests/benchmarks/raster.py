@@ -22,9 +22,9 @@ if __name__ == "__main__":  # read when the driver is loaded
 import numpy as np
 from numpy import ndarray
 
-from datagen.gl_context import GLContext, create_gl_context
-from datagen.renderer import Renderer
-from datagen.screen_projection import project_to_screen
+from datagen.opengl.gl_context import GLContext, create_gl_context
+from datagen.rendering.renderer import Renderer
+from datagen.rendering.screen_projection import project_to_screen
 from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings

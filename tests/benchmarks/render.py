@@ -26,11 +26,11 @@ import cv2
 import numpy as np
 import scipy.io
 
-from datagen.executors import ProcessPool
-from datagen.gl_context import GLSettings, create_gl_context
-from datagen.pipeline import JobSummary, Listener, open_job, run_job
-from datagen.render_job import RenderJob
-from datagen.renderer import Renderer
+from datagen.jobs.executors import ProcessPool
+from datagen.jobs.pipeline import JobSummary, Listener, open_job, run_job
+from datagen.jobs.render_job import RenderJob
+from datagen.opengl.gl_context import GLSettings, create_gl_context
+from datagen.rendering.renderer import Renderer
 from datagen.sources import W300LPFolder
 from pix2face.morphable_model import load_model
 from tests.benchmarks.photograph_folder import (

@@ -25,12 +25,12 @@ import hdf5plugin
 import numpy as np
 from isal import isal_zlib
 
-from pix2face.compressions import COMPRESSIONS
 from pix2face.images import decode_image
-from pix2face.layers import DEFAULT_LAYERS
-from pix2face.map_storage import predict, undo_prediction
-from pix2face.shard_writing import pack_triplet, write_packed, write_shard
-from pix2face.shards import ShardHeader, ShardReader, Triplet, shard_paths
+from pix2face.shards.compressions import COMPRESSIONS
+from pix2face.shards.layers import DEFAULT_LAYERS
+from pix2face.shards.map_storage import predict, undo_prediction
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet, shard_paths
+from pix2face.shards.shard_writing import pack_triplet, write_packed, write_shard
 from tests.benchmarks.surroundings import surroundings
 
 Change = Callable[[np.ndarray], np.ndarray]

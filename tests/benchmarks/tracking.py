@@ -25,7 +25,7 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.cli import main as pix2face_main
-from pix2face.smoothing import SMOOTHINGS, JitterMeter, open_smoother
+from pix2face.tracking.smoothing import SMOOTHINGS, JitterMeter, open_smoother
 from tests.benchmarks.surroundings import surroundings
 
 FPS = 25.0

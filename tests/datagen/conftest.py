@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from datagen.gl_context import GLContext, create_gl_context
+from datagen.opengl.gl_context import GLContext, create_gl_context
 from pix2face.errors import GLUnavailableError
-from pix2face.shards import ShardHeader, ShardReader, Triplet
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet
 from tests.pix2face.benchmark_files import write_heldout
 from tests.synthetic_models import small_head_model
 

@@ -9,8 +9,8 @@ from scipy import ndimage
 
 from datagen.appearance.background import draw_background
 from datagen.appearance.plain import develop, draw_plain_appearance
-from datagen.gl_context import GLContext
-from datagen.renderer import Renderer
+from datagen.opengl.gl_context import GLContext
+from datagen.rendering.renderer import Renderer
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import UsageError
 from pix2face.morphable_model import builtin_model

@@ -12,8 +12,8 @@ from datagen.cli import main
 from pix2face.coefficients import load_coefficients
 from pix2face.images import encode_image
 from pix2face.morphable_model import builtin_model
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardHeader, ShardReader, shard_paths
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
+from pix2face.shards.shard_writing import write_shard
 from tests.model_files import write_small_head
 from tests.pix2face.benchmark_files import write_heldout
 from tests.synthetic_models import small_head_model

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from datagen.cli import main
-from datagen.gl_context import GLContext
+from datagen.opengl.gl_context import GLContext
 from pix2face.landmarks import IBUG68
 from pix2face.model_file import write_stored_model
 from pix2face.model_import import ImportedModel

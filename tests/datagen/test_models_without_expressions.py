@@ -13,7 +13,7 @@ from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.model_file import write_stored_model
 from pix2face.morphable_model import MorphableModel, load_model
-from pix2face.shards import ShardReader, shard_paths
+from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.model_files import stored_small_head
 from tests.pix2face.fitting.rendered_faces import render_known_face
 

@@ -9,7 +9,7 @@ from pix2face.camera import Camera, head_pose, pinhole_of
 from pix2face.coefficients import FaceCoefficients
 from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
-from pix2face.manifest import load_manifest
+from pix2face.evaluation.manifest import load_manifest
 from pix2face.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 

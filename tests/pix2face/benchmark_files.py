@@ -16,10 +16,10 @@ from pix2face.crops import Crop, FaceBox, square_crop
 from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps
 from pix2face.images import encode_image
-from pix2face.layers import DEFAULT_LAYERS
 from pix2face.morphable_model import MorphableModel
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardHeader, Triplet
+from pix2face.shards.layers import DEFAULT_LAYERS
+from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.shard_writing import write_shard
 
 
 def frontal_camera(scale: float = 0.8, centre_px: float = 100.0) -> Camera:

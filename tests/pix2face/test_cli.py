@@ -219,7 +219,7 @@ def two_faces(model: MorphableModel, monkeypatch: pytest.MonkeyPatch) -> list[Ph
     """Two faces, the first the larger one, are detected in every photograph."""
     faces = [photographed_face(model, seed, centre) for seed, centre in ((1, (140, 100)), (2, (90, 120)))]
     detector = SureDetector([face.box for face in faces])
-    monkeypatch.setattr("pix2face.interface.open_detector", lambda name="lbp": detector)
+    monkeypatch.setattr("pix2face.photographs.interface.open_detector", lambda name="lbp": detector)
     return faces
 
 

@@ -14,7 +14,7 @@ from pix2face.face_maps import (
     point_cloud,
     valid_pixels,
 )
-from pix2face.layers import LAYERS, to_stored
+from pix2face.shards.layers import LAYERS, to_stored
 
 HALF_A_STEP_MM = 0.5 / 128
 LIMIT = float(np.nextafter(np.float32(LAYERS["pncc"].limit), np.float32(0)))  # the last float32 within the range

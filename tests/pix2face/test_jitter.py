@@ -10,10 +10,10 @@ from pix2face.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
 from pix2face.face_maps import FaceMaps, fixed_point_to_maps
 from pix2face.jitter import STEP_MM, JitterParameters, JitterRange, crop_maps, draw_jitter, jitter_crop, jitter_image
 from pix2face.landmarks import IBUG68
-from pix2face.layers import LAYERS, to_stored
 from pix2face.mirroring import mirrored_landmarks, mirrored_points
 from pix2face.morphable_model import builtin_model
 from pix2face.rasterise import RenderedMaps, render_maps
+from pix2face.shards.layers import LAYERS, to_stored
 from tests.synthetic_models import small_head_model
 
 BOX = FaceBox(40, 30, 90, 100)

@@ -9,8 +9,8 @@ from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_pe
 from pix2face.images import encode_image
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import render_maps
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardHeader, Triplet
+from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 
 PICTURE_PX = 72

@@ -5,7 +5,7 @@ import pytest
 
 from pix2face.checkpoint import load_checkpoint
 from pix2face.morphable_model import builtin_model
-from pix2face.shard_writing import write_shard
+from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
 from training.cli import TrainConfig, main, next_command

@@ -9,8 +9,8 @@ from torch.utils.data import DataLoader
 
 from pix2face.crops import FaceBox, square_crop
 from pix2face.jitter import JitterRange, crop_maps
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardReader
+from pix2face.shards.shard_reader import ShardReader
+from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
 from training.dataset import EpochDraws, TripletDataset

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
-from pix2face.layers import DEFAULT_LAYERS
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardReader
+from pix2face.shards.layers import DEFAULT_LAYERS
+from pix2face.shards.shard_reader import ShardReader
+from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
 from training.shard_index import index_shards

@@ -12,8 +12,8 @@ from pix2face.errors import InputFileError, Pix2FaceError, UsageError
 from pix2face.images import encode_image
 from pix2face.jitter import JitterRange
 from pix2face.runs import CHECKPOINT_NAME
-from pix2face.shard_writing import write_shard
-from pix2face.shards import ShardReader
+from pix2face.shards.shard_reader import ShardReader
+from pix2face.shards.shard_writing import write_shard
 from training.losses import MapLoss
 from training.presets import PRESETS
 from training.resume import epochs_done

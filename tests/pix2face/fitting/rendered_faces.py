@@ -15,9 +15,9 @@ from pix2face.camera import (
     weak_perspective_camera,
 )
 from pix2face.face_maps import FaceMaps, fixed_point_to_maps
-from pix2face.layers import LAYERS, to_stored
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import render_maps, shows_outside
+from pix2face.shards.layers import LAYERS, to_stored
 
 SIZE_PX = 256
 # The head fills the picture at this scale.

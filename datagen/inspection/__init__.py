@@ -1,0 +1,1 @@
+"""Looking at shards: sheets, pages, statistics, cards."""

@@ -1,0 +1,1 @@
+"""The job: coefficients in, shards out, over many workers, and nothing lost."""

@@ -1,0 +1,157 @@
+"""The job: coefficients in, a folder of shards out.
+
+One unit of work is one shard (``render_unit``). A shard that is there and was made by the same configuration is not
+made again, so a job that was stopped, killed, or ran out of disk goes on where it was; the folder ends up byte for byte
+as if nothing had happened. One job at a time writes to a folder (``folder_lock``).
+"""
+
+import json
+import os
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import final
+
+from datagen.inspection.dataset_card import write_card
+from datagen.jobs.executors import WorkPlace
+from datagen.jobs.folder_lock import job_lock, remove_unfinished
+from datagen.jobs.render_job import RenderJob, look_into, shard_header, shard_path
+from datagen.jobs.render_unit import Unit, UnitReport, render_unit
+from datagen.jobs.stage_times import StageTimes
+from datagen.jobs.work_units import finish_units
+from datagen.opengl.gl_context import GLSettings
+from datagen.sources import FaceSource, open_source
+from datagen.text_files import write_rejected
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.shards.shard_reader import ShardReader
+from pix2face.surface_attributes import check_layers
+
+
+@final
+@dataclass(frozen=True)
+class JobSummary:
+    """What a job did.
+
+    Attributes:
+        n_triplets: Triplets in the folder, those of earlier runs included.
+        rejected: Samples that could not be used, in the order of the source: id and reason.
+        n_shards: Shards in the folder.
+        n_shards_kept: Of these, how many were there already.
+        times: Of all workers together, in this run.
+        peaks_bytes: After each unit of this run, the most memory that its worker has had so far.
+    """
+
+    n_triplets: int
+    rejected: tuple[tuple[str, str], ...]
+    n_shards: int
+    n_shards_kept: int
+    times: StageTimes = field(default_factory=StageTimes)
+    peaks_bytes: tuple[int, ...] = ()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OpenedJob:
+    """A job with what it works on: listing a large folder takes seconds, and is done once.
+
+    Attributes:
+        job: With absolute paths: the workers of a cluster have working directories of their own.
+        model: Its model.
+        source: Its faces.
+    """
+
+    job: RenderJob
+    model: MorphableModel
+    source: FaceSource
+
+
+def open_job(job: RenderJob) -> OpenedJob:
+    """Opens model and faces of a job.
+
+    Raises:
+        UsageError: There is nothing at the place of the coefficients, or the model has not what a layer needs.
+        InputFileError: The model or the table cannot be read.
+        ModelMismatchError: The table belongs to another model.
+    """
+    name = job.model if job.model == BUILTIN_MODEL else os.fspath(Path(job.model).absolute())
+    job = replace(job, coefficients=job.coefficients.absolute(), model=name)
+    model = open_model(job.model)
+    check_layers(model, job.layers)
+    return OpenedJob(job, model, open_source(job.coefficients, model))
+
+
+@final
+@dataclass(frozen=True)
+class Listener:
+    """Whom a job tells how it goes.
+
+    Attributes:
+        on_kept: Called once, with the number of samples that were there already.
+        on_progress: Called with the number of samples that have just been finished.
+        on_notice: Called with what a user should know, and that stops nothing.
+    """
+
+    on_kept: Callable[[int], None] = lambda n: None
+    on_progress: Callable[[int], None] = lambda n: None
+    on_notice: Callable[[str], None] = lambda text: None
+
+
+def run_job(
+    opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings | None = None, listener: Listener | None = None
+) -> JobSummary:
+    """Makes every shard that is missing.
+
+    Args:
+        opened: What to make.
+        out: The folder of the shards.
+        place: Where units run; its workers see the same files.
+        gl: What workers draw with.
+        listener: Whom to tell how it goes.
+
+    Raises:
+        UsageError: The folder holds shards of another configuration, another job writes to it, or workers died.
+    """
+    out, listener = out.absolute(), listener or Listener()
+    out.mkdir(parents=True, exist_ok=True)
+    with job_lock(out) as warning:
+        if warning:
+            listener.on_notice(warning)
+        if not remove_unfinished(out):
+            listener.on_notice(f"{out}: workers of an earlier run still write there; what they leave unfinished stays")
+        try:
+            return _run(opened, out, place, gl or GLSettings(), listener)
+        finally:
+            remove_unfinished(out)
+
+
+def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listener: Listener) -> JobSummary:
+    job, source, n_units = opened.job, opened.source, opened.job.n_units(opened.source)
+    found = look_into(out, job, source, shard_header(job, source, opened.model, ()))
+    for path in found.damaged:
+        listener.on_notice(f"{path} is cut short or damaged: it is made anew")
+    listener.on_kept(len(source.sample_ids) - sum(len(job.faces_of(source, unit)) for unit in found.missing))
+    times, peaks = StageTimes(), list[int]()
+
+    def submit(executor: Executor, number: int) -> Future[UnitReport]:
+        return executor.submit(render_unit, Unit(job, number, out, gl, source.sha256, opened.model.sha256))
+
+    def on_finished(unit: int, report: UnitReport) -> None:
+        times.add(report.seconds, report.cpu_seconds)
+        peaks.append(report.peak_memory_bytes)
+        listener.on_progress(report.n_faces)
+
+    finish_units(found.missing, place, submit, on_finished)
+    n_triplets, rejected = _count(out, n_units)
+    write_rejected(out, rejected)
+    write_card(out)
+    return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(found.missing), times, tuple(peaks))
+
+
+def _count(out: Path, n_units: int) -> tuple[int, list[tuple[str, str]]]:
+    n_triplets, rejected = 0, []
+    for unit in range(n_units):
+        with ShardReader(shard_path(out, unit)) as reader:
+            n_triplets += len(reader)
+            rejected += [(sample_id, reason) for sample_id, reason in json.loads(reader.header.rejected)]
+    return n_triplets, rejected

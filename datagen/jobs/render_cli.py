@@ -1,0 +1,151 @@
+"""The command ``datagen render``."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+
+from datagen.jobs.baked_jitter import JitterBake, ViewMaker
+from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
+from datagen.jobs.folder_lock import UNFINISHED_SHARDS
+from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, run_job
+from datagen.jobs.render_job import RenderJob
+from datagen.jobs.stop_signals import StoppedBySignal, stopping_on_signals
+from datagen.model_cli import describe
+from datagen.opengl.gl_context import GLSettings
+from datagen.text_files import REJECTED_FILE
+from pix2face.command_line import (
+    EXIT_REJECTED,
+    check_max_rejected,
+    counted,
+    prepare_output_folder,
+    progress_bar,
+    say,
+)
+from pix2face.errors import UsageError
+from pix2face.jitter import JitterRange
+from pix2face.morphable_model import BUILTIN_MODEL
+from pix2face.shards.compressions import DEFAULT_COMPRESSION, find_compression
+from pix2face.shards.layers import DEFAULT_LAYERS, parse_layers
+
+console = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """Configuration of ``datagen render``."""
+
+    coeffs: Path
+    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by ``datagen sample``,
+    ``datagen fit`` or ``datagen coeffs convert``."""
+    out: Path
+    """Folder of the shards. Run again with the same settings, it is completed. Other settings are refused, another
+    table, and a folder in which a file has come, gone, or changed its size; not one edited to the same size."""
+    model: str = BUILTIN_MODEL
+    """``builtin``, or a model file made by ``datagen model import``. With an imported BFM 2009 the coefficients of
+    300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
+    layers: str = ",".join(DEFAULT_LAYERS)
+    """What each sample has: ``all``, or any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks with
+    commas between."""
+    compression: str = DEFAULT_COMPRESSION
+    """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read); docs/storage.md compares
+    them."""
+    seed: int = 0
+    """Seed of light, colours and background of rendered pictures, and of jitter."""
+    shard_size: int = 100
+    """Faces in a shard. A shard is made by one process, so small sets use all of them only if this is small."""
+    jitter: int = 0
+    """Variants of each face to render instead of it: crops of 1 to 1.8 times its box, shifted, turned, with other gamma
+    and colours. Not needed for `train`, which varies every sample anew each time."""
+    jitter_size: int = 256
+    """Side of such variants, in pixels."""
+    jitter_mirror: bool = False
+    """Mirror every other variant. Refused where the model is not symmetric."""
+    workers: int = os.cpu_count() or 1
+    """Processes that render, on this machine."""
+    scheduler: str | None = None
+    """Render on the workers of this dask scheduler instead, such as tcp://host:8786 (docs/scaling.md). Its connections
+    are neither encrypted nor authenticated: whoever reaches it can run code on its workers."""
+    gl: Literal["egl", "osmesa"] | None = None
+    """How to reach OpenGL; without it EGL is tried, then OSMesa."""
+    device: int | None = None
+    """Number of the GPU, as `datagen doctor` lists them."""
+    rasteriser: Literal["auto", "compute", "fragment"] = "auto"
+    """``compute`` needs OpenGL 4.3; ``auto`` takes it where there is one, else ``fragment``."""
+    max_rejected: int = 0
+    """How many samples may be rejected before the exit status says so (3)."""
+
+
+def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
+    """Render image / PNCC / offset triplets into sharded HDF5. One bad sample never ends the job.
+
+    Ctrl-C and SIGTERM stop it cleanly (a second one at once): finished shards are kept, and the same command goes on.
+    """
+    with stopping_on_signals():
+        try:
+            return _render(config)
+        except StoppedBySignal as stop:
+            n_kept, n_left = (len(list(config.out.glob(pattern))) for pattern in ("shard-*.h5", UNFINISHED_SHARDS))
+            left = f"{counted(n_left, 'unfinished file')} (.part)" if n_left else "nothing unfinished"
+            say(
+                console,
+                f"stopped by {stop}: {counted(n_kept, 'finished shard')} kept in {config.out}, left behind: {left}; "
+                "run the same command again to go on",
+            )
+            return stop.exit_status
+
+
+def _render(config: RenderConfig) -> int:
+    check_max_rejected(config.max_rejected)
+    if config.workers < 1 or config.shard_size < 1 or config.seed < 0:
+        raise UsageError(
+            "expected --workers and --shard-size of at least 1 and --seed of at least 0, "
+            f"found {config.workers}, {config.shard_size} and {config.seed}"
+        )
+    layers, gl = parse_layers(config.layers), GLSettings(config.gl, config.device, config.rasteriser)
+    gl.resolved()  # contradictions are found here, not by every worker
+    place: WorkPlace = ProcessPool(config.workers) if config.scheduler is None else DaskCluster(config.scheduler)
+    find_compression(config.compression)
+    jitter = JitterBake(config.jitter, config.jitter_size, JitterRange(mirror=config.jitter_mirror))
+    jitter.check()
+    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, layers, config.compression, jitter)
+    opened = open_job(job)
+    ViewMaker(opened.model, jitter, config.seed)  # what the model does not allow is found here, not by every worker
+    _introduce(config, opened)
+    prepare_output_folder(config.out)
+    with progress_bar(console, "rendering", len(opened.source.sample_ids)) as advance:
+        listener = Listener(
+            on_kept=lambda n: advance(n, already_done=True),
+            on_progress=advance,
+            on_notice=lambda text: say(console, text),
+        )
+        summary = run_job(opened, config.out, place, gl, listener)
+    return _report(summary, config)
+
+
+def _introduce(config: RenderConfig, opened: OpenedJob) -> None:
+    n_faces = counted(len(opened.source.sample_ids), "face")
+    say(console, f"{n_faces} in {config.coeffs}; model: {describe(opened.model)}")
+    if config.coeffs.is_dir() and config.model == BUILTIN_MODEL:
+        say(
+            console,
+            "the coefficients are BFM's: the built-in model is fitted to the landmarks of the files instead "
+            "(have BFM 2009? datagen model import, then --model)",
+        )
+
+
+def _report(summary: JobSummary, config: RenderConfig) -> int:
+    kept = f" ({summary.n_shards_kept} there already)" if summary.n_shards_kept else ""
+    made = f"{counted(summary.n_triplets, 'triplet')} in {counted(summary.n_shards, 'shard')}"
+    say(console, f"{made}{kept} -> {config.out}")
+    if summary.rejected:
+        say(
+            console,
+            f"{counted(len(summary.rejected), 'sample')} rejected, listed in {config.out / REJECTED_FILE}; the first:",
+        )
+        say(console, f"  {summary.rejected[0][1]}")
+    say(console, f"next: datagen preview {config.out}; train --shards {config.out}")
+    return EXIT_REJECTED if len(summary.rejected) > config.max_rejected else 0

@@ -1,0 +1,213 @@
+"""What a job makes: which samples go into which shard, and what every shard says of the job.
+
+What decides the content of the shards is in ``RenderJob`` and is compared when a folder is completed. What does not
+(how many workers, which device, whose cluster) is not.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from datagen.jobs.baked_jitter import NO_JITTER, JitterBake
+from datagen.sources import FaceSource
+from pix2face import __version__
+from pix2face.coefficients import configuration_to_json
+from pix2face.errors import InputFileError, UsageError
+from pix2face.mirroring import mirror_obstacle
+from pix2face.morphable_model import MorphableModel
+from pix2face.shards.compressions import DEFAULT_COMPRESSION
+from pix2face.shards.layers import DEFAULT_LAYERS
+from pix2face.shards.shard_reader import ShardHeader, ShardReader
+
+
+@final
+@dataclass(frozen=True)
+class RenderJob:
+    """What determines the content of the shards.
+
+    Attributes:
+        coefficients: A folder of 300W-LP files, or a table.
+        model: ``builtin`` or the path of a model file.
+        seed: Of everything random in rendered pictures.
+        shard_size: Faces of the source in a shard.
+        layers: What each sample has, of ``pix2face.shards.layers.LAYER_NAMES``.
+        compression: Of the layers: a name of ``pix2face.shards.compressions.COMPRESSIONS``.
+        jitter: The variants of each sample that take its place.
+    """
+
+    coefficients: Path
+    model: str
+    seed: int
+    shard_size: int
+    layers: tuple[str, ...] = DEFAULT_LAYERS
+    compression: str = DEFAULT_COMPRESSION
+    jitter: JitterBake = NO_JITTER
+
+    def n_units(self, source: FaceSource) -> int:
+        """How many shards the faces of a source make."""
+        return -(-len(source.sample_ids) // self.shard_size)
+
+    def faces_of(self, source: FaceSource, unit: int) -> range:
+        """Which faces of a source go into one shard."""
+        start = unit * self.shard_size
+        return range(start, min(start + self.shard_size, len(source.sample_ids)))
+
+    def sample_ids_of(self, source: FaceSource, unit: int) -> list[str]:
+        """The samples of one shard, rejected ones included, in their order."""
+        faces = self.faces_of(source, unit)
+        return [name for face in faces for name in self.jitter.sample_ids(source.sample_ids[face])]
+
+
+def shard_path(out: Path, unit: int) -> Path:
+    """Where the shard of a unit goes. Its name holds a number and nothing that came from a file."""
+    return out / f"shard-{unit:05d}.h5"
+
+
+def shard_header(
+    job: RenderJob, source: FaceSource, model: MorphableModel, rejected: Sequence[tuple[str, str]]
+) -> ShardHeader:
+    """What holds for every sample of a shard of this job.
+
+    Args:
+        job: The job.
+        source: Where its faces come from.
+        model: Their model.
+        rejected: Samples of this unit that could not be used: id and reason of each.
+    """
+    configuration = {
+        "coefficients": job.coefficients.name,
+        "coefficients_sha256": source.sha256,
+        "n_faces": len(source.sample_ids),
+        "seed": job.seed,
+        "shard_size": job.shard_size,
+        "compression": job.compression,
+        **job.jitter.described(),
+    }
+    return ShardHeader(
+        model_name=model.name,
+        model_sha256=model.sha256,
+        pncc_limit_mm=float(np.abs(model.mean).max()),
+        smallest_radius_mm=model.smallest_radius_mm,
+        licence=source.licence,
+        configuration=configuration_to_json(configuration),
+        generator=f"pix2face {__version__}",
+        rejected=json.dumps(rejected),
+        layers=job.layers,
+        region_names=model.region_names,
+        mirror_obstacle=mirror_obstacle(model) or "",
+    )
+
+
+@final
+@dataclass(frozen=True)
+class FolderState:
+    """What of a job is in its folder.
+
+    Attributes:
+        missing: Units whose shard has to be made, in order.
+        damaged: Shards that cannot be opened; they are among the missing, and are replaced.
+    """
+
+    missing: tuple[int, ...]
+    damaged: tuple[Path, ...]
+
+
+def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHeader) -> FolderState:
+    """Finds what is missing in a folder.
+
+    Args:
+        out: The folder.
+        job: What belongs into it.
+        source: Where the job's faces come from.
+        expected: What the header of each shard has to agree with.
+
+    Raises:
+        UsageError: A shard was made by another configuration, or belongs to no unit of this job: mixing them would go
+            unnoticed.
+        InputFileError: A shard is sound, but none that this version reads.
+    """
+    n_units = job.n_units(source)
+    units = {shard_path(out, unit): unit for unit in range(n_units)}
+    damaged = []
+    for path in sorted(out.glob("shard-*.h5")):
+        if path not in units:
+            raise UsageError(
+                f"{path} does not belong to this job, whose last shard is {shard_path(out, n_units - 1).name}; "
+                "delete it or choose another --out"
+            )
+        try:
+            reader = ShardReader(path)
+        except InputFileError as error:
+            if not _is_damage(error):
+                raise
+            damaged.append(path)
+            continue
+        with reader:
+            _check_header(path, reader.header, expected)
+            _check_samples(path, reader, job.sample_ids_of(source, units[path]))
+    missing = tuple(unit for path, unit in units.items() if path in set(damaged) or not path.exists())
+    return FolderState(missing, tuple(damaged))
+
+
+def _is_damage(error: InputFileError) -> bool:
+    """Whether HDF5 itself could not open a file that may be read: it was cut short or overwritten.
+
+    A shard of another schema, or another program's file, is no damage, and never replaced.
+    """
+    cause = error.__cause__
+    return isinstance(cause, OSError) and not isinstance(cause, PermissionError | IsADirectoryError)
+
+
+def _check_header(path: Path, found: ShardHeader, expected: ShardHeader) -> None:
+    different = _differences(_origin(found), _origin(expected))
+    if different:
+        raise UsageError(
+            f"{path} was made by another configuration ({'; '.join(different)}); delete it or choose another --out"
+        )
+
+
+def _check_samples(path: Path, reader: ShardReader, expected: Sequence[str]) -> None:
+    """A shard that was copied over another has the right header and the wrong samples."""
+    rejected = [sample_id for sample_id, _ in json.loads(reader.header.rejected)]
+    surplus = sorted({*reader.sample_ids, *rejected} - set(expected))
+    if surplus or len(reader) + len(rejected) != len(expected):
+        found = f"sample {surplus[0]!r}" if surplus else f"{len(reader) + len(rejected)} samples"
+        raise UsageError(
+            f"{path}: expected the {len(expected)} samples from {expected[0]!r} to {expected[-1]!r}, found {found}: "
+            "delete it and run the same command again"
+        )
+
+
+def _origin(header: ShardHeader) -> dict[str, Any]:
+    """What the shards of one job agree in, by name."""
+    try:
+        configuration = json.loads(header.configuration)
+    except ValueError:
+        configuration = header.configuration
+    if not isinstance(configuration, dict):
+        configuration = {"configuration": configuration}
+    return {
+        "model_sha256": header.model_sha256,
+        "generator": header.generator,
+        "layers": ",".join(header.layers),
+        **configuration,
+    }
+
+
+def _differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
+    """Such as "seed 0 -> 3"; hashes are cut to what tells them apart."""
+    return [
+        f"{name} {_short(found.get(name))} -> {_short(expected.get(name))}"
+        for name in sorted(found.keys() | expected.keys())
+        if found.get(name) != expected.get(name)
+    ]
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    is_hash = len(text) == 64 and set(text) <= set("0123456789abcdef")
+    return text[:12] if is_hash else text[:80]

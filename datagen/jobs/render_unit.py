@@ -1,0 +1,203 @@
+"""One unit of work: the faces of one shard are read, rendered, packed and written. What a worker runs.
+
+What a unit writes depends on its number, the seed and the names of its samples alone, so neither the number of workers
+nor their order matters, and a unit that is tried again writes the same bytes.
+"""
+
+import os
+import resource
+import sys
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import final
+
+import cv2
+from threadpoolctl import threadpool_limits
+
+from datagen.jobs.baked_jitter import View, ViewMaker
+from datagen.jobs.executors import limit_threads
+from datagen.jobs.folder_lock import worker_lock
+from datagen.jobs.render_job import RenderJob, shard_header, shard_path
+from datagen.jobs.stage_times import StageTimes
+from datagen.jobs.triplets import TripletMaker
+from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
+from datagen.sources import FaceSource, open_source
+from pix2face.errors import InputFileError, SampleRejectedError, UsageError
+from pix2face.morphable_model import MorphableModel, open_model
+from pix2face.shards.shard_writing import PackedTriplet, pack_triplet, write_packed
+
+# The vertices of at most so many views come from one matrix product: it reads the basis once for all of them (a face of
+# BFM's size takes 2.9 ms of 8, 1.9 of 16, 1.2 of 64), and they take 41 MB.
+VIEWS_AT_A_TIME = 64
+
+
+@final
+@dataclass(frozen=True)
+class Unit:
+    """A shard to be made.
+
+    Attributes:
+        job: What it belongs to.
+        number: Which shard.
+        out: The folder of the shards.
+        gl: What to draw with.
+        source_sha256: Of the faces, as the job saw them: a worker that sees others would mix them.
+        model_sha256: Likewise of the model.
+    """
+
+    job: RenderJob
+    number: int
+    out: Path
+    gl: GLSettings
+    source_sha256: str
+    model_sha256: str
+
+
+@final
+@dataclass(frozen=True)
+class UnitReport:
+    """What a unit took.
+
+    Attributes:
+        n_faces: Faces that were tried.
+        seconds: By stage.
+        cpu_seconds: Of the processor, by stage.
+        peak_memory_bytes: Of the worker so far.
+    """
+
+    n_faces: int
+    seconds: Mapping[str, float]
+    cpu_seconds: Mapping[str, float]
+    peak_memory_bytes: int
+
+
+def render_unit(unit: Unit) -> UnitReport:
+    """Makes one shard.
+
+    Raises:
+        UsageError: The worker sees another model or other faces than the job, or the shard cannot be written.
+        GLUnavailableError: The worker cannot draw.
+    """
+    return _DRAWING_THREAD.submit(_render_unit, unit).result()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Worker:
+    """What a worker keeps between units: opening it takes longer than rendering a sample."""
+
+    model: MorphableModel
+    source: FaceSource
+    gl: GLContext
+    views: ViewMaker
+    maker: TripletMaker
+
+
+# A context of OpenGL belongs to one thread; the workers of a cluster may call from several.
+_DRAWING_THREAD = ThreadPoolExecutor(1, thread_name_prefix="drawing")
+# The worker of this process, by its job; of that thread.
+_KEPT: dict[Unit, _Worker] = {}
+
+
+def _render_unit(unit: Unit) -> UnitReport:
+    times = StageTimes()
+    if not unit.out.is_dir():
+        raise UsageError(f"{unit.out}: expected the worker to see the folder of the shards, found that it does not")
+    with worker_lock(unit.out), threadpool_limits(1, user_api="blas"):
+        with times.stage("open model and source"):
+            worker = _worker(unit)
+        order = {name: place for place, name in enumerate(unit.job.sample_ids_of(worker.source, unit.number))}
+        rejected: list[tuple[str, str]] = []
+        packed = list(_packed(unit, worker, rejected, times))
+        rejected.sort(key=lambda entry: order[entry[0]])
+        with times.stage("write, check"):
+            header = shard_header(unit.job, worker.source, worker.model, _without_place(unit.job, rejected))
+            write_packed(shard_path(unit.out, unit.number), header, packed, unit.job.compression)
+    n_faces = len(unit.job.faces_of(worker.source, unit.number))
+    return UnitReport(n_faces, times.seconds, times.cpu_seconds, _peak_memory_bytes())
+
+
+def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times: StageTimes) -> Iterator[PackedTriplet]:
+    """The samples of a unit in the order of the source; those that cannot be used are added to ``rejected``."""
+    most_faces = max(VIEWS_AT_A_TIME // max(unit.job.jitter.n, 1), 1)
+    for indices in _even_parts(unit.job.faces_of(worker.source, unit.number), most_faces):
+        with times.stage("read coefficients"):
+            views = _views(unit.job, worker, indices, rejected)
+        for view, made in zip(views, worker.maker.make_all(views, times), strict=True):
+            sample_id = view.face.sample_id
+            if isinstance(made, SampleRejectedError):
+                rejected.append((sample_id, str(made)))
+                continue
+            try:
+                with times.stage("encode"):
+                    packed = pack_triplet(made, unit.job.layers)
+            except InputFileError as error:  # a value that the format cannot hold would cost the whole shard
+                rejected.append((sample_id, f"{sample_id}: {error}"))
+                continue
+            yield packed
+
+
+def _without_place(job: RenderJob, rejected: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Reasons with paths from the folder of the faces on: where that lies is nothing that a shard should say."""
+    folder = job.coefficients if job.coefficients.is_dir() else job.coefficients.parent
+    return [(sample_id, reason.replace(f"{folder}{os.sep}", "")) for sample_id, reason in rejected]
+
+
+def _even_parts(faces: range, at_most: int) -> Iterator[range]:
+    """Parts of about the same size, none larger than what is computed at a time: small products are slow ones."""
+    n_parts = -(-len(faces) // at_most)
+    for part in range(n_parts):
+        yield faces[part * len(faces) // n_parts : (part + 1) * len(faces) // n_parts]
+
+
+def _views(job: RenderJob, worker: _Worker, indices: range, rejected: list[tuple[str, str]]) -> list[View]:
+    views = []
+    for index in indices:
+        try:
+            views += worker.views.views(worker.source.face(index))
+        except SampleRejectedError as error:
+            rejected += [(name, str(error)) for name in job.jitter.sample_ids(worker.source.sample_ids[index])]
+    return views
+
+
+def _worker(unit: Unit) -> _Worker:
+    key = replace(unit, number=0)
+    if key not in _KEPT:
+        for _, worker in [_KEPT.popitem() for _ in range(len(_KEPT))]:
+            worker.gl.release()
+        _KEPT[key] = _open_worker(unit)
+    return _KEPT[key]
+
+
+def _open_worker(unit: Unit) -> _Worker:
+    limit_threads()
+    cv2.setNumThreads(1)
+    job = unit.job
+    model = open_model(job.model)
+    _check_same("model", job.model, model.sha256, unit.model_sha256)
+    source = open_source(job.coefficients, model)
+    _check_same("faces", str(job.coefficients), source.sha256, unit.source_sha256)
+    gl = create_gl_context(unit.gl)
+    views = ViewMaker(model, job.jitter, job.seed)
+    return _Worker(model, source, gl, views, TripletMaker(model, gl, job.seed, job.layers))
+
+
+def _check_same(what: str, place: str, found: str, expected: str) -> None:
+    if found != expected:
+        raise UsageError(
+            f"{place}: expected the worker to see the {what} of the job ({expected[:12]}), found others "
+            f"({found[:12]}); do all workers see the same files, and do they stay as they are while the job runs?"
+        )
+
+
+def _peak_memory_bytes() -> int:
+    """Of this process. Where /proc says it; getrusage, which knows it everywhere, starts from what the parent had."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+        kilobytes = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
+    except (OSError, StopIteration):
+        kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return kilobytes if sys.platform == "darwin" else kilobytes * 1024
+    return kilobytes * 1024

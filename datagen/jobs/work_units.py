@@ -1,0 +1,116 @@
+"""Finishes units of work on a place that may lose its workers.
+
+A worker that dies (killed, out of memory) takes its whole pool with it. The pool is opened anew, and what was under way
+is tried again, after everything that was not. A unit that was there each time its workers died is tried alone the last
+time, so that the blame is certain; then it ends the job.
+"""
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from typing import Generic, TypeVar, final
+
+from datagen.jobs.executors import WorkPlace
+from pix2face.errors import UsageError
+
+# How many times workers may die with a unit in their hands.
+ATTEMPTS = 3
+CHECK_EVERY_S = 5.0
+
+Result = TypeVar("Result")
+
+
+def finish_units(
+    units: Iterable[int],
+    place: WorkPlace,
+    submit: Callable[[Executor, int], "Future[Result]"],
+    on_finished: Callable[[int, Result], None],
+) -> None:
+    """Finishes all units, in any order.
+
+    Args:
+        units: Their numbers.
+        place: Where they run.
+        submit: Hands one over.
+        on_finished: Called with each unit's number and result, in the caller's thread.
+
+    Raises:
+        UsageError: Workers died with a unit once too often, or there are none left.
+        Exception: Whatever a unit raised; the others are dropped.
+    """
+    work = _Work(units, submit, on_finished)
+    while work.waiting:
+        try:
+            with place.open() as executor:
+                _drain(work, place, executor)
+        except BrokenExecutor:
+            work.return_lost()
+
+
+@final
+class _Work(Generic[Result]):
+    """What waits, what is under way, and how often workers died with it."""
+
+    def __init__(
+        self,
+        units: Iterable[int],
+        submit: Callable[[Executor, int], "Future[Result]"],
+        on_finished: Callable[[int, Result], None],
+    ) -> None:
+        self.waiting = deque(units)
+        self.running: dict[Future[Result], int] = {}
+        self.submit, self.on_finished = submit, on_finished
+        self._deaths: Counter[int] = Counter()
+
+    def hand_over(self, executor: Executor, at_once: int) -> None:
+        """Hands over as much as may be under way: a unit at its last attempt only ever alone."""
+        while self.waiting:
+            alone = any(self._is_last_attempt(unit) for unit in (self.waiting[0], *self.running.values()))
+            if len(self.running) >= (1 if alone else at_once):
+                return
+            self.running[self.submit(executor, self.waiting[0])] = self.waiting[0]
+            self.waiting.popleft()
+
+    def return_lost(self) -> None:
+        """Puts what was under way when workers died behind everything else.
+
+        Raises:
+            UsageError: One of them has been there too often.
+        """
+        for future in [future for future in self.running if not future.cancelled() and future.exception() is None]:
+            self.on_finished(self.running.pop(future), future.result())  # finished in the same moment
+        lost = sorted(self.running.values())
+        self.running.clear()
+        self._deaths.update(lost)
+        self.waiting.extend(lost)
+        guilty = [unit for unit in lost if self._deaths[unit] >= ATTEMPTS]
+        if guilty:
+            raise UsageError(
+                f"unit {guilty[0]}: workers died {ATTEMPTS} times with it, the last time alone (out of memory? a "
+                "driver that crashes? see `datagen doctor`); all other finished shards are kept: run the same command "
+                "again to go on"
+            )
+
+    def _is_last_attempt(self, unit: int) -> bool:
+        return self._deaths[unit] >= ATTEMPTS - 1
+
+
+def _drain(work: _Work[Result], place: WorkPlace, executor: Executor) -> None:
+    while work.waiting or work.running:
+        work.hand_over(executor, place.at_once)
+        done, _ = wait(work.running, timeout=CHECK_EVERY_S, return_when=FIRST_COMPLETED)
+        if not done:
+            place.check()
+        for future in done:
+            try:
+                result = future.result()
+            except BrokenExecutor:
+                raise  # the unit stays among the running: it is tried again
+            except Exception as error:
+                explained = place.explain(error)
+                if explained is None:
+                    raise
+                raise UsageError(
+                    f"unit {work.running[future]}: {explained}; finished shards are kept: run the same command again"
+                ) from error
+            work.on_finished(work.running.pop(future), result)

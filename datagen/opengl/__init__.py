@@ -1,0 +1,1 @@
+"""OpenGL without a display: contexts, devices, and what to do where it fails."""

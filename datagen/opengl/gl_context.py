@@ -1,0 +1,234 @@
+"""An OpenGL context without a window: EGL first, OSMesa second, a clear error third."""
+
+import os
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Any, Literal, final
+
+import moderngl
+
+from datagen.opengl.egl_devices import count_egl_devices, egl_devices
+from datagen.opengl.osmesa_context import OSMesaContext, load_osmesa
+from pix2face.errors import GLUnavailableError, UsageError
+
+Rasteriser = Literal["auto", "compute", "fragment"]
+
+BACKENDS = ("egl", "osmesa")
+RASTERISERS: tuple[Rasteriser, ...] = ("auto", "compute", "fragment")
+ENVIRONMENT_VARIABLE = "PIX2FACE_GL"
+DEVICE_VARIABLE = "PIX2FACE_GL_DEVICE"
+RASTERISER_VARIABLE = "PIX2FACE_RASTERISER"
+# moderngl's own variable, which would silently overrule ours.
+FOREIGN_DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
+# OpenGL 4.3 brought compute shaders and the buffers that they write to.
+COMPUTE_VERSION, OLDEST_VERSION = 430, 330
+REMEDY = (
+    "install Mesa (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri for EGL, libosmesa6 for OSMesa), "
+    f"or choose another backend with {ENVIRONMENT_VARIABLE}=egl or {ENVIRONMENT_VARIABLE}=osmesa; "
+    "`datagen doctor` says more"
+)
+
+
+@final
+@dataclass(frozen=True)
+class GLSettings:
+    """Which OpenGL to use, and how. Plain values: it travels to worker processes.
+
+    Attributes:
+        backend: ``egl`` or ``osmesa``; None tries EGL, then OSMesa.
+        device: Which of the devices that EGL lists, from 0 (``datagen doctor`` names them); None takes the first.
+        rasteriser: ``compute`` (needs OpenGL 4.3), ``fragment``, or ``auto``: compute where it can be had.
+    """
+
+    backend: str | None = None
+    device: int | None = None
+    rasteriser: Rasteriser = "auto"
+
+    def resolved(self, environment: Mapping[str, str] = os.environ) -> "GLSettings":
+        """What is left open here, filled in from PIX2FACE_GL, PIX2FACE_GL_DEVICE and PIX2FACE_RASTERISER.
+
+        Raises:
+            UsageError: A value is none of those known, or two of them exclude each other.
+        """
+        settings = self
+        if settings.backend is None and environment.get(ENVIRONMENT_VARIABLE):
+            settings = replace(settings, backend=_known(ENVIRONMENT_VARIABLE, environment, BACKENDS))
+        if settings.device is None and environment.get(DEVICE_VARIABLE):
+            settings = replace(settings, device=_device_number(environment[DEVICE_VARIABLE]))
+        if settings.rasteriser == "auto" and environment.get(RASTERISER_VARIABLE):
+            settings = replace(settings, rasteriser=_known(RASTERISER_VARIABLE, environment, RASTERISERS))
+        settings._check(environment)
+        return settings
+
+    def _check(self, environment: Mapping[str, str]) -> None:
+        if self.backend is not None:
+            _known("backend", {"backend": self.backend}, BACKENDS)
+        _known("rasteriser", {"rasteriser": self.rasteriser}, RASTERISERS)
+        if self.device is None:
+            return
+        if self.device < 0:
+            raise UsageError(f"device: expected the number of a device, from 0, found {self.device}")
+        if self.backend == "osmesa":
+            raise UsageError(
+                f"expected no device with the backend osmesa, which draws on the processor, found {self.device}; "
+                f"leave out the device ({DEVICE_VARIABLE}) or choose egl"
+            )
+        foreign = environment.get(FOREIGN_DEVICE_VARIABLE, str(self.device))
+        if foreign != str(self.device):
+            raise UsageError(
+                f"expected one choice of device, found {self.device} and {FOREIGN_DEVICE_VARIABLE}={foreign}; unset it"
+            )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GLContext:
+    """An OpenGL context and where it comes from. It belongs to the thread that made it.
+
+    Attributes:
+        context: What draws.
+        backend: ``egl`` or ``osmesa``.
+        renderer: What the driver calls itself.
+        version_code: 450 for OpenGL 4.5; at least 330.
+        rasteriser: What was asked for; ``choose_rasteriser`` says what that comes to.
+        device: Number of the EGL device that was asked for.
+    """
+
+    context: moderngl.Context
+    backend: str
+    renderer: str
+    version_code: int = OLDEST_VERSION
+    rasteriser: Rasteriser = "auto"
+    device: int | None = None
+
+    def make_current(self) -> None:
+        """Lets OpenGL calls of this thread go here: needed before drawing where a thread has two contexts."""
+        self.context.mglo.__enter__()
+
+    def release(self) -> None:
+        """Gives the context back; nothing made from it can be used afterwards.
+
+        Releasing leaves no context current. Of the others of this thread the youngest takes over, so that whoever
+        works on with it need not know that this one was there.
+        """
+        others = [other for other in _living() if other is not self]
+        if not isinstance(self.context.mglo, moderngl.InvalidObject):
+            self.make_current()  # what is freed here must not be looked for in another context
+            self.context.release()
+            _THREAD.living = others
+        if others:
+            others[-1].make_current()
+
+    def __enter__(self) -> "GLContext":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+
+def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
+    """Makes an OpenGL context that needs no display, of the newest version that the driver has.
+
+    Args:
+        settings: What to use; a name stands for a backend alone, None leaves everything open. What is open is taken
+            from the environment. Both backends bring Mesa's dispatch tables: use one of them in a process.
+
+    Raises:
+        UsageError: There is no such backend or device.
+        GLUnavailableError: None could be made; the message says what each backend complained about.
+    """
+    chosen = (settings if isinstance(settings, GLSettings) else GLSettings(settings)).resolved()
+    failures = []
+    for name in _backends(chosen):
+        try:
+            context = _CREATORS[name](chosen)
+        except UsageError:
+            raise
+        except Exception as error:  # noqa: BLE001 - glcontext raises bare Exception
+            failures.append(f"{name}: {str(error).strip() or type(error).__name__}")
+            continue
+        renderer, version = str(context.info["GL_RENDERER"]), int(context.version_code)
+        made = GLContext(context, name, renderer, version, chosen.rasteriser, chosen.device)
+        _THREAD.living = [*_living(), made]
+        return made
+    raise GLUnavailableError(f"expected OpenGL 3.3 without a display, found none ({'; '.join(failures)}); {REMEDY}")
+
+
+def choose_rasteriser(rasteriser: Rasteriser, version_code: int) -> Literal["compute", "fragment"]:
+    """The path that a setting comes to on a version of OpenGL.
+
+    Raises:
+        GLUnavailableError: Compute shaders were asked for, and there are none.
+    """
+    if rasteriser == "fragment" or (rasteriser == "auto" and version_code < COMPUTE_VERSION):
+        return "fragment"
+    if version_code < COMPUTE_VERSION:
+        raise GLUnavailableError(
+            f"expected OpenGL 4.3 for the rasteriser compute, found {version_code // 100}.{version_code // 10 % 10}; "
+            f"choose the rasteriser fragment ({RASTERISER_VARIABLE}=fragment), or auto"
+        )
+    return "compute"
+
+
+def _backends(settings: GLSettings) -> tuple[str, ...]:
+    if settings.backend is not None:
+        return (settings.backend,)
+    return BACKENDS if settings.device is None else ("egl",)
+
+
+def _create_egl(settings: GLSettings) -> moderngl.Context:
+    if settings.device is not None:
+        _check_device(settings.device)
+    # By name: moderngl would look for the libraries with programs that a small container does not have.
+    arguments: dict[str, Any] = {"backend": "egl", "libegl": "libEGL.so.1", "libgl": "libGL.so.1"}
+    if settings.device is not None:
+        arguments["device_index"] = settings.device
+    try:
+        return moderngl.create_context(require=COMPUTE_VERSION, standalone=True, **arguments)
+    except Exception:  # noqa: BLE001 - glcontext raises bare Exception; what it says is said again below
+        return moderngl.create_context(require=OLDEST_VERSION, standalone=True, **arguments)
+
+
+def _create_osmesa(settings: GLSettings) -> moderngl.Context:
+    context = OSMesaContext(load_osmesa())
+    arguments: dict[str, Any] = {"context": context}
+    try:
+        return moderngl.create_context(standalone=True, **arguments)
+    except BaseException:
+        context.release()
+        raise
+
+
+_CREATORS: dict[str, Callable[[GLSettings], moderngl.Context]] = {"egl": _create_egl, "osmesa": _create_osmesa}
+# The contexts of each thread, the youngest last.
+_THREAD = threading.local()
+
+
+def _living() -> list[GLContext]:
+    return getattr(_THREAD, "living", [])
+
+
+def _check_device(number: int) -> None:
+    n_devices = count_egl_devices()
+    if number >= n_devices:
+        listed = "; ".join(f"{device.index}: {device.description}" for device in egl_devices()) or "none"
+        raise UsageError(
+            f"device: expected one of the {n_devices} that EGL lists ({listed}), found {number}; "
+            "`datagen doctor` shows them"
+        )
+
+
+def _device_number(text: str) -> int:
+    if not (text.isascii() and text.isdigit()):
+        raise UsageError(f"{DEVICE_VARIABLE}: expected the number of a device, from 0, found {text!r}")
+    return int(text)
+
+
+def _known(name: str, values: Mapping[str, str], known: tuple[Any, ...]) -> Any:
+    if values[name] not in known:
+        raise UsageError(f"{name}: expected one of {', '.join(known)}, found {values[name]!r}")
+    return values[name]

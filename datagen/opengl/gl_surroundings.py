@@ -1,0 +1,171 @@
+"""What of OpenGL is installed on a machine: libraries, device files, vendor files, variables. Nothing is drawn."""
+
+import ctypes
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from platform import python_version
+from typing import Any, final
+
+import h5py
+
+from datagen.opengl.egl_devices import EGL_LIBRARY, EGLDevice
+from datagen.opengl.osmesa_context import OSMESA_LIBRARIES
+
+GL_LIBRARY, NVIDIA_LIBRARY, OSMESA = "libGL.so.1", "libEGL_nvidia.so.0", "libOSMesa"
+VENDOR_FOLDERS = ("usr/share/glvnd/egl_vendor.d", "etc/glvnd/egl_vendor.d")
+VENDOR_VARIABLE, VENDOR_FOLDER_VARIABLE = "__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS"
+# Variables that change what OpenGL does.
+VARIABLES = (
+    "PIX2FACE_GL",
+    "PIX2FACE_GL_DEVICE",
+    "PIX2FACE_RASTERISER",
+    "GLCONTEXT_DEVICE_INDEX",
+    "GLCONTEXT_GLVERSION",
+    "GLCONTEXT_LINUX_LIBGL",
+    "GLCONTEXT_LINUX_LIBEGL",
+    "LIBGL_ALWAYS_SOFTWARE",
+    "GALLIUM_DRIVER",
+    "LP_NUM_THREADS",
+    "MESA_LOADER_DRIVER_OVERRIDE",
+    "MESA_GL_VERSION_OVERRIDE",
+    "NVIDIA_VISIBLE_DEVICES",
+    "NVIDIA_DRIVER_CAPABILITIES",
+    VENDOR_VARIABLE,
+    VENDOR_FOLDER_VARIABLE,
+)
+PACKAGES = ("pix2face", "numpy", "moderngl", "glcontext", "h5py", "isal", "opencv-python-headless")
+
+
+@final
+@dataclass(frozen=True)
+class DeviceFile:
+    """A file by which a graphics card is reached, such as /dev/dri/renderD128.
+
+    Attributes:
+        path: Where it is.
+        group: Who may use it beside its owner, by name or number.
+        is_open: Whether this process may.
+    """
+
+    path: str
+    group: str
+    is_open: bool
+
+
+@final
+@dataclass(frozen=True)
+class Surroundings:
+    """What is installed.
+
+    Attributes:
+        complaints: For each library why it cannot be loaded; "" where it can.
+        devices: What EGL lists.
+        devices_error: Why it lists nothing.
+        render_nodes: Of Mesa and of NVIDIA, /dev/dri/renderD*.
+        nvidia_nodes: /dev/nvidia0 and so on.
+        vendor_files: The files that tell EGL which drivers there are.
+        missing_vendor_files: Those that an environment variable names and that are not there.
+        is_container: Whether this looks like the inside of one.
+        environment: Those of VARIABLES that are set.
+    """
+
+    complaints: Mapping[str, str]
+    devices: tuple[EGLDevice, ...] = ()
+    devices_error: str = ""
+    render_nodes: tuple[DeviceFile, ...] = ()
+    nvidia_nodes: tuple[DeviceFile, ...] = ()
+    vendor_files: tuple[str, ...] = ()
+    missing_vendor_files: tuple[str, ...] = ()
+    is_container: bool = False
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+def survey(
+    devices: tuple[tuple[EGLDevice, ...], str],
+    root: Path = Path("/"),
+    environment: Mapping[str, str] = os.environ,
+    load: Callable[[str], Any] = ctypes.CDLL,
+) -> Surroundings:
+    """Looks around.
+
+    Args:
+        devices: What EGL lists, and why it lists nothing.
+        root: Of the file system.
+        environment: Variables.
+        load: Loads a shared library or raises OSError.
+    """
+    files, missing = _vendor_files(root, environment)
+    return Surroundings(
+        complaints={
+            **{name: _complaint(load, [name]) for name in (EGL_LIBRARY, GL_LIBRARY, NVIDIA_LIBRARY)},
+            OSMESA: _complaint(load, OSMESA_LIBRARIES),
+        },
+        devices=devices[0],
+        devices_error=devices[1],
+        render_nodes=_device_files(root / "dev" / "dri", "renderD*"),
+        nvidia_nodes=_device_files(root / "dev", "nvidia[0-9]*"),
+        vendor_files=files,
+        missing_vendor_files=missing,
+        is_container=_is_container(root, environment),
+        environment={name: environment[name] for name in VARIABLES if name in environment},
+    )
+
+
+def versions() -> dict[str, str]:
+    """Versions of what takes part, Python first."""
+    found = {"python": python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return {**found, "hdf5": h5py.version.hdf5_version}
+
+
+def _complaint(load: Callable[[str], Any], names: Sequence[str]) -> str:
+    complaints = []
+    for name in names:
+        try:
+            load(name)
+        except OSError as error:
+            complaints.append(str(error))
+        else:
+            return ""
+    return complaints[0]
+
+
+def _device_files(folder: Path, pattern: str) -> tuple[DeviceFile, ...]:
+    found = []
+    for path in sorted(folder.glob(pattern)):
+        try:
+            group = path.group()
+        except (KeyError, OSError):
+            group = str(path.lstat().st_gid)
+        found.append(DeviceFile(str(path), group, os.access(path, os.R_OK | os.W_OK)))
+    return tuple(found)
+
+
+def _vendor_files(root: Path, environment: Mapping[str, str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The vendor files that count, and those that a variable names and that are not there."""
+    if environment.get(VENDOR_VARIABLE):
+        named = [Path(name) for name in environment[VENDOR_VARIABLE].split(":") if name]
+        present = [path for path in named if path.is_file()]
+        return tuple(map(str, present)), tuple(str(path) for path in named if path not in present)
+    chosen = [Path(name) for name in environment.get(VENDOR_FOLDER_VARIABLE, "").split(":") if name]
+    folders = chosen or [root / folder for folder in VENDOR_FOLDERS]
+    files = tuple(str(path) for folder in folders for path in sorted(folder.glob("*.json")))
+    return files, tuple(str(folder) for folder in chosen if not folder.is_dir())
+
+
+def _is_container(root: Path, environment: Mapping[str, str]) -> bool:
+    marks = (root / ".dockerenv", root / "run" / ".containerenv")
+    if environment.get("container") or any(mark.exists() for mark in marks):
+        return True
+    try:
+        groups = (root / "proc" / "1" / "cgroup").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return any(word in groups for word in ("docker", "kubepods", "containerd", "lxc", "podman"))

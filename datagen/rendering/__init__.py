@@ -1,0 +1,1 @@
+"""From a posed mesh to layers and pictures, with OpenGL."""

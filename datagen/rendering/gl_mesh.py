@@ -1,0 +1,160 @@
+"""A model in the driver: textures of its pairs and of the face that is being drawn, and the programs over them."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from importlib.resources import files
+from typing import Generic, TypeVar, final
+
+import moderngl
+import numpy as np
+from jaxtyping import Float32, Int32, Shaped, UInt32
+from numpy import ndarray
+
+from datagen.rendering.screen_projection import ScreenProjection
+from datagen.rendering.triangle_pairs import local_order, pair_triangles
+from pix2face.errors import UsageError
+from pix2face.morphable_model import MorphableModel
+
+# Lists lie in textures of this width (shaders/mesh.glsl).
+TEXTURE_WIDTH = 1024
+# Vertex numbers have 24 bits in the texture of pairs; regions and flags lie above (shaders/mesh.glsl).
+VERTEX_BITS = 24
+# Photographs come in several sizes: the buffers of this many are kept.
+SIZES_KEPT = 8
+
+# Where each texture is bound, in all programs.
+TEXTURE_UNITS = {"screen": 0, "pairs": 1, "seen": 2, "mean": 3, "values": 4, "corners": 5}
+
+T = TypeVar("T")
+
+
+@final
+class GLMesh:
+    """The mesh of one model.
+
+    Args:
+        model: Mean, triangles, regions.
+        context: Where.
+
+    Raises:
+        UsageError: The mesh is too large for the textures.
+    """
+
+    def __init__(self, model: MorphableModel, context: moderngl.Context) -> None:
+        self.context = context
+        largest = int(context.info["GL_MAX_TEXTURE_SIZE"]) * TEXTURE_WIDTH
+        if max(len(model.mean), len(model.triangles)) >= min(1 << VERTEX_BITS, largest):
+            raise UsageError(
+                f"expected a model of fewer than {min(1 << VERTEX_BITS, largest):,} vertices and triangles, found "
+                f"{len(model.mean):,} and {len(model.triangles):,} in {model.name}"
+            )
+        self._order = local_order(model.mean, model.triangles)
+        self._is_reordered = bool((self._order != np.arange(len(self._order))).any())
+        place = np.empty(len(self._order), dtype=np.int32)
+        place[self._order] = np.arange(len(self._order), dtype=np.int32)
+        self._pairs = pair_triangles(place[model.triangles])
+        self.triangles: Int32[ndarray, "t 3"] = self._pairs.triangles
+        self.n_pairs, self.n_triangles = len(self._pairs.corners), len(self.triangles)
+        self.screen: Float32[ndarray, "rows w 4"] = np.zeros(_rows(len(model.mean), 4), dtype=np.float32)
+        self._textures = {
+            "screen": self._texture(self.screen),
+            "pairs": self.list_texture(_flagged(self._pairs.corners, self._pairs.source, model)),
+            "mean": self.list_texture(model.mean[self._order]),
+        }
+
+    def program(self, fragment: str, vertex: str = "whole_vertex", with_sight: bool = True) -> moderngl.Program:
+        """Compiles a vertex and a fragment shader."""
+        parts = ("mesh", "sight") if with_sight else ()
+        program = self.context.program(
+            vertex_shader=shader_source(330, vertex), fragment_shader=shader_source(330, *parts, fragment)
+        )
+        self.set_units(program)
+        if "n_triangles" in program:
+            program["n_triangles"] = self.n_triangles
+        return program
+
+    def set_units(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
+        """Tells a program where the textures are bound."""
+        for name, unit in TEXTURE_UNITS.items():
+            if name in program:
+                program[name] = unit
+
+    def load(self, projection: ScreenProjection) -> None:
+        """Uploads a posed face, and binds what all passes read."""
+        flat = self.screen.reshape(-1, 4)
+        if self._is_reordered:
+            np.take(projection.screen, self._order, axis=0, out=flat[: len(self._order)])
+        else:
+            flat[: len(self._order)] = projection.screen
+        self._textures["screen"].write(self.screen)
+        for name, texture in self._textures.items():
+            texture.use(TEXTURE_UNITS[name])
+
+    def list_texture(self, values: Shaped[ndarray, "n c"]) -> moderngl.Texture:
+        """A texture of a list of up to four numbers each."""
+        padded = np.zeros(_rows(len(values), 4), dtype=np.float32 if values.dtype.kind == "f" else np.uint32)
+        padded.reshape(-1, 4)[: len(values), : values.shape[1]] = values
+        return self._texture(padded)
+
+    def corner_texture(self, corners: Int32[ndarray, "m 3"]) -> moderngl.Texture:
+        """A texture of the numbers that values have at the corners of the model's triangles."""
+        return self.list_texture(self._pairs.at_corners(corners))
+
+    def _texture(self, padded: Shaped[ndarray, "rows w 4"]) -> moderngl.Texture:
+        kind = "f4" if padded.dtype == np.float32 else "u4"
+        texture = self.context.texture((TEXTURE_WIDTH, len(padded)), 4, padded, dtype=kind)
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+
+@final
+class KeptBySize(Generic[T]):
+    """Things made for a size of image, of which those used last are kept.
+
+    Args:
+        make: Makes one, from height and width.
+        release: Gives one back to the driver.
+    """
+
+    def __init__(self, make: Callable[[int, int], T], release: Callable[[T], None]) -> None:
+        self._make, self._release = make, release
+        self._kept: OrderedDict[tuple[int, int], T] = OrderedDict()
+
+    def get(self, height: int, width: int) -> T:
+        """The one for a size, new or kept."""
+        key = (height, width)
+        if key not in self._kept:
+            while len(self._kept) >= SIZES_KEPT:
+                self._release(self._kept.popitem(last=False)[1])
+            self._kept[key] = self._make(height, width)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+
+def shader_source(version: int, *names: str) -> str:
+    """Parts of ``datagen/rendering/shaders`` one after the other."""
+    folder = files("datagen.rendering") / "shaders"
+    parts = [(folder / f"{name}.glsl").read_text(encoding="utf-8") for name in names]
+    return "\n".join([f"#version {version} core", *parts])
+
+
+def uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
+    """A uniform, for writing many numbers at once."""
+    found = program[name]
+    assert isinstance(found, moderngl.Uniform)
+    return found
+
+
+def _rows(n: int, channels: int) -> tuple[int, int, int]:
+    return max(1, -(-n // TEXTURE_WIDTH)), TEXTURE_WIDTH, channels
+
+
+def _flagged(corners: Int32[ndarray, "p 4"], source: ndarray, model: MorphableModel) -> UInt32[ndarray, "p 4"]:
+    """Corners with the regions of both triangles above the first two, and above the third which of them are face."""
+    first, second = source[0::2], source[1::2]
+    flagged = corners.astype(np.uint32)
+    is_face = model.is_face_triangle.astype(np.uint32)
+    above = (model.triangle_regions[first], model.triangle_regions[second], is_face[first] | is_face[second] << 1)
+    for column, bits in enumerate(above):
+        flagged[:, column] |= bits.astype(np.uint32) << np.uint32(VERTEX_BITS)
+    return flagged

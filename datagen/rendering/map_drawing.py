@@ -1,0 +1,168 @@
+"""From the triangle that each pixel sees to maps and layers: both rasterisers share this pass."""
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import moderngl
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from datagen.rendering.gl_mesh import TEXTURE_UNITS, GLMesh, KeptBySize
+from datagen.rendering.screen_projection import ScreenProjection
+from pix2face.camera import Camera
+from pix2face.morphable_model import MorphableModel
+from pix2face.rasterise import RenderedMaps
+from pix2face.surface_attributes import ATTRIBUTES, REGIONS, Attribute
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What is kept for one size of image.
+
+    Attributes:
+        framebuffer: With two colours of four floats.
+        copies: Where each is read into, over and over: memory that is asked for anew costs as much as reading does.
+    """
+
+    framebuffer: moderngl.Framebuffer
+    copies: tuple[Float32[ndarray, " n"], ...]
+
+    def read(self, projection: ScreenProjection, attachment: int) -> Float32[ndarray, "h w 4"]:
+        """One colour in the projection's box; valid until it is read again."""
+        left, top, right, bottom = projection.box_px
+        shape = (bottom - top, right - left, 4)
+        out = self.copies[attachment][: math.prod(shape)].reshape(shape)
+        viewport = (left, top, right - left, bottom - top)
+        self.framebuffer.read_into(out, viewport=viewport, components=4, attachment=attachment, dtype="f4")
+        return out
+
+
+@final
+class MapDrawer:
+    """Draws the maps and further layers of one model.
+
+    Args:
+        mesh: The model in the driver.
+        model: The model.
+
+    Attributes:
+        seen_per_pixel: What the rasteriser said of the texture that is bound.
+    """
+
+    seen_per_pixel: int
+
+    def __init__(self, mesh: GLMesh, model: MorphableModel) -> None:
+        self._mesh, self._model, self._context = mesh, model, mesh.context
+        self._maps = mesh.program("maps_fragment")
+        self._maps_array = self._context.vertex_array(self._maps, [])
+        self._attribute = mesh.program("attribute_fragment")
+        self._attribute_array = self._context.vertex_array(self._attribute, [])
+        self._targets = KeptBySize(self._make, _release)
+        self.seen_per_pixel = 1
+        self._corners: dict[str, moderngl.Texture] = {}
+        self._values: dict[str, moderngl.Texture] = {}
+
+    def draw(self, projection: ScreenProjection, height: int, width: int, with_regions: bool) -> RenderedMaps:
+        """Draws what every rendering has; the rasteriser must have seen the projection.
+
+        Args:
+            projection: Of the face.
+            height: Rows of the image.
+            width: Columns of the image.
+            with_regions: Whether to add the layer ``regions``.
+        """
+        left, top, right, bottom = projection.box_px
+        inside = slice(top, bottom), slice(left, right)
+        pncc, offset = (np.zeros((height, width, 3), dtype=np.float32) for _ in range(2))
+        mask = np.zeros((height, width), dtype=bool)
+        depth = np.zeros((height, width), dtype=np.float32)
+        surface_depth = np.full((height, width), np.inf, dtype=np.float32)
+        regions = np.zeros((height, width), dtype=np.uint8)
+        if left < right and top < bottom:
+            self._place(projection)
+            target = self._begin(projection, height, width)
+            self._maps_array.render(moderngl.TRIANGLES, vertices=3)
+            pncc_region, offset_depth = (target.read(projection, attachment) for attachment in range(2))
+            cv2.cvtColor(pncc_region, cv2.COLOR_RGBA2RGB, dst=pncc[inside])
+            cv2.cvtColor(offset_depth, cv2.COLOR_RGBA2RGB, dst=offset[inside])
+            region = cv2.extractChannel(pncc_region, 3)
+            distance: ndarray = cv2.extractChannel(offset_depth, 3)
+            np.add(distance, np.float32(projection.reference_mm), out=distance)
+            surface_depth[inside] = distance
+            np.greater(region, 0, out=mask[inside])
+            # All bits or none: ten times as fast as np.where.
+            np.bitwise_and(distance.view(np.int32), -mask[inside].astype(np.int32), out=depth.view(np.int32)[inside])
+            if with_regions:
+                regions[inside] = np.abs(region)
+        return RenderedMaps(pncc, offset, mask, depth, surface_depth, {REGIONS: regions} if with_regions else {})
+
+    def attribute(
+        self,
+        name: str,
+        vertices: Float32[ndarray, "v 3"],
+        camera: Camera,
+        projection: ScreenProjection,
+        size: tuple[int, int],
+    ) -> Float32[ndarray, "h w c"]:
+        """Draws one of ``ATTRIBUTES``, after ``draw``.
+
+        Raises:
+            UsageError: The model has not what it needs.
+        """
+        attribute = ATTRIBUTES[name]
+        self._bind(name, attribute, vertices, camera)
+        left, top, right, bottom = projection.box_px
+        out = np.zeros((*size, attribute.n_channels), dtype=np.float32)
+        if left < right and top < bottom:
+            self._attribute["is_direction"] = attribute.is_direction
+            self._set_sight(self._attribute, projection)
+            target = self._begin(projection, *size)
+            self._attribute_array.render(moderngl.TRIANGLES, vertices=3)
+            out[top:bottom, left:right] = target.read(projection, 0)[..., : attribute.n_channels]
+        return out
+
+    def _bind(self, name: str, attribute: Attribute, vertices: Float32[ndarray, "v 3"], camera: Camera) -> None:
+        kept = self._values.get(name)
+        if kept is None or not attribute.same_for_all:
+            values = attribute.values(self._model, vertices, camera)
+            if kept is not None:
+                kept.release()
+            self._values[name] = self._mesh.list_texture(values)
+        if name not in self._corners:
+            self._corners[name] = self._mesh.corner_texture(attribute.corners(self._model))
+        self._values[name].use(TEXTURE_UNITS["values"])
+        self._corners[name].use(TEXTURE_UNITS["corners"])
+
+    def _place(self, projection: ScreenProjection) -> None:
+        self._set_sight(self._maps, projection)
+        for name in ("middle", "middle_point", "along_column", "along_row", "along_depth"):
+            self._maps[name] = tuple(getattr(projection, name))
+
+    def _set_sight(self, program: moderngl.Program, projection: ScreenProjection) -> None:
+        program["seen_per_pixel"] = self.seen_per_pixel
+        program["inverse_distance"] = projection.inverse_distance
+        program["outside"] = float(projection.outside_sign)
+
+    def _begin(self, projection: ScreenProjection, height: int, width: int) -> _Target:
+        left, top, right, bottom = projection.box_px
+        target = self._targets.get(height, width)
+        target.framebuffer.use()
+        target.framebuffer.viewport = (left, top, right - left, bottom - top)
+        self._context.enable_only(moderngl.NOTHING)
+        return target
+
+    def _make(self, height: int, width: int) -> _Target:
+        colours = [self._context.renderbuffer((width, height), 4, dtype="f4") for _ in range(2)]
+        copies = tuple(np.empty(4 * height * width, dtype=np.float32) for _ in colours)
+        return _Target(self._context.framebuffer(color_attachments=colours), copies)
+
+
+def _release(target: _Target) -> None:
+    attachments = target.framebuffer.color_attachments
+    target.framebuffer.release()
+    for attachment in attachments:
+        attachment.release()

@@ -1,0 +1,1 @@
+"""How good landmarks are: benchmarks, metrics, reports, comparisons."""

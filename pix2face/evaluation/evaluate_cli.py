@@ -1,0 +1,270 @@
+"""The command ``evaluate``: a checkpoint, or another system's landmarks, on a benchmark; ``evaluate compare``."""
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, final
+
+import tyro
+from rich.console import Console
+
+from pix2face.command_line import (
+    EXIT_REJECTED,
+    check_max_rejected,
+    counted,
+    prepare_output_folder,
+    progress_bar,
+    run_commands,
+    say,
+)
+from pix2face.errors import InputFileError, UsageError
+from pix2face.evaluation.alignment3d import Alignment
+from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkFiles
+from pix2face.evaluation.benchmark_search import find_benchmark
+from pix2face.evaluation.bootstrap import Bootstrap
+from pix2face.evaluation.compare_cli import compare
+from pix2face.evaluation.evaluation_report import EvaluationSettings, Report, make_report
+from pix2face.evaluation.evaluator import Evaluator, FaceResult, evaluate_faces, frontal_landmarks, model_landmarks
+from pix2face.evaluation.manifest import Manifest, load_manifest
+from pix2face.evaluation.measured_subject import SubjectOptions, open_subject, versions
+from pix2face.evaluation.metrics import Normaliser
+from pix2face.evaluation.predictions_file import PixelFrame
+from pix2face.evaluation.report import report_notes, report_tables
+from pix2face.evaluation.report_files import Cases, write_report
+from pix2face.fitting.face_fit import CameraKind
+from pix2face.landmark_file import open_model_with
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel
+
+DESCRIPTION = (
+    "Measures a checkpoint (or another system's landmarks) on a benchmark: tables with intervals, report.json, a page. "
+    "Another command: evaluate compare A.json B.json (see evaluate compare --help)."
+)
+DATA_VARIABLE = "PIX2FACE_DATA"
+N_CASES = 12
+
+
+@final
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """What to evaluate.
+
+    Attributes:
+        split: The benchmark.
+        data: Folder with its files; default is the environment variable PIX2FACE_DATA.
+        checkpoint: What training wrote; default is the last one below runs/.
+        predictions: Measure these landmarks of another system instead (.npz or .csv, docs/evaluation.md), or of clips a
+            folder with what pix2face track wrote for each (CLIP/track.npz).
+        frame: Where the predictions have the centre of the first pixel: at 0, at 1, or at 0.5.
+        oracle: Measure the model fitted to the truth instead: how much of an error is the model's.
+        out: Folder for the report; default is out/evaluate-SPLIT.
+        model: "builtin" or a model file: the one that the checkpoint was trained for.
+        landmarks: Which vertices the landmarks are: a file of pix2face landmarks select in place of the model's own.
+        truth: Which of several truths is meant (aflw2000-3d: original or reannotated); default is the benchmark's own.
+        reannotated: File of re-annotated landmarks; default is one beside the pictures.
+        boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face.
+        normaliser: What errors are divided by; default is the benchmark's own.
+        threshold: Where a face counts as failed and the error curve ends, a fraction; default is the benchmark's own.
+        contour: 2d lets jaw points slide to the visible outline, as the truth of 300-W and 300-VW does.
+        align: How 3D landmarks are laid onto the true ones (menpo3d-tracking); default is the benchmark's own.
+        camera: Camera of the fit.
+        regularisation: Tikhonov weight of the coefficients in mm^2; default is an estimate from each face's maps, as in
+            pix2face fit.
+        batch_size: Faces that go through the network at once.
+        resamples: Draws of the bootstrap that intervals come from; 0 for none.
+        seed: Of the draws.
+        max_rejected: This many faces with damaged files are tolerated; more make the exit status 3.
+    """
+
+    split: Literal["ibug", "300w-common", "300w-full", "300vw", "aflw2000-3d", "menpo3d-tracking", "builtin-heldout"]
+    data: Path | None = None
+    checkpoint: Path | None = None
+    predictions: Path | None = None
+    frame: PixelFrame = "0-based"
+    oracle: bool = False
+    out: Path | None = None
+    model: str = BUILTIN_MODEL
+    landmarks: Path | None = None
+    truth: str | None = None
+    reannotated: Path | None = None
+    boxes: Literal["truth", "lbp", "lbp-quick", "dlib"] = "truth"
+    normaliser: Normaliser | None = None
+    threshold: float | None = None
+    contour: Literal["off", "2d"] = "off"
+    align: Alignment | None = None
+    camera: CameraKind = "weak-perspective"
+    regularisation: float | None = None
+    batch_size: int = 16
+    resamples: int = 1000
+    seed: int = 0
+    max_rejected: int = 0
+
+
+def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
+    """Measures a checkpoint, or another system's landmarks, on a benchmark.
+
+    Another command: evaluate compare A.json B.json (see evaluate compare --help).
+    """
+    _check_numbers(config)
+    manifest = _as_asked(config, load_manifest(config.split))
+    model = open_model_with(config.model, config.landmarks)
+    model_landmarks(model)  # a model without them is refused before anything takes time
+    found = find_benchmark(manifest, _data_folder(config), model, config.reannotated)
+    subject, description = open_subject(_subject_options(config), model, manifest, found)
+    settings = EvaluationSettings(
+        method=subject.method,
+        alignment=config.align or manifest.alignment or "rigid",
+        contour=config.contour,
+        bootstrap=Bootstrap(config.resamples, config.seed),
+    )
+    evaluator = Evaluator(model, subject, manifest.normaliser, settings.alignment)
+    out = config.out or Path("out") / f"evaluate-{config.split}"
+    prepare_output_folder(out)
+    with progress_bar(Console(stderr=True), f"evaluate {manifest.split}", len(found.items)) as advance:
+        results, unreadable = evaluate_faces(found.items, evaluator, advance, config.batch_size)
+    facts = _facts(config, model, description)
+    report = make_report(manifest, settings, facts, results, found.missing, (*found.unreadable, *unreadable))
+    _check_some_evaluated(report)
+    worst, best = (_with_pictures(cases, found) for cases in (report.worst(N_CASES), report.best(N_CASES)))
+    written = write_report(report, worst, best, frontal_landmarks(model), out)
+    _print(Console(), report, written)
+    return EXIT_REJECTED if len(report.unreadable) > config.max_rejected else 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The program."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given[:1] == ["compare"]:
+        return run_commands("evaluate compare", compare.__doc__ or "", {"": compare}, given[1:])
+    return run_commands("evaluate", DESCRIPTION, {"": evaluate}, given)
+
+
+def _check_numbers(config: EvaluateConfig) -> None:
+    check_max_rejected(config.max_rejected)
+    if config.regularisation is not None and not 0 < config.regularisation < float("inf"):
+        raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
+    if config.threshold is not None and not 0 < config.threshold < float("inf"):
+        raise UsageError(f"expected a positive --threshold as a fraction (0.08 is 8 %), found {config.threshold}")
+    for name, value, least in (
+        ("--batch-size", config.batch_size, 1),
+        ("--resamples", config.resamples, 0),
+        ("--seed", config.seed, 0),
+    ):
+        if value < least:
+            raise UsageError(f"{name}: expected {least} or more, found {value}")
+    if config.predictions is None and config.frame != "0-based":
+        raise UsageError(f"--frame {config.frame}: expected --predictions with it")
+    chosen = [
+        option
+        for option, is_given in (
+            ("--checkpoint", config.checkpoint is not None),
+            ("--predictions", config.predictions is not None),
+            ("--oracle", config.oracle),
+        )
+        if is_given
+    ]
+    if len(chosen) > 1:
+        raise UsageError(f"expected one of --checkpoint, --predictions and --oracle, found {' and '.join(chosen)}")
+
+
+def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
+    """The benchmark with everything that the call changes about it."""
+    manifest = manifest.with_truth(config.truth or manifest.truth)
+    if config.contour == "2d" and not manifest.jaw_follows_outline:
+        raise UsageError(
+            "--contour 2d: expected a split whose truth follows the visible outline (300-W, 300-VW), found "
+            f"{config.split}"
+        )
+    if config.contour == "2d" and config.predictions is not None:
+        raise UsageError("--contour 2d: expected a fit whose jaw points can slide, found --predictions")
+    if config.regularisation is not None and (config.predictions is not None or config.oracle):
+        raise UsageError("--regularisation: expected a checkpoint to measure; nothing else goes by it")
+    if config.align is not None and manifest.alignment is None:
+        raise UsageError(f"--align {config.align}: expected a split with 3D landmarks, found {config.split}")
+    if config.boxes != "truth":
+        if config.predictions is not None or config.oracle:
+            raise UsageError(f"--boxes {config.boxes}: expected a checkpoint to measure; nothing else looks at boxes")
+        rule = (
+            f"of the boxes of the detector {config.boxes} the one that overlaps the tight box of the true landmarks "
+            "most, by 0.3 of the union or more; a face without one counts as not found"
+        )
+        manifest = replace(manifest, box_rule=rule)
+    elif config.predictions is not None:
+        manifest = replace(manifest, box_rule="whatever the other system used")
+    elif config.oracle:
+        manifest = replace(manifest, box_rule="none is used")
+    return replace(
+        manifest,
+        normaliser=config.normaliser or manifest.normaliser,
+        threshold=config.threshold or manifest.threshold,
+        alignment=config.align or manifest.alignment,
+    )
+
+
+def _subject_options(config: EvaluateConfig) -> SubjectOptions:
+    return SubjectOptions(
+        checkpoint=config.checkpoint,
+        predictions=config.predictions,
+        frame=config.frame,
+        oracle=config.oracle,
+        boxes=config.boxes,
+        slides_jaw=config.contour == "2d",
+        camera=config.camera,
+        regularisation=config.regularisation,
+    )
+
+
+def _facts(config: EvaluateConfig, model: MorphableModel, description: dict[str, Any]) -> dict[str, Any]:
+    """What was evaluated, for the report: sentences to print, and everything needed to repeat it."""
+    given = {key: value if value is None else str(value) for key, value in vars(config).items()}
+    return {
+        **description,
+        "model": f"{model.name} ({model.sha256[:12]})",
+        "hashes": {**description.get("hashes", {}), "model": model.sha256},
+        "configuration": given,
+        "versions": versions(),
+    }
+
+
+def _data_folder(config: EvaluateConfig) -> Path | None:
+    if config.data is not None:
+        return config.data
+    folder = os.environ.get(DATA_VARIABLE)
+    return Path(folder) if folder else None
+
+
+def _check_some_evaluated(report: Report) -> None:
+    """Means over no face say nothing: the reasons are all that there is to report."""
+    if report.results:
+        return
+    for face in report.unreadable[:N_CASES]:
+        say(Console(stderr=True), f"{face.name}: {face.reason}")
+    raise UsageError(
+        f"{report.manifest.split}: expected at least one face that can be evaluated, found "
+        f"{counted(len(report.unreadable), 'unreadable file')} and nothing else; no report is written"
+    )
+
+
+def _with_pictures(results: Sequence[FaceResult], found: BenchmarkFiles) -> Cases:
+    items = {item.name: item for item in found.items}
+    return [(_pictured(items[result.name].load()), result) for result in results]
+
+
+def _pictured(face: BenchmarkFace) -> BenchmarkFace:
+    """The face with its picture where it can be read: landmarks from a file are measured without looking at it."""
+    try:
+        return face.with_image()
+    except InputFileError:
+        return face
+
+
+def _print(console: Console, report: Report, written: Sequence[Path]) -> None:
+    for table in report_tables(report):
+        console.print(table)
+    for note in (*report_notes(report), f"Written: {', '.join(str(path) for path in written)}"):
+        say(console, note)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,213 @@
+"""A benchmark through whatever finds landmarks: one result a face, and the trivial baseline beside it.
+
+What is measured is passed in (``evaluation_subjects``). A face that it does not find stays in the figures with the
+error infinity; a face whose own files are damaged is listed and left out.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from pix2face.crops import FaceBox
+from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from pix2face.evaluation.alignment3d import Alignment, distances3d
+from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkItem, Unreadable, wrap_angle_deg
+from pix2face.evaluation.metrics import POINT_SETS, Normaliser, landmark_errors, normalising_distance
+from pix2face.evaluation.subjects import FoundFace, Subject
+from pix2face.evaluation.truth_errors import CoefficientErrors, MapErrors, compare_coefficients, compare_maps
+from pix2face.landmarks import IBUG68
+from pix2face.morphable_model import MorphableModel
+
+BASELINE = "baseline"
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FaceResult:
+    """What came out for one face.
+
+    Attributes:
+        name: What lists call it.
+        group: The column of the table that it counts in.
+        clip: The clip that it is a frame of, or None.
+        yaw_deg: True yaw, where known.
+        has_unusual_angle: Whether an angle of the truth is beyond ±99°.
+        landmark_errors: For each landmark the error, a fraction; infinity where the face was not found.
+        baseline_errors: The same for the mean face placed in the box.
+        landmarks2d: Found landmarks in image pixels; None where the face was not found.
+        failure: Why it was not found, or None.
+        pose_deg: Found pitch, yaw, roll, where known.
+        pose_errors_deg: Found minus true pitch, yaw, roll, where both are known.
+        distances3d: For each landmark the distance in space, in the data's unit; infinity where there is none; None
+            where the truth has no 3D landmarks.
+        baseline_distances3d: The same for the mean face.
+        maps: Errors of the maps, where the truth knows them.
+        coefficients: Errors of the coefficients, where the truth knows them.
+    """
+
+    name: str
+    group: str
+    clip: str | None
+    yaw_deg: float | None
+    has_unusual_angle: bool
+    landmark_errors: Float64[ndarray, "68"]
+    baseline_errors: Float64[ndarray, "68"]
+    landmarks2d: Float64[ndarray, "68 2"] | None
+    failure: str | None
+    pose_deg: Float64[ndarray, "3"] | None = None
+    pose_errors_deg: Float64[ndarray, "3"] | None = None
+    distances3d: Float64[ndarray, "68"] | None = None
+    baseline_distances3d: Float64[ndarray, "68"] | None = None
+    maps: MapErrors | None = None
+    coefficients: CoefficientErrors | None = None
+
+    def error(self, points: str = "68", method: str | None = None) -> float:
+        """The mean error over a point set of the baseline, or (any other method) of what was found."""
+        errors = self.baseline_errors if method == BASELINE else self.landmark_errors
+        return float(errors[list(POINT_SETS[points])].mean())
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Evaluator:
+    """Everything that one evaluation holds fixed.
+
+    Attributes:
+        model: Its mean face is the baseline.
+        subject: What is measured.
+        normaliser: What errors are divided by.
+        alignment: How 3D landmarks are laid onto the true ones.
+    """
+
+    model: MorphableModel
+    subject: Subject
+    normaliser: Normaliser
+    alignment: Alignment = "rigid"
+
+    def evaluate(self, faces: Sequence[BenchmarkFace]) -> list[FaceResult]:
+        """Finds and measures some faces at once.
+
+        Raises:
+            DegenerateGeometryError: True landmarks have no extent.
+        """
+        found = self.subject.find(faces)
+        return [self._measure(face, own) for face, own in zip(faces, found, strict=True)]
+
+    def _measure(self, face: BenchmarkFace, found: FoundFace) -> FaceResult:
+        landmarks2d, failure = found.landmarks2d, found.failure
+        if landmarks2d is not None and not np.isfinite(landmarks2d).all():
+            landmarks2d, failure = None, "the landmarks are not finite"
+        fitted = np.full((68, 2), np.nan) if landmarks2d is None else landmarks2d
+        baseline = mean_face_in_box(self.model, FaceBox.around(face.landmarks2d))
+        return FaceResult(
+            name=face.name,
+            group=face.group,
+            clip=face.clip,
+            yaw_deg=face.yaw_deg,
+            has_unusual_angle=face.has_unusual_angle,
+            landmark_errors=landmark_errors(fitted, face.landmarks2d, self.normaliser),
+            baseline_errors=landmark_errors(baseline, face.landmarks2d, self.normaliser),
+            landmarks2d=landmarks2d,
+            failure=failure,
+            pose_deg=found.pose_deg,
+            pose_errors_deg=_pose_errors(face, found),
+            distances3d=self._distances3d(face, None if landmarks2d is None else found.landmarks3d),
+            baseline_distances3d=self._distances3d(face, model_landmarks(self.model).astype(np.float64)),
+            maps=compare_maps(found, face),
+            coefficients=compare_coefficients(self.model, found, face),
+        )
+
+    def _distances3d(
+        self, face: BenchmarkFace, landmarks3d: Float64[ndarray, "68 3"] | None
+    ) -> Float64[ndarray, "68"] | None:
+        if face.landmarks3d is None:
+            return None
+        if landmarks3d is None:
+            return np.full(68, np.inf)
+        try:
+            return distances3d(landmarks3d, face.landmarks3d, self.alignment)
+        except DegenerateGeometryError:
+            return np.full(68, np.inf)
+
+
+def evaluate_faces(
+    items: Sequence[BenchmarkItem],
+    evaluator: Evaluator,
+    on_done: Callable[[int], None] = lambda n: None,
+    batch_size: int = 1,
+) -> tuple[list[FaceResult], list[Unreadable]]:
+    """Evaluates all faces of a benchmark.
+
+    Args:
+        items: The faces.
+        evaluator: How.
+        on_done: Called with the number of faces that were just done.
+        batch_size: How many faces go through the network at once; all of their pictures are in memory.
+
+    Returns:
+        Results in the order of the items, and the faces whose files cannot be used.
+    """
+    results: list[FaceResult] = []
+    unreadable: list[Unreadable] = []
+    for start in range(0, len(items), max(batch_size, 1)):
+        batch = items[start : start + max(batch_size, 1)]
+        results += evaluator.evaluate(list(_readable(batch, evaluator, unreadable)))
+        on_done(len(batch))
+    return results, unreadable
+
+
+def _readable(
+    items: Sequence[BenchmarkItem], evaluator: Evaluator, unreadable: list[Unreadable]
+) -> Iterator[BenchmarkFace]:
+    """The faces whose truth (and picture, where it is looked at) can be used; the others are added to the list."""
+    for item in items:
+        try:
+            face = item.load()
+            normalising_distance(face.landmarks2d, evaluator.normaliser)
+            FaceBox.around(face.landmarks2d)
+            yield face.with_image() if evaluator.subject.needs_images else face
+        except (InputFileError, DegenerateGeometryError) as error:
+            unreadable.append(Unreadable(item.name, str(error)))
+
+
+def mean_face_in_box(model: MorphableModel, box: FaceBox) -> Float64[ndarray, "68 2"]:
+    """The trivial baseline: the mean face's landmarks, seen from the front, placed in a face box.
+
+    Orthographic and upright; scaled alike in both directions so that the tight box of the landmarks has the area of the
+    face box, its centre on that of the face box.
+
+    Raises:
+        UsageError: The model has no 68 landmarks.
+    """
+    frontal = frontal_landmarks(model)
+    tight = FaceBox.around(frontal)
+    scale = np.sqrt(box.width * box.height / (tight.width * tight.height))
+    return (frontal - tight.centre) * scale + box.centre
+
+
+def frontal_landmarks(model: MorphableModel) -> Float64[ndarray, "68 2"]:
+    """The 68 landmarks of the mean face seen from the front: x right, y down, mm."""
+    return model_landmarks(model)[:, :2].astype(np.float64) * [1, -1]
+
+
+def model_landmarks(model: MorphableModel) -> Float[ndarray, "68 3"]:
+    """The 68 landmarks of the mean face, mm, model frame.
+
+    Raises:
+        UsageError: The model has none.
+    """
+    if IBUG68 not in model.landmarks:
+        known = ", ".join(sorted(model.landmarks)) or "none"
+        raise UsageError(f"expected a model with the landmarks {IBUG68}, found {known} in {model.name}")
+    return model.mean[model.landmarks[IBUG68]]
+
+
+def _pose_errors(face: BenchmarkFace, found: FoundFace) -> Float64[ndarray, "3"] | None:
+    if face.pose is None or found.pose_deg is None or found.failure is not None:
+        return None
+    true = (face.pose.pitch_deg, face.pose.yaw_deg, face.pose.roll_deg)
+    return np.array([wrap_angle_deg(float(own) - angle) for own, angle in zip(found.pose_deg, true, strict=True)])

@@ -1,0 +1,103 @@
+"""Errors that only renders can tell, since nobody can annotate them in a photograph: of maps, and of coefficients."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from pix2face.evaluation.benchmark_data import BenchmarkFace
+from pix2face.evaluation.subjects import FoundFace
+from pix2face.face_maps import FaceMaps
+from pix2face.jitter import crop_maps
+from pix2face.morphable_model import MorphableModel
+
+
+@final
+@dataclass(frozen=True)
+class MapErrors:
+    """How far predicted maps are from the true ones, over the pixels of the crop that both call face.
+
+    Attributes:
+        pncc_mm: Mean distance; None where no pixel is common.
+        offset_mm: Mean distance.
+        offset_baseline_mm: Mean length of the true offset: the error of predicting none.
+        mask_iou: Pixels that both call face over pixels that either does.
+    """
+
+    pncc_mm: float | None
+    offset_mm: float | None
+    offset_baseline_mm: float | None
+    mask_iou: float
+
+
+@final
+@dataclass(frozen=True)
+class CoefficientErrors:
+    """How far fitted coefficients are from the true ones; for each, the error of saying zero beside it.
+
+    Attributes:
+        identity_rms: Root mean square over the components, in standard deviations; None without components.
+        identity_baseline_rms: That of the true ones.
+        expression_rms: As for the identity.
+        expression_baseline_rms: As for the identity.
+        shape_mm: Mean distance of the face's vertices in the model frame, neither moved nor turned: identity and
+            expression together, without the camera.
+        shape_baseline_mm: That of the mean face.
+    """
+
+    identity_rms: float | None
+    identity_baseline_rms: float | None
+    expression_rms: float | None
+    expression_baseline_rms: float | None
+    shape_mm: float
+    shape_baseline_mm: float
+
+
+def compare_maps(found: FoundFace, face: BenchmarkFace) -> MapErrors | None:
+    """Errors of the maps that were predicted for a face, in the pixels of the crop; None where either has none."""
+    if face.maps is None or found.maps is None or found.crop is None:
+        return None
+    return errors_of_maps(found.maps, crop_maps(face.maps, found.crop))
+
+
+def errors_of_maps(predicted: FaceMaps, truth: FaceMaps) -> MapErrors:
+    """Errors of predicted maps against true ones of the same pixels."""
+    common, either = predicted.mask & truth.mask, predicted.mask | truth.mask
+    iou = float(common.sum() / either.sum()) if either.any() else 1.0
+    if not common.any():
+        return MapErrors(None, None, None, iou)
+    return MapErrors(
+        pncc_mm=_mean_length(predicted.pncc[common] - truth.pncc[common]),
+        offset_mm=_mean_length(predicted.offset[common] - truth.offset[common]),
+        offset_baseline_mm=_mean_length(truth.offset[common]),
+        mask_iou=iou,
+    )
+
+
+def compare_coefficients(model: MorphableModel, found: FoundFace, face: BenchmarkFace) -> CoefficientErrors | None:
+    """Errors of fitted coefficients; None where truth or fit has none."""
+    if face.identity is None or face.expression is None or found.identity is None or found.expression is None:
+        return None
+    visible = model.is_face_vertex
+    own, true = (
+        model.vertices(np.asarray(identity)[None], np.asarray(expression)[None])[0][visible]
+        for identity, expression in ((found.identity, found.expression), (face.identity, face.expression))
+    )
+    return CoefficientErrors(
+        identity_rms=_rms(found.identity - face.identity),
+        identity_baseline_rms=_rms(face.identity),
+        expression_rms=_rms(found.expression - face.expression),
+        expression_baseline_rms=_rms(face.expression),
+        shape_mm=_mean_length(own - true),
+        shape_baseline_mm=_mean_length(model.mean[visible] - true),
+    )
+
+
+def _rms(values: Float[ndarray, " k"]) -> float | None:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64)))) if len(values) else None
+
+
+def _mean_length(vectors: Float[ndarray, "n 3"]) -> float:
+    return float(np.linalg.norm(vectors, axis=1).mean(dtype=np.float64))

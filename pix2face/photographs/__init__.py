@@ -1,0 +1,1 @@
+"""Photographs in; maps, fits, meshes and pages out: the interface in Python and the commands."""

@@ -1,0 +1,89 @@
+"""Pictures of a fitted face: overlay, maps; and its point cloud."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.crops import FaceBox, crop_camera, crop_image, square_crop
+from pix2face.face_maps import FaceMaps, map_picture, point_cloud
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.morphable_model import MorphableModel
+from pix2face.photographs.texture import facing
+from pix2face.rasterise import interpolate, rasterise
+
+LANDMARK_COLOUR = (60, 255, 60)
+# The NumPy rasteriser is exact and slow; an overlay needs no more than this.
+OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
+PICTURE_LIMITS_MM = (120.0, 15.0)
+
+
+def draw_landmarks(
+    image: UInt8[ndarray, "h w 3"], landmarks2d: Float[ndarray, "m 2"], colour: tuple[int, int, int] = LANDMARK_COLOUR
+) -> UInt8[ndarray, "h w 3"]:
+    """A copy of a picture with a dot on every landmark."""
+    picture = image.copy()
+    radius = max(1, round(max(image.shape[:2]) / 250))
+    for x, y in landmarks2d[np.isfinite(landmarks2d).all(axis=1)]:
+        if max(abs(x), abs(y)) < 1e6:  # OpenCV takes 32-bit pixels
+            cv2.circle(picture, (int(np.floor(x)), int(np.floor(y))), radius, colour, -1, cv2.LINE_AA)
+    return picture
+
+
+def draw_overlay(
+    image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int = OVERLAY_PX
+) -> UInt8[ndarray, "s s 3"]:
+    """The fitted face, shaded, over its part of the picture, with the landmarks.
+
+    Args:
+        image: The picture.
+        fit: In the pixels of the picture.
+        model: The model of the fit.
+        size_px: Side of the overlay, which shows twice the face box.
+
+    Raises:
+        DegenerateGeometryError: The landmarks have no extent.
+    """
+    crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, size_px)
+    camera, background = crop_camera(fit.camera, crop), crop_image(image, crop)
+    blend = shaded_face(background, fit.vertices, model, camera)
+    return draw_landmarks(blend, crop.to_crop(fit.landmarks2d))
+
+
+def shaded_face(
+    background: UInt8[ndarray, "h w 3"], vertices: Float[ndarray, "v 3"], model: MorphableModel, camera: Camera
+) -> UInt8[ndarray, "h w 3"]:
+    """A face, shaded and half transparent, over a picture.
+
+    Args:
+        background: The picture.
+        vertices: The face, mm, model frame.
+        model: For its face triangles.
+        camera: From the model frame to the pixels of the picture.
+    """
+    height, width = background.shape[:2]
+    triangles = model.triangles[model.is_face_triangle]
+    fragments = rasterise(camera.matrix, vertices, triangles, height, width)
+    shade = interpolate(fragments, facing(vertices, triangles, camera)[:, None], triangles)
+    painted = np.clip(shade, 0.15, 1) * np.array([150.0, 190.0, 255.0])
+    covered = (fragments.triangle >= 0)[..., None]
+    return np.where(covered, 0.5 * background + 0.5 * painted, background).astype(np.uint8)
+
+
+def draw_maps(image: UInt8[ndarray, "h w 3"], maps: FaceMaps) -> UInt8[ndarray, "h w3 3"]:
+    """Crop, PNCC and offset side by side; x, y, z as red, green, blue."""
+    pncc, offset = (
+        map_picture(values, maps.mask, limit)
+        for values, limit in zip((maps.pncc, maps.offset), PICTURE_LIMITS_MM, strict=True)
+    )
+    return np.hstack([image, pncc, offset])
+
+
+def write_point_cloud(path: Path, maps: FaceMaps, image: UInt8[ndarray, "h w 3"]) -> None:
+    """Writes PNCC + offset of every valid pixel (mm, model frame) with the pixel's colour as .ply."""
+    points, colours = point_cloud(maps, image)
+    trimesh.PointCloud(points, colours).export(path)  # type: ignore[no-untyped-call]

@@ -1,0 +1,176 @@
+"""One HTML file that turns fitted faces beside their photographs; it needs no network and nothing beside it.
+
+The viewer in it is three.js with ``scripts/viewer/viewer.js`` (ASSETS.md says how it is built).
+"""
+
+import base64
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib.resources import files
+from typing import Any, final
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from pix2face.camera import head_pose, nearest_weak_perspective
+from pix2face.command_line import printable
+from pix2face.crops import FaceBox, crop_image, square_crop
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.morphable_model import MorphableModel
+from pix2face.photographs.mesh_files import split_at_seams, srgb_to_linear
+from pix2face.photographs.texture import face_texture, vertex_colours, vertex_normals
+
+PHOTOGRAPH_PX, PHOTOGRAPH_SCALE = 640, 2.0
+JPEG_QUALITY = 90
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ViewedFace:
+    """A fitted face for the page.
+
+    Attributes:
+        name: What it is called; any characters.
+        image: The photograph, RGB.
+        fit: In the pixels of the photograph.
+        points: Point cloud, mm, model frame; may be empty.
+        point_colours: RGB.
+    """
+
+    name: str
+    image: UInt8[ndarray, "h w 3"]
+    fit: FaceFit
+    points: Float32[ndarray, "n 3"]
+    point_colours: UInt8[ndarray, "n 3"]
+
+
+@final
+@dataclass(frozen=True)
+class FaceData:
+    """A face as the page holds it, some megabytes of text."""
+
+    json: str
+
+
+def face_data(face: ViewedFace, model: MorphableModel) -> FaceData:
+    """What the page needs of one face.
+
+    Raises:
+        DegenerateGeometryError: The face has no extent in the photograph.
+    """
+    crop = square_crop(FaceBox.around(face.fit.landmarks2d), PHOTOGRAPH_SCALE, PHOTOGRAPH_PX)
+    pose = head_pose(face.fit.camera)
+    fields = {
+        "name": printable(face.name),
+        "facts": f"pitch {pose.pitch_deg:.0f}°, yaw {pose.yaw_deg:.0f}°, roll {pose.roll_deg:.0f}°",
+        "photograph": _data_address(crop_image(face.image, crop)),
+        "photograph_px": PHOTOGRAPH_PX,
+        "landmarks2d": np.round(crop.to_crop(face.fit.landmarks2d), 2).tolist(),
+        "landmarks3d": _base64(face.fit.landmarks3d, "<f4"),
+        "rotation": nearest_weak_perspective(face.fit.camera).rotation.ravel().tolist(),
+        "points": _base64(face.points, "<f4"),
+        "point_colours": _base64(srgb_to_linear(face.point_colours), "u1"),
+        **_mesh_fields(face, model),
+    }
+    return FaceData(json.dumps(fields))
+
+
+def view_page(faces: Sequence[FaceData], title: str) -> str:
+    """The page of some faces; whatever their names are, they are shown and never obeyed."""
+    script = _viewer()
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    # In a script element "<" could end it, and nothing else is special.
+    data = "[" + ",\n".join(face.json for face in faces).replace("<", "\\u003c") + "]"
+    policy = f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:"
+    return _PAGE.format(title=escape(printable(title)), policy=policy, style=_STYLE, data=data, script=script)
+
+
+def _mesh_fields(face: ViewedFace, model: MorphableModel) -> dict[str, Any]:
+    fit = face.fit
+    normals = vertex_normals(fit.vertices, model.triangles)
+    if model.uv is None:
+        return {
+            "positions": _base64(fit.vertices, "<f4"),
+            "normals": _base64(normals, "<f4"),
+            "triangles": _base64(model.triangles, "<u4"),
+            "colours": _base64(srgb_to_linear(vertex_colours(face.image, fit, model)), "u1"),
+        }
+    vertex, uv, triangles = split_at_seams(model)
+    return {
+        "positions": _base64(fit.vertices[vertex], "<f4"),
+        "normals": _base64(normals[vertex], "<f4"),
+        "triangles": _base64(triangles, "<u4"),
+        "uv": _base64(uv, "<f4"),
+        "texture": _data_address(face_texture(face.image, fit, model)),
+    }
+
+
+def _base64(values: ndarray, dtype: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode()
+
+
+def _data_address(picture: UInt8[ndarray, "h w 3"]) -> str:
+    encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+    return "data:image/jpeg;base64," + base64.b64encode(encoded).decode()
+
+
+@cache
+def _viewer() -> str:
+    script = (files("pix2face") / "assets" / "viewer" / "viewer.js").read_text(encoding="ascii")
+    assert "</script" not in script.lower()
+    return script
+
+
+_STYLE = """
+* { box-sizing: border-box; }
+body { margin: 0; height: 100vh; display: flex; flex-direction: column; font: 15px/1.4 sans-serif;
+       background: #20242a; color: #e8e8e8; }
+header { display: flex; flex-wrap: wrap; gap: .4em 1.4em; align-items: center; padding: .6em 1em;
+         background: #2b3038; }
+fieldset { display: flex; flex-wrap: wrap; gap: .2em 1em; margin: 0; padding: 0; border: 0; }
+main { flex: 1; min-height: 0; display: flex; flex-wrap: wrap; }
+figure { margin: 0; flex: 1 1 20em; min-width: 0; height: 100%; position: relative; display: flex;
+         align-items: center; justify-content: center; }
+#photograph, #landmarks2d { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; }
+#landmarks2d circle { fill: #3cff3c; }
+#stage { flex: 1 1 20em; min-width: 0; height: 100%; position: relative; overflow: hidden; }
+#stage canvas { position: absolute; inset: 0; }
+#problem { padding: 1em; background: #7a2020; }
+#facts { color: #b8c0c8; }
+@media (max-width: 45em) { figure, #stage { height: 50%; flex-basis: 100%; } }
+"""
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{style}</style></head>
+<body data-state="loading">
+<header>
+<label>Face <select id="face"></select></label>
+<fieldset id="toggles">
+<label><input type="checkbox" id="show-mesh" checked> mesh</label>
+<label><input type="checkbox" id="show-points"> points</label>
+<label><input type="checkbox" id="show-texture" checked> texture</label>
+<label><input type="checkbox" id="show-wireframe"> wireframe</label>
+<label><input type="checkbox" id="show-landmarks"> landmarks</label>
+</fieldset>
+<button id="reset" type="button">View of the photograph</button>
+<span id="facts"></span>
+</header>
+<p id="problem" hidden></p>
+<main>
+<figure><img id="photograph" alt=""><svg id="landmarks2d" xmlns="http://www.w3.org/2000/svg"></svg></figure>
+<div id="stage"></div>
+</main>
+<script type="application/json" id="faces">{data}</script>
+<script>{script}</script>
+</body></html>
+"""

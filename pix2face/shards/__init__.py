@@ -1,0 +1,1 @@
+"""The shard format: what a sample holds, how it is stored, written, read and checked."""

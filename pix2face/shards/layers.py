@@ -1,0 +1,188 @@
+"""The layers of a sample: what each holds, in which unit, and how it is stored.
+
+A layer has one entry here; renderer, shards, commands and pages go by this table.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Shaped
+from numpy import ndarray
+
+from pix2face.errors import InputFileError, UsageError
+from pix2face.face_maps import FIXED_POINT_STEPS_PER_MM
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """One value, or some, for each pixel.
+
+    Attributes:
+        name: Of the layer, of its dataset in a shard, and of its choice on a command line.
+        n_channels: Values of a pixel; arrays are (h, w, n_channels), or (h, w) where it is 1.
+        unit: Of the values.
+        dtype: Of the values in memory.
+        stored: Of the values in steps.
+        steps_per_unit: Steps of 1; rounding is at most half a step off.
+        is_smooth: Neighbours differ little, so that files hold what a predictor leaves (``map_storage``).
+        meaning: In a sentence.
+    """
+
+    name: str
+    n_channels: int
+    unit: str
+    dtype: Any
+    stored: Any
+    steps_per_unit: int
+    is_smooth: bool
+    meaning: str
+
+    def shape(self, height_px: int, width_px: int) -> tuple[int, ...]:
+        """Of the layer's array in a picture of this size."""
+        return (height_px, width_px) if self.n_channels == 1 else (height_px, width_px, self.n_channels)
+
+    @property
+    def limit(self) -> float:
+        """Largest magnitude that can be stored, in the unit of the layer."""
+        return math.floor(10 * np.iinfo(self.stored).max / self.steps_per_unit) / 10
+
+
+_TABLE = (
+    Layer(
+        name="pncc",
+        n_channels=3,
+        unit="mm",
+        dtype=np.float32,
+        stored=np.dtype("<i2"),
+        steps_per_unit=FIXED_POINT_STEPS_PER_MM,
+        is_smooth=True,
+        meaning="the matching point of the mean face, model frame; 0 outside the mask",
+    ),
+    Layer(
+        name="offset",
+        n_channels=3,
+        unit="mm",
+        dtype=np.float32,
+        stored=np.dtype("<i2"),
+        steps_per_unit=FIXED_POINT_STEPS_PER_MM,
+        is_smooth=True,
+        meaning="what leads from there to the same point of this face, model frame; 0 outside the mask",
+    ),
+    Layer(
+        name="mask",
+        n_channels=1,
+        unit="",
+        dtype=np.bool_,
+        stored=np.dtype("u1"),
+        steps_per_unit=1,
+        is_smooth=False,
+        meaning="where PNCC and offset hold: the nearest triangle is of the face and shows its outside",
+    ),
+    Layer(
+        name="depth",
+        n_channels=1,
+        unit="mm",
+        dtype=np.float32,
+        stored=np.dtype("<i4"),
+        steps_per_unit=128,
+        is_smooth=True,
+        meaning="camera z, larger is farther; 0 outside the mask",
+    ),
+    Layer(
+        name="normals",
+        n_channels=3,
+        unit="",
+        dtype=np.float32,
+        stored=np.dtype("<i2"),
+        steps_per_unit=4096,
+        is_smooth=True,
+        meaning="unit normals of the surface, camera frame (x right, y down, z forward); 0 outside the mask",
+    ),
+    Layer(
+        name="uv",
+        n_channels=2,
+        unit="",
+        dtype=np.float32,
+        stored=np.dtype("<i2"),
+        steps_per_unit=16384,
+        is_smooth=True,
+        meaning="texture coordinates of the model; 0 outside the mask",
+    ),
+    Layer(
+        name="regions",
+        n_channels=1,
+        unit="",
+        dtype=np.uint8,
+        stored=np.dtype("u1"),
+        steps_per_unit=1,
+        is_smooth=False,
+        meaning="0 background, else 1 + place of the region in the model's region_names, on the whole head",
+    ),
+)
+LAYERS: Mapping[str, Layer] = {layer.name: layer for layer in _TABLE}
+# What a sample can have beside maps: not one value for each pixel, but chosen in the same way.
+IMAGE, LANDMARKS = "image", "landmarks"
+LAYER_NAMES = (IMAGE, *LAYERS, LANDMARKS)
+DEFAULT_LAYERS = (IMAGE, "pncc", "offset", "mask", LANDMARKS)
+ALL_LAYERS = "all"  # instead of a list of names
+# Layers that hold beyond the mask, on the whole head.
+WHOLE_HEAD_LAYERS = ("regions",)
+
+
+def parse_layers(text: str) -> tuple[str, ...]:
+    """Reads a choice such as ``image,pncc,offset,mask``, or ``all``.
+
+    Returns:
+        The names, each once, in the order of ``LAYER_NAMES``.
+
+    Raises:
+        UsageError: A name is unknown, or there is none.
+    """
+    if text.strip() == ALL_LAYERS:
+        return LAYER_NAMES
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    return order_layers(names)
+
+
+def order_layers(names: Sequence[str]) -> tuple[str, ...]:
+    """The names, each once, in the order of ``LAYER_NAMES``.
+
+    Raises:
+        UsageError: A name is unknown, or there is none.
+    """
+    unknown = [name for name in names if name not in LAYER_NAMES]
+    if unknown or not names:
+        found = repr(unknown[0]) if unknown else "none"
+        raise UsageError(f"expected layers among {','.join(LAYER_NAMES)}, or {ALL_LAYERS}, found {found}")
+    return tuple(name for name in LAYER_NAMES if name in names)
+
+
+def to_stored(layer: Layer, values: Shaped[ndarray, "*shape"]) -> Shaped[ndarray, "*shape"]:
+    """Values in their unit to steps; values in steps already (the layer's stored dtype) stay as they are.
+
+    Raises:
+        InputFileError: A value is not finite or beyond what can be stored.
+    """
+    if values.dtype == layer.stored:
+        return np.ascontiguousarray(values)
+    if layer.steps_per_unit == 1:
+        return np.ascontiguousarray(values, dtype=layer.stored)
+    largest = float(max(values.max(initial=0), -values.min(initial=0)))
+    if not largest <= layer.limit:  # also catches NaN
+        raise InputFileError(
+            f"expected {layer.name} within ±{layer.limit:g} {layer.unit}".rstrip()
+            + f", found {largest:.6g}; are model and coefficients sound, in mm, with the origin inside the head?"
+        )
+    steps = values * np.float32(layer.steps_per_unit)
+    return np.rint(steps, out=steps).astype(layer.stored)
+
+
+def from_stored(layer: Layer, steps: Shaped[ndarray, "*shape"]) -> Shaped[ndarray, "*shape"]:
+    """Steps, as a file holds them, to values in the unit of the layer."""
+    if layer.steps_per_unit == 1:
+        return steps.astype(layer.dtype)
+    return np.multiply(steps, np.float32(1 / layer.steps_per_unit), dtype=np.float32)

@@ -1,0 +1,192 @@
+"""Checks of shards that were written some time ago: what a full reading can tell."""
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+from pix2face.face_maps import face_box
+from pix2face.shards.layers import LAYERS, WHOLE_HEAD_LAYERS, from_stored
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
+
+# A normal is rounded to steps in each coordinate.
+LARGEST_NORMAL_ERROR = 2 / LAYERS["normals"].steps_per_unit
+SHARD_NUMBER = re.compile(r"shard-(\d+)\.h5")
+
+
+@final
+@dataclass(frozen=True)
+class FolderReport:
+    """What is wrong with a folder of shards.
+
+    Attributes:
+        problems: In words, one for each; none where nothing is wrong.
+        damaged: Shards to delete, so that rendering writes them anew.
+        n_shards: Shards that were read.
+        n_samples: Samples of the shards without problems.
+    """
+
+    problems: tuple[str, ...]
+    damaged: tuple[Path, ...]
+    n_shards: int
+    n_samples: int
+
+
+def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> FolderReport:
+    """Reads every shard of a folder, and checks what they are together.
+
+    Args:
+        folder: Of ``shard-*.h5``.
+        on_shard: Called after each shard.
+
+    Raises:
+        UsageError: There is no shard.
+    """
+    problems: list[str] = []
+    damaged: list[Path] = []
+    shard_of: dict[str, str] = {}
+    headers = {}
+    for path in shard_paths(folder):
+        found = verify_shard(path)
+        if not found:
+            with ShardReader(path) as reader:
+                headers[path] = reader.header
+                twice = sorted({name for name in reader.sample_ids if name in shard_of})
+                found += [f"id {name!r} occurs twice, first in {shard_of[name]}" for name in twice]
+                shard_of |= dict.fromkeys(reader.sample_ids, path.name)
+        if found:
+            damaged.append(path)
+            problems += [text if str(path) in text else f"{path.name}: {text}" for text in found]
+        on_shard()
+    problems += _differences(headers)
+    problems += _missing(folder, list(headers.values()))
+    return FolderReport(tuple(problems), tuple(damaged), len(shard_paths(folder)), len(shard_of))
+
+
+def verify_shard(path: Path) -> list[str]:
+    """Reads every sample of a shard and checks it.
+
+    Returns:
+        What is wrong with it, in words; empty where nothing is.
+    """
+    problems = []
+    try:
+        with ShardReader(path) as reader:
+            problems += _header_problems(reader)
+            if len(set(reader.sample_ids)) < len(reader):
+                problems.append("sample ids are not unique")
+            for index in range(len(reader)):
+                found = _guarded(reader, index)
+                problems += [f"sample {reader.sample_ids[index]!r}: {text}" for text in found]
+    except InputFileError as error:
+        problems.append(str(error))
+    return problems
+
+
+def _guarded(reader: ShardReader, index: int) -> list[str]:
+    """One unreadable sample does not hide what is wrong with the others."""
+    try:
+        return _sample_problems(reader, index)
+    except InputFileError as error:
+        return [str(error)]
+
+
+def _header_problems(reader: ShardReader) -> list[str]:
+    header, problems = reader.header, []
+    for name, kind in (("configuration", dict), ("rejected", list)):
+        try:
+            is_right = isinstance(json.loads(getattr(header, name)), kind)
+        except ValueError:
+            is_right = False
+        if not is_right:
+            problems.append(f"the header's {name} is no JSON {'object' if kind is dict else 'list'}")
+    lengths = {name: getattr(header, name) for name in ("pncc_limit_mm", "smallest_radius_mm")}
+    return problems + [
+        f"the header's {name} is {length}, expected a length"
+        for name, length in lengths.items()
+        if not 0 < length < np.inf
+    ]
+
+
+def _sample_problems(reader: ShardReader, index: int) -> list[str]:
+    problems = []
+    triplet = reader.triplet(index, with_pixels=False)
+    layers = {name: reader.stored_layer(index, name) for name in reader.header.layers if name in LAYERS}
+    if "image" in reader.header.layers:
+        reader.image(index)
+    stored, computed = reader.checksum_pair(index)
+    if stored != computed:
+        problems.append("the checksum differs: the content has changed since it was written")
+    if "mask" in layers:
+        problems += _mask_problems(layers, reader.box_px(index))
+    problems += _range_problems(reader, layers)
+    largest = np.abs(layers["offset"].astype(np.int32)).max(initial=0) if "offset" in layers else 0
+    if abs(largest / LAYERS["offset"].steps_per_unit - reader.offset_limits_mm[index]) > 1e-3:
+        problems.append("offset_limit_mm is not the largest offset")
+    arrays = ("identity", "expression", "landmarks2d", "landmarks3d")
+    return problems + [f"{name} is not finite" for name in arrays if not np.isfinite(getattr(triplet, name)).all()]
+
+
+def _mask_problems(layers: dict[str, ndarray], box_px: tuple[int, int, int, int]) -> list[str]:
+    mask, problems = layers["mask"].astype(bool), []
+    if layers["mask"].max(initial=0) > 1:
+        problems.append("the mask holds more than 0 and 1")
+    if not mask.any():
+        problems.append("the mask is empty")
+    rows, columns = face_box(mask)
+    if box_px != (rows.start, columns.start, rows.stop, columns.stop):
+        problems.append(f"box_px {box_px} is not the mask's bounding box")
+    within = [name for name in layers if name not in WHOLE_HEAD_LAYERS]
+    problems += [f"{name} is not 0 outside the mask" for name in within if layers[name][~mask].any()]
+    if "pncc" in layers and not layers["pncc"][mask].any(axis=-1).all():
+        problems.append("pncc is 0 within the mask, where no point of a face is")
+    if "regions" in layers and not layers["regions"][mask].all():
+        problems.append("regions is background within the mask")
+    if "normals" in layers:
+        lengths = np.linalg.norm(from_stored(LAYERS["normals"], layers["normals"][mask]), axis=-1)
+        if not np.abs(lengths - 1).max(initial=0) <= LARGEST_NORMAL_ERROR:
+            problems.append("normals are not of unit length within the mask")
+    return problems
+
+
+def _range_problems(reader: ShardReader, layers: dict[str, ndarray]) -> list[str]:
+    problems, header = [], reader.header
+    if "pncc" in layers:
+        largest = np.abs(layers["pncc"].astype(np.int32)).max(initial=0) / LAYERS["pncc"].steps_per_unit
+        if not largest <= header.pncc_limit_mm + 1 / LAYERS["pncc"].steps_per_unit:
+            problems.append(f"pncc reaches {largest:.1f} mm, beyond the model's {header.pncc_limit_mm:.1f} mm")
+    if "regions" in layers and layers["regions"].max(initial=0) > len(header.region_names):
+        problems.append(f"regions counts to {layers['regions'].max()}, the model has {len(header.region_names)}")
+    return problems
+
+
+def _differences(headers: dict[Path, ShardHeader]) -> list[str]:
+    """Shards of one folder come from one job: only what was rejected differs."""
+    problems = []
+    for path, header in headers.items():
+        first_path, first = next(iter(headers.items()))
+        different = [name for name, value in vars(header).items() if name != "rejected" and value != vars(first)[name]]
+        if different:
+            problems.append(f"{path.name}: other than in {first_path.name}: {', '.join(different)}; of another job?")
+    return problems
+
+
+def _missing(folder: Path, headers: Sequence[ShardHeader]) -> list[str]:
+    """Numbers without a shard: gaps, and what the job's configuration says should follow."""
+    numbers = {int(found[1]) for path in shard_paths(folder) if (found := SHARD_NUMBER.fullmatch(path.name))}
+    expected = set(range(max(numbers, default=-1) + 1))
+    for header in headers[:1]:
+        try:
+            configuration = json.loads(header.configuration)
+            expected |= set(range(-(-int(configuration["n_faces"]) // int(configuration["shard_size"]))))
+        except (ValueError, KeyError, TypeError, ZeroDivisionError):
+            continue  # not made by a rendering job: no more is known than what is there
+    missing = sorted(expected - numbers)
+    named = ", ".join(f"shard-{number:05d}.h5" for number in missing[:5])
+    return [f"{len(missing)} missing: {named}{', ...' if len(missing) > 5 else ''}"] if missing else []

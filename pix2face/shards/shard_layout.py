@@ -1,0 +1,231 @@
+"""What stands where in a shard's file; reading it without believing it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import h5py
+import numpy as np
+from isal import isal_zlib
+from numpy import ndarray
+
+from pix2face.checked_hdf5 import check_contained, read_text
+from pix2face.coefficients import LARGEST_SIDE_PX
+from pix2face.errors import InputFileError
+from pix2face.shards.compressions import PLAIN, PREDICTED
+from pix2face.shards.layers import IMAGE, LAYER_NAMES, LAYERS, WHOLE_HEAD_LAYERS, Layer
+from pix2face.shards.map_storage import Box
+
+FORMAT = "pix2face-shard"
+SCHEMA_VERSION = 2
+
+
+@final
+@dataclass(frozen=True)
+class Column:
+    """A small array that every sample has.
+
+    Attributes:
+        dtype: As stored.
+        shape: Of one sample; None is any length, the same in the whole shard.
+    """
+
+    dtype: Any
+    shape: tuple[int | None, ...]
+
+
+# What belongs to the content of a sample, in the order of its checksum.
+CONTENT_COLUMNS: Mapping[str, Column] = {
+    "camera": Column(np.dtype("<f8"), (4, 4)),
+    "identity": Column(np.dtype("<f4"), (None,)),
+    "expression": Column(np.dtype("<f4"), (None,)),
+    "landmarks2d": Column(np.dtype("<f4"), (None, 2)),
+    "landmarks3d": Column(np.dtype("<f4"), (None, 3)),
+    "visible": Column(np.dtype("u1"), (None,)),
+}
+COLUMNS: Mapping[str, Column] = {
+    **CONTENT_COLUMNS,
+    "size_px": Column(np.dtype("<i4"), (2,)),
+    "box_px": Column(np.dtype("<i4"), (4,)),
+    "offset_limit_mm": Column(np.dtype("<f4"), ()),
+    "checksum": Column(np.dtype("<u4"), ()),
+}
+IMAGE_COLUMNS: Mapping[str, Column] = {"image_end": Column(np.dtype("<i8"), ())}
+TEXTS = ("sample_id", "attributes")
+_HEADER_TYPES: Mapping[str, type | tuple[type, ...]] = {
+    "model_name": str,
+    "model_sha256": str,
+    "pncc_limit_mm": (int, float),
+    "smallest_radius_mm": (int, float),
+    "licence": str,
+    "configuration": str,
+    "generator": str,
+    "rejected": str,
+    "layers": list,
+    "region_names": list,
+    "mirror_obstacle": str,
+}
+
+
+def layer_box(layer: Layer, box_px: ndarray, size_px: tuple[int, int]) -> Box:
+    """Where a layer is not 0: in the mask's bounding box (top, left, bottom, right), or anywhere in the picture."""
+    if layer.name in WHOLE_HEAD_LAYERS:
+        return slice(0, size_px[0]), slice(0, size_px[1])
+    top, left, bottom, right = (int(value) for value in box_px)
+    return slice(top, bottom), slice(left, right)
+
+
+def layer_checksum(layer: Layer, steps: ndarray, box: Box, size_px: tuple[int, int], before: int) -> int:
+    """CRC-32 over a whole layer in steps, of which the box is given, continued from the layer before."""
+    whole = np.zeros(layer.shape(*size_px), dtype=layer.stored)
+    whole[box] = steps
+    checksum: int = isal_zlib.crc32(whole, before)
+    return checksum
+
+
+def content_checksum(layers: int, image: bytes, columns: Mapping[str, ndarray], attributes: bytes) -> int:
+    """CRC-32 (as ``zlib.crc32``) over the layers in steps, the picture, the columns and the attributes of a sample.
+
+    It covers the content, not the compressed bytes: the same sample has the same checksum however it is stored.
+    """
+    checksum: int = isal_zlib.crc32(image, layers)
+    for name, column in CONTENT_COLUMNS.items():
+        checksum = isal_zlib.crc32(np.ascontiguousarray(columns[name], dtype=column.dtype).tobytes(), checksum)
+    return isal_zlib.crc32(attributes, checksum)
+
+
+def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
+    """Checks that this is a shard of this schema, and that all its data is in it.
+
+    Returns:
+        Its datasets. Each is opened once: that takes longer than to read a small one.
+
+    Raises:
+        InputFileError: It is not, or it is damaged.
+    """
+    found = _format_name(file, path)
+    if found != FORMAT:
+        raise InputFileError(f"{path}: expected a shard (format={FORMAT!r}), found format={found!r}")
+    version = int(file.attrs["schema_version"])
+    if version > SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: shard schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
+        )
+    if version < SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: expected shard schema {SCHEMA_VERSION}, found {version}, made by an earlier version; "
+            "delete the folder and run `datagen render` again"
+        )
+    check_contained(file, path, sliced=tuple(f"/{name}" for name in LAYERS))
+    datasets = dict(file.items())
+    strange = [name for name, item in datasets.items() if not isinstance(item, h5py.Dataset)]
+    if strange:
+        raise ValueError(f"{strange[0]} is no dataset")
+    return datasets
+
+
+def read_header_fields(datasets: Mapping[str, h5py.Dataset], path: Path) -> dict[str, Any]:
+    """The fields of the header.
+
+    Raises:
+        InputFileError: There is no header.
+        ValueError: It is none of this format.
+    """
+    fields = json.loads(read_text(datasets["header"], path))
+    _check_header(fields)
+    return {**fields, "layers": tuple(fields["layers"]), "region_names": tuple(fields["region_names"])}
+
+
+def check_layout(datasets: Mapping[str, h5py.Dataset], layers: Sequence[str]) -> None:
+    """Checks type and shape of every dataset.
+
+    Raises:
+        ValueError: One is not as this format has it.
+    """
+    n = len(datasets["sample_id"])
+    wanted = {**COLUMNS, **(IMAGE_COLUMNS if IMAGE in layers else {})}
+    for name, column in wanted.items():
+        dataset = datasets[name]
+        shape = (n, *column.shape)
+        fits = len(dataset.shape) == len(shape) and all(
+            a in (None, b) for a, b in zip(shape, dataset.shape, strict=True)
+        )
+        if not fits or dataset.dtype != column.dtype:
+            raise ValueError(f"{name} is {dataset.dtype} {dataset.shape}, expected {column.dtype} {shape}")
+    for name in TEXTS:
+        if datasets[name].dtype.kind != "S" or datasets[name].shape != (n,):
+            raise ValueError(
+                f"{name} is {datasets[name].dtype} {datasets[name].shape}, expected fixed-length text ({n},)"
+            )
+    if IMAGE in layers:
+        _check_images(datasets, n)
+    sizes = {_layer_size(datasets, name, n) for name in layers if name in LAYERS}
+    if len(sizes) > 1:
+        raise ValueError(f"layers are of different sizes: {sorted(sizes)}")
+    largest = np.array(sizes.pop() if sizes else (0, 0))
+    size_px, box_px = datasets["size_px"][()], datasets["box_px"][()]
+    if ((size_px < 0) | (size_px > largest)).any():
+        raise ValueError(f"size_px exceeds the layers' {largest.tolist()}")
+    if not ((box_px[:, :2] >= 0) & (box_px[:, :2] <= box_px[:, 2:]) & (box_px[:, 2:] <= size_px)).all():
+        raise ValueError("box_px is not within size_px")
+
+
+def _format_name(file: h5py.File, path: Path) -> str | None:
+    if "format" not in file.attrs:
+        return None
+    if file.attrs.get_id("format").dtype.kind == "S":
+        return read_text(file.attrs, path, "format")
+    # Schema 1 had text of variable length, which is not read here: damaged, it could end the process.
+    return FORMAT if "offset_limit_mm" in file else "of variable length"
+
+
+def is_predicted(dataset: h5py.Dataset) -> bool:
+    """Whether a layer is stored as what the predictor leaves.
+
+    Raises:
+        ValueError: The dataset does not say.
+    """
+    kind = dataset.attrs.get_id("predictor").dtype.kind if "predictor" in dataset.attrs else ""
+    found = bytes(dataset.attrs["predictor"]) if kind == "S" else b""
+    if found not in (PREDICTED.encode(), PLAIN.encode()):
+        raise ValueError(f"{dataset.name} has the predictor {found!r}, expected {PREDICTED} or {PLAIN}")
+    return found == PREDICTED.encode()
+
+
+def _check_header(fields: Any) -> None:
+    if not isinstance(fields, dict) or fields.keys() != _HEADER_TYPES.keys():
+        raise ValueError(f"the header is not an object of {', '.join(_HEADER_TYPES)}")
+    wrong = [name for name, kind in _HEADER_TYPES.items() if not isinstance(fields[name], kind)]
+    texts = [*fields["layers"], *fields["region_names"]] if not wrong else []
+    if wrong or not all(isinstance(text, str) for text in texts):
+        raise ValueError(f"the header's {wrong[0] if wrong else 'layers or region_names'} is of another type")
+    unknown = [name for name in fields["layers"] if name not in LAYER_NAMES]
+    if unknown or len(set(fields["layers"])) < len(fields["layers"]):
+        raise ValueError(f"the header names layers {fields['layers']}, known are {', '.join(LAYER_NAMES)}")
+
+
+def _check_images(datasets: Mapping[str, h5py.Dataset], n: int) -> None:
+    content, ends = datasets["image_bytes"], datasets["image_end"][()]
+    if content.dtype != np.uint8 or content.ndim != 1:
+        raise ValueError(f"image_bytes is {content.dtype} {content.shape}, expected bytes in one row")
+    if (np.diff(ends, prepend=0) < 0).any() or (int(ends[-1]) if n else 0) != len(content):
+        raise ValueError("image_end does not divide image_bytes")
+
+
+def _layer_size(datasets: Mapping[str, h5py.Dataset], name: str, n: int) -> tuple[int, int]:
+    dataset, layer = datasets[name], LAYERS[name]
+    shape = dataset.shape
+    stored = np.dtype(f"<u{layer.stored.itemsize}") if is_predicted(dataset) else layer.stored
+    height, width = shape[1:3] if len(shape) >= 3 else (-1, -1)
+    chunk = (1, *shape[1:]) if all(shape) else None
+    if (
+        dataset.dtype != stored
+        or shape != (n, *layer.shape(height, width))
+        or not 0 <= height <= LARGEST_SIDE_PX
+        or not 0 <= width <= LARGEST_SIDE_PX
+        or dataset.chunks != chunk
+    ):
+        raise ValueError(f"{name} is {dataset.dtype} {shape} in chunks of {dataset.chunks}, expected one a sample")
+    return height, width

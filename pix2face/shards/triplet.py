@@ -1,0 +1,75 @@
+"""One sample of a shard in memory."""
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
+
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from pix2face.camera import Camera
+from pix2face.errors import UsageError
+from pix2face.face_maps import FaceMaps
+
+MAP_LAYERS = ("pncc", "offset", "mask")
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Triplet:
+    """One sample: a picture, its layers, and what they were made from.
+
+    Attributes:
+        sample_id: Unique in its set of shards.
+        image: Content of a JPEG or PNG file: a photograph's own bytes where it was not resampled; None where the set
+            has no pictures.
+        layers: By name (``layers.LAYERS``), in the units given there. On the way into a shard also in steps, in the
+            layer's stored dtype.
+        camera: Sees the model in this picture.
+        identity: Standard deviations.
+        expression: Standard deviations.
+        landmarks2d: Pixels; none where the set has no landmarks.
+        landmarks3d: mm, model frame.
+        visible: Which landmarks are inside the picture and not hidden by the head itself.
+        attributes: What else is known of the sample (pose in degrees, where geometry and picture come from), to filter
+            on.
+    """
+
+    sample_id: str
+    image: bytes | None
+    layers: Mapping[str, ndarray]
+    camera: Camera
+    identity: Float[ndarray, " k"]
+    expression: Float[ndarray, " e"]
+    landmarks2d: Float[ndarray, "m 2"]
+    landmarks3d: Float[ndarray, "m 3"]
+    visible: Bool[ndarray, " m"]
+    attributes: Mapping[str, str | float]
+
+    @property
+    def maps(self) -> FaceMaps:
+        """PNCC, offset and mask together.
+
+        Raises:
+            UsageError: One of them is not there.
+        """
+        check_has_layers(self.layers, MAP_LAYERS, self.sample_id)
+        return FaceMaps(*(self.layers[name] for name in MAP_LAYERS))
+
+
+def check_has_layers(found: Container[str], wanted: Sequence[str], where: str) -> None:
+    """Refuses what lacks a layer.
+
+    Args:
+        found: Names of the layers that there are.
+        wanted: Names of those that must be among them.
+        where: Whose they are, for the message.
+
+    Raises:
+        UsageError: One is missing.
+    """
+    missing = [name for name in wanted if name not in found]
+    if missing:
+        raise UsageError(
+            f"{where}: expected the layers {','.join(wanted)}, found no {missing[0]}; render with --layers that name it"
+        )

@@ -1,0 +1,1 @@
+"""Faces through videos: detect, fill gaps, predict, fit with one identity, smooth."""

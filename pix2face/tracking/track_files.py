@@ -1,0 +1,227 @@
+"""What tracking writes, frame by frame: landmarks and pose as CSV, ``.pts`` and NPZ, and an overlay.
+
+Layouts: docs/file_formats.md. Nothing is kept in memory, and what has been written stays readable when the rest never
+comes.
+"""
+
+import csv
+import zipfile
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Final, Literal, final
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.camera import head_pose, nearest_weak_perspective
+from pix2face.landmark_visibility import visible_landmarks
+from pix2face.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
+from pix2face.photographs.fit_pictures import draw_landmarks
+from pix2face.tracking.face_follower import TrackedFace, TrackedFrame
+from pix2face.tracking.face_tracks import BoxSource
+
+TrackFormat = Literal["csv", "npz", "pts", "video"]
+BOX_SOURCES: Final[tuple[BoxSource, ...]] = ("detected", "interpolated", "held")
+
+CSV_COLUMNS: Final = (
+    *("frame", "time_s", "box", "fit", "left", "top", "right", "bottom"),
+    *("pitch_deg", "yaw_deg", "roll_deg", "px_per_mm"),
+    *(f"{axis}{index}" for index in range(N_IBUG68) for axis in "xy"),
+)
+
+# Landmarks of a frame whose box was detected and whose maps held a face; of every other frame.
+SEEN_COLOUR, FILLED_COLOUR = (60, 255, 60), (255, 160, 40)
+COPY_BYTES = 1 << 20
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ClipConstants:
+    """What is the same in all frames of a face.
+
+    Attributes:
+        fps: Frames a second.
+        identity: Coefficients in standard deviations.
+        model_name: Of the morphable model.
+        model_sha256: Its hash.
+    """
+
+    fps: float
+    identity: ndarray
+    model_name: str
+    model_sha256: str
+
+
+@final
+class TrackFiles:
+    """The files of one face of a clip; a context manager. On leaving, also by an exception, the NPZ is put together.
+
+    Args:
+        folder: To write to; must be there.
+        formats: Of "csv" (``landmarks.csv``), "npz" (``track.npz``) and "pts" (``pts/000000.pts``, ...).
+        constants: What all frames share.
+    """
+
+    def __init__(self, folder: Path, formats: tuple[TrackFormat, ...], constants: ClipConstants) -> None:
+        self._folder, self._constants = folder, constants
+        self._files = ExitStack()
+        self._csv = self._npz = self._pts = None
+        if "csv" in formats:
+            file = self._files.enter_context((folder / "landmarks.csv").open("w", newline="", encoding="utf-8"))
+            self._csv = csv.writer(file, lineterminator="\n")
+            self._csv.writerow(CSV_COLUMNS)
+        if "npz" in formats:
+            self._npz = self._files.enter_context(GrowingNpz(folder / "track.npz", _constant_arrays(constants)))
+        if "pts" in formats:
+            self._pts = folder / "pts"
+            self._pts.mkdir(exist_ok=True)
+            for stale in self._pts.glob("[0-9]" * 6 + ".pts"):  # of a longer clip that was written here before
+                stale.unlink()
+
+    def __enter__(self) -> "TrackFiles":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the files; again makes no difference."""
+        self._files.close()
+
+    def write(self, face: TrackedFace) -> None:
+        """Appends a frame."""
+        if self._csv is not None:
+            self._csv.writerow(self._csv_row(face))
+        if self._npz is not None:
+            self._npz.append(_frame_arrays(face))
+        if self._pts is not None:
+            path = self._pts / f"{face.box.frame:06d}.pts"
+            path.write_text(pts_text(face.landmarks2d), encoding="ascii")
+
+    def _csv_row(self, face: TrackedFace) -> list[object]:
+        box, pose = face.box.box, head_pose(face.fit.camera)
+        sides = (f"{side:.2f}" for side in (box.left, box.top, box.right, box.bottom))
+        angles = (f"{angle:.3f}" for angle in (pose.pitch_deg, pose.yaw_deg, pose.roll_deg))
+        scale = nearest_weak_perspective(face.fit.camera).scale
+        return [
+            *(face.box.frame, f"{face.box.frame / self._constants.fps:.4f}"),
+            *(face.box.source, "fitted" if face.is_fitted else "carried"),
+            *(*sides, *angles, f"{scale:.6g}"),
+            *(f"{value:.3f}" for value in face.landmarks2d.reshape(-1)),
+        ]
+
+
+@final
+class GrowingNpz:
+    """An ``.npz`` whose arrays grow by one row at a time: rows go to files beside it, which are packed in the end.
+
+    Args:
+        path: Of the archive.
+        constants: Arrays that do not grow.
+    """
+
+    def __init__(self, path: Path, constants: dict[str, ndarray]) -> None:
+        self._path, self._constants = path, constants
+        self._files: dict[str, IO[bytes]] = {}
+        self._kinds: dict[str, tuple[np.dtype, tuple[int, ...]]] = {}
+        self._count = 0
+
+    def __enter__(self) -> "GrowingNpz":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pack()
+
+    def append(self, row: dict[str, ndarray]) -> None:
+        """Takes one row of every array."""
+        for name, values in row.items():
+            if name not in self._files:
+                self._files[name] = self._part(name).open("wb")
+                self._kinds[name] = (values.dtype, values.shape)
+            self._files[name].write(np.ascontiguousarray(values).tobytes())
+        self._count += 1
+
+    def _part(self, name: str) -> Path:
+        return self._path.with_name(f".{self._path.name}.{name}.part")
+
+    def _pack(self) -> None:
+        unfinished = self._path.with_name(f".{self._path.name}.part")
+        try:
+            with zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+                for name, values in self._constants.items():
+                    with archive.open(f"{name}.npy", "w") as member:
+                        np.lib.format.write_array(member, values, allow_pickle=False)
+                for name, file in self._files.items():
+                    file.close()
+                    self._pack_rows(archive, name)
+            unfinished.replace(self._path)
+        finally:
+            for name in self._files:
+                self._files[name].close()
+                self._part(name).unlink(missing_ok=True)
+            unfinished.unlink(missing_ok=True)
+
+    def _pack_rows(self, archive: zipfile.ZipFile, name: str) -> None:
+        dtype, shape = self._kinds[name]
+        header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (self._count, *shape)}
+        left = self._count * dtype.itemsize * int(np.prod(shape))  # a row cut off by an interruption stays out
+        with archive.open(f"{name}.npy", "w", force_zip64=True) as member, self._part(name).open("rb") as rows:
+            np.lib.format.write_array_header_2_0(member, header)
+            while left and (block := rows.read(min(COPY_BYTES, left))):
+                member.write(block)
+                left -= len(block)
+
+
+def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
+    """A frame with the landmarks and boxes of its faces: green where seen, orange where filled in."""
+    picture = frame.image
+    for face in frame.faces.values():
+        is_seen = face.is_fitted and face.box.source == "detected"
+        colour = SEEN_COLOUR if is_seen else FILLED_COLOUR
+        picture = draw_landmarks(picture, face.landmarks2d, colour)
+        corners = np.clip([face.box.box.left, face.box.box.top, face.box.box.right, face.box.box.bottom], -1e6, 1e6)
+        left, top, right, bottom = (int(value) for value in corners)
+        cv2.rectangle(picture, (left, top), (right, bottom), colour, 1, cv2.LINE_AA)
+    return picture
+
+
+def pts_text(landmarks2d: ndarray) -> str:
+    """Landmarks in the format of 300-W, whose pixels count from 1 with integers at the centres."""
+    rows = "\n".join(f"{x:.3f} {y:.3f}" for x, y in landmarks2d - ONE_BASED_TO_CENTRES_PX)
+    return f"version: 1\nn_points: {len(landmarks2d)}\n{{\n{rows}\n}}\n"
+
+
+def _constant_arrays(constants: ClipConstants) -> dict[str, ndarray]:
+    return {
+        "identity": constants.identity,
+        "fps": np.array(constants.fps),
+        "model_name": np.array(constants.model_name),
+        "model_sha256": np.array(constants.model_sha256),
+        "box_sources": np.array(BOX_SOURCES),
+    }
+
+
+def _frame_arrays(face: TrackedFace) -> dict[str, ndarray]:
+    box, pose = face.box.box, head_pose(face.fit.camera)
+    return {
+        "frame": np.array(face.box.frame, dtype=np.int64),
+        "box": np.array([box.left, box.top, box.right, box.bottom], dtype=np.float32),
+        "box_source": np.array(BOX_SOURCES.index(face.box.source), dtype=np.uint8),
+        "is_fitted": np.array(face.is_fitted),
+        "landmarks2d": face.landmarks2d.astype(np.float32),
+        "landmarks2d_raw": face.fit.landmarks2d.astype(np.float32),
+        "landmarks3d": face.fit.landmarks3d.astype(np.float32),
+        "landmarks_visible": visible_landmarks(face.fit),
+        "eye_px": np.array(face.eye_px, dtype=np.float32),
+        "camera": face.fit.camera.matrix,
+        "expression": face.fit.expression.astype(np.float32),
+        "pose_deg": np.array([pose.pitch_deg, pose.yaw_deg, pose.roll_deg], dtype=np.float32),
+    }

@@ -1,0 +1,76 @@
+"""What is said of a tracked clip: for each face its frames, jitter and identity; for ``track.json`` and in words."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import final
+
+from pix2face.command_line import counted
+from pix2face.tracking.face_follower import FaceFollower
+from pix2face.tracking.face_tracks import FrameBox, TrackSummary, read_boxes
+from pix2face.tracking.track_files import BOX_SOURCES
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ClipFace:
+    """One face of the clip on its way through the passes.
+
+    Attributes:
+        folder: Where its files go.
+        tracks: Of which its boxes are.
+        frames: In which it is followed.
+        counts: In how many frames its box was detected, interpolated, held, and its fit carried; counted in the last
+            pass.
+    """
+
+    folder: Path
+    tracks: Sequence[TrackSummary]
+    frames: range
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def detected(self, boxes: Path) -> Iterator[FrameBox]:
+        """Its detections, out of the file of all boxes."""
+        return read_boxes(boxes, [own.track for own in self.tracks])
+
+    @property
+    def n_detected(self) -> int:
+        """In how many frames it was found."""
+        return sum(own.n_detected for own in self.tracks)
+
+    @property
+    def n_written(self) -> int:
+        """How many of its frames are done."""
+        return sum(self.counts[name] for name in BOX_SOURCES)
+
+
+def face_summary(face: ClipFace, follower: FaceFollower, out: Path) -> dict[str, object]:
+    """What ``track.json`` says of a face."""
+    return {
+        "folder": str(face.folder.relative_to(out)),
+        "first_frame": face.frames.start,
+        "frames": face.n_written,
+        **{f"frames_{name}": face.counts[name] for name in (*BOX_SOURCES, "carried")},
+        "jitter_percent_raw": _percent(follower.jitter_raw.share),
+        "jitter_percent_smoothed": _percent(follower.jitter_smoothed.share),
+        "identity": follower.identity.tolist(),
+    }
+
+
+def face_report(face: ClipFace, follower: FaceFollower, smoothing: str) -> list[str]:
+    """The same in words, and a warning where the network saw no face."""
+    raw, smoothed = _percent(follower.jitter_raw.share), _percent(follower.jitter_smoothed.share)
+    jitter = "" if raw is None else f"; jitter {raw} % of the eye distance, {smoothed} % after {smoothing}"
+    sources = ", ".join(f"{face.counts[name]} {name}" for name in BOX_SOURCES)
+    lines = [f"{counted(face.n_written, 'frame')} ({sources}){jitter} -> {face.folder}"]
+    if face.counts["carried"]:
+        lines.append(
+            f"warning: the network saw no face in {counted(face.counts['carried'], 'frame')}: the fit of the frame "
+            "before was carried over (column fit: carried)"
+        )
+    return lines
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else round(100 * share, 3)

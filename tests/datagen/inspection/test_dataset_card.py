@@ -1,0 +1,162 @@
+"""Cards: they say what is in the shards and what may not be passed on, their examples run, their bytes repeat."""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datagen.cli import main
+from datagen.inspection.dataset_card import CARD_FILE, write_card
+from pix2face.errors import UsageError
+from pix2face.morphable_model import builtin_model
+from pix2face.shards.compressions import COMPRESSIONS, DEFAULT_COMPRESSION
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet
+from pix2face.shards.shard_writing import write_shard
+
+HOSTILE = "a`b``c\n# heading <script>alert(1)</script>\x1b[2J ![x](http://x)"
+Writer = Callable[..., str]
+
+
+@pytest.fixture
+def card(tmp_path: Path, base: tuple[ShardHeader, Triplet]) -> Writer:
+    """Writes two shards of two samples, their card, and reads it."""
+
+    def write(attributes: dict[str, str | float], compression: str = DEFAULT_COMPRESSION, **header: object) -> str:
+        for shard in range(2):
+            triplets = [replace(base[1], sample_id=f"{shard}{i}", attributes=attributes) for i in range(2)]
+            changed = replace(base[0], **header)  # type: ignore[arg-type]
+            write_shard(tmp_path / "shards" / f"shard-{shard:05d}.h5", changed, triplets, compression)
+        return write_card(tmp_path / "shards").read_text(encoding="utf-8")
+
+    return write
+
+
+def section(text: str, heading: str) -> str:
+    return text.split(f"## {heading}\n", 1)[1].split("\n## ", 1)[0]
+
+
+def examples(text: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)\n```", text, re.DOTALL)
+
+
+def test_a_card_says_what_is_in_the_shards(card: Writer, base: tuple[ShardHeader, Triplet], tmp_path: Path) -> None:
+    text = card({"picture": "rendered"}, configuration='{"seed": 3}', region_names=("skin", "lips"))
+    n_bytes = sum(path.stat().st_size for path in (tmp_path / "shards").glob("shard-*.h5"))
+    assert f"4 samples in 2 shards, {n_bytes / 1e6:.1f} MB, made by `test`." in text
+    assert f"`{base[0].model_name}`, SHA-256 `{base[0].model_sha256}`. Regions: `skin`, `lips`." in text
+    for name in (*base[0].layers, "`200 x 200 px` 4", "picture: `rendered` 4", "as the source states them: `CC0`"):
+        assert name in text
+    assert '```json\n{\n  "seed": 3\n}\n```' in text
+    assert "could not be used" not in text
+    rejected = json.dumps([["x", "why"], ["y", "why"]])
+    assert "4 more could not be used" not in text
+    assert "4 samples more could not be used: see rejected.jsonl." in card({}, rejected=rejected)
+
+
+def test_renders_of_the_builtin_model_are_free(card: Writer) -> None:
+    ours = {"model_sha256": builtin_model().sha256, "licence": builtin_model().licence}
+    free = section(card({"picture": "rendered"}, **ours), "What may be passed on")
+    assert "not to be passed on" not in free
+    assert "Rendered pictures (4): CC0-1.0" in free
+    assert "the built-in model is under CC0-1.0." in free
+    fitted = section(card({"picture": "rendered"}, **{**ours, "licence": "300W-LP"}), "What may be passed on")
+    assert "bound by the terms of those as well" in fitted
+
+
+def test_photographs_and_models_of_others_are_not(card: Writer) -> None:
+    photographs = section(card({"picture": "photograph"}, model_sha256=builtin_model().sha256), "What may be passed on")
+    assert "**Photographs (4): not to be passed on**" in photographs
+    assert "bound by the terms of those as well" in photographs
+    basel = section(card({"picture": "rendered"}, model_name="BFM 2009"), "What may be passed on")
+    assert "renders of `BFM 2009`: not to be passed on**" in basel
+    assert "CC0" not in basel
+    unknown = section(card({}, model_sha256=builtin_model().sha256), "What may be passed on")
+    assert "**Photographs (4): not to be passed on**" in unknown  # nobody said that they were rendered
+    maps = section(card({}, model_sha256=builtin_model().sha256, layers=("pncc", "mask")), "What may be passed on")
+    assert "Photographs" not in maps
+
+
+@pytest.mark.parametrize("compression", list(COMPRESSIONS))
+@pytest.mark.parametrize("layers", [("pncc", "mask"), ("mask",), ("image", "depth", "landmarks")])
+def test_the_examples_run_and_read_what_is_there(
+    layers: tuple[str, ...], compression: str, card: Writer, tmp_path: Path
+) -> None:
+    package, plain = examples(card({}, compression, layers=layers))
+    is_planar = layers != ("mask",) and COMPRESSIONS[compression].is_predicted
+    assert (len(package.splitlines()), len(plain.splitlines())) == (3, 5 if is_planar else 4)
+    assert ("hdf5plugin" in plain) == (compression == "zstd")
+    check = "import json, sys; json.dump([str(values.dtype), values.tolist()], sys.stdout)"
+    run = [sys.executable, "-W", "error", "-c"]
+    found = subprocess.run([*run, f"{plain}\n{check}"], cwd=tmp_path / "shards", capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+    dtype, values = json.loads(found.stdout)
+    with ShardReader(tmp_path / "shards" / "shard-00000.h5") as reader:
+        name = next(name for name in layers if name not in ("image", "landmarks"))
+        np.testing.assert_allclose(values, reader.layer(0, name), atol=1e-6)
+    assert dtype.startswith("float")
+    namespace: dict[str, object] = {}
+    exec(package.replace('"shard', f'"{tmp_path}/shards/shard'), namespace)
+    assert isinstance(namespace["triplet"], Triplet)
+
+
+def test_sets_without_layers_have_no_example_of_one(card: Writer) -> None:
+    assert len(examples(card({}, layers=("image", "landmarks")))) == 1
+
+
+def test_the_same_shards_have_the_same_card_wherever_they_lie(card: Writer, tmp_path: Path) -> None:
+    text = card({"picture": "rendered", "geometry": "x"})
+    (tmp_path / "shards").rename(tmp_path / "elsewhere")
+    assert write_card(tmp_path / "elsewhere").read_text(encoding="utf-8") == text
+    assert str(tmp_path) not in text
+    assert sorted(path.name for path in (tmp_path / "elsewhere").iterdir()) == [
+        CARD_FILE,
+        "shard-00000.h5",
+        "shard-00001.h5",
+    ]
+
+
+def test_texts_out_of_files_stay_texts(card: Writer) -> None:
+    text = card(
+        {"picture": HOSTILE, "geometry": HOSTILE},
+        configuration=HOSTILE + "\n```\n# out of the block",
+        **dict.fromkeys(("model_name", "licence", "generator"), HOSTILE),
+        region_names=(HOSTILE,),
+    )
+    assert "\x1b" not in text
+    shown = "``` a`b``c\\n# heading <script>alert(1)</script>\\x1b[2J ![x](http://x) ```"
+    assert text.count(shown) >= 6
+    outside = text.replace(shown, "")
+    block = section(outside, "Configuration")
+    assert block.strip().startswith("````json\n")
+    assert block.strip().endswith("\n````")
+    assert "<script>" not in outside.split("## Configuration")[0]
+
+
+def test_a_set_of_which_nothing_could_be_used_has_a_card(base: tuple[ShardHeader, Triplet], tmp_path: Path) -> None:
+    write_shard(tmp_path / "none" / "shard-00000.h5", replace(base[0], rejected='[["x", "why"]]'), [])
+    text = write_card(tmp_path / "none").read_text(encoding="utf-8")
+    assert "0 samples in 1 shard" in text
+    assert "1 sample more could not be used" in text
+    assert "Sizes: none" in text
+
+
+def test_shards_of_two_jobs_have_no_card(card: Writer, base: tuple[ShardHeader, Triplet], tmp_path: Path) -> None:
+    card({})
+    write_shard(tmp_path / "shards" / "shard-00002.h5", replace(base[0], configuration='{"seed": 9}'), [base[1]])
+    with pytest.raises(UsageError, match=r"shard-00000\.h5 and shard-00002\.h5 differ in model, layers or config"):
+        write_card(tmp_path / "shards")
+
+
+def test_the_command_writes_the_card(card: Writer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = card({})
+    (tmp_path / "shards" / CARD_FILE).unlink()
+    assert main(["card", str(tmp_path / "shards")]) == 0
+    assert (tmp_path / "shards" / CARD_FILE).read_text(encoding="utf-8") == text
+    assert f"card -> {tmp_path}/shards/{CARD_FILE}" in capsys.readouterr().err
+    assert main(["card", str(tmp_path / "nowhere")]) == 2

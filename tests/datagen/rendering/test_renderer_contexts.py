@@ -1,0 +1,117 @@
+"""Choice of the rasteriser, several contexts in a process, and all of it by both back ends."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
+from datagen.rendering.renderer import Renderer
+from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.errors import GLUnavailableError
+from tests.synthetic_models import small_head_model
+
+pytestmark = pytest.mark.gl
+
+CAMERA = weak_perspective_camera(WeakPerspective(0.3, rotation_of_pose(HeadPose(0, 30, 0)), np.full(2, 32.0)))
+RENDER = """
+import sys
+import numpy as np
+from datagen.opengl.gl_context import create_gl_context
+from datagen.rendering.renderer import Renderer
+from datagen.sampling import sample_faces
+from pix2face.camera import Camera
+from pix2face.errors import GLUnavailableError
+from pix2face.morphable_model import builtin_model
+from pix2face.rasterise import render_maps
+model = builtin_model()
+table = sample_faces(model, 6, 3, 192)
+vertices = model.vertices(table.identity, table.expression)
+faces = [(v, Camera(m)) for v, m in zip(vertices, table.cameras)]
+if sys.argv[2] == "oracle":
+    maps = [render_maps(model, v, c, 192, 192) for v, c in faces]
+else:
+    try:
+        gl = create_gl_context()
+        renderer = Renderer(model, 192, 192, gl)
+    except GLUnavailableError as error:
+        sys.exit(f"not here: {error}")
+    assert renderer.rasteriser == sys.argv[2]
+    maps = [renderer.render(v, c) for v, c in faces]
+np.savez(sys.argv[1], **{name: np.stack([getattr(m, name) for m in maps]) for name in ("pncc", "offset", "mask")})
+"""
+
+
+def rendered_by(backend: str, rasteriser: str, threads: str, out: Path) -> dict[str, np.ndarray]:
+    environment = {**os.environ, "PIX2FACE_GL": backend, "PIX2FACE_RASTERISER": rasteriser, "LP_NUM_THREADS": threads}
+    environment = {name: value for name, value in environment.items() if value}
+    command = [sys.executable, "-W", "error", "-c", RENDER, str(out), rasteriser or "oracle"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    if done.returncode and "not here" in done.stderr:
+        pytest.skip(f"{backend}, {rasteriser}: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    with np.load(out, allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    return rendered_by("", "", "", tmp_path_factory.mktemp("oracle") / "maps.npz")
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa"])
+@pytest.mark.parametrize("rasteriser", ["compute", "fragment"])
+def test_each_back_end_and_rasteriser_renders_the_same(
+    tmp_path: Path, truth: dict[str, np.ndarray], backend: str, rasteriser: str
+) -> None:
+    """Within a step of the fixed point of each other: half a step from the oracle."""
+    found = rendered_by(backend, rasteriser, "", tmp_path / "maps.npz")
+    both = found["mask"] & truth["mask"]
+    assert both.sum() > 50_000
+    assert (found["mask"] != truth["mask"]).sum() <= 1e-4 * both.sum()
+    for name in ("pncc", "offset"):
+        error = np.abs(found[name] - truth[name]).max(axis=-1)[both]
+        assert (error > 0.5 / 128).sum() <= 1e-4 * both.sum()
+
+
+def test_threads_do_not_change_a_byte(tmp_path: Path) -> None:
+    first, *others = (rendered_by("egl", "compute", n, tmp_path / f"{n}.npz") for n in ("0", "1", "4"))
+    for other in others:
+        for name, values in first.items():
+            assert values.tobytes() == other[name].tobytes()
+
+
+def test_the_choice_follows_capability_and_can_be_forced(gl: GLContext) -> None:
+    model = small_head_model()
+    chosen = Renderer(model, 16, 16, replace(gl, rasteriser="auto")).rasteriser
+    assert chosen == ("compute" if gl.version_code >= 430 else "fragment")
+    assert Renderer(model, 16, 16, replace(gl, rasteriser="fragment")).rasteriser == "fragment"
+    assert Renderer(model, 16, 16, gl, "fragment").rasteriser == "fragment"
+    old = replace(gl, version_code=330, rasteriser="auto")
+    assert Renderer(model, 16, 16, old).rasteriser == "fragment"
+    with pytest.raises(GLUnavailableError, match=r"expected OpenGL 4\.3 for the rasteriser compute, found 3\.3"):
+        Renderer(model, 16, 16, old, "compute")
+
+
+@pytest.mark.parametrize("rasteriser", ["compute", "fragment"])
+def test_two_contexts_in_a_process_do_not_disturb_each_other(gl: GLContext, rasteriser: str) -> None:
+    if rasteriser == "compute" and gl.version_code < 430:
+        pytest.skip("no compute shaders in this OpenGL")
+    model = small_head_model()
+    first = Renderer(model, 64, 64, gl, rasteriser)
+    expected = first.render(model.mean, CAMERA, ("normals",))
+    other = create_gl_context(GLSettings(gl.backend))
+    second = Renderer(model, 48, 64, other, rasteriser)
+    for _ in range(2):
+        assert second.render(model.mean, CAMERA).mask.sum() > 500
+        again = first.render(model.mean, CAMERA, ("normals",))
+        np.testing.assert_array_equal(again.pncc, expected.pncc)
+        np.testing.assert_array_equal(again.extra["normals"], expected.extra["normals"])
+    assert other.context.error == "GL_NO_ERROR"
+    other.release()
+    np.testing.assert_array_equal(first.render(model.mean, CAMERA).offset, expected.offset)
+    np.testing.assert_array_equal(first.with_size(40, 40).render(model.mean, CAMERA).mask, expected.mask[:40, :40])

@@ -1,0 +1,220 @@
+"""The command from its arguments to files and exit status, with a network that has learned nothing."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+
+from pix2face.evaluation.compare_cli import CompareConfig
+from pix2face.evaluation.evaluate_cli import EvaluateConfig, main
+from pix2face.evaluation.manifest import SPLITS
+from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph
+from tests.pix2face.evaluation_calls import (
+    LANDMARKS,
+    MODEL,
+    measure,
+    run,
+    stored_report,
+    write_checkpoint,
+    write_ibug,
+)
+
+
+@pytest.fixture
+def small_model(monkeypatch):
+    """Whatever --model says, the small head is opened: evaluation needs no particular face."""
+    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
+
+
+def test_photographs_give_a_table_and_files_with_every_face_counted(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    assert run(tmp_path, "--data", tmp_path) == 0
+    printed = capsys.readouterr().out
+    assert "Row baseline: the mean face" in printed
+    assert "133 missing: ibug/image_005_1.jpg" in printed
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert (report["n_evaluated"], report["n_missing"]) == (2, 133)
+    assert report["subject"]["configuration"]["split"] == "ibug"
+    assert report["subject"]["checkpoint_header"]["configuration"] == {"preset": "test"}
+    assert len(report["subject"]["hashes"]["checkpoint"]) == 64
+    assert report["table"][2]["all_images"]["mean"] == pytest.approx(0, abs=1e-6)  # the mean face itself
+
+
+def test_data_folder_from_the_environment(tmp_path, small_model, monkeypatch):
+    write_ibug(tmp_path)
+    monkeypatch.setenv("PIX2FACE_DATA", str(tmp_path))
+    assert run(tmp_path) == 0
+
+
+def test_without_data_one_line_says_where_it_is(tmp_path, small_model, monkeypatch, capsys):
+    monkeypatch.delenv("PIX2FACE_DATA", raising=False)
+    assert run(tmp_path) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "iBUG, Imperial College London" in error
+    assert "DATA/ibug/image_003_1.jpg" in error
+
+
+def test_damaged_faces_are_listed_and_decide_the_exit_status(tmp_path, small_model, capsys):
+    write_ibug(tmp_path, ("image_003_1", "image_004_1", "image_005_1"))
+    damaged = tmp_path / "ibug" / "image_004_1.pts"
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    assert run(tmp_path, "--data", tmp_path) == 3
+    assert "1 unreadable: ibug/image_004_1.jpg" in capsys.readouterr().out
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["n_evaluated"] == 2
+    assert run(tmp_path, "--data", tmp_path, "--max-rejected", 1) == 0
+
+
+def test_fewer_than_no_rejected_faces_are_one_line(tmp_path, small_model, capsys):
+    assert run(tmp_path, "--data", tmp_path, "--max-rejected", -1) == 2
+    assert capsys.readouterr().err == "evaluate: error: --max-rejected: expected 0 or more, found -1\n"
+
+
+def test_where_no_face_can_be_evaluated_the_reasons_are_all(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    for name in ("image_003_1", "image_004_1"):
+        (tmp_path / "ibug" / f"{name}.pts").write_bytes(b"version: 1\n")
+    assert run(tmp_path, "--data", tmp_path, "--max-rejected", 9) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    reasons = captured.err.splitlines()[-3:-1]
+    assert [reason.split(":")[0] for reason in reasons] == ["ibug/image_003_1.jpg", "ibug/image_004_1.jpg"]
+    assert captured.err.splitlines()[-1].startswith("evaluate: error: ibug: expected at least one face")
+    assert "found 2 unreadable files" in captured.err
+    assert not (tmp_path / "out" / "report.json").exists()
+
+
+def test_yaw_bins_of_aflw(tmp_path, small_model, capsys):
+    for name, yaw_deg in (("image00002", 5), ("image00004", 50), ("image00006", -80)):
+        write_photograph(tmp_path / f"{name}.jpg")
+        write_mat(tmp_path / f"{name}.mat", LANDMARKS, yaw_deg)
+    write_mat(tmp_path / "image00006.mat", LANDMARKS, -80, Exp_Para=np.full((29, 1), np.nan))
+    assert run(tmp_path, "--data", tmp_path, "--max-rejected", 1, split="aflw2000-3d") == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    groups = report["table"][0]["groups"]
+    assert [groups[name]["n_images"] for name in groups] == [1, 1, 0]
+    assert report["unreadable"][0]["name"] == "aflw2000-3d/image00006.jpg"
+
+
+def test_heldout_renders(tmp_path, small_model, capsys):
+    write_heldout(tmp_path / "shards", MODEL)
+    assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-heldout") == 0
+    printed = capsys.readouterr().out
+    assert "mask IoU" in printed
+    assert "98 missing: seed1000000/0000002, " in printed
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["n_missing"] == 98
+
+
+def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):
+    write_heldout(tmp_path / "shards", MODEL, seed=0)
+    assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-heldout") == 2
+    error = capsys.readouterr().err
+    assert "found seed0/0000000" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_in_the_way_of_the_report_is_said_before_evaluating(tmp_path, small_model, monkeypatch, capsys):
+    write_ibug(tmp_path)
+    (tmp_path / "out").write_bytes(b"kept")
+    monkeypatch.delattr("pix2face.evaluation.evaluate_cli.evaluate_faces")
+    assert run(tmp_path, "--data", tmp_path) == 2
+    error = capsys.readouterr().err
+    assert "expected a folder that can be written to, found that" in error
+    assert error.count("\n") == 1
+
+
+def test_checkpoint_of_another_model_names_both(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    write_checkpoint(tmp_path / "checkpoint.safetensors", "Basel", "e" * 64)
+    assert run(tmp_path, "--data", tmp_path) == 2
+    error = capsys.readouterr().err
+    assert "Basel" in error
+    assert MODEL.name in error
+
+
+def test_truncated_checkpoint_is_named(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    checkpoint = write_checkpoint(tmp_path / "checkpoint.safetensors")
+    checkpoint.write_bytes(checkpoint.read_bytes()[:200])
+    assert run(tmp_path, "--data", tmp_path) == 2
+    assert "checkpoint.safetensors" in capsys.readouterr().err
+
+
+def test_the_last_trained_checkpoint_is_the_default(tmp_path, small_model, monkeypatch, capsys):
+    write_ibug(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(["--split", "ibug", "--data", "."]) == 2
+    assert "train --shards" in capsys.readouterr().err
+    write_checkpoint(tmp_path / "runs" / "tiny" / "checkpoint.safetensors")
+    assert main(["--split", "ibug", "--data", "."]) == 0
+    assert (tmp_path / "out" / "evaluate-ibug" / "report.json").is_file()
+
+
+def test_unknown_split_is_refused_by_the_parser(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--split", "cofw"])
+    assert caught.value.code == 2
+
+
+def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)  # noise: there is no face to be found
+    assert run(tmp_path, "--data", tmp_path, "--boxes", "lbp") == 0
+    report, printed = stored_report(tmp_path), capsys.readouterr().out
+    assert report["n_failed"] == 2
+    assert report["table"][0]["all_images"]["mean"] is None
+    assert report["table"][0]["all_images"]["failure_rate"] == 1
+    assert "of the boxes of the detector lbp" in printed
+    assert "2 not found: ibug/image_003_1.jpg (detector lbp: no face)" in printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--threshold", 0], "expected a positive --threshold"),
+        (["--threshold", "nan"], "expected a positive --threshold"),
+        (["--batch-size", 0], "--batch-size: expected 1 or more, found 0"),
+        (["--resamples", -1], "--resamples: expected 0 or more, found -1"),
+        (["--seed", -1], "--seed: expected 0 or more"),
+        (["--frame", "1-based"], "--frame 1-based: expected --predictions with it"),
+        (["--oracle", "--predictions", "p.npz"], "expected one of --checkpoint, --predictions and --oracle"),
+        (["--truth", "reannotated"], "ibug: expected hand-marked as --truth, found reannotated"),
+        (["--align", "rigid"], "--align rigid: expected a split with 3D landmarks, found ibug"),
+        (["--oracle", "--boxes", "lbp"], "--boxes lbp: expected a checkpoint"),
+        (["--predictions", "p.npz", "--contour", "2d"], "--contour 2d: expected a fit"),
+        (["--oracle", "--regularisation", 80], "--regularisation: expected a checkpoint"),
+        (["--reannotated", "x.npy"], "expected --truth reannotated with it"),
+        (["--predictions", "absent.npz"], "absent.npz: expected an .npz file of predictions"),
+    ],
+)
+def test_calls_that_cannot_be_meant_are_one_line(tmp_path, small_model, capsys, arguments, message):
+    write_ibug(tmp_path)
+    assert measure(tmp_path, *arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_contour_is_for_truths_that_follow_it(tmp_path, small_model, capsys):
+    assert measure(tmp_path, "--contour", "2d", split="aflw2000-3d") == 2
+    assert "--contour 2d: expected a split whose truth follows the visible outline" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/evaluation.md", "docs/reproduce.md"])
+def test_every_evaluation_in_the_docs_parses(page):
+    text = (Path(__file__).parents[3] / page).read_text(encoding="utf-8")
+    calls = re.findall(r"(?:^    |`|&& )(evaluate (?:--split|compare) [^`#\n]*)", text, re.MULTILINE)
+    assert calls
+    for call in calls:
+        words = shlex.split(call)[1:]
+        if "S" in words:  # evaluate --split S: any of them
+            continue
+        if words[0] == "compare":
+            assert len(tyro.cli(CompareConfig, args=words[1:]).reports) == 2
+        else:
+            assert tyro.cli(EvaluateConfig, args=words).split in SPLITS

@@ -1,0 +1,184 @@
+"""Overlay, map picture, mesh and cloud show the face that was fitted, where it is."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy import ndarray
+
+from pix2face.camera import (
+    Camera,
+    HeadPose,
+    Pinhole,
+    WeakPerspective,
+    pinhole_camera,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
+from pix2face.crops import FaceBox, crop_camera, crop_image, square_crop
+from pix2face.errors import DegenerateGeometryError
+from pix2face.face_maps import FaceMaps
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.photographs.fit_pictures import (
+    LANDMARK_COLOUR,
+    OVERLAY_SCALE,
+    draw_landmarks,
+    draw_maps,
+    draw_overlay,
+    write_point_cloud,
+)
+from pix2face.rasterise import render_maps
+from tests.synthetic_models import small_head_model
+
+MODEL = small_head_model()
+GREY = 90
+SIZE_PX = 200
+
+
+def fitted(camera: Camera, landmarks: ndarray | None = None, seed: int = 0) -> FaceFit:
+    """A face of the small head as a fit."""
+    rng = np.random.default_rng(seed)
+    identity, expression = rng.normal(size=MODEL.n_identity), rng.normal(size=MODEL.n_expression)
+    vertices = MODEL.vertices(identity[None], expression[None])[0]
+    landmarks3d = vertices[MODEL.landmarks["ibug68"]].astype(np.float64) if landmarks is None else landmarks
+    return FaceFit(camera, identity, expression, MODEL, camera.project(landmarks3d), landmarks3d)
+
+
+def weak(yaw_deg: float = 0.0, centre: tuple[float, float] = (150.0, 120.0)) -> Camera:
+    return weak_perspective_camera(WeakPerspective(0.6, rotation_of_pose(HeadPose(0, yaw_deg, 0)), np.array(centre)))
+
+
+def near_pinhole() -> Camera:
+    return pinhole_camera(
+        Pinhole(400.0, np.array([150.0, 120.0]), rotation_of_pose(HeadPose(5, 20, 0)), np.array([10.0, 0.0, 500.0]))
+    )
+
+
+def grey_picture() -> ndarray:
+    return np.full((240, 300, 3), GREY, dtype=np.uint8)
+
+
+@pytest.mark.parametrize("camera", [weak(), weak(60), weak(-30, (20.0, 40.0)), near_pinhole()])
+def test_the_overlay_covers_the_face_where_the_camera_puts_it(camera: Camera) -> None:
+    fit = fitted(camera, seed=1)
+    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX)
+    crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
+    own_camera, background = crop_camera(fit.camera, crop), crop_image(grey_picture(), crop)
+    face = render_maps(MODEL, fit.vertices, own_camera, SIZE_PX, SIZE_PX).mask
+    dots = dotted(own_camera.project(fit.landmarks3d))
+    changed = (shown != background).any(axis=2)
+    assert 5000 < face.sum() < 30_000
+    assert changed[face].mean() > 0.999
+    # Beyond what the oracle calls face lie the backs of face triangles (behind the scalp) and the dots of landmarks.
+    corners = own_camera.project(fit.vertices[MODEL.is_face_vertex])
+    beyond = ~dots & outside_box(corners)
+    assert beyond.sum() > 2000
+    assert not changed[beyond].any()
+
+
+def dotted(landmarks2d: ndarray) -> ndarray:
+    """Pixels within three of a landmark."""
+    rows, columns = np.indices((SIZE_PX, SIZE_PX)) + 0.5
+    distances = np.hypot(columns[..., None] - landmarks2d[:, 0], rows[..., None] - landmarks2d[:, 1])
+    return np.asarray(distances.min(axis=2) < 3)
+
+
+def outside_box(points: ndarray) -> ndarray:
+    rows, columns = np.indices((SIZE_PX, SIZE_PX)) + 0.5
+    (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
+    return np.asarray((columns < left) | (columns > right) | (rows < top) | (rows > bottom))
+
+
+def test_a_landmark_has_its_dot_in_the_overlay() -> None:
+    fit = fitted(weak(15))
+    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX)
+    crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
+    for x, y in np.floor(crop.to_crop(fit.landmarks2d)).astype(int):
+        np.testing.assert_array_equal(shown[y, x], LANDMARK_COLOUR)
+
+
+def test_what_faces_the_viewer_is_brighter() -> None:
+    fit = fitted(weak())
+    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX).astype(int)
+    crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
+    nose_bridge, temple = crop.to_crop(fit.camera.project(np.array([[0.0, 60.0, 85.0], [68.0, 20.0, 40.0]])))
+    brightness = [patch(shown, point).mean() for point in (nose_bridge, temple)]
+    assert brightness[0] > brightness[1] + 15
+
+
+def patch(image: ndarray, point: ndarray) -> ndarray:
+    column, row = np.floor(point).astype(int)
+    return image[row - 2 : row + 3, column - 2 : column + 3]
+
+
+def test_a_face_larger_than_the_picture_and_a_tiny_picture_are_drawn() -> None:
+    fit = fitted(
+        weak_perspective_camera(WeakPerspective(9.0, rotation_of_pose(HeadPose(0, 0, 0)), np.array([5.0, 5.0])))
+    )
+    for shape in ((8, 10, 3), (1, 1, 3)):
+        assert draw_overlay(np.zeros(shape, np.uint8), fit, MODEL, 64).shape == (64, 64, 3)
+
+
+def test_undefined_and_far_landmarks_do_not_stop_a_drawing() -> None:
+    fit = fitted(weak())
+    landmarks2d = fit.landmarks2d.copy()
+    landmarks2d[:6] = [[np.nan, 5], [np.inf, 5], [-np.inf, -np.inf], [1e300, 3], [-1e9, 3], [3e9, 1e12]]
+    drawn = draw_landmarks(grey_picture(), landmarks2d)
+    expected = draw_landmarks(grey_picture(), landmarks2d[6:])
+    np.testing.assert_array_equal(drawn, expected)
+    landmarks3d = fit.landmarks3d.copy()
+    landmarks3d[0], landmarks3d[1] = np.nan, 1e200
+    replaced = replace(fit, landmarks3d=landmarks3d)
+    assert draw_overlay(grey_picture(), replaced, MODEL, SIZE_PX).std() > 10
+
+
+@pytest.mark.parametrize("value", [np.nan, 7.0])
+def test_landmarks_without_extent_are_refused(value: float) -> None:
+    fit = replace(fitted(weak()), landmarks2d=np.full((68, 2), value))
+    with pytest.raises(DegenerateGeometryError, match="face box"):
+        draw_overlay(grey_picture(), fit, MODEL)
+
+
+def test_drawing_leaves_the_picture_alone_and_marks_the_pixel_that_holds_the_landmark() -> None:
+    image = np.zeros((40, 50, 3), np.uint8)
+    drawn = draw_landmarks(image, np.array([[10.9, 20.1]]), (1, 2, 3))
+    assert not image.any()
+    rows, columns = np.nonzero(drawn.any(axis=2))
+    assert (rows.mean(), columns.mean()) == (20, 10)
+    np.testing.assert_array_equal(drawn[20, 10], [1, 2, 3])
+
+
+def test_maps_are_shown_beside_the_crop() -> None:
+    rng = np.random.default_rng(0)
+    mask = np.zeros((32, 32), dtype=bool)
+    mask[5:20, 8:30] = True
+    pncc, offset = rng.normal(0, 50, (2, 32, 32, 3)).astype(np.float32) * mask[..., None]
+    image = rng.integers(0, 256, (32, 32, 3)).astype(np.uint8)
+    crop, *pictures = np.split(draw_maps(image, FaceMaps(pncc, offset, mask)), 3, axis=1)
+    np.testing.assert_array_equal(crop, image)
+    for picture, values, limit in zip(pictures, (pncc, offset), (120, 15), strict=True):
+        assert (picture[~mask] == 128).all()
+        expected = np.clip(values[mask] / (2 * limit) + 0.5, 0, 1) * 255
+        assert np.abs(picture[mask] - expected).max() <= 1
+
+
+def test_the_cloud_has_a_point_for_every_valid_pixel_in_its_colour(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    mask = rng.random((24, 24)) < 0.3
+    pncc, offset = rng.normal(0, 50, (2, 24, 24, 3)).astype(np.float32)
+    image = rng.integers(0, 256, (24, 24, 3)).astype(np.uint8)
+    write_point_cloud(tmp_path / "cloud.ply", FaceMaps(pncc, offset, mask), image)
+    cloud = trimesh.load(tmp_path / "cloud.ply")
+    assert len(cloud.vertices) == mask.sum() > 100
+    np.testing.assert_allclose(cloud.vertices, (pncc + offset)[mask], atol=1e-3)
+    np.testing.assert_array_equal(cloud.colors[:, :3], image[mask])
+
+
+def test_a_cloud_without_points_is_a_file_too(tmp_path: Path) -> None:
+    zeros = np.zeros((4, 4, 3), dtype=np.float32)
+    write_point_cloud(
+        tmp_path / "cloud.ply", FaceMaps(zeros, zeros, np.zeros((4, 4), dtype=bool)), zeros.astype(np.uint8)
+    )
+    assert b"element vertex 0" in (tmp_path / "cloud.ply").read_bytes()

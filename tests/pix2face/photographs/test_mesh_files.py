@@ -1,0 +1,133 @@
+"""Meshes open in another reader with the right counts, in mm, in the colours that they were given."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy import ndarray
+
+from pix2face.errors import UsageError
+from pix2face.images import read_photograph
+from pix2face.morphable_model import MorphableModel
+from pix2face.photographs.mesh_files import (
+    FaceMesh,
+    material_stem,
+    parse_mesh_formats,
+    split_at_seams,
+    srgb_to_linear,
+    write_mesh,
+)
+from tests.synthetic_models import small_head_model
+from tests.textured_head import textured_head
+
+PLAIN, TEXTURED = small_head_model(), textured_head()
+
+
+def face(model: MorphableModel) -> ndarray:
+    rng = np.random.default_rng(1)
+    return model.vertices(rng.normal(size=(1, model.n_identity)), rng.normal(size=(1, model.n_expression)))[0]
+
+
+def colours(n: int) -> ndarray:
+    return np.random.default_rng(2).integers(0, 256, (n, 3)).astype(np.uint8)
+
+
+def load(path: Path) -> trimesh.Trimesh:
+    """In mm: glTF is in metres."""
+    mesh = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    return mesh.apply_scale(1000) if path.suffix == ".glb" else mesh
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
+def test_the_mesh_is_that_of_the_fit_in_mm(tmp_path: Path, suffix: str) -> None:
+    write_mesh(tmp_path / f"face{suffix}", FaceMesh(face(PLAIN), PLAIN))
+    mesh = load(tmp_path / f"face{suffix}")
+    np.testing.assert_array_equal(mesh.faces, PLAIN.triangles)
+    np.testing.assert_allclose(mesh.vertices, face(PLAIN), atol=1e-3)
+    assert mesh.volume > 0  # wound counter-clockwise seen from outside
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply"])
+def test_vertex_colours_come_back(tmp_path: Path, suffix: str) -> None:
+    given = colours(len(PLAIN.mean))
+    write_mesh(tmp_path / f"face{suffix}", FaceMesh(face(PLAIN), PLAIN, vertex_colours=given))
+    mesh = load(tmp_path / f"face{suffix}")
+    np.testing.assert_array_equal(mesh.faces, PLAIN.triangles)
+    assert np.abs(mesh.visual.vertex_colors[:, :3].astype(int) - given).max() <= 1
+
+
+def test_colours_of_glb_vertices_are_proportional_to_light(tmp_path: Path) -> None:
+    given = colours(len(PLAIN.mean))
+    write_mesh(tmp_path / "face.glb", FaceMesh(face(PLAIN), PLAIN, vertex_colours=given))
+    found = load(tmp_path / "face.glb").visual.vertex_colors[:, :3]
+    np.testing.assert_array_equal(found, srgb_to_linear(given))
+    # IEC 61966-2-1: half of full scale is 0.2140 of the light.
+    np.testing.assert_array_equal(srgb_to_linear(np.array([[0, 128, 255]], dtype=np.uint8)), [[0, 55, 255]])
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".glb"])
+def test_the_texture_lies_where_the_model_says(tmp_path: Path, suffix: str) -> None:
+    """A texture that spells out (u, v) in red and green must be met by each vertex at its own coordinates."""
+    assert TEXTURED.uv is not None
+    assert TEXTURED.uv_triangles is not None
+    size = 256
+    ramp = ((np.arange(size) + 0.5) / size * 255).astype(np.uint8)
+    texture = np.zeros((size, size, 3), dtype=np.uint8)
+    texture[..., 0], texture[..., 1] = ramp[None, :], ramp[::-1, None]  # u to the right, v upward
+    write_mesh(tmp_path / f"face{suffix}", FaceMesh(face(TEXTURED), TEXTURED, texture=texture))
+    mesh = trimesh.load(tmp_path / f"face{suffix}", process=False, force="mesh")
+    mesh.apply_scale(1000 if suffix == ".glb" else 1)
+    assert mesh.faces.shape == TEXTURED.triangles.shape
+    np.testing.assert_allclose(mesh.triangles, face(TEXTURED)[TEXTURED.triangles], atol=1e-3)
+    uv = mesh.visual.uv[mesh.faces]
+    np.testing.assert_allclose(uv, TEXTURED.uv[TEXTURED.uv_triangles], atol=1e-5)
+    seen = mesh.visual.to_color().vertex_colors[mesh.faces][..., :2] / 255
+    assert np.abs(seen - uv).max() < 0.02
+
+
+def test_seams_split_vertices_and_nothing_else() -> None:
+    vertex, uv, triangles = split_at_seams(TEXTURED)
+    assert TEXTURED.uv is not None
+    assert TEXTURED.uv_triangles is not None
+    np.testing.assert_array_equal(vertex[triangles], TEXTURED.triangles)
+    np.testing.assert_array_equal(uv[triangles], TEXTURED.uv[TEXTURED.uv_triangles])
+    pairs = {tuple(pair) for pair in np.stack([TEXTURED.triangles, TEXTURED.uv_triangles], axis=-1).reshape(-1, 2)}
+    assert len(vertex) == len(pairs) > len(TEXTURED.mean)
+
+
+def test_a_model_without_texture_coordinates_is_named() -> None:
+    with pytest.raises(UsageError, match="small synthetic head"):
+        split_at_seams(PLAIN)
+
+
+@pytest.mark.parametrize("stem", ["portrait", "Jos\xe9", "a.b", "x-1"])
+def test_the_material_keeps_a_name_that_the_format_can_hold(stem: str) -> None:
+    assert material_stem(stem) == stem
+
+
+@pytest.mark.parametrize("stem", ["my photo", "a#b", "-x", "tab\tline\n", "caf\udce9", "a\\b", "\x1b[31m"])
+def test_other_names_get_a_material_of_their_own(tmp_path: Path, stem: str) -> None:
+    assert re.fullmatch(r"material-[0-9a-f]{8}", material_stem(stem))
+    assert material_stem(stem) != material_stem(stem + "x")
+    texture = np.full((8, 8, 3), 77, dtype=np.uint8)
+    write_mesh(tmp_path / f"{stem}.obj", FaceMesh(face(TEXTURED), TEXTURED, texture=texture))
+    (material,) = tmp_path.glob("*.mtl")
+    picture = re.search("^map_Kd (.*)$", material.read_text(), re.MULTILINE)
+    assert picture is not None
+    np.testing.assert_array_equal(read_photograph(tmp_path / picture[1]), texture)
+    assert f"mtllib {material.name}\n" in (tmp_path / f"{stem}.obj").read_text()
+
+
+def test_formats_are_read_from_a_list() -> None:
+    assert parse_mesh_formats("glb, obj,glb") == ("glb", "obj")
+    assert parse_mesh_formats("none") == ()
+    for text in ("stl", "obj,", ""):
+        with pytest.raises(UsageError, match="expected --mesh to list some of obj, ply, glb"):
+            parse_mesh_formats(text)
+
+
+def test_another_ending_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"face\.stl: expected a mesh file"):
+        write_mesh(tmp_path / "face.stl", FaceMesh(face(PLAIN), PLAIN))

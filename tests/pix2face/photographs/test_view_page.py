@@ -1,0 +1,173 @@
+"""The page shows the face in any browser, needs nothing from the network, and trusts no name."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy import ndarray
+
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.morphable_model import MorphableModel
+from pix2face.photographs.view_page import ViewedFace, face_data, view_page
+from tests.browser import visit
+from tests.pix2face.seen_faces import photographed_face
+from tests.synthetic_models import small_head_model
+from tests.textured_head import textured_head
+
+PLAIN, TEXTURED = small_head_model(), textured_head()
+HOSTILE = (
+    "</script><img src=x onerror=alert(1)>",
+    "<!--<script>",
+    "\"'><svg onload=alert(1)>",
+    "a&amp;b\u2028\x1b[31m",
+    "caf\udce9",
+    "${1}{0}{x}",
+)
+BACKGROUND = np.array([0x20, 0x24, 0x2A])
+
+
+def viewed(model: MorphableModel, name: str = "person") -> ViewedFace:
+    return replace(PERSONS[model.name], name=name)
+
+
+def person(model: MorphableModel) -> ViewedFace:
+    face = photographed_face(model)
+    landmarks3d = face.vertices[model.landmarks["ibug68"]].astype(np.float64)
+    fit = FaceFit(face.camera, face.identity, face.expression, model, face.landmarks2d, landmarks3d)
+    maps = face.maps()
+    points = maps.pncc[maps.mask] + maps.offset[maps.mask]
+    return ViewedFace("person", face.photograph(), fit, points, np.full(points.shape, 200, np.uint8))
+
+
+PERSONS = {model.name: person(model) for model in (PLAIN, TEXTURED)}
+
+
+class Elements(HTMLParser):
+    """Tags with their attributes, and the text of each script."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.title, self._inside = "", ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._inside = tag
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            self.scripts[-1] += data
+        if self._inside == "title":
+            self.title += data
+
+
+def numbers(text: str, dtype: str) -> ndarray:
+    return np.frombuffer(base64.b64decode(text), dtype=dtype)
+
+
+@pytest.mark.parametrize("model", [PLAIN, TEXTURED])
+def test_the_page_holds_the_mesh_of_the_fit(model: MorphableModel) -> None:
+    face = viewed(model)
+    elements = Elements(view_page([face_data(face, model)], "faces"))
+    (data,) = json.loads(elements.scripts[0])
+    positions = numbers(data["positions"], "<f4").reshape(-1, 3)
+    triangles = numbers(data["triangles"], "<u4").reshape(-1, 3)
+    np.testing.assert_allclose(positions[triangles], face.fit.vertices[model.triangles])
+    np.testing.assert_allclose(numbers(data["points"], "<f4").reshape(-1, 3), face.points)
+    assert data["name"] == "person"
+    assert len(data["landmarks2d"]) == 68
+    if model.uv is not None:
+        uv = numbers(data["uv"], "<f4").reshape(-1, 2)[triangles]
+        np.testing.assert_allclose(uv, model.uv[model.uv_triangles])
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_names_are_text_and_nothing_else(name: str) -> None:
+    plain = Elements(view_page([face_data(viewed(PLAIN), PLAIN)], "title"))
+    page = view_page([face_data(viewed(PLAIN, name), PLAIN)], name)
+    elements = Elements(page.encode("utf-8", "backslashreplace").decode())
+    assert [tag for tag, _ in elements.tags] == [tag for tag, _ in plain.tags]
+    assert len(elements.scripts) == 2
+    shown = json.loads(elements.scripts[0])[0]["name"]
+    assert shown == elements.title
+    assert shown == name.translate({27: "\\x1b", 0x2028: "\\u2028", 0xDCE9: "\\udce9"})
+
+
+def test_nothing_comes_from_elsewhere_and_only_the_viewer_runs() -> None:
+    elements = Elements(view_page([face_data(viewed(PLAIN), PLAIN)], "faces"))
+    for tag, attributes in elements.tags:
+        assert tag not in ("link", "iframe", "base")
+        assert not {"src", "href"} & set(attributes)
+        assert not any(name.startswith("on") for name in attributes)
+    policy = next(a["content"] for tag, a in elements.tags if a.get("http-equiv") == "Content-Security-Policy")
+    assert policy is not None
+    assert "default-src 'none'" in policy
+    assert re.search(r"script-src 'sha256-[\w+/=]{44}';", policy)
+
+
+@pytest.mark.parametrize("model", [PLAIN, TEXTURED])
+def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None:
+    page = tmp_path / "view.html"
+    names = ["</script><img src=x onerror=alert(1)>", "second"]
+    page.write_text(view_page([face_data(viewed(model, name), model) for name in names], names[0]))
+    seen = visit(page, tmp_path)
+    assert seen.console == []
+    assert 'data-state="ready"' in seen.document
+    assert "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt;</option>" in seen.document
+    height, width = seen.picture.shape[:2]
+    stage = seen.picture[height // 5 :, width // 2 :].astype(int)
+    drawn = np.abs(stage - BACKGROUND).max(axis=2) > 20
+    columns = np.nonzero(drawn)[1]
+    assert 0.1 < drawn.mean() < 0.8
+    # A head, in the middle, in the colours of the photograph: red is the most, and they vary.
+    assert abs(columns.mean() / stage.shape[1] - 0.5) < 0.1
+    assert 0.2 < np.ptp(columns) / stage.shape[1] < 0.98
+    colours = stage[drawn]
+    assert colours[:, 0].mean() > colours[:, 2].mean() + 20
+    assert colours.std(axis=0).min() > 5
+    photograph = seen.picture[height // 5 :, : width // 2].astype(int)
+    assert (np.abs(photograph - BACKGROUND).max(axis=2) > 20).mean() > 0.5
+
+
+def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
+    face = viewed(PLAIN)
+    text = view_page([face_data(face, PLAIN)], "points")
+    text = text.replace('id="show-mesh" checked', 'id="show-mesh"')
+    for name in ("show-points", "show-landmarks"):
+        text = text.replace(f'id="{name}"', f'id="{name}" checked')
+    page = tmp_path / "view.html"
+    page.write_text(text)
+    seen = visit(page, tmp_path)
+    assert seen.console == []
+    height, width = seen.picture.shape[:2]
+    stage = seen.picture[height // 5 :, width // 2 :].astype(int)
+    grey = (np.abs(stage - 200) <= 3).all(axis=2)  # what the points were given: light survives the way to the screen
+    green = (stage[..., 1] > 200) & (stage[..., 0] < 120) & (stage[..., 2] < 120)
+    assert grey.mean() > 0.02
+    assert 68 < green.sum() < 0.05 * green.size
+    photograph = seen.picture[height // 5 :, : width // 2].astype(int)
+    dots = (photograph[..., 1] > 200) & (photograph[..., 0] < 120) & (photograph[..., 2] < 120)
+    assert dots.sum() > 68
+
+
+def test_a_page_that_fails_says_so(tmp_path: Path) -> None:
+    """That the test above can fail: data without a mesh are told on the page, in its state, and on the console."""
+    page = tmp_path / "view.html"
+    text = view_page([face_data(viewed(PLAIN), PLAIN)], "broken")
+    page.write_text(text.replace('"positions"', '"no positions"'))
+    seen = visit(page, tmp_path)
+    assert 'data-state="failed"' in seen.document
+    assert "This page could not be shown" in seen.document
+    assert seen.console != []
