@@ -265,9 +265,12 @@ def test_an_unknown_detector_is_refused(tmp_path, frames, monkeypatch, model, ca
 
 
 @pytest.mark.usefixtures("stand_ins")
-def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch):
+def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch, request):
     written = []
     original = track_cli.TrackFiles.write
+    # What a shell starts in the background ignores the signal, tests included.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
 
     def write(self, face) -> None:
         original(self, face)
