@@ -1,19 +1,17 @@
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datagen.sampling import sample_faces
-from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps
+from pix2face.face_maps import FaceMaps
 from pix2face.jitter import STEP_MM, JitterParameters, JitterRange, crop_maps, draw_jitter, jitter_crop, jitter_image
 from pix2face.landmarks import IBUG68
 from pix2face.mirroring import mirrored_landmarks, mirrored_points
 from pix2face.morphable_model import builtin_model
-from pix2face.rasterise import RenderedMaps, render_maps
-from pix2face.shards.layers import LAYERS, to_stored
+from pix2face.rasterise import render_maps
+from tests.benchmarks.exactness import jitter_errors
 from tests.synthetic_models import small_head_model
 
 BOX = FaceBox(40, 30, 90, 100)
@@ -117,37 +115,11 @@ def test_cropped_maps_are_those_rendered_in_the_crop(yaw_deg, size_px):
 
 def test_maps_of_a_crop_are_as_exact_as_the_format_demands():
     """The claim: away from silhouettes and folds, half of the points within 0.03 mm and 95 % within 0.1 mm."""
-    model = builtin_model()
-    faces = sample_faces(model, 4, 77, 256)
-    rng = np.random.default_rng(0)
-    errors = []
-    for index in range(len(faces)):
-        vertices = model.vertices(faces.identity[index][None], faces.expression[index][None])[0]
-        camera = Camera(faces.cameras[index])
-        box = FaceBox.around(camera.project(vertices[model.landmarks[IBUG68]]))
-        crop = jitter_crop(box, draw_jitter(rng, JitterRange()), 256)
-        source = render_maps(model, vertices, camera, 256, 256)
-        maps = FaceMaps(source.pncc, source.offset, source.mask)
-        stored = [fixed_point_to_maps(to_stored(LAYERS["pncc"], values)) for values in (maps.pncc, maps.offset)]
-        cropped = crop_maps(FaceMaps(*stored, maps.mask), crop)
-        truth = render_maps(model, vertices, crop_camera(camera, crop), 256, 256)
-        inner = _away_from_folds(truth) & cropped.mask
-        assert inner.sum() > 0.99 * _away_from_folds(truth).sum() > 5000
-        for ours, true in ((cropped.pncc, truth.pncc), (cropped.offset, truth.offset)):
-            errors.append(np.linalg.norm(ours - true, axis=2)[inner])
-    together = np.concatenate(errors)
-    assert np.median(together) < 0.03
-    assert np.quantile(together, 0.95) < 0.1
-
-
-def _away_from_folds(rendered: RenderedMaps) -> np.ndarray:
-    """Face pixels more than 3 px from where the surface ends or jumps by 1 cm in depth."""
-    kernel = np.ones((3, 3), np.uint8)
-    depth = np.where(np.isfinite(rendered.surface_depth), rendered.surface_depth, 1e5)
-    fold = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 10
-    mask = rendered.mask.astype(np.uint8)
-    fold |= cv2.dilate(mask, kernel) != cv2.erode(mask, kernel)
-    return (cv2.distanceTransform((~fold).astype(np.uint8), cv2.DIST_L2, 5) > 3) & rendered.mask
+    errors, covered = jitter_errors(4, 256, 256)
+    assert covered > 0.99
+    assert len(errors) > 4 * 2 * 5000
+    assert np.median(errors) < 0.03
+    assert np.quantile(errors, 0.95) < 0.1
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 50.0])

@@ -11,7 +11,6 @@ from numpy import ndarray
 
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
-from datagen.sampling import sample_faces
 from pix2face.camera import (
     Camera,
     HeadPose,
@@ -23,15 +22,15 @@ from pix2face.camera import (
     weak_perspective_camera,
 )
 from pix2face.errors import DegenerateGeometryError
-from pix2face.morphable_model import MorphableModel, builtin_model
-from pix2face.rasterise import RenderedMaps, rasterise, render_maps
+from pix2face.morphable_model import builtin_model
+from pix2face.rasterise import rasterise, render_maps
+from tests.benchmarks.exactness import LIMIT_MM, RENDERED, errors_mm, faces, rendering_errors
 from tests.meshes import mesh_model, ray_casting, sheet, touching_lips
 from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl
 
 RASTERISERS = ("compute", "fragment")
-LIMIT_MM = {"compute": 0.002, "fragment": 0.02}
 STEP_MM = 1 / 128
 RAY_SIZE = 40
 FRONTAL = rotation_of_pose(HeadPose(0, 0, 0))
@@ -48,31 +47,9 @@ def frontal(scale: float, column: float, row: float) -> Camera:
     return weak_perspective_camera(WeakPerspective(scale, FRONTAL, np.array([column, row], dtype=np.float64)))
 
 
-def errors_mm(found: RenderedMaps, expected: RenderedMaps) -> ndarray:
-    """Largest difference in PNCC, offset and depth of each pixel that both call face."""
-    both = found.mask & expected.mask
-    differences = [np.abs(getattr(found, name) - getattr(expected, name))[both] for name in ("pncc", "offset")]
-    return np.maximum(np.max(differences, axis=(0, 2)), np.abs(found.depth - expected.depth)[both])
-
-
-def faces(model: MorphableModel, n: int, size_px: int) -> list[tuple[ndarray, Camera]]:
-    """Faces with expressions, of any yaw, through near pinholes and affine cameras in turn."""
-    table = sample_faces(model, n, 11, size_px)
-    vertices = model.vertices(table.identity, table.expression)
-    cameras = [Camera(matrix) for matrix in table.cameras]
-    return [(vertices[i], linearised(camera) if i % 2 else camera) for i, camera in enumerate(cameras)]
-
-
-@pytest.mark.parametrize(("size", "n"), [(64, 12), (200, 6), (256, 6), (450, 3)])
+@pytest.mark.parametrize(("size", "n"), RENDERED)
 def test_faces_equal_those_of_the_oracle(gl: GLContext, rasteriser: str, size: int, n: int) -> None:
-    model = builtin_model()
-    renderer = Renderer(model, size, size, gl, rasteriser)
-    errors, mask_differs = [], 0
-    for vertices, camera in faces(model, n, size):
-        found, expected = renderer.render(vertices, camera), render_maps(model, vertices, camera, size, size)
-        errors.append(errors_mm(found, expected))
-        mask_differs += int((found.mask != expected.mask).sum())
-    error = np.concatenate(errors)
+    error, mask_differs = rendering_errors(gl, rasteriser, size, n)
     assert len(error) > 10_000
     assert (error > LIMIT_MM[rasteriser]).sum() <= 1e-4 * len(error)
     assert mask_differs <= (1e-5 if rasteriser == "compute" else 1e-4) * len(error)
