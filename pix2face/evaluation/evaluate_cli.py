@@ -180,6 +180,8 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
         raise UsageError("--contour 2d: expected a fit whose jaw points can slide, found --predictions")
     if config.regularisation is not None and (config.predictions is not None or config.oracle):
         raise UsageError("--regularisation: expected a checkpoint to measure; nothing else goes by it")
+    if config.camera != "weak-perspective" and config.predictions is not None:
+        raise UsageError("--camera: expected a checkpoint or --oracle; landmarks of a file are not fitted")
     if config.align is not None and manifest.alignment is None:
         raise UsageError(f"--align {config.align}: expected a split with 3D landmarks, found {config.split}")
     if config.boxes != "truth":

@@ -49,6 +49,11 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
     console, shown = Console(stderr=True), list[FaceData]()
     fits = [path for path in config.inputs if path.suffix.lower() == ".json"]
     photographs = [path for path in config.inputs if path.suffix.lower() != ".json"]
+    if fits and config.faces.landmarks is not None:
+        raise UsageError(
+            f"--landmarks: expected photographs alone, found {fits[0]}, which keeps the landmarks it was written with; "
+            "give --landmarks to `pix2face fit`"
+        )
     tally = _fit_photographs(config, photographs, console, shown.append) if photographs else Tally()
     model = open_model(config.faces.model) if fits else None
     for path in fits:

@@ -247,6 +247,14 @@ def test_jaw_landmarks_slide_to_the_outline_on_request(with_model: Callable[...,
     assert visible[36] != visible[45] or visible[:8].any() != visible[9:17].any()  # one side of the head is hidden
 
 
+def test_a_fit_that_is_viewed_keeps_its_landmarks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "person.json").write_text("{}")
+    out = tmp_path / "view.html"
+    assert call("view", tmp_path / "person.json", "--landmarks", tmp_path / "chosen.json", "--out", out) == 2
+    assert "which keeps the landmarks it was written with" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_the_landmarks_of_a_file_take_the_place_of_the_models(plain: PhotographedFace, tmp_path: Path) -> None:
     model = plain.model
     chosen = np.roll(model.landmarks["ibug68"], 1)
