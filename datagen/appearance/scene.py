@@ -1,0 +1,159 @@
+"""What stands before the camera of a synthetic photograph: meshes, what they are made of, and textures.
+
+Everything here is plain NumPy. Parts of an appearance (hair, glasses, clothes, ...) give meshes; the drawer in
+``datagen.rendering`` turns them into pixels.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, final
+
+from jaxtyping import Float32, Int32, Shaped
+from numpy import ndarray
+
+from pix2face.morphable_model import MorphableModel
+
+# What can be seen in a pixel of a picture; its place is its number in the layer ``seen_regions``. The head stands for
+# all regions of the model; where it is seen, the model's own regions say more.
+SCENE_LABELS = (
+    "background",
+    "head",
+    "hair",
+    "beard",
+    "glasses",
+    "headwear",
+    "mask",
+    "clothes",
+    "jewellery",
+    "occluder",
+)
+UniformValue = float | int | bool | tuple[float, ...] | ndarray
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Texture:
+    """A stack of pictures for shaders.
+
+    Attributes:
+        pixels: Layers, rows from the top, columns, channels; UInt8 (0..1 in the shader) or Float16 (as it is). Colours
+            are stored as sRGB and made linear by the shader, where they are colours.
+        repeat: Beyond its border it starts anew, instead of going on as the border is.
+        mipmaps: Is sampled much smaller than it is.
+    """
+
+    pixels: Shaped[ndarray, "n h w c"]
+    repeat: bool = False
+    mipmaps: bool = True
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """What a mesh is made of, for ``material.glsl``.
+
+    Attributes:
+        kind: Which function of the shader paints it: ``object`` (cloth, plastic, metal, leather), ``hair`` (strands,
+            alpha, highlights along them) or ``glass`` (thin, mirrors, darkens what is behind).
+        texture: Name of a texture among those of the part, and the layer of it; empty where there is none.
+        layer: Which of its pictures.
+        colour: Linear, 0..1; multiplies the texture.
+        alpha: Multiplies the texture's.
+        roughness: 0 a mirror, 1 chalk.
+        reflectance: Of light that falls at a right angle: 0.04 skin and plastic, 0.5 and more metal.
+        numbers: Up to four more, whose meaning is the kind's.
+        is_blended: Parts of it are transparent: it is drawn after everything opaque, far triangles first.
+    """
+
+    kind: Literal["object", "hair", "glass"]
+    texture: str = ""
+    layer: int = 0
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    alpha: float = 1.0
+    roughness: float = 0.6
+    reflectance: float = 0.04
+    numbers: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    is_blended: bool = False
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SceneMesh:
+    """Something that is not the head, as it is in one picture.
+
+    Attributes:
+        name: For messages, such as ``hair/short01``.
+        label: One of ``SCENE_LABELS``.
+        vertices: mm, model frame, following this head.
+        triangles: Drawn from both sides.
+        uv: Texture coordinates of each vertex, the origin at the top left of the texture; vertices on a seam stand
+            here twice.
+        normals: Unit, model frame, outward.
+        material: What it is made of.
+        casts_shadow: Whether light stops at it.
+    """
+
+    name: str
+    label: str
+    vertices: Float32[ndarray, "v 3"]
+    triangles: Int32[ndarray, "t 3"]
+    uv: Float32[ndarray, "v 2"]
+    normals: Float32[ndarray, "v 3"]
+    material: Material
+    casts_shadow: bool = True
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PosedHead:
+    """The head of one picture, which everything else is fitted to.
+
+    Attributes:
+        model: Its model.
+        vertices: mm, model frame, identity and expression in it.
+        normals: Unit, outward.
+        neutral: The same head without its expression, mm: what hats and glasses are fitted to.
+        named_expressions: How strongly each named expression of the model is active, 0..1, as far as it is known
+            (``jawOpen``, ``eyeBlinkLeft``, ...); missing ones are 0.
+    """
+
+    model: MorphableModel
+    vertices: Float32[ndarray, "v 3"]
+    normals: Float32[ndarray, "v 3"]
+    neutral: Float32[ndarray, "v 3"]
+    named_expressions: Mapping[str, float] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene:
+    """All that is drawn of one picture, but for what is behind it.
+
+    Attributes:
+        head: The head.
+        meshes: Everything else.
+        uniforms: Of ``skin.glsl``, ``light.glsl`` and ``material.glsl``, by name.
+        lights: Towards each light that casts shadows, unit vectors in the model frame; at most 2, the first the
+            strongest. ``shadow(i, point)`` in ``shadow.glsl`` answers for the i-th.
+    """
+
+    head: PosedHead
+    meshes: Sequence[SceneMesh]
+    uniforms: Mapping[str, UniformValue]
+    lights: Float32[ndarray, "n 3"]
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScenePicture:
+    """A drawn scene.
+
+    Attributes:
+        radiance: Linear light, 1 is white at exposure 1; multiplied by coverage.
+        coverage: 0..1, how much of the pixel the scene takes.
+        labels: Number in ``SCENE_LABELS`` of what is nearest at the pixel's centre and more opaque than not.
+    """
+
+    radiance: Float32[ndarray, "h w 3"]
+    coverage: Float32[ndarray, "h w"]
+    labels: Shaped[ndarray, "h w"]
