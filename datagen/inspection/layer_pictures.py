@@ -7,7 +7,7 @@ from jaxtyping import Bool, Shaped, UInt8
 from numpy import ndarray
 
 from pix2face.face_maps import map_picture
-from pix2face.shards.layers import WHOLE_HEAD_LAYERS
+from pix2face.shards.layers import WHOLE_PICTURE_LAYERS
 
 # What the ends of the colours stand for, mm.
 PNCC_LIMIT_MM, OFFSET_LIMIT_MM = 120.0, 15.0
@@ -27,7 +27,7 @@ def layer_picture(name: str, layers: Mapping[str, ndarray]) -> UInt8[ndarray, "h
 
 def layer_mask(name: str, layers: Mapping[str, ndarray]) -> Bool[ndarray, "h w"]:
     """Where a layer holds: in the mask, or on the whole head; where it is not 0 if there is no mask."""
-    if name in WHOLE_HEAD_LAYERS or "mask" not in layers:
+    if name in WHOLE_PICTURE_LAYERS or "mask" not in layers:
         values = layers[name]
         return np.asarray(values.any(axis=-1) if values.ndim == 3 else values != 0)
     return np.asarray(layers["mask"])
@@ -85,4 +85,6 @@ _PAINTERS: dict[str, Callable[[ndarray, ndarray], ndarray]] = {
     "normals": _paint_normals,
     "uv": _paint_uv,
     "regions": _paint_regions,
+    "seen": _paint_mask,
+    "seen_regions": _paint_regions,
 }

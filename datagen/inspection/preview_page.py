@@ -19,7 +19,7 @@ from numpy import ndarray
 
 from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_colour
 from datagen.inspection.preview import sample_picture
-from pix2face.shards.layers import LAYERS
+from pix2face.shards.layers import LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 
 # Larger pictures are scaled down: nobody looks at 24 samples of a camera's size, and no browser likes to.
@@ -43,7 +43,8 @@ def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Triplet]]) -> 
         entries.append(_entry(triplet))
         layers |= dict.fromkeys(name for name in LAYERS if name in triplet.layers)
         regions = [(name, _css_colour(i)) for i, name in enumerate(header.region_names)]
-    return _page(title, {"samples": entries, "layers": list(layers), "regions": regions if "regions" in layers else []})
+    has_regions = not {"regions", SEEN_REGIONS}.isdisjoint(layers)
+    return _page(title, {"samples": entries, "layers": list(layers), "regions": regions if has_regions else []})
 
 
 def json_for_html(data: Any) -> str:

@@ -120,7 +120,29 @@ _TABLE = (
         stored=np.dtype("u1"),
         steps_per_unit=1,
         is_smooth=False,
-        meaning="0 background, else 1 + place of the region in the model's region_names, on the whole head",
+        meaning="0 background, else 1 + place of the region in the header's region_names, on the whole head",
+    ),
+    Layer(
+        name="seen",
+        n_channels=1,
+        unit="",
+        dtype=np.bool_,
+        stored=np.dtype("u1"),
+        steps_per_unit=1,
+        is_smooth=False,
+        meaning="the part of the mask that the picture shows: not behind hair, glasses, hands or hats, nor beyond the "
+        "border of the photograph",
+    ),
+    Layer(
+        name="seen_regions",
+        n_channels=1,
+        unit="",
+        dtype=np.uint8,
+        stored=np.dtype("u1"),
+        steps_per_unit=1,
+        is_smooth=False,
+        meaning="as regions, of what is nearest in the picture: the head's regions, and after these hair, glasses, "
+        "clothes and what else stands before it",
     ),
 )
 LAYERS: Mapping[str, Layer] = {layer.name: layer for layer in _TABLE}
@@ -129,8 +151,11 @@ IMAGE, LANDMARKS = "image", "landmarks"
 LAYER_NAMES = (IMAGE, *LAYERS, LANDMARKS)
 DEFAULT_LAYERS = (IMAGE, "pncc", "offset", "mask", LANDMARKS)
 ALL_LAYERS = "all"  # instead of a list of names
-# Layers that hold beyond the mask, on the whole head.
-WHOLE_HEAD_LAYERS = ("regions",)
+# Layers that hold beyond the mask.
+WHOLE_PICTURE_LAYERS = ("regions", "seen_regions")
+# Layers that tell what stands before the face: known of pictures that were drawn, not of photographs.
+SEEN, SEEN_REGIONS = "seen", "seen_regions"
+SCENE_LAYERS = (SEEN, SEEN_REGIONS)
 
 
 def parse_layers(text: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.face_maps import face_box
-from pix2face.shards.layers import LAYERS, WHOLE_HEAD_LAYERS, from_stored
+from pix2face.shards.layers import LAYERS, SEEN_REGIONS, WHOLE_PICTURE_LAYERS, from_stored
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
 # A normal is rounded to steps in each coordinate.
@@ -142,7 +142,7 @@ def _mask_problems(layers: dict[str, ndarray], box_px: tuple[int, int, int, int]
     rows, columns = face_box(mask)
     if box_px != (rows.start, columns.start, rows.stop, columns.stop):
         problems.append(f"box_px {box_px} is not the mask's bounding box")
-    within = [name for name in layers if name not in WHOLE_HEAD_LAYERS]
+    within = [name for name in layers if name not in WHOLE_PICTURE_LAYERS]
     problems += [f"{name} is not 0 outside the mask" for name in within if layers[name][~mask].any()]
     if "pncc" in layers and not layers["pncc"][mask].any(axis=-1).all():
         problems.append("pncc is 0 within the mask, where no point of a face is")
@@ -161,9 +161,11 @@ def _range_problems(reader: ShardReader, layers: dict[str, ndarray]) -> list[str
         largest = np.abs(layers["pncc"].astype(np.int32)).max(initial=0) / LAYERS["pncc"].steps_per_unit
         if not largest <= header.pncc_limit_mm + 1 / LAYERS["pncc"].steps_per_unit:
             problems.append(f"pncc reaches {largest:.1f} mm, beyond the model's {header.pncc_limit_mm:.1f} mm")
-    if "regions" in layers and layers["regions"].max(initial=0) > len(header.region_names):
-        problems.append(f"regions counts to {layers['regions'].max()}, the model has {len(header.region_names)}")
-    return problems
+    return problems + [
+        f"{name} counts to {layers[name].max()}, the header names {len(header.region_names)}"
+        for name in ("regions", SEEN_REGIONS)
+        if name in layers and layers[name].max(initial=0) > len(header.region_names)
+    ]
 
 
 def _differences(headers: dict[Path, ShardHeader]) -> list[str]:

@@ -15,7 +15,7 @@ from pix2face.checked_hdf5 import check_contained, read_text
 from pix2face.coefficients import LARGEST_SIDE_PX
 from pix2face.errors import InputFileError
 from pix2face.shards.compressions import PLAIN, PREDICTED
-from pix2face.shards.layers import IMAGE, LAYER_NAMES, LAYERS, WHOLE_HEAD_LAYERS, Layer
+from pix2face.shards.layers import IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS, Layer
 from pix2face.shards.map_storage import Box
 
 FORMAT = "pix2face-shard"
@@ -71,7 +71,7 @@ _HEADER_TYPES: Mapping[str, type | tuple[type, ...]] = {
 
 def layer_box(layer: Layer, box_px: ndarray, size_px: tuple[int, int]) -> Box:
     """Where a layer is not 0: in the mask's bounding box (top, left, bottom, right), or anywhere in the picture."""
-    if layer.name in WHOLE_HEAD_LAYERS:
+    if layer.name in WHOLE_PICTURE_LAYERS:
         return slice(0, size_px[0]), slice(0, size_px[1])
     top, left, bottom, right = (int(value) for value in box_px)
     return slice(top, bottom), slice(left, right)

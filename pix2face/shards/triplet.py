@@ -4,14 +4,17 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from pix2face.camera import Camera
 from pix2face.errors import UsageError
 from pix2face.face_maps import FaceMaps
+from pix2face.shards.layers import SEEN
 
-MAP_LAYERS = ("pncc", "offset", "mask")
+MASK = "mask"
+MAP_LAYERS = ("pncc", "offset", MASK)
 
 
 @final
@@ -30,7 +33,8 @@ class Triplet:
         expression: Standard deviations.
         landmarks2d: Pixels; none where the set has no landmarks.
         landmarks3d: mm, model frame.
-        visible: Which landmarks are inside the picture and not hidden by the head itself.
+        visible: Which landmarks are inside the picture and not hidden by the head itself; ``seen_landmarks`` also goes
+            by what stands before it.
         attributes: What else is known of the sample (pose in degrees, where geometry and picture come from), to filter
             on.
     """
@@ -55,6 +59,20 @@ class Triplet:
         """
         check_has_layers(self.layers, MAP_LAYERS, self.sample_id)
         return FaceMaps(*(self.layers[name] for name in MAP_LAYERS))
+
+    @property
+    def seen_landmarks(self) -> Bool[ndarray, " m"]:
+        """Of the visible landmarks those that nothing stands before: hair, a hand, the photograph's border.
+
+        Raises:
+            UsageError: The layers mask and seen are not there.
+        """
+        check_has_layers(self.layers, (MASK, SEEN), self.sample_id)
+        hidden = self.layers[MASK] & ~self.layers[SEEN]
+        height, width = hidden.shape
+        column, row = np.floor(self.landmarks2d).astype(np.int64).T
+        # Beyond the picture none is visible; at the silhouette, where the pixel's centre may miss the face, all are.
+        return np.asarray(self.visible & ~hidden[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
 
 
 def check_has_layers(found: Container[str], wanted: Sequence[str], where: str) -> None:

@@ -58,6 +58,8 @@ def every_layer(n: int) -> tuple[ShardHeader, list[Triplet]]:
             "normals": normals.astype(np.float32),
             "uv": (rng.uniform(0, 1, (*mask.shape, 2)) * mask[..., None]).astype(np.float32),
             "regions": (rng.integers(1, 4, mask.shape) * head).astype(np.uint8),
+            "seen": mask & (rng.random(mask.shape) > 0.3),
+            "seen_regions": rng.integers(0, 4, mask.shape).astype(np.uint8),
         }
         triplets.append(Triplet(**{**vars(triplet), "layers": {**triplet.layers, **extra}}))
     return ShardHeader(**{**vars(HEADER), "layers": LAYER_NAMES}), triplets

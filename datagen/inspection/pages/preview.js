@@ -43,7 +43,7 @@ function show() {
   at("layer").value = layer;
   at("attributes").replaceChildren();
   for (const [name, value] of shown.attributes) line(at("attributes"), name, value);
-  at("regions").toggleAttribute("hidden", layer !== "regions");
+  at("regions").toggleAttribute("hidden", !layer.endsWith("regions"));
 }
 
 function step(list, value, by) {

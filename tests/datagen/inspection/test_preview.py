@@ -22,7 +22,7 @@ from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_
 from datagen.inspection.preview import contact_sheet, spread_triplets
 from datagen.inspection.preview_page import LARGEST_SIDE_PX, json_for_html, preview_page
 from pix2face.images import encode_image
-from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS
+from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 from pix2face.shards.shard_writing import write_shard
 
@@ -42,6 +42,8 @@ def all_layers(height: int = 60, width: int = 40) -> dict[str, ndarray]:
         "normals": mask[..., None] * np.float32([0, 0, -1]),
         "uv": mask[..., None] * np.float32([0.25, 1.75]),
         "regions": head.astype(np.uint8) + mask,
+        "seen": mask,
+        "seen_regions": head.astype(np.uint8) + mask,
     }
 
 
@@ -63,7 +65,7 @@ def test_every_layer_is_drawn_where_it_holds_and_grey_elsewhere(name: str) -> No
     layers = all_layers()
     picture, where = layer_picture(name, layers), layer_mask(name, layers)
     assert picture.shape == (60, 40, 3)
-    assert where.sum() == (1200 if name == "regions" else 400)
+    assert where.sum() == (1200 if name in WHOLE_PICTURE_LAYERS else 400)
     assert (picture[~where] == 128).all()
     assert (picture[where] != 128).any(axis=-1).mean() > 0.9
     without_mask = {other: values for other, values in layers.items() if other != "mask"}
@@ -96,7 +98,7 @@ def test_samples_are_spread_over_all_shards(shards: Path) -> None:
 
 @pytest.mark.parametrize(
     ("layers", "n_tiles"),
-    [(LAYER_NAMES, 8), (DEFAULT_LAYERS, 4), (("pncc", "offset", "mask"), 2), (("image", "mask"), 2), (("depth",), 1)],
+    [(LAYER_NAMES, 10), (DEFAULT_LAYERS, 4), (("pncc", "offset", "mask"), 2), (("image", "mask"), 2), (("depth",), 1)],
 )
 def test_a_sheet_shows_what_is_there(
     layers: tuple[str, ...], n_tiles: int, tmp_path: Path, base: tuple[ShardHeader, Triplet]

@@ -72,7 +72,9 @@ def set_to(place: object, value: object) -> Callable[[np.ndarray], np.ndarray]:
         ("mask", lambda mask: mask & False, "the mask is empty"),
         ("normals", set_to((8, 9), 0.9), "normals are not of unit length within the mask"),
         ("regions", set_to((8, 9), 0), "regions is background within the mask"),
-        ("regions", set_to((8, 9), 4), "regions counts to 4, the model has 3"),
+        ("regions", set_to((8, 9), 4), "regions counts to 4, the header names 3"),
+        ("seen_regions", set_to((8, 9), 4), "seen_regions counts to 4, the header names 3"),
+        ("mask", set_to((8, 9), False), "seen is not 0 outside the mask"),
     ],
 )
 def test_layers_that_contradict_each_other_are_named(
