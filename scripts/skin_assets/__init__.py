@@ -1,0 +1,1 @@
+"""How the textures of the skin are packed and drawn."""

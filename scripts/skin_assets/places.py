@@ -1,0 +1,34 @@
+"""Which place of the mean face each texel of a texture shows."""
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.interpolate import LinearNDInterpolator
+
+from pix2face.morphable_model import MorphableModel
+
+NOWHERE = -1000.0
+
+
+def places(
+    model: MorphableModel,
+    regions: tuple[str, ...],
+    uv_box: tuple[float, float, float, float],
+    size_px: tuple[int, int],
+) -> Float64[ndarray, "h w 3"]:
+    """Places in mm, rows from the top (largest v); ``NOWHERE`` far from the regions.
+
+    Args:
+        model: Mean, regions and texture coordinates.
+        regions: Those that the texture is for; their texture coordinates must not overlap.
+        uv_box: What the texture shows: u from, u to, v from, v to.
+        size_px: Height and width.
+    """
+    assert model.uv is not None and model.uv_triangles is not None
+    wanted = np.isin(model.triangle_regions, [model.region_names.index(name) for name in regions])
+    uv_index, first = np.unique(model.uv_triangles[wanted], return_index=True)
+    vertex = model.triangles[wanted].reshape(-1)[first]
+    u = uv_box[0] + (np.arange(size_px[1]) + 0.5) / size_px[1] * (uv_box[1] - uv_box[0])
+    v = uv_box[3] - (np.arange(size_px[0]) + 0.5) / size_px[0] * (uv_box[3] - uv_box[2])
+    place = LinearNDInterpolator(model.uv[uv_index], model.mean[vertex].astype(np.float64), fill_value=NOWHERE)
+    return np.asarray(place(*np.meshgrid(u, v)))
