@@ -1,6 +1,6 @@
-"""Draws plausible faces, poses and cameras from a morphable model.
+"""Draws plausible faces, poses and cameras from a morphable model, all from one seed, each face from its own stream.
 
-Distributions (all from one seed, each face from its own stream):
+The distributions are those of a ``GeometryConfig`` (docs/sampling.md), or, with ``is_plain``, these:
 
 - identity: standard normal, cut at ±2.5;
 - expression: one in five neutral; otherwise one to four of the model's named expressions at 0.2 to 1 of their full
@@ -13,7 +13,7 @@ Distributions (all from one seed, each face from its own stream):
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import final
 
 import numpy as np
@@ -21,12 +21,21 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.random_streams import generator_for
+from datagen.sampling_configuration import PLAIN_GEOMETRY, GeometryConfig
+from datagen.sampling_expressions import (
+    NAMED_EXPRESSIONS,
+    draw_named_expression,
+    expression_of,
+    strengths_to_text,
+)
+from datagen.sampling_views import draw_photographed_view, photograph_face
 from pix2face.camera import (
     Camera,
     HeadPose,
     Pinhole,
     WeakPerspective,
     pinhole_camera,
+    pinhole_of,
     rotation_of_pose,
     weak_perspective_camera,
 )
@@ -39,6 +48,7 @@ from pix2face.morphable_model import MorphableModel
 MOST_FACES = 10_000_000
 SMALLEST_SIDE_PX = 16
 LARGEST_DEVIATION = 2.5
+N_LARGEST_COMPONENTS = 10
 NEUTRAL_SHARE = 0.2
 EXPRESSION_DEVIATION = 0.6  # where a model has no named expressions
 # Expressions that only make sense while another one is active.
@@ -57,7 +67,20 @@ class SampledView:
     shift: tuple[float, float]
 
 
-def sample_faces(model: MorphableModel, n: int, seed: int, size_px: int) -> FaceCoefficients:
+@final
+@dataclass(frozen=True, eq=False)
+class _SampledFace:
+    """One row of the table."""
+
+    identity: Float64[ndarray, " k"]
+    expression: Float64[ndarray, " e"]
+    camera: Camera
+    attributes: dict[str, str | float]
+
+
+def sample_faces(
+    model: MorphableModel, n: int, seed: int, size_px: int, geometry: GeometryConfig = PLAIN_GEOMETRY
+) -> FaceCoefficients:
     """Draws faces.
 
     Args:
@@ -65,28 +88,27 @@ def sample_faces(model: MorphableModel, n: int, seed: int, size_px: int) -> Face
         n: How many; 1 to 10,000,000, which is what seven digits of an id can tell apart.
         seed: Any integer from 0; the first faces of a longer draw are those of a shorter one.
         size_px: Side of the pictures to be rendered; 16 to 16384 (what a table of coefficients may say).
+        geometry: What is drawn how often.
 
     Raises:
-        UsageError: n, size_px or seed is outside these limits, or the model lacks landmarks.
+        UsageError: n, size_px or seed is outside these limits, the model lacks landmarks, or the configuration says
+            what cannot be drawn.
     """
-    if not 1 <= n <= MOST_FACES:
-        raise UsageError(f"--n: expected 1 to {MOST_FACES} faces, found {n}")
-    if not SMALLEST_SIDE_PX <= size_px <= LARGEST_SIDE_PX:
-        raise UsageError(f"--size: expected {SMALLEST_SIDE_PX} to {LARGEST_SIDE_PX} pixels, found {size_px}")
-    if seed < 0:
-        raise UsageError(f"--seed: expected 0 or more, found {seed}")
-    if IBUG68 not in model.landmarks:
-        raise UsageError(f"expected a model with {IBUG68} landmarks (they frame the picture), {model.name} has none")
+    geometry.check()
+    _check_request(model, n, seed, size_px)
     sample_ids = tuple(f"seed{seed}/{index:07d}" for index in range(n))
     identity = np.zeros((n, model.n_identity), dtype=np.float32)
     expression = np.zeros((n, model.n_expression), dtype=np.float32)
     cameras = np.zeros((n, 4, 4))
+    attributes = []
     for index, sample_id in enumerate(sample_ids):
-        rng = generator_for(seed, sample_id)
-        identity[index] = np.clip(rng.standard_normal(model.n_identity), -LARGEST_DEVIATION, LARGEST_DEVIATION)
-        expression[index] = draw_expression(model, rng)
-        landmarks = _landmarks(model, identity[index], expression[index])
-        cameras[index] = frame_face(landmarks, draw_view(rng), size_px).matrix
+        if geometry.is_plain:
+            face = _plain_face(model, generator_for(seed, sample_id), size_px)
+        else:
+            face = _face(model, (seed, sample_id), size_px, geometry)
+        identity[index], expression[index], cameras[index] = face.identity, face.expression, face.camera.matrix
+        attributes.append(json.dumps({"geometry": "drawn by datagen sample", **face.attributes}))
+    drawn = {} if geometry.is_plain else {"geometry": asdict(geometry)}
     return FaceCoefficients(
         model_name=model.name,
         model_sha256=model.sha256,
@@ -96,9 +118,69 @@ def sample_faces(model: MorphableModel, n: int, seed: int, size_px: int) -> Face
         cameras=cameras,
         sizes_px=np.full((n, 2), size_px, dtype=np.int32),
         image_paths=("",) * n,
-        attributes=(json.dumps({"geometry": "drawn by datagen sample"}),) * n,
-        configuration=configuration_to_json({"n": n, "seed": seed, "size_px": size_px}),
+        attributes=tuple(attributes),
+        configuration=configuration_to_json({"n": n, "seed": seed, "size_px": size_px, **drawn}),
     )
+
+
+def _check_request(model: MorphableModel, n: int, seed: int, size_px: int) -> None:
+    if not 1 <= n <= MOST_FACES:
+        raise UsageError(f"--n: expected 1 to {MOST_FACES} faces, found {n}")
+    if not SMALLEST_SIDE_PX <= size_px <= LARGEST_SIDE_PX:
+        raise UsageError(f"--size: expected {SMALLEST_SIDE_PX} to {LARGEST_SIDE_PX} pixels, found {size_px}")
+    if seed < 0:
+        raise UsageError(f"--seed: expected 0 or more, found {seed}")
+    if IBUG68 not in model.landmarks:
+        raise UsageError(f"expected a model with {IBUG68} landmarks (they frame the picture), {model.name} has none")
+
+
+def _plain_face(model: MorphableModel, rng: np.random.Generator, size_px: int) -> _SampledFace:
+    identity = np.clip(rng.standard_normal(model.n_identity), -LARGEST_DEVIATION, LARGEST_DEVIATION)
+    expression = draw_expression(model, rng)
+    landmarks = _landmarks(model, identity.astype(np.float32), expression.astype(np.float32))
+    return _SampledFace(identity, expression, frame_face(landmarks, draw_view(rng), size_px), {})
+
+
+def _face(model: MorphableModel, seed: tuple[int, str], size_px: int, geometry: GeometryConfig) -> _SampledFace:
+    # Streams of their own: another choice of poses leaves the faces as they are.
+    identity_rng, expression_rng, view_rng = (
+        generator_for(seed[0], f"{seed[1]}/{part}") for part in ("identity", "expression", "view")
+    )
+    identity = _draw_identity(model.n_identity, identity_rng, geometry)
+    described: dict[str, str | float] = {}
+    if model.named_expressions:
+        drawn = draw_named_expression(expression_rng, geometry, tuple(model.named_expressions))
+        expression = expression_of(model, drawn.strengths)
+        described |= {"expression": drawn.kind, NAMED_EXPRESSIONS: strengths_to_text(drawn.strengths)}
+    else:
+        expression = draw_expression(model, expression_rng)
+    view = draw_photographed_view(view_rng, geometry)
+    camera = photograph_face(_landmarks(model, identity, expression), view, size_px)
+    described |= {**camera_attributes(camera), "distance_mm": round(view.distance_mm)}
+    return _SampledFace(identity, expression, camera, described)
+
+
+def _draw_identity(n: int, rng: np.random.Generator, geometry: GeometryConfig) -> Float64[ndarray, " k"]:
+    identity = np.clip(rng.standard_normal(n), -LARGEST_DEVIATION, LARGEST_DEVIATION)
+    if rng.random() < geometry.extreme_identity_share:
+        # The largest components are what age, weight and sex do to a head.
+        count = min(int(rng.integers(1, 4)), n)
+        which = rng.choice(min(n, N_LARGEST_COMPONENTS), count, replace=False)
+        identity[which] = rng.choice([-1.0, 1.0], count) * rng.uniform(*geometry.extreme_identity, count)
+    return identity * geometry.identity_spread
+
+
+def camera_attributes(camera: Camera) -> dict[str, str | float]:
+    """Focal length and principal point of a camera in pixels of its picture; nothing of one without perspective."""
+    if camera.is_affine:
+        return {}
+    pinhole = pinhole_of(camera)
+    x, y = pinhole.principal_point_px
+    return {
+        "focal_px": round(pinhole.focal_px, 2),
+        "principal_x_px": round(float(x), 2),
+        "principal_y_px": round(float(y), 2),
+    }
 
 
 def draw_expression(model: MorphableModel, rng: np.random.Generator) -> Float64[ndarray, " e"]:
