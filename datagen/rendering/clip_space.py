@@ -39,7 +39,15 @@ def clip_transform(camera: Camera, vertices: Float32[ndarray, "v 3"], height: in
         DegenerateGeometryError: As in ``rasterise``.
     """
     depth = project_homogeneous(camera.matrix, vertices)[:, 2]
-    nearest, extent = float(depth.min()), float(np.ptp(depth))
+    return clip_transform_of_depths(camera, float(depth.min()), float(np.ptp(depth)), height, width)
+
+
+def clip_transform_of_depths(camera: Camera, nearest: float, extent: float, height: int, width: int) -> ClipTransform:
+    """The same for a range of depth, mm; of a pinhole, what is nearer is cut off.
+
+    Raises:
+        DegenerateGeometryError: The camera flattens space.
+    """
     margin = DEPTH_MARGIN * max(extent, 1.0)
     depth_row = camera.matrix[2] - np.array([0, 0, 0, nearest])
     low, high = -margin, extent + margin  # the planes, relative

@@ -130,6 +130,11 @@ class KeptBySize(Generic[T]):
         self._kept.move_to_end(key)
         return self._kept[key]
 
+    def release_all(self) -> None:
+        """Gives back what is kept."""
+        while self._kept:
+            self._release(self._kept.popitem()[1])
+
 
 def shader_source(version: int, *names: str) -> str:
     """Parts of ``datagen/rendering/shaders`` one after the other."""

@@ -1,0 +1,112 @@
+"""Depth maps as each light sees a scene, side by side in one texture (``shaders/shadow.glsl``)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import moderngl
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+
+from datagen.appearance.scene import UniformValue
+
+MAX_SHADOWS = 3  # as in shadow.glsl
+MAP_PX = 384
+# What casts shadows reaches beyond the head: hair, shoulders. Of the head's radius.
+REACH = 1.25
+# Something between light and head, but farther away, still casts its shadow: of the radius of the map.
+TOWARDS_LIGHT = 3.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LightView:
+    """How a light sees the scene.
+
+    Attributes:
+        clip_from_model: For drawing its map.
+        shadow_from_model: For looking it up: x, y and depth from 0 to 1.
+    """
+
+    clip_from_model: Float64[ndarray, "4 4"]
+    shadow_from_model: Float64[ndarray, "4 4"]
+
+
+@final
+class ShadowMaps:
+    """See the module.
+
+    Args:
+        context: Where.
+        unit: Texture unit of the maps.
+    """
+
+    def __init__(self, context: moderngl.Context, unit: int) -> None:
+        self._context, self._unit = context, unit
+        self._maps = context.depth_texture((MAP_PX * MAX_SHADOWS, MAP_PX))
+        self._maps.compare_func = "<="
+        self._maps.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self._maps.repeat_x = self._maps.repeat_y = False
+        self._framebuffer = context.framebuffer([], self._maps)
+
+    def draw(
+        self,
+        vertices: Float32[ndarray, "v 3"],
+        lights: Float32[ndarray, "n 3"],
+        casters: Callable[[LightView, Float64[ndarray, "3"]], None],
+    ) -> dict[str, UniformValue]:
+        """Draws a map for each light.
+
+        Args:
+            vertices: The head, which is in the middle of the maps, mm.
+            lights: Towards each light.
+            casters: Draws what casts shadows, given the view and the direction towards the light.
+
+        Returns:
+            What ``shadow.glsl`` needs to know.
+        """
+        lights = lights[:MAX_SHADOWS]
+        low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+        centre = 0.5 * (low + high)
+        radius = REACH * float(np.linalg.norm(vertices - centre.astype(np.float32), axis=1).max())
+        self._framebuffer.use()
+        self._framebuffer.clear()
+        views = np.tile(np.eye(4), (MAX_SHADOWS, 1, 1))
+        for place, direction in enumerate(np.asarray(lights, dtype=np.float64)):
+            view = light_view(direction / np.linalg.norm(direction), centre, radius)
+            self._framebuffer.viewport = (place * MAP_PX, 0, MAP_PX, MAP_PX)
+            casters(view, direction)
+            views[place] = view.shadow_from_model
+        self._maps.use(self._unit)
+        towards = np.zeros((MAX_SHADOWS, 3))
+        towards[: len(lights)] = lights
+        return {
+            "shadow_maps": self._unit,
+            "shadow_from_model": views,
+            "shadow_lights": towards,
+            "shadow_count": len(lights),
+            "shadow_texel_mm": 2 * radius / MAP_PX,
+            "shadow_texel": 1 / MAP_PX,
+            "shadow_depth_mm": radius * (1 + TOWARDS_LIGHT),
+        }
+
+    def release(self) -> None:
+        """Gives the maps back to the driver."""
+        self._framebuffer.release()
+        self._maps.release()
+
+
+def light_view(direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], radius_mm: float) -> LightView:
+    """An orthographic view along a light, of a sphere and of what is between it and the light."""
+    across = np.cross(np.eye(3)[np.abs(direction).argmin()], direction)
+    across /= np.linalg.norm(across)
+    axes = np.stack([across, np.cross(direction, across)]) / radius_mm
+    away = -2 * direction / (radius_mm * (1 + TOWARDS_LIGHT))
+    clip = np.eye(4)
+    clip[:2, :3], clip[:2, 3] = axes, -axes @ centre
+    clip[2, :3] = away
+    clip[2, 3] = 1 - away @ (centre - radius_mm * direction)  # the far end of the sphere is at 1
+    half = np.diag([0.5, 0.5, 0.5, 1.0])
+    half[:3, 3] = 0.5
+    return LightView(clip, half @ clip)
