@@ -7,16 +7,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.network import UNet
+from pix2face.networks.architectures import build_network
+from pix2face.networks.paper import MAP_PLANES, paper_widths
 from pix2face.runs import CHECKPOINT_NAME
 
 METADATA_KEY = "pix2face-checkpoint"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @final
@@ -28,27 +30,52 @@ class CheckpointHeader:
         model_name: The morphable model whose PNCC and offset the network predicts.
         model_sha256: Its hash.
         size_px: Side of the network's input.
-        filters: Filters of its first level.
+        widths: Filters of each of its levels.
         pncc_scale_mm: The first three planes times this are PNCC in mm.
         offset_scale_mm: The other three planes times this are offsets in mm.
         smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
         licence: Terms that the training data put on the weights.
         configuration: The resolved configuration of the training, as JSON.
-        epoch: Epochs trained.
+        epoch: Complete epochs trained.
+        samples: Samples seen in training.
+        architecture: One of ``networks.architectures.ARCHITECTURES``.
+        planes: Of the output: 6, or 7 with the mask's logit after them, or 8 with that of the seen part, too.
         schema_version: Layout of the file.
     """
 
     model_name: str
     model_sha256: str
     size_px: int
-    filters: int
+    widths: tuple[int, ...]
     pncc_scale_mm: float
     offset_scale_mm: float
     smallest_radius_mm: float
     licence: str
     configuration: str
     epoch: int
+    samples: int = 0
+    architecture: str = "paper"
+    planes: int = MAP_PLANES
     schema_version: int = SCHEMA_VERSION
+
+    @property
+    def filters(self) -> int:
+        """Filters of the first level."""
+        return self.widths[0]
+
+    @classmethod
+    def from_json(cls, fields: Mapping[str, Any]) -> "CheckpointHeader":
+        """What ``asdict`` made, of this schema or an earlier one, after a way through JSON.
+
+        Raises:
+            TypeError: A field is missing, unknown, or of another type.
+            ValueError: One has a value that no network has.
+        """
+        known = dict(fields)
+        if known["schema_version"] == 1:  # the paper's network was the only one, told by its first level
+            known |= {"widths": paper_widths(known["size_px"], known.pop("filters")), "schema_version": SCHEMA_VERSION}
+        known["widths"] = tuple(int(width) for width in known.get("widths", ()))
+        return cls(**known)
 
     def check_model(self, name: str, sha256: str) -> None:
         """Makes sure that a model is the one whose maps the network predicts.
@@ -64,28 +91,42 @@ class CheckpointHeader:
             )
 
 
-def save_checkpoint(path: Path, header: CheckpointHeader, network: UNet) -> None:
-    """Writes a checkpoint; a file of that name is replaced at once or not at all."""
-    write_tensors(path, METADATA_KEY, asdict(header), network.state_dict())
+def save_checkpoint(
+    path: Path, header: CheckpointHeader, network: nn.Module, precision: torch.dtype = torch.float32
+) -> None:
+    """Writes a checkpoint; a file of that name is replaced at once or not at all.
+
+    Args:
+        path: Where to.
+        header: Says what the network is.
+        network: Its weights are written.
+        precision: Of the weights in the file: float16 halves it, and is computed with in float32 all the same.
+    """
+    write_tensors(path, METADATA_KEY, asdict(header), _in_precision(network.state_dict(), precision))
 
 
-def load_checkpoint(path: Path) -> tuple[CheckpointHeader, UNet]:
-    """Reads a checkpoint.
+def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
+    """Reads a checkpoint; the network computes in float32, whatever its file is in.
 
     Raises:
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
     fields, tensors = read_header(path, METADATA_KEY, SCHEMA_VERSION), read_tensors(path)
     try:
-        header = CheckpointHeader(**fields)
-        network = UNet(header.size_px, header.filters)
-        network.load_state_dict(tensors)
-    except (TypeError, ValueError, RuntimeError) as error:
+        header = CheckpointHeader.from_json(fields)
+        network = build_network(header.architecture, header.size_px, header.widths, header.planes)
+        network.load_state_dict(_in_precision(tensors, torch.float32))
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
         raise InputFileError(
             f"{path}: header and weights do not make a network ({reason}); train or fetch it again"
         ) from error
     return header, network.eval()
+
+
+def _in_precision(tensors: Mapping[str, Tensor], precision: torch.dtype) -> dict[str, Tensor]:
+    """Numbers in another precision; counts stay counts."""
+    return {name: tensor.to(precision) if tensor.is_floating_point() else tensor for name, tensor in tensors.items()}
 
 
 def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:

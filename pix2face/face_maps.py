@@ -68,9 +68,13 @@ def valid_pixels(pncc: Float32[ndarray, "h w 3"], smallest_radius_mm: float) -> 
 
     The background is 0 and every point of the face is far from the origin, so the threshold lies midway.
     """
-    far = np.linalg.norm(pncc, axis=2) > smallest_radius_mm / 2
+    return eroded(np.linalg.norm(pncc, axis=2) > smallest_radius_mm / 2)
+
+
+def eroded(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
+    """A mask without its outermost pixel, where a network's maps lie between face and background."""
     kernel = np.ones((3, 3), dtype=np.uint8)
-    return cv2.erode(far.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
+    return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
 
 
 def point_cloud(

@@ -17,8 +17,9 @@ INPUT_NAME, OUTPUT_NAME = "image", "maps"
 OPSET = 18
 DESCRIPTION = (
     "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
-    "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where |PNCC| exceeds "
-    f"smallest_radius_mm / 2, eroded by one pixel. The scales are in the metadata entry {METADATA_KEY!r} (JSON)."
+    "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, where "
+    "there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel; plane 7, where "
+    f"there is one, is above 0 where the face is seen. The scales are in the metadata entry {METADATA_KEY!r} (JSON)."
 )
 
 
@@ -88,7 +89,7 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]
         fields = json.loads(session.get_modelmeta().custom_metadata_map[METADATA_KEY])
         if int(fields["schema_version"]) > SCHEMA_VERSION:
             raise InputFileError(f"{path}: schema {fields['schema_version']} is newer than {SCHEMA_VERSION}; upgrade")
-        header = CheckpointHeader(**fields)
+        header = CheckpointHeader.from_json(fields)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
 

@@ -7,14 +7,16 @@ from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 from torch import Tensor
 
 from pix2face.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.crops import INFERENCE_SCALE, Crop, FaceBox, crop_image, square_crop
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.face_maps import FaceMaps, valid_pixels
+from pix2face.face_maps import FaceMaps, eroded, valid_pixels
+from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+from pix2face.networks.paper import MAP_PLANES
 
 # The network is no faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
@@ -29,11 +31,14 @@ class Prediction:
         maps: In the pixels of the crop.
         crop: Leads back to the pixels of the picture.
         n_undefined: Pixels where the network's output is not finite; they are outside the mask.
+        seen: The part of the mask where the picture shows the face itself and not what stands before it; None where
+            the network does not know.
     """
 
     maps: FaceMaps
     crop: Crop
     n_undefined: int = 0
+    seen: Bool[ndarray, "s s"] | None = None
 
     def check_finite(self) -> None:
         """Makes sure that the network's output was finite.
@@ -54,7 +59,7 @@ class Predictor:
     """A network with what is needed around it. It keeps nothing between calls.
 
     Args:
-        network: From ``b 3 s s`` in [-0.5, 0.5] to ``b 6 s s`` in units of the header's scales.
+        network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits.
         header: Size, scales and model of the network.
         device: Where the network is; pictures are sent there.
     """
@@ -120,21 +125,28 @@ class Predictor:
         starts = range(0, len(faces), FACES_AT_A_TIME)
         return [own for start in starts for own in self.predict_batch(faces[start : start + FACES_AT_A_TIME])]
 
-    def _planes(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b s s 6"]:
+    def _planes(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b s s planes"]:
         with torch.inference_mode():
             batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(self._device)
             planes = self._network(batch).float().permute(0, 2, 3, 1)
             return np.ascontiguousarray(planes.cpu().numpy())
 
-    def _prediction(self, planes: Float32[ndarray, "s s 6"], crop: Crop) -> Prediction:
+    def _prediction(self, planes: Float32[ndarray, "s s planes"], crop: Crop) -> Prediction:
         undefined = ~np.isfinite(planes).all(axis=2)
         planes[undefined] = 0
         pncc = planes[..., :3] * np.float32(self.header.pncc_scale_mm)
-        offset = planes[..., 3:] * np.float32(self.header.offset_scale_mm)
-        mask = valid_pixels(pncc, self.header.smallest_radius_mm)
+        offset = planes[..., 3:MAP_PLANES] * np.float32(self.header.offset_scale_mm)
+        mask = self._mask(planes, pncc) & ~undefined
         pncc[~mask] = 0
         offset[~mask] = 0
-        return Prediction(FaceMaps(pncc, offset, mask), crop, int(undefined.sum()))
+        seen = mask & (planes[..., SEEN_PLANE] > 0) if self.header.planes > SEEN_PLANE else None
+        return Prediction(FaceMaps(pncc, offset, mask), crop, int(undefined.sum()), seen)
+
+    def _mask(self, planes: Float32[ndarray, "s s planes"], pncc: Float32[ndarray, "s s 3"]) -> Bool[ndarray, "s s"]:
+        """Where the maps hold: as the network says, or, where it does not, by how far PNCC is from the background's."""
+        if self.header.planes > MASK_PLANE:
+            return eroded(planes[..., MASK_PLANE] > 0)
+        return valid_pixels(pncc, self.header.smallest_radius_mm)
 
 
 def _device(name: str | None) -> torch.device:

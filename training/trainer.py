@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader
 
 from pix2face.checkpoint import CheckpointHeader, save_checkpoint
 from pix2face.errors import Pix2FaceError
-from pix2face.network import UNet
+from pix2face.networks.paper import UNet, paper_widths
 from pix2face.runs import CHECKPOINT_NAME
 from training.dataset import EpochDraws, TripletDataset
 from training.loss_log import LossLog, StepReport
@@ -187,7 +187,7 @@ def checkpoint_header(shards: ShardIndex, recipe: Recipe, configuration: str, ep
         model_name=shards.model_name,
         model_sha256=shards.model_sha256,
         size_px=recipe.size_px,
-        filters=recipe.filters,
+        widths=paper_widths(recipe.size_px, recipe.filters),
         pncc_scale_mm=shards.pncc_scale_mm,
         offset_scale_mm=shards.offset_scale_mm,
         smallest_radius_mm=shards.smallest_radius_mm,

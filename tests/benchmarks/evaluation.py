@@ -16,7 +16,7 @@ import torch
 from pix2face.checkpoint import CheckpointHeader
 from pix2face.crops import FaceBox
 from pix2face.evaluation.bootstrap import Bootstrap, intervals, mean_of, median_of
-from pix2face.network import UNet
+from pix2face.networks.paper import UNet, paper_widths
 from pix2face.predictor import Predictor
 from tests.benchmarks.surroundings import surroundings
 
@@ -43,7 +43,7 @@ def network_ms(size_px: int, filters: int) -> dict[str, float]:
         model_name="none",
         model_sha256="0" * 64,
         size_px=size_px,
-        filters=filters,
+        widths=paper_widths(size_px, filters),
         pncc_scale_mm=150.0,
         offset_scale_mm=20.0,
         smallest_radius_mm=60.0,

@@ -7,7 +7,7 @@ import torch
 
 from pix2face.checkpoint import CheckpointHeader, save_checkpoint
 from pix2face.evaluation.evaluate_cli import main
-from pix2face.network import UNet
+from pix2face.networks.paper import UNet, paper_widths
 from tests.pix2face.benchmark_files import frontal_camera, landmarks_of, write_photograph, write_pts
 from tests.synthetic_models import small_head_model
 
@@ -21,7 +21,7 @@ def write_checkpoint(path, model_name=MODEL.name, model_sha256=MODEL.sha256):
         model_name=model_name,
         model_sha256=model_sha256,
         size_px=32,
-        filters=4,
+        widths=paper_widths(32, 4),
         pncc_scale_mm=150.0,
         offset_scale_mm=20.0,
         smallest_radius_mm=MODEL.smallest_radius_mm,

@@ -16,7 +16,7 @@ from pix2face.detection import DetectedFace
 from pix2face.face_maps import FaceMaps
 from pix2face.images import encode_image
 from pix2face.morphable_model import MorphableModel
-from pix2face.network import UNet
+from pix2face.networks.paper import UNet, paper_widths
 from pix2face.predictor import Predictor
 from pix2face.rasterise import render_maps
 
@@ -87,7 +87,7 @@ def header_of(model: MorphableModel, size_px: int = SIZE_PX) -> CheckpointHeader
         model_name=model.name,
         model_sha256=model.sha256,
         size_px=size_px,
-        filters=4,
+        widths=paper_widths(size_px, 4),
         pncc_scale_mm=PNCC_SCALE_MM,
         offset_scale_mm=OFFSET_SCALE_MM,
         smallest_radius_mm=model.smallest_radius_mm,

@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -8,13 +8,14 @@ from safetensors.torch import load_file, save_file
 
 from pix2face.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_checkpoint, save_checkpoint
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.network import UNet
+from pix2face.networks.paper import UNet, paper_widths
+from pix2face.networks.residual import ResidualUNet, residual_widths
 
 HEADER = CheckpointHeader(
     model_name="small head",
     model_sha256="a" * 64,
     size_px=16,
-    filters=4,
+    widths=paper_widths(16, 4),
     pncc_scale_mm=133.25,
     offset_scale_mm=30.0,
     smallest_radius_mm=61.5,
@@ -85,6 +86,47 @@ def test_a_foreign_file_is_refused(tmp_path):
         load_checkpoint(tmp_path / "other.safetensors")
 
 
+def test_a_checkpoint_of_the_first_schema_is_read(checkpoint):
+    fields = asdict(HEADER) | {"schema_version": 1, "filters": 4}
+    for name in ("widths", "samples", "architecture", "planes"):
+        del fields[name]
+    save_file(load_file(checkpoint), checkpoint, metadata={METADATA_KEY: json.dumps(fields)})
+    header, network = load_checkpoint(checkpoint)
+    assert header == HEADER
+    assert network(torch.zeros(1, 3, 16, 16)).shape == (1, 6, 16, 16)
+
+
+@pytest.mark.parametrize("planes", [6, 7, 8])
+def test_the_residual_network_comes_back(tmp_path, planes):
+    torch.manual_seed(0)
+    widths = residual_widths(2)
+    header = replace(HEADER, architecture="residual", size_px=64, widths=widths, planes=planes, samples=77)
+    network = ResidualUNet(widths, planes)
+    network(torch.rand(2, 3, 64, 64))  # moves the statistics of its norms
+    save_checkpoint(tmp_path / "c.safetensors", header, network.eval())
+    found, loaded = load_checkpoint(tmp_path / "c.safetensors")
+    picture = torch.rand(1, 3, 64, 64) - 0.5
+    assert found == header
+    torch.testing.assert_close(loaded(picture), network(picture), rtol=0, atol=0)
+
+
+def test_a_checkpoint_of_half_the_size_computes_in_float32(tmp_path):
+    torch.manual_seed(0)
+    widths = residual_widths(2)
+    header, network = replace(HEADER, architecture="residual", size_px=64, widths=widths), ResidualUNet(widths)
+    sizes, planes = [], []
+    for precision in (torch.float32, torch.float16):
+        path = tmp_path / f"{precision}.safetensors"
+        save_checkpoint(path, header, network.eval(), precision)
+        loaded = load_checkpoint(path)[1]
+        assert all(tensor.dtype in (torch.float32, torch.int64) for tensor in loaded.state_dict().values())
+        sizes.append(path.stat().st_size)
+        planes.append(loaded(torch.zeros(1, 3, 64, 64) + 0.1))
+    assert sizes[1] < 0.6 * sizes[0]
+    assert not torch.equal(*planes)
+    torch.testing.assert_close(*planes, rtol=1e-2, atol=1e-2 * float(planes[0].detach().abs().max()))
+
+
 @pytest.mark.parametrize("header", ["[]", "{", "{}", '{"schema_version": "x"}'])
 def test_a_header_that_is_none_is_refused(tmp_path, header):
     save_file({"weight": torch.zeros(1)}, tmp_path / "c.safetensors", metadata={METADATA_KEY: header})
@@ -99,7 +141,21 @@ def test_a_newer_schema_is_refused(tmp_path):
         load_checkpoint(path)
 
 
-@pytest.mark.parametrize("change", [{"filters": 8}, {"size_px": 32}, {"size_px": 17}, {"nonsense": 1}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"widths": (8, 16, 32, 64)},
+        {"widths": ()},
+        {"widths": None},
+        {"size_px": 32},
+        {"size_px": 17},
+        {"nonsense": 1},
+        {"planes": 8},
+        {"planes": 9},
+        {"architecture": "residual"},
+        {"architecture": "transformer"},
+    ],
+)
 def test_a_header_that_does_not_fit_the_weights_is_refused(checkpoint, change):
     header = {name: getattr(HEADER, name) for name in HEADER.__dataclass_fields__} | change
     save_file(load_file(checkpoint), checkpoint, metadata={METADATA_KEY: json.dumps(header)})

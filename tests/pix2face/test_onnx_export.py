@@ -1,19 +1,21 @@
 """The ONNX file computes what torch computes, for any batch, and carries all that a user needs."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from pix2face.checkpoint import METADATA_KEY, load_checkpoint
+from pix2face.checkpoint import METADATA_KEY, load_checkpoint, save_checkpoint
 from pix2face.cli import main
 from pix2face.crops import FaceBox
 from pix2face.errors import InputFileError, UsageError
+from pix2face.networks.residual import ResidualUNet, residual_widths
 from pix2face.onnx_export import INPUT_NAME, OUTPUT_NAME, export_onnx, load_onnx
 from pix2face.predictor import Predictor
-from tests.pix2face.seen_faces import write_checkpoint
+from tests.pix2face.seen_faces import header_of, write_checkpoint
 from tests.synthetic_models import small_head_model
 
 onnx = pytest.importorskip("onnx", reason="pip install 'pix2face[onnx]'")
@@ -43,6 +45,23 @@ def test_it_computes_what_torch_computes_for_any_batch(checkpoint: Path, exporte
         (found,) = session.run([OUTPUT_NAME], {INPUT_NAME: images})
         assert found.shape == (n, 6, header.size_px, header.size_px)
         assert np.abs(found - expected).max() <= 1e-4 * np.ptp(expected)
+
+
+@pytest.mark.parametrize("precision", [torch.float32, torch.float16])
+def test_the_residual_network_too(tmp_path: Path, precision: torch.dtype) -> None:
+    torch.manual_seed(0)
+    widths = residual_widths(2)
+    own = replace(header_of(small_head_model(), 64), architecture="residual", widths=widths, planes=8)
+    network = ResidualUNet(widths, 8)
+    network(torch.rand(4, 3, 64, 64) - 0.5)  # norms with statistics of their own
+    save_checkpoint(tmp_path / "c.safetensors", own, network, precision)
+    export_onnx(tmp_path / "c.safetensors", tmp_path / "network.onnx")
+    header, run = load_onnx(tmp_path / "network.onnx")
+    assert header == own
+    images = torch.rand(3, 3, 64, 64) - 0.5
+    with torch.inference_mode():
+        expected = load_checkpoint(tmp_path / "c.safetensors")[1](images)
+    assert (run(images) - expected).abs().max() <= 1e-4 * (expected.max() - expected.min())
 
 
 def test_it_is_a_valid_file_that_says_what_it_is(checkpoint: Path, exported: Path) -> None:

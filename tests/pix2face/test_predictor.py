@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,14 +9,14 @@ from torch import Tensor
 
 from pix2face.checkpoint import CheckpointHeader, save_checkpoint
 from pix2face.crops import FaceBox, crop_image, square_crop
-from pix2face.network import UNet
+from pix2face.networks.paper import UNet, paper_widths
 from pix2face.predictor import Predictor
 
 HEADER = CheckpointHeader(
     model_name="small head",
     model_sha256="a" * 64,
     size_px=32,
-    filters=4,
+    widths=paper_widths(32, 4),
     pncc_scale_mm=120.0,
     offset_scale_mm=20.0,
     smallest_radius_mm=60.0,
@@ -61,6 +62,26 @@ def test_the_threshold_is_half_the_smallest_radius():
     assert constant(radius * 1.01).predict(picture(), BOX).maps.mask.sum() == 30 * 30  # eroded by one pixel
     assert not constant(radius * 0.99).predict(picture(), BOX).maps.mask.any()
     assert not constant(float("nan")).predict(picture(), BOX).maps.mask.any()
+
+
+def test_a_network_that_knows_its_masks_is_believed():
+    def with_masks(image: Tensor) -> Tensor:
+        size = image.shape[-1]
+        column = torch.arange(size).expand(len(image), 1, size, size).float()
+        everywhere = torch.full((len(image), 6, size, size), 1e-3)  # far below the radius: as background
+        return torch.cat([everywhere, 20 - column, column - 9], dim=1)
+
+    predict = Predictor(with_masks, replace(HEADER, planes=8)).predict
+    prediction = predict(picture(), BOX)
+    columns = np.flatnonzero(prediction.maps.mask.any(axis=0))
+    assert (columns.min(), columns.max()) == (1, 18)  # below 20, eroded by one pixel at each side
+    assert prediction.seen is not None
+    columns = np.flatnonzero(prediction.seen.any(axis=0))
+    assert (columns.min(), columns.max()) == (10, 18)
+    assert (
+        Predictor(lambda image: with_masks(image)[:, :7], replace(HEADER, planes=7)).predict(picture(), BOX).seen
+        is None
+    )
 
 
 def test_a_batch_is_the_same_as_its_faces_one_by_one():

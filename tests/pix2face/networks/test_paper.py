@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from pix2face.network import UNet, level_count
+from pix2face.networks.paper import UNet, level_count
 
 
 def test_the_papers_network_has_the_papers_layers():

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 PLANES_IN = 3
-PLANES_OUT = 6  # PNCC x, y, z, then offset x, y, z
+MAP_PLANES = 6  # PNCC x, y, z, then offset x, y, z; planes after these are masks
 WIDEST = 8  # the deepest levels have eight times the first level's filters
 LEAK = 0.2
 VARIANCE_FLOOR = 1e-5
@@ -31,34 +31,35 @@ class UNet(nn.Module):
     Args:
         size_px: Side of the picture, a power of two; 256 in the paper. There are log2(size_px) levels: 8 there.
         filters: Filters of the first level; 64 in the paper.
+        planes: Planes of the output; 6 in the paper.
 
     Source: Crispell and Bazik 2017, Sec. 3.1; Ronneberger et al. 2015.
     """
 
-    def __init__(self, size_px: int, filters: int) -> None:
+    def __init__(self, size_px: int, filters: int, planes: int = MAP_PLANES) -> None:
         super().__init__()
-        levels = level_count(size_px)
-        widths = [filters * min(2**level, WIDEST) for level in range(levels)]
+        widths = paper_widths(size_px, filters)
         self.encoder = nn.ModuleList(
             nn.Conv2d(before, after, kernel_size=4, stride=2, padding=1)
             for before, after in zip([PLANES_IN, *widths], widths, strict=False)
         )
         # From the inside out: the innermost convolution has no skip beside its input, all others have.
         inputs = [widths[-1], *(2 * width for width in widths[-2::-1])]
-        outputs = [*widths[-2::-1], PLANES_OUT]
+        outputs = [*widths[-2::-1], planes]
         self.decoder = nn.ModuleList(
             nn.Conv2d(before, after, kernel_size=3, padding=1) for before, after in zip(inputs, outputs, strict=True)
         )
         self.apply(_initialise)
 
-    def forward(self, image: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b 6 s s"]:
+    def forward(self, image: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b planes s s"]:
         """Maps pictures to PNCC and offset.
 
         Args:
             image: Pixels in [-0.5, 0.5].
 
         Returns:
-            PNCC and offset, each in units of its scale (about ±1); about 0 in the background.
+            PNCC and offset, each in units of its scale (about ±1), about 0 in the background; logits of masks, where
+            there are any.
         """
         features, skips = image.contiguous(memory_format=torch.channels_last), []
         for level, convolution in enumerate(self.encoder):
@@ -73,6 +74,15 @@ class UNet(nn.Module):
             if skips:
                 features = torch.cat([_instance_norm(features), skips.pop()], dim=1)
         return features
+
+
+def paper_widths(size_px: int, filters: int) -> tuple[int, ...]:
+    """Filters of each level: doubled from one to the next until they are eight times the first.
+
+    Raises:
+        ValueError: The size is not a power of two, or below 8.
+    """
+    return tuple(filters * min(2**level, WIDEST) for level in range(level_count(size_px)))
 
 
 def level_count(size_px: int) -> int:

@@ -1,0 +1,80 @@
+"""The architectures by name: what a recipe or a checkpoint names becomes a network."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal, final
+
+from torch import nn
+
+from pix2face.networks.paper import MAP_PLANES, UNet, level_count, paper_widths
+from pix2face.networks.residual import SIZE_DIVISOR, ResidualUNet, residual_widths
+
+ArchitectureName = Literal["paper", "residual"]
+
+# Planes after the six of the maps: logits of the mask, then of the part of it that is seen.
+MASK_PLANE, SEEN_PLANE = MAP_PLANES, MAP_PLANES + 1
+MOST_PLANES = MAP_PLANES + 2
+
+
+@final
+@dataclass(frozen=True)
+class Architecture:
+    """How to make networks of one kind.
+
+    Attributes:
+        widths: From the side of the picture (px) and the filters of the first level to the filters of each level.
+        build: From the side of the picture, the filters of each level and the planes of the output to the network.
+        check_size: Raises ValueError where the network cannot take a picture of a side.
+        is_any_size: Whether the same weights take pictures of other sizes.
+    """
+
+    widths: Callable[[int, int], tuple[int, ...]]
+    build: Callable[[int, tuple[int, ...], int], nn.Module]
+    check_size: Callable[[int], object]
+    is_any_size: bool
+
+
+def build_network(architecture: str, size_px: int, widths: tuple[int, ...], planes: int) -> nn.Module:
+    """Makes a network with new weights, drawn from torch's generator.
+
+    Args:
+        architecture: One of ``ARCHITECTURES``.
+        size_px: Side of its input.
+        widths: Filters of each level.
+        planes: Planes of its output: 6 maps, and up to two masks.
+
+    Raises:
+        ValueError: There is no such architecture, or it cannot have these numbers.
+    """
+    if architecture not in ARCHITECTURES:
+        raise ValueError(f"expected an architecture of {', '.join(ARCHITECTURES)}, found {architecture!r}")
+    if not MAP_PLANES <= planes <= MOST_PLANES:
+        raise ValueError(f"expected {MAP_PLANES} to {MOST_PLANES} planes, found {planes}")
+    chosen = ARCHITECTURES[architecture]
+    chosen.check_size(size_px)
+    return chosen.build(size_px, widths, planes)
+
+
+def _paper(size_px: int, widths: tuple[int, ...], planes: int) -> nn.Module:
+    if not widths or widths != paper_widths(size_px, widths[0]):
+        raise ValueError(f"expected the paper's widths for {size_px} px, found {widths}")
+    return UNet(size_px, widths[0], planes)
+
+
+def _check_divisible(size_px: int) -> None:
+    if size_px < SIZE_DIVISOR or size_px % SIZE_DIVISOR:
+        raise ValueError(f"expected a multiple of {SIZE_DIVISOR} for the side of the network's input, found {size_px}")
+
+
+ARCHITECTURES: Mapping[str, Architecture] = MappingProxyType(
+    {
+        "paper": Architecture(widths=paper_widths, build=_paper, check_size=level_count, is_any_size=False),
+        "residual": Architecture(
+            widths=lambda size_px, filters: residual_widths(filters),
+            build=lambda size_px, widths, planes: ResidualUNet(widths, planes),
+            check_size=_check_divisible,
+            is_any_size=True,
+        ),
+    }
+)

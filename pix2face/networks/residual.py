@@ -1,0 +1,132 @@
+"""A U-Net of residual blocks with batch norm: most of its weights where there are few pixels, so fast without a GPU."""
+
+from itertools import pairwise
+from typing import final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pix2face.networks.paper import MAP_PLANES, PLANES_IN
+
+# Filters of each level, as multiples of the first level's: 32-64-128-192-256-256 for 32.
+WIDTH_MULTIPLES = (1, 2, 4, 6, 8, 8)
+# Every level halves the picture.
+SIZE_DIVISOR = 2 ** len(WIDTH_MULTIPLES)
+# Convolutions of a block, from the second level inwards, and from the last but one outwards. One pixel in four of a
+# level is left in the next: a convolution more at half resolution costs as much as four a level farther in.
+ENCODER_CONVOLUTIONS = (1, 1, 2, 2, 2)
+DECODER_CONVOLUTIONS = (2, 2, 1, 1, 0)
+# Blocks more at the innermost level, which is so small that they cost next to nothing.
+INNER_BLOCKS = 3
+# Planes start near 0, where the background stays.
+OUTPUT_GAIN = 0.1
+
+
+@final
+class ResidualUNet(nn.Module):
+    """Residual blocks down to 1/64 of the side and back up; what skips across is added, not concatenated.
+
+    It is fully convolutional: any picture whose sides are multiples of 64 will do, whatever the network was trained on.
+    The planes come from half resolution by one convolution that answers four pixels at a time (pixel shuffle).
+
+    Deviation from the paper: residual blocks, batch norm, six levels instead of eight at 256 px, and a first
+    level of half as many filters; docs/training.md gives the measurements.
+
+    Args:
+        widths: Filters of each level.
+        planes: Planes of the output: PNCC, offset, and logits of masks.
+
+    Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle).
+    """
+
+    def __init__(self, widths: tuple[int, ...], planes: int = MAP_PLANES) -> None:
+        super().__init__()
+        if len(widths) != len(WIDTH_MULTIPLES):
+            raise ValueError(f"expected the filters of {len(WIDTH_MULTIPLES)} levels, found {len(widths)}")
+        self.stem = nn.Conv2d(PLANES_IN, widths[0], kernel_size=3, stride=2, padding=1, bias=False)
+        self.stem_norm = nn.BatchNorm2d(widths[0])
+        self.encoder = nn.ModuleList(
+            ResidualBlock(before, after, convolutions, halves=True)
+            for before, after, convolutions in zip(widths, widths[1:], ENCODER_CONVOLUTIONS, strict=False)
+        )
+        self.inner = nn.ModuleList(ResidualBlock(widths[-1], widths[-1], 2) for _ in range(INNER_BLOCKS))
+        outwards = widths[::-1]
+        self.narrow = nn.ModuleList(
+            nn.Conv2d(before, after, kernel_size=1, bias=False)
+            for before, after in pairwise(outwards)
+        )
+        self.decoder = nn.ModuleList(
+            ResidualBlock(width, width, convolutions) if convolutions else nn.Identity()
+            for width, convolutions in zip(outwards[1:], DECODER_CONVOLUTIONS, strict=True)
+        )
+        self.planes = nn.Conv2d(widths[0], 4 * planes, kernel_size=3, padding=1)
+        self.apply(_initialise)
+
+    def forward(self, image: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b planes h w"]:
+        """Maps pictures to PNCC, offset and logits of masks.
+
+        Args:
+            image: Pixels in [-0.5, 0.5]; sides are multiples of 64.
+
+        Returns:
+            As the paper's network.
+        """
+        picture = image.contiguous(memory_format=torch.channels_last)
+        features, skips = functional.relu(self.stem_norm(self.stem(picture)), inplace=True), []
+        for block in self.encoder:
+            skips.append(features)
+            features = block(features)
+        for block in self.inner:
+            features = block(features)
+        for narrow, block in zip(self.narrow, self.decoder, strict=True):
+            # Narrowed before it is enlarged: a quarter of the work, and the same result.
+            enlarged = functional.interpolate(narrow(features), scale_factor=2.0, mode="nearest")
+            features = block(enlarged + skips.pop())
+        return functional.pixel_shuffle(self.planes(features), 2)
+
+
+@final
+class ResidualBlock(nn.Module):
+    """Convolutions with batch norm, added to their input.
+
+    Args:
+        before: Filters of the input.
+        after: Filters of the output.
+        convolutions: 1 or 2, of 3 x 3.
+        halves: Whether height and width are halved; if not, ``before`` and ``after`` are the same.
+    """
+
+    def __init__(self, before: int, after: int, convolutions: int, *, halves: bool = False) -> None:
+        super().__init__()
+        stride = 2 if halves else 1
+        self.first = nn.Conv2d(before, after, kernel_size=3, stride=stride, padding=1, bias=False)
+        self.first_norm = nn.BatchNorm2d(after)
+        self.second = nn.Conv2d(after, after, kernel_size=3, padding=1, bias=False) if convolutions > 1 else None
+        self.second_norm = nn.BatchNorm2d(after) if convolutions > 1 else None
+        self.shortcut = nn.Conv2d(before, after, kernel_size=1, bias=False) if halves else None
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Returns the features, changed."""
+        change = self.first_norm(self.first(features))
+        if self.second is not None and self.second_norm is not None:
+            change = self.second_norm(self.second(functional.relu(change, inplace=True)))
+        if self.shortcut is not None:
+            features = self.shortcut(functional.avg_pool2d(features, 2))
+        return functional.relu(change + features, inplace=True)
+
+
+def residual_widths(filters: int) -> tuple[int, ...]:
+    """Filters of each level, from those of the first."""
+    return tuple(filters * multiple for multiple in WIDTH_MULTIPLES)
+
+
+def _initialise(module: nn.Module) -> None:
+    """Normal weights that keep the variance through ReLU, channels last; planes start near 0."""
+    if isinstance(module, nn.Conv2d):
+        module.weight.data = module.weight.data.contiguous(memory_format=torch.channels_last)
+        nn.init.kaiming_normal_(module.weight, mode="fan_in", nonlinearity="relu")
+        if module.bias is not None:
+            module.weight.data.mul_(OUTPUT_GAIN)
+            nn.init.zeros_(module.bias)

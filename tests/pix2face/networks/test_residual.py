@@ -1,0 +1,57 @@
+import pytest
+import torch
+
+from pix2face.networks.residual import ResidualUNet, residual_widths
+
+
+def test_the_filters_are_those_of_the_trial():
+    assert residual_widths(32) == (32, 64, 128, 192, 256, 256)
+
+
+def test_about_nine_million_parameters_and_at_most_20_megabytes_as_float16():
+    with torch.device("meta"):
+        network = ResidualUNet(residual_widths(32), 8)
+    assert 8e6 < sum(parameter.numel() for parameter in network.parameters()) < 10e6
+    assert 2 * sum(tensor.numel() for tensor in network.state_dict().values()) < 20e6
+
+
+@pytest.mark.parametrize(("height", "width"), [(64, 64), (128, 128), (64, 192)])
+@pytest.mark.parametrize("planes", [6, 8])
+def test_any_multiple_of_64_will_do(height, width, planes):
+    network = ResidualUNet(residual_widths(2), planes).eval()
+    maps = network(torch.rand(1, 3, height, width) - 0.5)
+    assert maps.shape == (1, planes, height, width)
+    assert torch.isfinite(maps).all()
+
+
+def test_in_use_a_batch_is_the_same_as_its_pictures_one_by_one():
+    torch.manual_seed(0)
+    network = ResidualUNet(residual_widths(4)).eval()
+    pictures = torch.rand(3, 3, 64, 64) - 0.5
+    single = torch.cat([network(picture[None]) for picture in pictures])
+    torch.testing.assert_close(network(pictures), single, rtol=1e-4, atol=1e-5)
+
+
+def test_it_is_fully_convolutional():
+    # A picture moved by the size of the innermost pixel gives maps moved as much, far from the borders.
+    torch.manual_seed(0)
+    network = ResidualUNet(residual_widths(2)).eval()
+    wide = torch.rand(1, 3, 64, 64 * 40) - 0.5
+    maps, moved = network(wide), network(wide[..., 64:])
+    middle = slice(64 * 19, 64 * 20)
+    expected = maps[..., 64 * 20 : 64 * 21]
+    torch.testing.assert_close(moved[..., middle], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_every_weight_learns():
+    torch.manual_seed(0)
+    network = ResidualUNet(residual_widths(4), 8)
+    network(torch.rand(4, 3, 64, 64) - 0.5).square().mean().backward()
+    for name, parameter in network.named_parameters():
+        assert parameter.grad is not None
+        assert parameter.grad.abs().max() > 0, name
+
+
+def test_another_number_of_levels_is_refused():
+    with pytest.raises(ValueError, match="filters of 6 levels, found 2"):
+        ResidualUNet((8, 16))
