@@ -15,7 +15,7 @@ from typing import Literal, final
 
 from pix2face.errors import UsageError
 from pix2face.jitter import JitterRange
-from pix2face.network import level_count
+from pix2face.networks.paper import level_count
 
 Precision = Literal["float32", "bfloat16"]
 PresetName = Literal["paper", "tiny"]
