@@ -1,0 +1,153 @@
+"""Meshes bound to the head: every point follows the displacements of some of the head's vertices.
+
+Made by ``scripts.build_hair_assets`` for the built-in model; how points are bound is in ``scripts/hair_assets``.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import final
+
+import cv2
+import h5py
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+from pix2face.morphable_model import MorphableModel
+
+MIRRORED = np.array([-1, 1, 1], dtype=np.float32)
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoundMesh:
+    """A mesh around a model's mean that follows its heads.
+
+    Attributes:
+        name: Of the style.
+        mean: Points around the mean, mm, model frame. Several vertices may share one, along seams of the texture.
+        feet: Nearest place on the skin of each point, around the mean.
+        heights: Distance of each point from the skin, mm, negative inside.
+        over_face: Which points hang over the face, not over scalp or neck.
+        neighbours: Vertices of the model that each point follows.
+        weights: How much; they sum to 1.
+        normals: Of the points, unit, around the mean.
+        point_of_vertex: Point of each vertex.
+        uv: Texture coordinates of each vertex, the origin at the top left.
+        triangles: Indices of vertices.
+    """
+
+    name: str
+    mean: Float32[ndarray, "p 3"]
+    feet: Float32[ndarray, "p 3"]
+    heights: Float32[ndarray, " p"]
+    over_face: Bool[ndarray, " p"]
+    neighbours: Int32[ndarray, "p n"]
+    weights: Float32[ndarray, "p n"]
+    normals: Float32[ndarray, "p 3"]
+    point_of_vertex: Int32[ndarray, " v"]
+    uv: Float32[ndarray, "v 2"]
+    triangles: Int32[ndarray, "t 3"]
+
+    def displacements(self, head: Float[ndarray, "h 3"], mean: Float[ndarray, "h 3"]) -> Float32[ndarray, "p 3"]:
+        """How far each point moves when the mean becomes a head.
+
+        Args:
+            head: Vertices of the head, mm, model frame.
+            mean: Those of the model's mean.
+        """
+        moved = (head - mean).astype(np.float32)
+        return np.einsum("pn,pnc->pc", self.weights, moved[self.neighbours], optimize=False)
+
+
+def mirrored(mesh: BoundMesh, symmetry: Int32[ndarray, " v"]) -> BoundMesh:
+    """The mirror image of a mesh, bound to the mirror vertices; its parting is on the other side."""
+    return replace(
+        mesh,
+        mean=mesh.mean * MIRRORED,
+        feet=mesh.feet * MIRRORED,
+        normals=mesh.normals * MIRRORED,
+        neighbours=symmetry[mesh.neighbours].astype(np.int32),
+        triangles=np.ascontiguousarray(mesh.triangles[:, [0, 2, 1]]),
+    )
+
+
+@cache
+def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
+    """A mesh of the built-in assets.
+
+    Args:
+        name: Its group in ``meshes.h5``, such as ``short01``.
+        is_mirrored: The other way round.
+    """
+    if is_mirrored:
+        return mirrored(bound_mesh(name), _symmetry())
+    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+        group, step = file[name], np.float32(file.attrs["position_step_mm"])
+        weights = group["weights"][()].astype(np.float32)
+        return BoundMesh(
+            name=name,
+            mean=group["mean"][()] * step,
+            feet=group["feet"][()] * step,
+            heights=group["heights"][()],
+            over_face=group["over_face"][()].astype(bool),
+            neighbours=group["neighbours"][()].astype(np.int32),
+            weights=weights / weights.sum(axis=1, keepdims=True),
+            normals=group["normals"][()].astype(np.float32) / 127,
+            point_of_vertex=group["point_of_vertex"][()].astype(np.int32),
+            uv=group["uv"][()],
+            triangles=group["triangles"][()].astype(np.int32),
+        )
+
+
+@cache
+def brow_patch() -> Mapping[str, ndarray]:
+    """``vertices`` of the built-in model that carry the left brow, their ``triangles`` and ``uv``."""
+    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+        return {name: file["brows"][name][()] for name in ("vertices", "triangles", "uv")}
+
+
+def check_model(model: MorphableModel) -> None:
+    """Refuses a model that the meshes are not bound to.
+
+    Raises:
+        InputFileError: It is not the built-in model at its default refinement.
+    """
+    bound_to, n_vertices = _bound_to()
+    if model.sha256 != bound_to or len(model.mean) != n_vertices:
+        raise InputFileError(
+            f"hair is bound to the built-in model with {n_vertices} vertices, found {model.name!r} with "
+            f"{len(model.mean)}; draw it with the appearance `plain`, or render with `--model builtin`"
+        )
+
+
+def read_picture(name: str) -> UInt8[ndarray, "h w c"]:
+    """A picture of the assets, with as many channels as it has: RGB, or RGBA."""
+    with open_hair_file(name) as path:
+        content = path.read_bytes()
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    return np.ascontiguousarray(picture[:, :, [2, 1, 0, 3][: picture.shape[2]]])
+
+
+@contextmanager
+def open_hair_file(name: str) -> Iterator[Path]:
+    """The path of a file of the assets for as long as it is open."""
+    with as_file(files("datagen") / "assets" / "hair" / name) as path:
+        yield path
+
+
+@cache
+def _bound_to() -> tuple[str, int]:
+    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+        return str(file.attrs["model_sha256"]), int(file.attrs["n_vertices"])
+
+
+@cache
+def _symmetry() -> Int32[ndarray, " v"]:
+    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+        return file["symmetry"][()].astype(np.int32)
