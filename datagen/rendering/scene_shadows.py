@@ -60,7 +60,7 @@ class ShadowMaps:
 
         Args:
             vertices: The head, which is in the middle of the maps, mm.
-            lights: Towards each light.
+            lights: Towards each light; zeros where there is none.
             casters: Draws what casts shadows, given the view and the direction towards the light.
 
         Returns:
@@ -74,6 +74,8 @@ class ShadowMaps:
         self._framebuffer.clear()
         views = np.tile(np.eye(4), (MAX_SHADOWS, 1, 1))
         for place, direction in enumerate(np.asarray(lights, dtype=np.float64)):
+            if not direction.any():
+                continue  # no such lamp: nothing asks for its shadow
             view = light_view(direction / np.linalg.norm(direction), centre, radius)
             self._framebuffer.viewport = (place * MAP_PX, 0, MAP_PX, MAP_PX)
             casters(view, direction)
