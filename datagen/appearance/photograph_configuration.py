@@ -1,0 +1,192 @@
+"""How often lens, sensor, processing and file do what to a synthetic photograph."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import final
+
+from pix2face.errors import UsageError
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class PhotographConfig:
+    """Shares and ranges of what a photograph suffers.
+
+    Lengths are shares of the picture's side, so that a picture of twice the pixels shows the same.
+
+    Attributes:
+        bad_share: Of pictures that are bad in some way; the ``bad_`` weights below say in which.
+        second_fault_share: Of bad pictures that have two faults.
+        bad_exposure: Weight of pictures that are far too dark or too bright, crushed or burnt out.
+        bad_colour: Weight of wrong white balance, and of colours that are much too strong or too weak.
+        bad_focus: Weight of pictures out of focus.
+        bad_motion: Weight of pictures blurred by motion.
+        bad_noise: Weight of noise that everybody sees.
+        bad_resolution: Weight of small pictures that were enlarged.
+        bad_file: Weight of low JPEG quality and oversharpening.
+        bad_film: Weight of old photographs: fading, scratches, dust, grain.
+        bad_screen: Weight of photographs of a screen.
+        bad_interlace: Weight of television frames whose lines come from two moments.
+        bad_posterised: Weight of pictures with few colours.
+        bad_glare: Weight of light that falls into the lens.
+        face_metering_share: Of cameras that expose for the face; the others expose for the whole picture.
+        metering_strength: From and to: 0 takes light as it is, 1 makes all pictures equally bright.
+        exposure_error_ev: Standard deviation of the exposure, in stops.
+        largest_exposure_error_ev: Of pictures that are badly exposed.
+        white_balance: From and to: 0 leaves the colour of the light, 1 takes all of it for grey.
+        white_balance_error: Standard deviation of the logarithm of the colour channels' gains.
+        film_curve_share: Of pictures whose highlights roll off; in the others they are cut.
+        contrast: Deviation of the logarithm of the contrast.
+        gamma: Deviation of the logarithm of the exponent after the sRGB curve.
+        saturation: Deviation of the logarithm of the saturation.
+        vignetting_share: Of pictures with dark corners.
+        defocus: Mean radius of the slight blur that many pictures have; 0.004 is a pixel of 256.
+        bad_defocus: Radius of the blur of pictures out of focus, from and to.
+        bad_motion_length: Of the path, from and to.
+        chromatic_aberration_share: Of lenses that magnify colours differently.
+        bloom_share: Of lenses in which highlights glow.
+        noise: Mean standard deviation of the noise at middle grey, linear light, 1 is white.
+        bad_noise_deviation: From and to.
+        resolution_px: Side of enlarged pictures, from and to; a face takes about 0.63 of it.
+        monochrome_share: Of pictures in black and white.
+        toned_share: Of those that are sepia or toned otherwise.
+        smoothed_share: Of pictures whose skin a program made smooth.
+        sharpened_share: Of pictures that are sharpened, with haloes.
+        overlay_share: Of pictures with a watermark, text or date.
+        jpeg_quality: Of most files, from and to.
+        bad_jpeg_quality: From and to.
+        twice_jpeg_share: Of pictures that were compressed before.
+        border_share: Of crops that reach beyond the photograph's border.
+        largest_border: How far, on one side.
+        letterbox_share: Of pictures in a frame: bars on two opposite sides.
+    """
+
+    bad_share: float = 0.2
+    second_fault_share: float = 0.2
+    bad_exposure: float = 1.0
+    bad_colour: float = 0.8
+    bad_focus: float = 1.0
+    bad_motion: float = 1.0
+    bad_noise: float = 1.0
+    bad_resolution: float = 1.8
+    bad_file: float = 1.0
+    bad_film: float = 0.7
+    bad_screen: float = 0.25
+    bad_interlace: float = 0.25
+    bad_posterised: float = 0.2
+    bad_glare: float = 0.6
+    face_metering_share: float = 0.6
+    metering_strength: tuple[float, float] = (0.65, 1.0)
+    exposure_error_ev: float = 0.35
+    largest_exposure_error_ev: float = 1.6
+    white_balance: tuple[float, float] = (0.2, 0.8)
+    white_balance_error: float = 0.04
+    film_curve_share: float = 0.6
+    contrast: float = 0.12
+    gamma: float = 0.08
+    saturation: float = 0.15
+    vignetting_share: float = 0.25
+    defocus: float = 0.0015
+    bad_defocus: tuple[float, float] = (0.006, 0.020)
+    bad_motion_length: tuple[float, float] = (0.02, 0.07)
+    chromatic_aberration_share: float = 0.10
+    bloom_share: float = 0.12
+    noise: float = 0.006
+    bad_noise_deviation: tuple[float, float] = (0.025, 0.09)
+    resolution_px: tuple[float, float] = (38.0, 120.0)
+    monochrome_share: float = 0.06
+    toned_share: float = 0.25
+    smoothed_share: float = 0.04
+    sharpened_share: float = 0.25
+    overlay_share: float = 0.03
+    jpeg_quality: tuple[float, float] = (65.0, 98.0)
+    bad_jpeg_quality: tuple[float, float] = (30.0, 50.0)
+    twice_jpeg_share: float = 0.25
+    border_share: float = 0.25
+    largest_border: float = 0.4
+    letterbox_share: float = 0.02
+
+    def check(self) -> None:
+        """Refuses values that nothing can be drawn from.
+
+        Raises:
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            if not all(math.isfinite(number) and number >= 0 for number in numbers):
+                raise UsageError(f"photograph: {field.name}: expected numbers from 0, found {value}")
+            if isinstance(value, tuple) and (len(value) != 2 or value[0] > value[1]):
+                raise UsageError(f"photograph: {field.name}: expected two ascending numbers, found {value}")
+            if field.name.endswith("_share") and value > 1:
+                raise UsageError(f"photograph: {field.name}: expected a share, 0 to 1, found {value}")
+        for name, low, high in _LIMITS:
+            value = getattr(self, name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            if not (low <= min(numbers) and max(numbers) <= high):
+                raise UsageError(f"photograph: {name}: expected {low:g} to {high:g}, found {value}")
+        if self.border_share + self.letterbox_share > 1:
+            total = self.border_share + self.letterbox_share
+            raise UsageError(f"photograph: border_share: expected at most 1 with letterbox_share, found {total:g}")
+        if self.bad_share and not any(getattr(self, f"bad_{name}") for name in FAULTS):
+            raise UsageError("photograph: bad_share: expected a fault with a weight above 0, found none")
+
+
+# What a bad picture can be bad in: ``bad_NAME`` is its weight.
+FAULTS = (
+    "exposure",
+    "colour",
+    "focus",
+    "motion",
+    "noise",
+    "resolution",
+    "file",
+    "film",
+    "screen",
+    "interlace",
+    "posterised",
+    "glare",
+)
+_LIMITS = (
+    ("jpeg_quality", 1.0, 100.0),
+    ("bad_jpeg_quality", 1.0, 100.0),
+    ("resolution_px", 8.0, 16384.0),
+    ("largest_border", 0.0, 0.45),
+    ("metering_strength", 0.0, 1.0),
+    ("white_balance", 0.0, 1.0),
+    ("bad_defocus", 0.0, 0.1),
+    ("bad_motion_length", 0.0, 0.3),
+    ("largest_exposure_error_ev", 0.0, 4.0),
+)
+
+DEFAULT_PHOTOGRAPH = PhotographConfig()
+# Rarer things more often, extremes wider.
+HARD_PHOTOGRAPH = PhotographConfig(
+    bad_share=0.65,
+    second_fault_share=0.4,
+    exposure_error_ev=0.6,
+    largest_exposure_error_ev=2.2,
+    white_balance=(0.0, 0.9),
+    white_balance_error=0.1,
+    contrast=0.22,
+    gamma=0.15,
+    saturation=0.3,
+    vignetting_share=0.4,
+    defocus=0.003,
+    bad_defocus=(0.01, 0.035),
+    bad_motion_length=(0.03, 0.12),
+    chromatic_aberration_share=0.2,
+    bloom_share=0.2,
+    noise=0.012,
+    bad_noise_deviation=(0.04, 0.14),
+    resolution_px=(32.0, 90.0),
+    monochrome_share=0.15,
+    smoothed_share=0.06,
+    overlay_share=0.08,
+    jpeg_quality=(45.0, 95.0),
+    bad_jpeg_quality=(15.0, 40.0),
+    twice_jpeg_share=0.5,
+    border_share=0.4,
+    letterbox_share=0.06,
+)

@@ -1,0 +1,117 @@
+"""What a lens does to linear light before it falls on the sensor."""
+
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+# Blur of less than this radius changes no pixel by much.
+_LEAST_BLUR_PX = 0.3
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Lens:
+    """A lens, its focus, and how it moved. Lengths are shares of the picture's longer side.
+
+    Attributes:
+        defocus: Radius of the disc that a point becomes.
+        motion: How far the picture moved during the exposure.
+        motion_deg: Which way; 0 right, 90 down.
+        motion_bend: How much the path bends: its height over its length.
+        magnification: Of red relative to green, less 1; blue has the opposite.
+        vignetting: How much darker the corners are, 0 to 1.
+        axis: Where the optical axis meets the picture, (right, down), from its centre.
+        bloom: Share of the light that is scattered near its source.
+        glare: Share of all light that is scattered everywhere.
+    """
+
+    defocus: float = 0.0
+    motion: float = 0.0
+    motion_deg: float = 0.0
+    motion_bend: float = 0.0
+    magnification: float = 0.0
+    vignetting: float = 0.0
+    axis: tuple[float, float] = (0.0, 0.0)
+    bloom: float = 0.0
+    glare: float = 0.0
+
+
+def expose_through(lens: Lens, light: Float32[ndarray, "h w 3"]) -> Float32[ndarray, "h w 3"]:
+    """What falls on the sensor."""
+    side = max(light.shape[:2])
+    if lens.magnification:
+        light = _magnified(light, lens)
+    if lens.defocus * side > _LEAST_BLUR_PX:
+        light = _filtered(light, _disc(lens.defocus * side))
+    if lens.motion * side > 1:
+        light = _filtered(light, _path(lens.motion * side, lens.motion_deg, lens.motion_bend))
+    if lens.bloom:
+        light = _with_bloom(light, lens.bloom)
+    if lens.glare:
+        veil = np.asarray(light.mean(axis=(0, 1)) * lens.glare, dtype=np.float32)
+        light = light * np.float32(1 - lens.glare) + veil
+    if lens.vignetting:
+        light = light * _vignette(lens, light.shape[0], light.shape[1])[..., None]
+    return light
+
+
+def _filtered(light: Float32[ndarray, "h w 3"], kernel: Float32[ndarray, "k k"]) -> Float32[ndarray, "h w 3"]:
+    return cv2.filter2D(light, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
+
+
+def _disc(radius_px: float) -> Float32[ndarray, "k k"]:
+    reach = int(np.ceil(radius_px))
+    squares = np.arange(-reach, reach + 1, dtype=np.float32) ** 2
+    kernel = np.clip(radius_px + 0.5 - np.sqrt(squares[:, None] + squares), 0, 1)
+    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
+
+
+def _path(length_px: float, direction_deg: float, bend: float) -> Float32[ndarray, "k k"]:
+    """A parabola of unit weight, each of its points spread over the four pixels around it."""
+    reach = int(np.ceil(length_px / 2)) + 1
+    place = np.linspace(-0.5, 0.5, 4 * reach + 1)
+    cos, sin = np.cos(np.deg2rad(direction_deg)), np.sin(np.deg2rad(direction_deg))
+    along, across = length_px * place, length_px * bend * (4 * place**2 - 1 / 3) / 2
+    x = np.clip(reach + cos * along - sin * across, 0, 2 * reach - 1e-6)
+    y = np.clip(reach + sin * along + cos * across, 0, 2 * reach - 1e-6)
+    column, row = x.astype(int), y.astype(int)
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
+    for i, j, weight in (
+        (row, column, (1 - x % 1) * (1 - y % 1)),
+        (row, column + 1, (x % 1) * (1 - y % 1)),
+        (row + 1, column, (1 - x % 1) * (y % 1)),
+        (row + 1, column + 1, (x % 1) * (y % 1)),
+    ):
+        np.add.at(kernel, (i, j), weight.astype(np.float32))
+    return kernel / kernel.sum()
+
+
+def _magnified(light: Float32[ndarray, "h w 3"], lens: Lens) -> Float32[ndarray, "h w 3"]:
+    height, width = light.shape[:2]
+    centre = np.array([width, height]) / 2 - 0.5 + np.asarray(lens.axis) * max(height, width)
+    channels = list(cv2.split(light))
+    for index, scale in ((0, 1 + lens.magnification), (2, 1 - lens.magnification)):
+        matrix = np.array([[scale, 0, (1 - scale) * centre[0]], [0, scale, (1 - scale) * centre[1]]])
+        channels[index] = cv2.warpAffine(channels[index], matrix, (width, height), borderMode=cv2.BORDER_REPLICATE)
+    return cv2.merge(channels)
+
+
+def _with_bloom(light: Float32[ndarray, "h w 3"], share: float) -> Float32[ndarray, "h w 3"]:
+    height, width = light.shape[:2]
+    small = cv2.resize(light, (max(width // 4, 1), max(height // 4, 1)), interpolation=cv2.INTER_AREA)
+    glow = cv2.GaussianBlur(small, (0, 0), max(max(height, width) / 64, 0.5))
+    glow = cv2.resize(glow, (width, height), interpolation=cv2.INTER_LINEAR)
+    return cv2.addWeighted(light, 1 - share, glow, share, 0)
+
+
+def _vignette(lens: Lens, height: int, width: int) -> Float32[ndarray, "h w"]:
+    """The fourth power of the cosine, so strong that the farthest corner of a centred picture is as dark as is said."""
+    side = max(height, width)
+    x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / side - np.float32(lens.axis[0])
+    y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2) / side - np.float32(lens.axis[1])
+    squared_tangent = 2 * (1 / np.sqrt(1 - min(lens.vignetting, 0.95)) - 1)
+    return np.asarray((1 + np.float32(squared_tangent) * (y[:, None] ** 2 + x**2)) ** -2, dtype=np.float32)
