@@ -1,0 +1,71 @@
+"""Colours that things have: mostly muted, linear light."""
+
+import colorsys
+import numpy as np
+from datagen.appearance.scene import Material
+from datagen.appearance.accessories.weaves import WEAVES, layer_of
+
+Colour = tuple[float, float, float]
+
+BLACK: Colour = (0.012, 0.012, 0.014)
+WHITE: Colour = (0.78, 0.78, 0.76)
+GOLD: Colour = (0.72, 0.48, 0.18)
+SILVER: Colour = (0.62, 0.62, 0.62)
+
+
+def draw_cloth_colour(rng: np.random.Generator) -> Colour:
+    """A colour of clothes: black, white, grey, navy and dull ones mostly, a bright one now and then."""
+    kind = rng.choice(["dark", "light", "grey", "navy", "dull", "bright"], p=[0.22, 0.18, 0.14, 0.12, 0.24, 0.10])
+    hue, value = rng.uniform(), rng.uniform()
+    saturation, brightness = {
+        "dark": (0.15 * value, 0.10 + 0.12 * value),
+        "light": (0.08 * value, 0.80 + 0.15 * value),
+        "grey": (0.05, 0.30 + 0.40 * value),
+        "navy": (0.50 + 0.2 * value, 0.20 + 0.15 * value),
+        "dull": (0.15 + 0.35 * value, 0.35 + 0.35 * rng.uniform()),
+        "bright": (0.55 + 0.35 * value, 0.50 + 0.35 * rng.uniform()),
+    }[str(kind)]
+    hue = 0.58 + 0.08 * hue if kind == "navy" else hue
+    return linear_colour(colorsys.hsv_to_rgb(hue, saturation, brightness))
+
+
+def draw_tint(rng: np.random.Generator, saturation: float, brightness: float) -> Colour:
+    """Any hue of a saturation and a brightness (both 0..1, sRGB)."""
+    return linear_colour(colorsys.hsv_to_rgb(float(rng.uniform()), saturation, brightness))
+
+
+def linear_colour(srgb: tuple[float, float, float]) -> Colour:
+    """sRGB (0..1) to linear light, rounded as it is stored."""
+    red, green, blue = (round(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4, 4) for c in map(float, srgb))
+    return red, green, blue
+
+
+def cloth(weave: str, colour: Colour, second: Colour = (0.0, 0.0, 0.0), roughness: float = 0.85) -> Material:
+    """A material of a weave in two colours."""
+    return Material(
+        kind="object",
+        texture=WEAVES,
+        layer=layer_of(weave),
+        colour=colour,
+        roughness=roughness,
+        reflectance=0.03,
+        numbers=(*second, 0.0),
+    )
+
+
+def skin_material(skin_rgb: Colour) -> Material:
+    """Skin of hands, neck and shoulders."""
+    return Material(
+        kind="object",
+        texture=WEAVES,
+        layer=layer_of("skin"),
+        colour=skin_rgb,
+        roughness=0.55,
+        reflectance=0.028,
+        numbers=(*skin_rgb, 1.0),
+    )
+
+
+def smooth(colour: Colour, roughness: float, reflectance: float = 0.04) -> Material:
+    """Plastic, metal, enamel: one colour."""
+    return Material(kind="object", colour=colour, roughness=roughness, reflectance=reflectance, numbers=(*colour, 0.0))

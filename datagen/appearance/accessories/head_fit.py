@@ -1,0 +1,117 @@
+"""Places of a head: what accessories are fitted to."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int32
+from numpy import ndarray
+from scipy.spatial import cKDTree
+
+from pix2face.morphable_model import MorphableModel
+
+# The surface that can be touched, without ears: rays that look for it pass the rest.
+OUTER_REGIONS = ("skin", "brows", "lips", "scalp", "neck")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Points of the surface of a model, whatever the head.
+
+    Attributes:
+        corners: For each point the triangle that it lies in, by its vertices.
+        weights: Of the corners; rows sum to 1.
+    """
+
+    corners: Int32[ndarray, "n 3"]
+    weights: Float32[ndarray, "n 3"]
+
+    def at(self, values: Float32[ndarray, "v 3"]) -> Float32[ndarray, "n 3"]:
+        """What vertices have (places, normals) at the points."""
+        w, found = self.weights, values[self.corners]
+        return w[:, :1] * found[:, 0] + w[:, 1:2] * found[:, 1] + w[:, 2:] * found[:, 2]
+
+
+def triangles_of(model: MorphableModel, regions: Sequence[str]) -> Bool[ndarray, " t"]:
+    """Which triangles of a model belong to some regions."""
+    return np.array([name in regions for name in model.region_names])[model.triangle_regions]
+
+
+def anchors_outward(
+    model: MorphableModel,
+    centre: Float[ndarray, "3"],
+    directions: Float[ndarray, "n 3"],
+    regions: Sequence[str] = OUTER_REGIONS,
+) -> Anchors:
+    """Where rays from inside the mean head leave it: the last of their crossings.
+
+    A ray that meets no triangle ends in the triangle whose middle is nearest to it.
+    """
+    triangles = model.triangles[triangles_of(model, regions)]
+    corners = model.mean[triangles].astype(np.float64) - centre
+    middle = corners.mean(axis=1)
+    tree = cKDTree(middle / np.linalg.norm(middle, axis=1, keepdims=True))
+    rays = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    near = tree.query(rays, k=32)[1]
+    # p = direction * t = sum of weights * corner: a 3 x 3 system for each ray and candidate.
+    inverse = np.linalg.pinv(np.swapaxes(corners, 1, 2))[near]
+    scaled = np.einsum("nkij,nj->nki", inverse, rays)
+    total = scaled.sum(axis=2)
+    weights = scaled / np.where(np.abs(total) < 1e-12, 1e-12, total)[..., None]
+    distance = np.where((weights.min(axis=2) > -1e-6) & (total > 0), 1 / np.maximum(total, 1e-12), 0)
+    best = distance.argmax(axis=1)  # 0, the nearest, where none is met
+    rows = np.arange(len(rays))
+    found = np.clip(weights[rows, best], 0, 1)
+    found /= np.maximum(found.sum(axis=1, keepdims=True), 1e-9)
+    return Anchors(triangles[near[rows, best]].astype(np.int32), found.astype(np.float32))
+
+
+def nearest_vertices(
+    model: MorphableModel, places: Float[ndarray, "n 3"], regions: Sequence[str] = OUTER_REGIONS
+) -> Int32[ndarray, " n"]:
+    """The vertex of some regions nearest to each place of the mean head (mm)."""
+    candidates = np.unique(model.triangles[triangles_of(model, regions)])
+    return candidates[cKDTree(model.mean[candidates]).query(places)[1]].astype(np.int32)
+
+
+@lru_cache(maxsize=4)
+def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray, " n"]]:
+    """The border of the neck, from the back over the subject's left side and the front, and a neighbour inside of each.
+
+    Returns:
+        Vertices once around, the first repeated at the end; for each a neighbour that is not on the border.
+    """
+    edges = np.concatenate([model.triangles[:, [0, 1]], model.triangles[:, [1, 2]], model.triangles[:, [2, 0]]])
+    keys = np.sort(edges, axis=1) @ np.array([len(model.mean), 1], dtype=np.int64)
+    unique, count = np.unique(keys, return_counts=True)
+    border = edges[np.isin(keys, unique[count == 1])]
+    after = dict(border.tolist())
+    on_neck = set(np.unique(model.triangles[triangles_of(model, ["neck"])]).tolist())
+    start = min((vertex for vertex in after if vertex in on_neck), key=lambda vertex: model.mean[vertex, 1])
+    loop = [start]
+    while (following := after[loop[-1]]) != start:
+        loop.append(following)
+    back = int(model.mean[loop, 2].argmin())
+    loop = loop[back:] + loop[:back]
+    if model.mean[loop[len(loop) // 4], 0] < 0:
+        loop = loop[:1] + loop[:0:-1]
+    neighbours: dict[int, list[int]] = {vertex: [] for vertex in loop}
+    for first, second in edges.tolist():
+        if first in neighbours and second not in neighbours:
+            neighbours[first].append(second)
+    inside = [_straightest(model.mean, neighbours, loop, place) for place in range(len(loop))]
+    return np.array(loop + loop[:1], dtype=np.int32), np.array(inside + inside[:1], dtype=np.int32)
+
+
+def _straightest(
+    mean: Float32[ndarray, "v 3"], neighbours: dict[int, list[int]], loop: list[int], place: int
+) -> int:
+    """The neighbour that lies most squarely to the border."""
+    here = mean[loop[place]]
+    along = mean[loop[(place + 1) % len(loop)]] - mean[loop[place - 1]]
+    found = neighbours[loop[place]]
+    slant = [abs(float((mean[one] - here) @ along)) / float(np.linalg.norm(mean[one] - here)) for one in found]
+    return found[int(np.argmin(slant))]

@@ -1,0 +1,213 @@
+"""Shapes that accessories are put together from: sheets, tubes, boxes, ellipsoids, and bodies of revolution."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float32, Int32
+from numpy import ndarray
+
+from datagen.appearance.scene import Material, SceneMesh
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A triangle mesh without a material.
+
+    Attributes:
+        vertices: mm.
+        triangles: Corners.
+        uv: Texture coordinates in repeats of the texture.
+        normals: Unit, outward.
+    """
+
+    vertices: Float32[ndarray, "v 3"]
+    triangles: Int32[ndarray, "t 3"]
+    uv: Float32[ndarray, "v 2"]
+    normals: Float32[ndarray, "v 3"]
+
+    def placed(self, rotation: Float[ndarray, "3 3"], place: Float[ndarray, "3"], scale: float = 1.0) -> "Solid":
+        """Scaled, turned, then moved."""
+        turn = np.asarray(rotation, dtype=np.float32)
+        vertices = (self.vertices * np.float32(scale)) @ turn.T + np.asarray(place, dtype=np.float32)
+        return Solid(vertices, self.triangles, self.uv, self.normals @ turn.T)
+
+    def mirrored(self) -> "Solid":
+        """The same on the other side of the head."""
+        flip = np.array([-1, 1, 1], dtype=np.float32)
+        return Solid(self.vertices * flip, self.triangles[:, ::-1].copy(), self.uv, self.normals * flip)
+
+
+def solid(
+    vertices: Float[ndarray, "v 3"],
+    triangles: Int32[ndarray, "t 3"],
+    uv: Float[ndarray, "v 2"],
+    normals: Float[ndarray, "v 3"] | None = None,
+) -> Solid:
+    """Puts a solid together; without normals they are the mean of those of the triangles around, by area."""
+    place = np.ascontiguousarray(vertices, dtype=np.float32)
+    found = smooth_normals(place, triangles) if normals is None else np.asarray(normals, dtype=np.float32)
+    return Solid(place, triangles, np.ascontiguousarray(uv, dtype=np.float32), found)
+
+
+def smooth_normals(vertices: Float32[ndarray, "v 3"], triangles: Int32[ndarray, "t 3"]) -> Float32[ndarray, "v 3"]:
+    """Unit normals; straight ahead where there is no surface."""
+    a, b, c = vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
+    p, q = b - a, c - a
+    corners = triangles.T.reshape(-1)
+    faces = (p[:, 1] * q[:, 2] - p[:, 2] * q[:, 1], p[:, 2] * q[:, 0] - p[:, 0] * q[:, 2])
+    faces += (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0],)
+    summed = np.stack([np.bincount(corners, np.tile(face, 3), len(vertices)) for face in faces], axis=1)
+    return unit(summed)
+
+
+def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
+    """Unit vectors; (0, 0, 1) for what has no direction."""
+    size = np.sqrt((np.square(vectors, dtype=np.float64)).sum(axis=-1, keepdims=True))
+    forward = np.array([0.0, 0.0, 1.0])
+    return np.asarray(np.where(size > 1e-9, vectors / np.maximum(size, 1e-9), forward), dtype=np.float32)
+
+
+@lru_cache(maxsize=256)
+def grid_triangles(rows: int, columns: int) -> Int32[ndarray, "t 3"]:
+    """Triangles of a grid of vertices, row after row; outside is where rows x columns point."""
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
+    quads = np.stack([first, first + columns, first + columns + 1, first + 1], axis=1)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3).astype(np.int32)
+    triangles.setflags(write=False)
+    return triangles
+
+
+def grid_normals(points: Float[ndarray, "r c 3"], *, is_closed: bool = False) -> Float32[ndarray, "r c 3"]:
+    """Unit normals of a grid by central differences; ``is_closed``: its last column lies on its first."""
+    down = np.empty(points.shape, dtype=np.float32)
+    down[1:-1], down[0], down[-1] = points[2:] - points[:-2], points[1] - points[0], points[-1] - points[-2]
+    along = np.empty_like(down)
+    along[:, 1:-1] = points[:, 2:] - points[:, :-2]
+    along[:, 0] = points[:, 1] - (points[:, -2] if is_closed else points[:, 0])
+    along[:, -1] = (points[:, 1] if is_closed else points[:, -1]) - points[:, -2]
+    return unit(np.cross(down, along))
+
+
+def sheet(
+    points: Float[ndarray, "r c 3"],
+    repeats: tuple[float, float] = (1.0, 1.0),
+    *,
+    is_closed: bool = False,
+    normals: Float[ndarray, "r c 3"] | None = None,
+) -> Solid:
+    """A grid of points as a surface.
+
+    Args:
+        points: Rows and columns; outside is where (growing row) x (growing column) points.
+        repeats: Of the texture along columns (u) and rows (v).
+        is_closed: The last column lies on the first, and the surface is smooth there.
+        normals: Where they are known better.
+    """
+    rows, columns = points.shape[:2]
+    u, v = np.meshgrid(np.linspace(0, repeats[0], columns), np.linspace(0, repeats[1], rows))
+    found = grid_normals(points, is_closed=is_closed) if normals is None else normals
+    uv = np.stack([u, v], axis=-1).reshape(-1, 2)
+    return solid(points.reshape(-1, 3), grid_triangles(rows, columns), uv, found.reshape(-1, 3))
+
+
+def tube(
+    path: Float[ndarray, "n 3"],
+    radii: Float[ndarray, "n 2"] | float,
+    upward: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    sides: int = 6,
+    *,
+    squareness: float = 0.0,
+) -> Solid:
+    """A tube along a path; closed at both ends by running to a point.
+
+    Args:
+        path: Its middle.
+        radii: Half its size across (sideways, upward) at each point; one number for a round tube.
+        upward: What its second radius follows; not along the path.
+        sides: Corners of its section.
+        squareness: 0 an ellipse, 1 nearly a box.
+    """
+    size = np.broadcast_to(np.asarray(radii, dtype=np.float64).reshape(-1, 1 if np.ndim(radii) == 0 else 2), (len(path), 2))
+    path = np.concatenate([path[:1], path, path[-1:]])
+    size = np.concatenate([np.zeros((1, 2)), size, np.zeros((1, 2))])
+    ahead = np.gradient(path, axis=0)
+    ahead[0], ahead[-1] = ahead[1], ahead[-2]
+    ahead = unit(ahead)
+    side = unit(np.cross(ahead, np.asarray(upward)))
+    up = np.cross(side, ahead)
+    angle = np.linspace(0, 2 * np.pi, sides + 1) + np.pi / sides
+    across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    across /= np.abs(across).max(axis=1, keepdims=True) ** squareness
+    points = (
+        path[:, None]
+        + (size[:, :1] * across[:, 0])[..., None] * side[:, None]
+        + (size[:, 1:] * across[:, 1])[..., None] * up[:, None]
+    )
+    normals = across[:, 0, None] * side[:, None] + across[:, 1, None] * up[:, None]
+    normals[0] -= 4 * ahead[0]
+    normals[-1] += 4 * ahead[-1]
+    length = float(np.sqrt(np.square(np.diff(path, axis=0)).sum(axis=1)).sum())
+    around = float(2 * np.pi * size.mean())
+    return sheet(points, (max(around, 1) / 20, length / 20), is_closed=True, normals=unit(normals))
+
+
+def lathe(profile: Float[ndarray, "n 2"], sides: int = 16) -> Solid:
+    """A body of revolution about the y axis; the profile (radius, y) runs from its top to its foot."""
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    around = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
+    points = profile[:, 0, None, None] * around + profile[:, 1, None, None] * np.array([0.0, 1.0, 0.0])
+    size = float(2 * np.pi * profile[:, 0].max()), float(np.abs(np.diff(profile, axis=0)).sum())
+    return sheet(points, (size[0] / 20, size[1] / 20), is_closed=True)
+
+
+def ellipsoid(radii: tuple[float, float, float], rows: int = 7, columns: int = 12) -> Solid:
+    """An ellipsoid about the origin, its poles on the y axis; half sizes in mm."""
+    slope = np.linspace(0, np.pi, rows)[:, None]
+    angle = np.linspace(0, 2 * np.pi, columns + 1)[None]
+    around = np.stack(np.broadcast_arrays(np.sin(slope) * np.sin(angle), np.cos(slope), np.sin(slope) * np.cos(angle)), -1)
+    size = np.asarray(radii, dtype=np.float64)
+    return sheet(around * size, (size[0] / 5, size[1] / 10), is_closed=True, normals=unit(around / size))
+
+
+def box(size: tuple[float, float, float], repeats: float = 1.0) -> Solid:
+    """A box about the origin with flat sides; whole sizes in mm, and how often its texture is on each side."""
+    sides = []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            corners = np.zeros((2, 2, 3))
+            corners[..., axis] = sign
+            corners[..., (axis + 1) % 3] = np.array([[-1.0, -1], [1, 1]]) * sign
+            corners[..., (axis + 2) % 3] = [[-1.0, 1], [-1, 1]]
+            normals = np.zeros((2, 2, 3))
+            normals[..., axis] = sign
+            sides.append(sheet(corners * np.asarray(size) / 2, (repeats, repeats), normals=normals))
+    return joined(sides)
+
+
+def joined(solids: Sequence[Solid]) -> Solid:
+    """Several solids as one."""
+    starts = np.cumsum([0] + [len(one.vertices) for one in solids[:-1]])
+    return Solid(
+        np.concatenate([one.vertices for one in solids]),
+        np.concatenate([one.triangles + np.int32(start) for one, start in zip(solids, starts, strict=True)]),
+        np.concatenate([one.uv for one in solids]),
+        np.concatenate([one.normals for one in solids]),
+    )
+
+
+def scene_mesh(name: str, label: str, made: Solid, material: Material, *, casts_shadow: bool = True) -> SceneMesh:
+    """A solid made of something."""
+    return SceneMesh(
+        name=name,
+        label=label,
+        vertices=made.vertices,
+        triangles=made.triangles,
+        uv=made.uv,
+        normals=made.normals,
+        material=material,
+        casts_shadow=casts_shadow,
+    )

@@ -1,0 +1,248 @@
+"""Textures of cloth, leather, paper, skin: small, tileable, without colours, made by code.
+
+Red is how light a place is (0.8: as the colour), green the share of the second colour, blue how dull it is, alpha how
+opaque; see ``material.glsl``.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from datagen.appearance.scene import Texture
+
+SIZE = 128
+NEUTRAL = 0.8
+WEAVES = "accessory_weaves"
+
+Layer = Float32[ndarray, "s s 4"]
+
+
+def layer_of(weave: str) -> int:
+    """Number of a weave's layer in the texture."""
+    return list(_PAINTERS).index(weave)
+
+
+@lru_cache(maxsize=1)
+def weave_textures() -> Mapping[str, Texture]:
+    """All weaves, one layer each, under the name that materials call them by."""
+    return {WEAVES: Texture(pixels=np.stack([_bytes(paint()) for paint in _PAINTERS.values()]), repeat=True)}
+
+
+def _bytes(layer: Layer) -> UInt8[ndarray, "s s 4"]:
+    return (np.clip(layer, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def _layer(shade: ndarray | float = 0.0, second: ndarray | float = 0.0, dull: float = 1.0, alpha: ndarray | float = 1.0) -> Layer:
+    """A layer; ``shade`` is what is added to 1."""
+    parts = (NEUTRAL * (1 + np.asarray(shade)), second, dull, alpha)
+    return np.stack([np.broadcast_to(np.asarray(part, dtype=np.float32), (SIZE, SIZE)) for part in parts], axis=-1)
+
+
+def _grid() -> tuple[ndarray, ndarray]:
+    """Column and row of each texel, 0..1."""
+    rows, columns = np.mgrid[:SIZE, :SIZE].astype(np.float32) / SIZE
+    return columns, rows
+
+
+def _noise(seed: int, blur: float) -> Float32[ndarray, "s s"]:
+    """Tileable noise of unit standard deviation; ``blur`` in texels."""
+    noise = np.random.default_rng(seed).standard_normal((SIZE, SIZE)).astype(np.float32)
+    wide = cv2.GaussianBlur(np.tile(noise, (3, 3)), (0, 0), blur)[SIZE : 2 * SIZE, SIZE : 2 * SIZE]
+    return np.asarray((wide - wide.mean()) / wide.std(), dtype=np.float32)
+
+
+def _wave(phase: ndarray, sharpness: float = 4.0) -> ndarray:
+    """A soft square wave, 0..1, period 1."""
+    return 0.5 + 0.5 * np.tanh(sharpness * np.sin(2 * np.pi * phase))
+
+
+def _jersey() -> Layer:
+    return _layer(0.03 * _noise(1, 0.7) + 0.03 * _noise(2, 12))
+
+
+def _knit() -> Layer:
+    u, v = _grid()
+    stitch = np.abs((u * 8) % 1 - 0.5) * 2
+    return _layer(0.16 * np.sin(2 * np.pi * (v * 16 + 0.35 * stitch)) * (1 - stitch**4) - 0.22 * stitch**4 + 0.03 * _noise(3, 1))
+
+
+def _rib() -> Layer:
+    u, _ = _grid()
+    return _layer(0.18 * np.cos(2 * np.pi * 8 * u) + 0.03 * _noise(4, 1))
+
+
+def _linen() -> Layer:
+    u, v = _grid()
+    over = np.sin(2 * np.pi * 16 * u) * np.sin(2 * np.pi * 16 * v)
+    threads = _noise(5, 0.8).mean(axis=0, keepdims=True) + _noise(6, 0.8).mean(axis=1, keepdims=True)
+    return _layer(0.08 * over + 0.25 * threads + 0.03 * _noise(7, 0.7))
+
+
+def _denim() -> Layer:
+    u, v = _grid()
+    twill = np.sin(2 * np.pi * 16 * (u + v))
+    return _layer(0.12 * twill + 0.05 * _noise(8, 0.8) + 0.05 * _noise(9, 14), 0.18 + 0.12 * twill)
+
+
+def _leather() -> Layer:
+    folds = -np.abs(_noise(10, 3))
+    return _layer(0.10 * (folds + 0.8) + 0.04 * _noise(11, 1), dull=0.3)
+
+
+def _fleece() -> Layer:
+    return _layer(0.13 * _noise(12, 1.6) + 0.06 * _noise(13, 5))
+
+
+def _plaid() -> Layer:
+    u, v = _grid()
+    bands = (0.5 * _wave(2 * u) + 0.5 * _wave(2 * v)) * 0.8
+    thin = ((np.abs((2 * u + 0.25) % 1 - 0.5) < 0.03) | (np.abs((2 * v + 0.25) % 1 - 0.5) < 0.03)) * 0.2
+    twill = 0.04 * np.sin(2 * np.pi * 32 * (u + v))
+    return _layer(twill - thin, bands)
+
+
+def _check() -> Layer:
+    u, v = _grid()
+    return _layer(0.02 * _noise(14, 1), np.maximum(np.abs((4 * u) % 1 - 0.5) < 0.06, np.abs((4 * v) % 1 - 0.5) < 0.06) * 1.0)
+
+
+def _stripes_across() -> Layer:
+    return _layer(0.03 * _noise(15, 1), _wave(3 * _grid()[1], 8))
+
+
+def _stripes_along() -> Layer:
+    return _layer(0.03 * _noise(16, 1), np.abs((5 * _grid()[0]) % 1 - 0.5) < 0.08)
+
+
+def _dots() -> Layer:
+    u, v = _grid()
+    even = np.hypot((4 * u) % 1 - 0.5, (4 * v) % 1 - 0.5) < 0.2
+    odd = np.hypot((4 * u + 0.5) % 1 - 0.5, (4 * v + 0.5) % 1 - 0.5) < 0.2
+    return _layer(0.02 * _noise(17, 1), cv2.GaussianBlur((even | odd).astype(np.float32), (0, 0), 0.7))
+
+
+def _herringbone() -> Layer:
+    u, v = _grid()
+    zigzag = np.abs((4 * u) % 1 - 0.5) * 2
+    return _layer(0.03 * _noise(18, 0.8), 0.5 + 0.4 * np.sin(2 * np.pi * (16 * v + 2 * zigzag)))
+
+
+def _flowers() -> Layer:
+    u, v = _grid()
+    second, shade = np.zeros((SIZE, SIZE), dtype=np.float32), 0.03 * _noise(19, 1)
+    rng = np.random.default_rng(20)
+    for _ in range(14):
+        x, y, size, turn = *rng.uniform(size=2), rng.uniform(0.05, 0.12), rng.uniform(0, 6)
+        dx, dy = (u - x + 0.5) % 1 - 0.5, (v - y + 0.5) % 1 - 0.5
+        radius, angle = np.hypot(dx, dy), np.arctan2(dy, dx)
+        second = np.maximum(second, radius < size * (0.65 + 0.35 * np.cos(5 * angle + turn)))
+        shade = shade - 0.35 * (radius < 0.25 * size)
+    return _layer(shade, second)
+
+
+def _camouflage() -> Layer:
+    return _layer(-0.35 * (_noise(21, 8) > 0.5), _noise(22, 9) > 0.2)
+
+
+def _letters(seed: int, lines: int, height: float) -> Float32[ndarray, "s s"]:
+    """Lines of marks that look like words from afar."""
+    rng = np.random.default_rng(seed)
+    ink = np.zeros((SIZE, SIZE), dtype=np.float32)
+    for line in range(lines):
+        top, x = int(SIZE * (line + 0.2) / lines), 4.0
+        tall = max(2, int(SIZE / lines * height))
+        while x < SIZE - 8:
+            wide = rng.uniform(0.4, 0.75) * tall
+            strokes = rng.integers(1, 4)
+            for _ in range(strokes):
+                ends = rng.uniform([x, top, x, top], [x + wide, top + tall, x + wide, top + tall]).astype(int)
+                cv2.line(ink, ends[:2].tolist(), ends[2:].tolist(), 1.0, max(1, tall // 7))
+            x += wide * (1.25 if rng.uniform() < 0.8 else 2.4)
+    return ink
+
+
+def _print() -> Layer:
+    ink = _letters(23, 3, 0.6)
+    ink[: SIZE // 5], ink[-SIZE // 5 :] = 0, 0
+    return _layer(0.03 * _noise(24, 0.8), cv2.GaussianBlur(ink, (0, 0), 0.6))
+
+
+def _paper() -> Layer:
+    ink = _letters(25, 14, 0.5)
+    ink[:, :8], ink[:, -8:] = 0, 0
+    return _layer(0.01 * _noise(26, 2), 0.9 * ink)
+
+
+def _pleats() -> Layer:
+    fold = (4 * _grid()[1]) % 1
+    return _layer(-0.25 * np.exp(-((fold / 0.1) ** 2)) + 0.08 * fold + 0.02 * _noise(27, 0.6))
+
+
+def _skin() -> Layer:
+    return _layer(0.02 * _noise(28, 0.8) + 0.03 * _noise(29, 6) + 0.03 * _noise(30, 16), dull=0.7)
+
+
+def _straw() -> Layer:
+    u, v = _grid()
+    return _layer(0.15 * np.sin(2 * np.pi * 12 * (u + v)) * np.sin(2 * np.pi * 12 * (u - v)) + 0.05 * _noise(31, 0.8))
+
+
+def _brushed() -> Layer:
+    return _layer(0.5 * _noise(32, 0.8).mean(axis=0, keepdims=True) + 0.02 * _noise(33, 1), dull=0.5)
+
+
+def _wood() -> Layer:
+    u, _ = _grid()
+    return _layer(0.12 * np.sin(2 * np.pi * (6 * u + 0.25 * _noise(34, 10))) + 0.04 * _noise(35, 1), 0.2)
+
+
+def _lattice() -> Layer:
+    u, v = _grid()
+    wires = np.maximum(np.abs((2 * (u + v)) % 1 - 0.5) < 0.08, np.abs((2 * (u - v)) % 1 - 0.5) < 0.08)
+    return _layer(0.05 * _noise(36, 2), dull=0.4, alpha=wires)
+
+
+def _lace() -> Layer:
+    u, v = _grid()
+    net = np.maximum(np.cos(2 * np.pi * 16 * u), np.cos(2 * np.pi * 16 * v)) > 0.6
+    return _layer(0.0, alpha=np.where(_noise(37, 6) > 1.0, 0.9, 0.22 + 0.3 * net))
+
+
+def _leaf() -> Layer:
+    u, v = _grid()
+    veins = np.exp(-(((u - 0.5) / 0.015) ** 2)) + 0.5 * np.exp(-((((8 * (v + np.abs(u - 0.5))) % 1 - 0.5) / 0.06) ** 2))
+    inside = np.abs(u - 0.5) < 0.42 * np.sin(np.pi * np.clip(v, 0, 1)) ** 0.8
+    return _layer(0.2 * veins - 0.1 + 0.05 * _noise(38, 4), dull=0.6, alpha=inside)
+
+
+_PAINTERS: Mapping[str, Callable[[], Layer]] = {
+    "jersey": _jersey,
+    "knit": _knit,
+    "rib": _rib,
+    "linen": _linen,
+    "denim": _denim,
+    "leather": _leather,
+    "fleece": _fleece,
+    "plaid": _plaid,
+    "check": _check,
+    "stripes_across": _stripes_across,
+    "stripes_along": _stripes_along,
+    "dots": _dots,
+    "herringbone": _herringbone,
+    "flowers": _flowers,
+    "camouflage": _camouflage,
+    "print": _print,
+    "paper": _paper,
+    "pleats": _pleats,
+    "skin": _skin,
+    "straw": _straw,
+    "brushed": _brushed,
+    "wood": _wood,
+    "lattice": _lattice,
+    "lace": _lace,
+    "leaf": _leaf,
+}
