@@ -1,4 +1,16 @@
-"""Draws a scene: a head and everything around it, lit, with shadows, and what each pixel shows."""
+"""Draws a scene: a head and everything around it, lit, with shadows, and what each pixel shows.
+
+Steps, in the order that costs least where the processor draws. There the set-up of triangles is dear, those of a face
+are smaller than a pixel, and every triangle in a block of pixels would shade the whole block.
+
+1. A depth map from each light, of a coarser head and of the objects.
+2. What is seen: which triangle of the head, or which kind of object, at three samples a pixel in each direction.
+3. The head, shaded once for each pixel from the triangle at its centre.
+4. Opaque objects, once for each pixel.
+5. Edges: where two surfaces share a pixel.
+6. What is transparent, from far to near.
+7. The picture: at an edge, each sample takes the colour of the pixel beside it that shows the same surface.
+"""
 
 from collections.abc import Mapping
 from typing import final
@@ -10,15 +22,16 @@ from numpy import ndarray
 
 from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering.clip_space import ClipTransform, clip_transform_of_depths
 from datagen.rendering.gl_mesh import KeptBySize
-from datagen.rendering.scene_meshes import HeadMesh, ObjectMeshes, Run
+from datagen.rendering.scene_camera import SceneView, view_scene
+from datagen.rendering.scene_head import SceneHead
+from datagen.rendering.scene_meshes import ObjectMeshes, Run
 from datagen.rendering.scene_program import (
     KINDS,
+    UNITS,
     SceneProgram,
     SceneTextures,
     compile_head,
-    compile_label,
     compile_object,
 )
 from datagen.rendering.scene_shadows import LightView, ShadowMaps
@@ -27,10 +40,7 @@ from pix2face.camera import Camera
 from pix2face.errors import GLUnavailableError
 from pix2face.morphable_model import MorphableModel
 
-SHADOW_UNIT, FIRST_TEXTURE_UNIT = 0, 1
-# Of a pinhole: what is nearer is cut off, mm.
-NEAREST_MM = 10.0
-HEAD = SCENE_LABELS.index("head")
+PURPOSES = ("object", "blended", "object_shadow")
 
 
 @final
@@ -43,8 +53,9 @@ class SceneDrawer:
         textures: Of all parts, by the sampler's name.
         head_paint: Eight numbers for each vertex, for ``skin.glsl``.
         occlusion: How much ambient light arrives at each vertex, 0..1.
-        multisampled: Whether edges are smoothed by four samples a pixel, where the driver can; otherwise the picture
-            is drawn twice as fine.
+
+    Raises:
+        UsageError: Paint or a texture has the wrong size or kind.
     """
 
     def __init__(
@@ -54,27 +65,29 @@ class SceneDrawer:
         textures: Mapping[str, Texture],
         head_paint: Float32[ndarray, "v 8"],
         occlusion: Float32[ndarray, " v"],
-        *,
-        multisampled: bool = True,
     ) -> None:
         gl.make_current()
         self._gl = gl
         context = self._context = gl.context
-        self._textures = SceneTextures(textures, context, FIRST_TEXTURE_UNIT)
-        self._paint, self._bare = compile_head(context), compile_label(context)
-        self._programs: dict[str, SceneProgram] = {}
+        self._textures = SceneTextures(textures, context)
+        self._programs = {
+            "head": compile_head(context),
+            "bare": SceneProgram(context, "bare_vertex", ("bare_fragment",)),
+            "seen": SceneProgram(context, "bare_vertex", ("seen_fragment",)),
+            "edges": SceneProgram(context, "whole_vertex", ("visibility", "edges_fragment")),
+            "resolve": SceneProgram(context, "whole_vertex", ("visibility", "resolve_fragment")),
+        }
         for kind in KINDS:
-            self._programs[f"{kind} colour"] = compile_object(context, kind, "object_fragment")
-            self._programs[f"{kind} label"] = compile_object(context, kind, "object_label_fragment")
-        self._head = HeadMesh(model, context, head_paint, occlusion)
-        self._painted_head, self._bare_head = self._head.painted(self._paint), self._head.bare(self._bare)
-        self._objects = ObjectMeshes(context, self._programs)
-        self._shadows = ShadowMaps(context, SHADOW_UNIT)
-        self._targets = KeptBySize(
-            lambda height, width: make_target(context, height, width, multisampled), SceneTarget.release
-        )
-        for program in self._all_programs():
-            program.set(dict(self._textures.units))
+            for purpose in PURPOSES:
+                self._programs[f"{kind} {purpose}"] = compile_object(context, kind, purpose)
+        self._head = SceneHead(model, context, head_paint, occlusion, (self._programs["bare"], self._programs["seen"]))
+        drawn = {name: program for name, program in self._programs.items() if "vertex" in program.attributes}
+        self._objects = ObjectMeshes(context, drawn)
+        whole = {name: self._programs[name] for name in ("head", "edges", "resolve")}
+        self._whole = {name: context.vertex_array(program.program, []) for name, program in whole.items()}
+        self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
+        self._targets = KeptBySize(lambda height, width: make_target(context, height, width), SceneTarget.release)
+        self._set(dict(self._textures.units))
 
     def draw(self, scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
         """Draws a scene.
@@ -91,19 +104,21 @@ class SceneDrawer:
             GLUnavailableError: The driver reports an error.
         """
         self._gl.make_current()
+        view = view_scene(scene, camera, height, width)
         self._head.load(scene.head)
         self._objects.load(scene.meshes, camera.matrix[2])
         self._textures.bind()
-        transform = clip_transform_of_depths(camera, *_depth_range(scene, camera), height, width)
-        lighting = self._draw_shadows(scene)
-        seen = {**scene.uniforms, **lighting, **_camera_uniforms(camera)}
-        seen["clip_from_model"] = transform.clip_from_model
-        for program in self._all_programs():
-            program.set(seen)
         target = self._targets.get(height, width)
-        self._draw_colours(scene, transform, target)
-        self._draw_labels(scene, target)
-        colours, labels = target.read_colours(self._context), target.read_labels()
+        target.bind()
+        self._set(scene.uniforms)
+        self._set(self._draw_shadows(scene))
+        self._set(view.uniforms)
+        self._draw_seen(scene, view, target)
+        self._draw_opaque(scene, target)
+        self._draw_edges(target)
+        self._draw_blended(scene, target)
+        self._draw_picture(target)
+        colours, labels = target.read()
         self._check()
         return ScenePicture(radiance=colours[..., :3], coverage=np.clip(colours[..., 3], 0, 1), labels=labels)
 
@@ -113,60 +128,80 @@ class SceneDrawer:
         self._targets.release_all()
         for each in (self._objects, self._head, self._shadows, self._textures):
             each.release()
-        for program in self._all_programs():
-            program.program.release()
+        for array in self._whole.values():
+            array.release()
+        for program in self._programs.values():
+            program.release()
 
-    def _all_programs(self) -> tuple[SceneProgram, ...]:
-        return (self._paint, self._bare, *self._programs.values())
+    def _set(self, values: Mapping[str, UniformValue]) -> None:
+        for program in self._programs.values():
+            program.set(values)
 
     def _draw_shadows(self, scene: Scene) -> dict[str, UniformValue]:
-        """Draws what each light sees of what casts shadows."""
+        """Step 1; what the shaders need to know of it."""
 
         def casters(view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
-            seen: dict[str, UniformValue] = {
-                **scene.uniforms,
-                "clip_from_model": view.clip_from_model,
-                "camera_place": np.append(towards_light, 0),
-            }
-            for program in (self._bare, *(self._programs[f"{kind} label"] for kind in KINDS)):
-                program.set(seen)
-            self._bare_head.render(moderngl.TRIANGLES)
-            for run in (*self._objects.opaque, *self._objects.blended):
+            self._set({"clip_from_model": view.clip_from_model, "camera_place": np.append(towards_light, 0)})
+            self._head.draw_shadow()
+            for run in self._objects.opaque:
                 if scene.meshes[run.mesh].casts_shadow:
-                    self._draw_run(scene, run, "label")
+                    self._objects.draw("bare", run)
+            for run in self._objects.blended:
+                if scene.meshes[run.mesh].casts_shadow:
+                    self._draw_run(scene, run, "object_shadow")
 
         self._context.enable_only(moderngl.DEPTH_TEST)
         return self._shadows.draw(scene.head.vertices, scene.lights, casters)
 
-    def _draw_colours(self, scene: Scene, transform: ClipTransform, target: SceneTarget) -> None:
-        """Everything opaque, then the rest from far to near."""
-        context, framebuffer = self._context, target.colours
-        framebuffer.depth_mask = True
-        framebuffer.use()
-        framebuffer.clear()
-        context.enable_only(moderngl.DEPTH_TEST)
-        context.front_face = "cw" if transform.outside_is_clockwise else "ccw"
-        for run in self._objects.opaque:
-            self._draw_run(scene, run, "colour")
-        self._painted_head.render(moderngl.TRIANGLES)
-        if self._objects.blended:
-            framebuffer.depth_mask = False
-            framebuffer.use()
-            context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-            context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
-            for run in self._objects.blended:
-                self._draw_run(scene, run, "colour")
-            framebuffer.depth_mask = True
-
-    def _draw_labels(self, scene: Scene, target: SceneTarget) -> None:
-        """What is nearest at the centre of each pixel and more opaque than not."""
-        target.labels.use()
-        target.labels.clear()
+    def _draw_seen(self, scene: Scene, view: SceneView, target: SceneTarget) -> None:
+        """Step 2."""
+        width, height = target.seen.size
+        target.seen.use()
+        target.seen.clear(0.0, 1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
-        self._bare.set({"label": HEAD / 255})
-        self._bare_head.render(moderngl.TRIANGLES)
-        for run in (*self._objects.opaque, *self._objects.blended):
-            self._draw_run(scene, run, "label")
+        finer = np.array([(width - 1) / width, (height - 1) / height, 1, 1])
+        program = self._programs["seen"]
+        program.set({"clip_from_model": finer[:, None] * view.clip_from_model, "object_label": 0.0})
+        self._head.draw()
+        for run in self._objects.opaque:
+            program.set({"object_label": -float(SCENE_LABELS.index(scene.meshes[run.mesh].label))})
+            self._objects.draw("seen", run)
+
+    def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
+        """Steps 3 and 4."""
+        target.colours.use()
+        target.colours.clear()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._whole["head"].render(moderngl.TRIANGLES, vertices=3)
+        for run in self._objects.opaque:
+            self._draw_run(scene, run, "object")
+
+    def _draw_edges(self, target: SceneTarget) -> None:
+        """Step 5."""
+        target.edges.depth_mask = True
+        target.edges.use()
+        target.edges.clear()
+        self._whole["edges"].render(moderngl.TRIANGLES, vertices=3)
+
+    def _draw_blended(self, scene: Scene, target: SceneTarget) -> None:
+        """Step 6."""
+        self._programs["resolve"].set({"has_blended": bool(self._objects.blended)})
+        if not self._objects.blended:
+            return
+        context = self._context
+        target.blended.depth_mask = False
+        target.blended.use()
+        target.blended.clear()
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+        for run in self._objects.blended:
+            self._draw_run(scene, run, "blended")
+
+    def _draw_picture(self, target: SceneTarget) -> None:
+        """Step 7."""
+        target.picture.use()
+        self._context.enable_only(moderngl.NOTHING)
+        self._whole["resolve"].render(moderngl.TRIANGLES, vertices=3)
 
     def _draw_run(self, scene: Scene, run: Run, purpose: str) -> None:
         """Draws some triangles of an object in its material."""
@@ -182,9 +217,8 @@ class SceneDrawer:
                 "material_reflectance": material.reflectance,
                 "material_numbers": material.numbers,
                 "material_layer": material.layer,
-                "material_texture": FIRST_TEXTURE_UNIT if unit is None else unit,
+                "material_texture": UNITS["no_texture"] if unit is None else unit,
                 "has_texture": unit is not None,
-                "is_blended": material.is_blended,
                 "label": SCENE_LABELS.index(mesh.label) / 255,
             }
         )
@@ -196,29 +230,3 @@ class SceneDrawer:
             raise GLUnavailableError(
                 f"expected {self._gl.renderer} to draw a scene, found {error}; is its memory full?"
             )
-
-
-def _depth_range(scene: Scene, camera: Camera) -> tuple[float, float]:
-    """Nearest depth and extent of all that is drawn, mm; of a pinhole, what is before it."""
-    depths = [
-        camera.depth(points)
-        for points in (scene.head.vertices, *(mesh.vertices for mesh in scene.meshes))
-        if len(points)
-    ]
-    low, high = min(float(depth.min()) for depth in depths), max(float(depth.max()) for depth in depths)
-    if not camera.is_affine:
-        low = max(low, NEAREST_MM)
-    return low, max(high - low, 1.0)
-
-
-def _camera_uniforms(camera: Camera) -> dict[str, UniformValue]:
-    """Where the camera is, and how large its pixels are."""
-    rows = camera.matrix
-    # Pixels per mm across, at w = 1: the root of the area that a square mm takes.
-    direction = rows[2, :3] / np.linalg.norm(rows[2, :3])
-    scale = float(np.sqrt(np.linalg.norm(np.cross(*(row - (row @ direction) * direction for row in rows[:2, :3])))))
-    if camera.is_affine:
-        place = np.append(-direction, 0.0)
-    else:
-        place = np.append(-np.linalg.solve(rows[[0, 1, 3], :3], rows[[0, 1, 3], 3]), 1.0)
-    return {"camera_place": place, "pixel_mm_at_1": 1 / max(scale, 1e-9)}

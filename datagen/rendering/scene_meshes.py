@@ -1,4 +1,4 @@
-"""The meshes of a scene in the driver: the head, whose triangles stay, and objects that come and go."""
+"""What is in a scene beside the head, in the driver."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,78 +9,13 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, Int64
 from numpy import ndarray
 
-from datagen.appearance.scene import PosedHead, SceneMesh
+from datagen.appearance.scene import SceneMesh
 from datagen.rendering.scene_program import SceneProgram
 from pix2face.errors import UsageError
-from pix2face.morphable_model import MorphableModel
 
 # Blended meshes that lie within one another are drawn in turns, far to near, in at most so many draws.
 MAX_TURNS = 24
-FLOATS_PER_VERTEX = 8  # position, normal, uv
-LAYOUT, LAYOUT_NAMES = "3f4 3f4 2f4", ("vertex", "normal", "uv")
-
-
-@final
-class HeadMesh:
-    """The head, its vertices split where texture coordinates are.
-
-    Args:
-        model: Triangles and texture coordinates; without these, uv is 0.
-        context: Where.
-        paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
-        occlusion: How much ambient light arrives at each vertex, 0..1.
-    """
-
-    def __init__(
-        self,
-        model: MorphableModel,
-        context: moderngl.Context,
-        paint: Float32[ndarray, "v 8"],
-        occlusion: Float32[ndarray, " v"],
-    ) -> None:
-        n_vertices = len(model.mean)
-        if paint.shape != (n_vertices, 8) or occlusion.shape != (n_vertices,):
-            raise UsageError(
-                f"expected paint and occlusion of {n_vertices:,} vertices, found {paint.shape} and {occlusion.shape}"
-            )
-        self._context = context
-        self._source, uv, triangles = split_by_uv(model)
-        self.n_triangles = len(triangles)
-        static = np.concatenate(
-            [uv, model.mean[self._source], paint[self._source], occlusion[self._source, None]], axis=1
-        )
-        self._static = context.buffer(np.ascontiguousarray(static, dtype=np.float32))
-        self._posed: Float32[ndarray, "s 6"] = np.empty((len(self._source), 6), dtype=np.float32)
-        self._moving = context.buffer(reserve=self._posed.nbytes, dynamic=True)
-        self._triangles = context.buffer(triangles)
-        self._arrays: list[moderngl.VertexArray] = []
-
-    def load(self, head: PosedHead) -> None:
-        """Uploads a face."""
-        np.take(head.vertices, self._source, axis=0, out=self._posed[:, :3])
-        np.take(head.normals, self._source, axis=0, out=self._posed[:, 3:])
-        self._moving.write(self._posed)
-
-    def painted(self, program: SceneProgram) -> moderngl.VertexArray:
-        """The head with all that paints it."""
-        static = (self._static, "2f4 3f4 4f4 4f4 1f4", "uv", "place", "paint0", "paint1", "occlusion")
-        return self._array(program, (self._moving, "3f4 3f4", "vertex", "normal"), static)
-
-    def bare(self, program: SceneProgram) -> moderngl.VertexArray:
-        """The head's place alone."""
-        return self._array(program, (self._moving, "3f4 12x1", "vertex"))
-
-    def release(self) -> None:
-        """Gives everything back to the driver."""
-        for each in (*self._arrays, self._static, self._moving, self._triangles):
-            each.release()
-
-    def _array(self, program: SceneProgram, *content: tuple[object, ...]) -> moderngl.VertexArray:
-        array = self._context.vertex_array(
-            program.program, [_known(program, each) for each in content], self._triangles
-        )
-        self._arrays.append(array)
-        return array
+LAYOUT = {"vertex": 3, "normal": 3, "uv": 2}  # numbers of each
 
 
 @final
@@ -116,7 +51,8 @@ class ObjectMeshes:
         self._context, self._programs = context, programs
         self.opaque: list[Run] = []
         self.blended: list[Run] = []
-        self._vertices = self._corners = None
+        self._vertices: moderngl.Buffer | None = None
+        self._corners: moderngl.Buffer | None = None
         self._arrays: dict[str, moderngl.VertexArray] = {}
 
     def load(self, meshes: Sequence[SceneMesh], depth_row: Float[ndarray, "4"]) -> None:
@@ -127,7 +63,7 @@ class ObjectMeshes:
         for mesh in meshes:
             _check(mesh)
         starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-        vertices = np.empty((starts[-1], FLOATS_PER_VERTEX), dtype=np.float32)
+        vertices = np.empty((starts[-1], sum(LAYOUT.values())), dtype=np.float32)
         for mesh, start in zip(meshes, starts, strict=False):
             rows = vertices[start : start + len(mesh.vertices)]
             rows[:, :3], rows[:, 3:6], rows[:, 6:] = mesh.vertices, mesh.normals, mesh.uv
@@ -160,34 +96,21 @@ class ObjectMeshes:
         self._arrays, self._vertices, self._corners = {}, None, None
 
     def _upload(self, vertices: Float32[ndarray, "v 8"], corners: Int32[ndarray, "t 3"]) -> None:
-        if self._vertices is None or self._vertices.size < vertices.nbytes or self._corners.size < corners.nbytes:
+        kept = self._vertices, self._corners
+        wanted = vertices.nbytes, corners.nbytes
+        if any(buffer is None or buffer.size < size for buffer, size in zip(kept, wanted, strict=True)):
             self.release()
             # Half as much again: the next scene may have longer hair.
-            self._vertices = self._context.buffer(reserve=vertices.nbytes * 3 // 2, dynamic=True)
-            self._corners = self._context.buffer(reserve=corners.nbytes * 3 // 2, dynamic=True)
+            self._vertices, self._corners = (
+                self._context.buffer(reserve=size * 3 // 2, dynamic=True) for size in wanted
+            )
             for name, program in self._programs.items():
-                content = _known(program, (self._vertices, LAYOUT, *LAYOUT_NAMES))
+                content = (self._vertices, *_layout(program))
                 self._arrays[name] = self._context.vertex_array(program.program, [content], self._corners)
+        assert self._vertices is not None
+        assert self._corners is not None
         self._vertices.write(vertices)
         self._corners.write(np.ascontiguousarray(corners, dtype=np.int32))
-
-
-def split_by_uv(
-    model: MorphableModel,
-) -> tuple[Int64[ndarray, " s"], Float32[ndarray, "s 2"], Int32[ndarray, "t 3"]]:
-    """Vertices that stand once for each texture coordinate they have.
-
-    Returns:
-        The model's vertex of each, its texture coordinates with v downward, and the triangles over them.
-    """
-    if model.uv is None or model.uv_triangles is None:
-        n_vertices = len(model.mean)
-        return np.arange(n_vertices), np.zeros((n_vertices, 2), dtype=np.float32), np.ascontiguousarray(model.triangles)
-    key = model.triangles.reshape(-1).astype(np.int64) << 32 | model.uv_triangles.reshape(-1)
-    split, corners = np.unique(key, return_inverse=True)
-    uv = model.uv[split & 0xFFFFFFFF] * np.array([1, -1], dtype=np.float32) + np.array([0, 1], dtype=np.float32)
-    # Vertices without a triangle are left out: nothing draws them.
-    return split >> 32, uv, np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.int32)
 
 
 def far_to_near(
@@ -217,19 +140,11 @@ def far_to_near(
     return order, [(int(owner[order[start]]), int(count)) for start, count in zip(starts, counts, strict=True)]
 
 
-def _known(program: SceneProgram, content: tuple[object, ...]) -> tuple[object, ...]:
-    """A buffer's layout without the attributes that the program's compiler has dropped."""
-    buffer, layout, *names = content
-    formats = str(layout).split()
-    kept, used = [], []
-    for place, form in enumerate(formats):
-        name = names[place] if place < len(names) else None
-        if name is not None and name in program.program:
-            kept.append(form)
-            used.append(name)
-        else:
-            kept.append(form if "x" in form else f"{4 * int(form[0])}x1")
-    return (buffer, " ".join(kept), *used)
+def _layout(program: SceneProgram) -> tuple[str, ...]:
+    """The layout of a vertex without the attributes that the program's compiler has dropped."""
+    used = [name for name in LAYOUT if name in program.attributes]
+    forms = [f"{n}f4" if name in used else f"{4 * n}x1" for name, n in LAYOUT.items()]
+    return (" ".join(forms), *used)
 
 
 def _check(mesh: SceneMesh) -> None:

@@ -1,7 +1,7 @@
 """Programs that draw scenes: which shaders they are made of, their uniforms by name, and the textures they read."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import moderngl
 import numpy as np
@@ -14,6 +14,31 @@ from pix2face.errors import UsageError
 MaterialKind = Literal["object", "hair", "glass"]
 KINDS: tuple[MaterialKind, ...] = ("object", "hair", "glass")
 
+# Where the drawer's own textures are bound, in all programs; those of the parts follow.
+UNITS = {
+    name: unit
+    for unit, name in enumerate(
+        (
+            "shadow_maps",
+            "seen",
+            "head_corners",
+            "head_positions",
+            "head_normals",
+            "head_places",
+            "head_paint0",
+            "head_paint1",
+            "colours",
+            "edges",
+            "over_near",
+            "over_far",
+            "blended_label",
+            "no_texture",
+        )
+    )
+}
+FIRST_FREE_UNIT = len(UNITS)
+SAMPLER_2D_ARRAY = 0x8DC1
+
 # In front of what a part paints; then what it is painted with.
 _BEFORE = ("colour", "surface", "shadow", "scene_inputs")
 _PAINT = {"object": "material", "hair": "hair", "glass": "material"}
@@ -24,12 +49,25 @@ class SceneProgram:
     """A program whose uniforms are set by name, as far as it has them.
 
     Args:
-        program: What was compiled.
+        context: Where.
+        vertex: Name of the vertex shader.
+        fragment: Names of the fragment shader's parts.
+        defines: What the fragment shader's preprocessor knows.
     """
 
-    def __init__(self, program: moderngl.Program) -> None:
-        self.program = program
-        self._uniforms = {name: program[name] for name in program if isinstance(program[name], moderngl.Uniform)}
+    def __init__(
+        self, context: moderngl.Context, vertex: str, fragment: Sequence[str], defines: Sequence[str] = ()
+    ) -> None:
+        version, _, body = shader_source(330, *fragment).partition("\n")
+        source = "\n".join([version, *(f"#define {name}" for name in defines), body])
+        self.program = context.program(vertex_shader=shader_source(330, vertex), fragment_shader=source)
+        members: dict[str, Any] = {name: self.program[name] for name in self.program}
+        self._uniforms = {name: each for name, each in members.items() if isinstance(each, moderngl.Uniform)}
+        self.attributes = {name for name, each in members.items() if isinstance(each, moderngl.Attribute)}
+        self.set(UNITS)
+        # Textures that nobody gives: two kinds of samplers must not read the same unit.
+        arrays = [name for name, each in self._uniforms.items() if each.gl_type == SAMPLER_2D_ARRAY]
+        self.set(dict.fromkeys(arrays, UNITS["no_texture"]))
 
     def set(self, values: Mapping[str, UniformValue]) -> None:
         """Sets those that the program has; the others are of other programs.
@@ -44,6 +82,10 @@ class SceneProgram:
             if found is not None:
                 found.write(_packed(found, name, value))
 
+    def release(self) -> None:
+        """Gives it back to the driver."""
+        self.program.release()
+
 
 @final
 class SceneTextures:
@@ -52,17 +94,16 @@ class SceneTextures:
     Args:
         textures: By the sampler's name.
         context: Where.
-        first_unit: The units before are somebody else's.
 
     Raises:
         UsageError: There are more than the driver binds at once, or one has a kind of numbers that it does not take.
     """
 
-    def __init__(self, textures: Mapping[str, Texture], context: moderngl.Context, first_unit: int) -> None:
-        limit = int(context.info["GL_MAX_TEXTURE_IMAGE_UNITS"])
-        if first_unit + len(textures) > limit:
-            raise UsageError(f"expected at most {limit - first_unit} textures of a scene, found {len(textures)}")
-        self.units = {name: first_unit + place for place, name in enumerate(textures)}
+    def __init__(self, textures: Mapping[str, Texture], context: moderngl.Context) -> None:
+        limit = int(context.info["GL_MAX_COMBINED_TEXTURE_IMAGE_UNITS"]) - FIRST_FREE_UNIT
+        if len(textures) > limit:
+            raise UsageError(f"expected at most {limit} textures of a scene, found {len(textures)}")
+        self.units = {name: FIRST_FREE_UNIT + place for place, name in enumerate(textures)}
         self._arrays = {name: _uploaded(name, texture, context) for name, texture in textures.items()}
 
     def bind(self) -> None:
@@ -77,49 +118,32 @@ class SceneTextures:
 
 
 def compile_head(context: moderngl.Context) -> SceneProgram:
-    """The program that paints and lights a head."""
-    defines = ("#define HEAD",)
-    return _compiled(context, defines, ("scene_vertex",), (*_BEFORE, "light", "skin", "head_fragment"))
+    """The program that paints and lights the head where it is seen."""
+    return SceneProgram(context, "whole_vertex", (*_BEFORE, "light", "skin", "head_fragment"))
 
 
-def compile_object(context: moderngl.Context, kind: MaterialKind, last: str) -> SceneProgram:
-    """A program for objects of one kind; ``last`` is the shader that says what becomes of the painted surface."""
-    paint = ("object_inputs", "light", _PAINT[kind], "object_surface", last)
-    return _compiled(context, (f"#define {kind.upper()}",), ("scene_vertex",), (*_BEFORE, *paint))
+def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) -> SceneProgram:
+    """A program for objects of one kind: ``object`` (opaque), ``blended`` or ``object_shadow``."""
+    paint = ("object_inputs", "light", _PAINT[kind], "object_surface", f"{purpose}_fragment")
+    return SceneProgram(context, "scene_vertex", (*_BEFORE, *paint), (kind.upper(),))
 
 
-def compile_label(context: moderngl.Context) -> SceneProgram:
-    """The program of which nothing but the place of a triangle counts."""
-    return _compiled(context, (), ("label_vertex",), ("label_fragment",))
-
-
-def _compiled(
-    context: moderngl.Context, defines: Sequence[str], vertex: Sequence[str], fragment: Sequence[str]
-) -> SceneProgram:
-    sources = []
-    for parts in (vertex, fragment):
-        version, _, body = shader_source(330, *parts).partition("\n")
-        sources.append("\n".join([version, *defines, body]))
-    return SceneProgram(context.program(vertex_shader=sources[0], fragment_shader=sources[1]))
-
-
-def _packed(found: moderngl.Uniform, name: str, value: UniformValue) -> bytes:
+def _packed(found: Any, name: str, value: UniformValue) -> bytes:
     """The bytes of a value, as many as the uniform has."""
     kind = {"f": np.float32, "i": np.int32, "u": np.uint32}[found.fmt[-1]]
     numbers = np.asarray(value, dtype=kind)
     if found.matrix:
         numbers = np.swapaxes(numbers, -1, -2)
     wanted, given = found.array_length * found.dimension, numbers.size
-    # The shader's compiler drops the tail of an array that is never read.
-    fits = given == wanted or (numbers.ndim > 0 and given % found.dimension == 0 and _is_array(found, numbers))
-    if not fits:
-        raise UsageError(f"{name}: expected {wanted} numbers, as the shader says, found {numbers.shape}")
-    padded = np.zeros(wanted, dtype=kind)
-    padded[: min(given, wanted)] = numbers.reshape(-1)[:wanted]
-    return padded.tobytes()
+    if given != wanted:
+        # The shader's compiler drops the tail of an array that is never read.
+        if given % found.dimension or not _is_array(found, numbers):
+            raise UsageError(f"{name}: expected {wanted} numbers, as the shader says, found {numbers.shape}")
+        numbers = np.resize(np.append(numbers.reshape(-1), np.zeros(wanted, dtype=kind)), wanted)
+    return numbers.tobytes()
 
 
-def _is_array(found: moderngl.Uniform, numbers: ndarray) -> bool:
+def _is_array(found: Any, numbers: ndarray) -> bool:
     return bool(numbers.ndim == 1 + (found.dimension > 1) + bool(found.matrix))
 
 

@@ -1,17 +1,14 @@
-"""What a scene is drawn into: colours with smooth edges, and labels of pixel centres."""
+"""What a scene is drawn into, step by step."""
 
 from dataclasses import dataclass
 from typing import final
 
-import cv2
 import moderngl
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-SAMPLES = 4
-# Where the driver has no floating-point colours of several samples, pictures are drawn this much finer instead.
-OVERSAMPLING = 2
+from datagen.rendering.scene_program import UNITS
 
 
 @final
@@ -20,59 +17,69 @@ class SceneTarget:
     """Framebuffers for one size of picture.
 
     Attributes:
-        colours: Drawn into; four samples a pixel, or finer.
-        resolved: One sample a pixel of it, or itself.
-        labels: One number a pixel, with a depth of its own.
-        finer: How many of its pixels a pixel of the picture has in each direction.
+        seen: What the samples see: twice as fine and one more, so that one lies at the centre of each pixel and the
+            others are shared by neighbours.
+        colours: What is opaque, at the centre of each pixel.
+        edges: Where two surfaces share a pixel; its depth is that of the farther.
+        blended: What is transparent, over the nearer and over the farther surface, and its label. Depth as edges.
+        picture: The result, and the labels.
+        textures: Those among the attachments that are read by the following steps, by the sampler's name.
     """
 
+    seen: moderngl.Framebuffer
     colours: moderngl.Framebuffer
-    resolved: moderngl.Framebuffer
-    labels: moderngl.Framebuffer
-    finer: int
-    height: int
-    width: int
+    edges: moderngl.Framebuffer
+    blended: moderngl.Framebuffer
+    picture: moderngl.Framebuffer
+    textures: dict[str, moderngl.Texture]
 
-    def read_colours(self, context: moderngl.Context) -> Float32[ndarray, "h w 4"]:
-        """Radiance multiplied by coverage, and coverage."""
-        if self.resolved is not self.colours:
-            context.copy_framebuffer(self.resolved, self.colours)
-        fine = (self.finer * self.height, self.finer * self.width, 4)
-        drawn = np.frombuffer(self.resolved.read(components=4, dtype="f4"), dtype=np.float32).reshape(fine)
-        if self.finer == 1:
-            return drawn
-        return np.asarray(cv2.resize(drawn, (self.width, self.height), interpolation=cv2.INTER_AREA), dtype=np.float32)
+    def bind(self) -> None:
+        """Puts each texture at its unit."""
+        for name, texture in self.textures.items():
+            texture.use(UNITS[name])
 
-    def read_labels(self) -> UInt8[ndarray, "h w"]:
-        """The label at the centre of each pixel."""
-        data = self.labels.read(components=1, alignment=1)
-        return np.frombuffer(data, dtype=np.uint8).reshape(self.height, self.width).copy()
+    def read(self) -> tuple[Float32[ndarray, "h w 4"], UInt8[ndarray, "h w"]]:
+        """Radiance multiplied by coverage, and coverage; labels."""
+        width, height = self.picture.size
+        colours = np.frombuffer(self.picture.read(components=4, dtype="f4"), dtype=np.float32)
+        labels = np.frombuffer(self.picture.read(components=1, attachment=1, alignment=1), dtype=np.uint8)
+        return colours.reshape(height, width, 4), labels.reshape(height, width).copy()
 
     def release(self) -> None:
         """Gives everything back to the driver."""
-        for framebuffer in {id(each): each for each in (self.colours, self.resolved, self.labels)}.values():
-            attachments = [*framebuffer.color_attachments, framebuffer.depth_attachment]
+        attachments = {}
+        for framebuffer in (self.seen, self.colours, self.edges, self.blended, self.picture):
+            for each in (*framebuffer.color_attachments, framebuffer.depth_attachment):
+                attachments[id(each)] = each
             framebuffer.release()
-            for attachment in attachments:
-                if attachment is not None:
-                    attachment.release()
+        for each in attachments.values():
+            if each is not None:
+                each.release()
 
 
-def make_target(context: moderngl.Context, height: int, width: int, multisampled: bool = True) -> SceneTarget:
-    """Framebuffers of four samples a pixel, or of 2 x 2 pixels for one where the driver has none of these."""
-    size = (width, height)
-    labels = context.framebuffer([context.renderbuffer(size, 1)], context.depth_renderbuffer(size))
-    if multisampled and context.max_samples >= SAMPLES:
-        try:
-            colours = context.framebuffer(
-                [context.renderbuffer(size, 4, samples=SAMPLES, dtype="f2")],
-                context.depth_renderbuffer(size, samples=SAMPLES),
-            )
-        except moderngl.Error:
-            context.error  # noqa: B018 - reading it clears it
-        else:
-            resolved = context.framebuffer([context.renderbuffer(size, 4, dtype="f2")])
-            return SceneTarget(colours, resolved, labels, 1, height, width)
-    fine = (OVERSAMPLING * width, OVERSAMPLING * height)
-    colours = context.framebuffer([context.renderbuffer(fine, 4, dtype="f2")], context.depth_renderbuffer(fine))
-    return SceneTarget(colours, colours, labels, OVERSAMPLING, height, width)
+def make_target(context: moderngl.Context, height: int, width: int) -> SceneTarget:
+    """Framebuffers for pictures of a size."""
+    size, fine = (width, height), (2 * width + 1, 2 * height + 1)
+    formats = {
+        "seen": (fine, 2, "f4"),
+        "colours": (size, 4, "f2"),
+        "edges": (size, 4, "f4"),
+        "over_near": (size, 4, "f2"),
+        "over_far": (size, 4, "f2"),
+        "blended_label": (size, 1, "f1"),
+    }
+    textures = {}
+    for name, (extent, channels, kind) in formats.items():
+        textures[name] = context.texture(extent, channels, dtype=kind)
+        textures[name].filter = (moderngl.NEAREST, moderngl.NEAREST)
+    far_depth = context.depth_renderbuffer(size)
+    blended = [textures[name] for name in ("over_near", "over_far", "blended_label")]
+    picture = [context.renderbuffer(size, 4, dtype="f4"), context.renderbuffer(size, 1)]
+    return SceneTarget(
+        seen=context.framebuffer([textures["seen"]], context.depth_renderbuffer(fine)),
+        colours=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
+        edges=context.framebuffer([textures["edges"]], far_depth),
+        blended=context.framebuffer(blended, far_depth),
+        picture=context.framebuffer(picture),
+        textures=textures,
+    )

@@ -5,7 +5,7 @@ in vec2 at_uv;
 
 Surface painted(vec3 towards_camera) {
     vec3 along_x = dFdx(at_position), along_y = dFdy(at_position);
-    vec3 face = cross(along_x, along_y);
+    vec3 face = cross(along_x, along_y);  // of the triangle, towards the camera
     face *= sign(dot(face, towards_camera));
     vec2 uv_x = dFdx(at_uv), uv_y = dFdy(at_uv);
     uv_per_pixel = max(length(uv_x), length(uv_y));
