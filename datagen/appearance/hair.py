@@ -26,6 +26,7 @@ from datagen.appearance.hair_face import (
     draw_lashes,
     lash_mesh,
 )
+from datagen.appearance.hair_parting import Parting, find_parting, mirrored_parting
 from datagen.appearance.hair_shape import CrownPlane, shaped, uncovered
 from datagen.appearance.hair_styles import STYLES, Hairdo, draw_hairdo
 from datagen.appearance.person import Person
@@ -146,7 +147,9 @@ def hair_textures() -> Mapping[str, Texture]:
 def _style_mesh(style: str, hair: Hair, head: PosedHead, crown: CrownPlane | None) -> SceneMesh:
     hairdo = hair.hairdo
     mesh = bound_mesh(style, is_mirrored=hairdo.is_mirrored)
-    points = shaped(mesh, hairdo, crown) + mesh.displacements(head.neutral, head.model.mean)
+    points = shaped(mesh, _parting(style, hairdo.is_mirrored), hairdo, crown) + mesh.displacements(
+        head.neutral, head.model.mean
+    )
     return SceneMesh(
         name=f"hair/{style}",
         label="hair",
@@ -165,6 +168,13 @@ def _style_mesh(style: str, hair: Hair, head: PosedHead, crown: CrownPlane | Non
             is_blended=True,
         ),
     )
+
+
+@cache
+def _parting(style: str, is_mirrored: bool) -> Parting:
+    if is_mirrored:
+        return mirrored_parting(_parting(style, False))
+    return find_parting(bound_mesh(style), read_picture(f"{style}.webp"))
 
 
 @cache

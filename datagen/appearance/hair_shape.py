@@ -11,14 +11,12 @@ from jaxtyping import Bool, Float32, Int32
 from numpy import ndarray
 
 from datagen.appearance.bound_meshes import BoundMesh
+from datagen.appearance.hair_parting import Parting, comb_aside
 from datagen.appearance.hair_styles import Hairdo
 
 EARS_MM = 0.0  # height of the ears' middle
 # Under a hat: strands above its rim are left out but for this strip, mm; at the rim they lie this close to the skin.
 STRIP_MM, AT_RIM_MM = 12.0, 3.0
-# The part of the face that strands are combed out of: half its width, its lower and its upper end, mm.
-FOREHEAD_HALF_WIDTH_MM, FOREHEAD_MM = 62.0, (20.0, 84.0)
-CHEEK_HALF_WIDTH_MM = 74.0
 
 
 @final
@@ -35,7 +33,7 @@ class CrownPlane:
     normal: tuple[float, float, float]
 
 
-def shaped(mesh: BoundMesh, hairdo: Hairdo, crown: CrownPlane | None) -> Float32[ndarray, "p 3"]:
+def shaped(mesh: BoundMesh, parting: Parting, hairdo: Hairdo, crown: CrownPlane | None) -> Float32[ndarray, "p 3"]:
     """Where the points of a mesh are around the mean, once it is worn in this way."""
     points = mesh.mean - mesh.feet
     height = np.linalg.norm(points, axis=1)
@@ -46,7 +44,7 @@ def shaped(mesh: BoundMesh, hairdo: Hairdo, crown: CrownPlane | None) -> Float32
     points += mesh.feet
     points[:, 1] = np.where(points[:, 1] < EARS_MM, EARS_MM + (points[:, 1] - EARS_MM) * hairdo.length, points[:, 1])
     if hairdo.aside > 0:
-        _comb_aside(points, hairdo.aside)
+        comb_aside(points, parting, hairdo.aside)
     points[:, 0] += hairdo.sway_mm * np.minimum(height / 100, 1.5) ** 1.5
     return points
 
@@ -67,15 +65,3 @@ def _tucked(mesh: BoundMesh, crown: CrownPlane, height: Float32[ndarray, " p"]) 
     """Factor on the distance from the skin: small at the rim, 1 some way below."""
     most = AT_RIM_MM + 0.8 * np.maximum(-_above(mesh.mean, crown), 0)
     return np.minimum(1, most / np.maximum(height, 1e-3))
-
-
-def _comb_aside(points: Float32[ndarray, "p 3"], share: float) -> None:
-    """Moves strands that hang before the face up and outward, in place."""
-    x, y = points[:, 0].copy(), points[:, 1]
-    low, high = FOREHEAD_MM
-    in_front = np.clip((points[:, 2] - 35) / 30, 0, 1)
-    # How far from the middle the face is free: nothing at the hair line, the cheeks' whole width below the brows.
-    free = np.where(y > low, FOREHEAD_HALF_WIDTH_MM * np.clip((high - y) / 30, 0, 1), CHEEK_HALF_WIDTH_MM)
-    aside = np.abs(x) / np.maximum(free, 1e-3)
-    pushed = np.where(aside < 1, free * (0.75 + 0.25 * aside), np.abs(x))
-    points[:, 0] += share * in_front * (np.where(x < 0, -pushed, pushed) - x)
