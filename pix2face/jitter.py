@@ -122,7 +122,7 @@ def crop_maps(maps: FaceMaps, crop: Crop) -> FaceMaps:
     weight = _warp(maps.mask.astype(np.float32), crop, cv2.INTER_LINEAR)
     nearest_mask = _warp(maps.mask.astype(np.uint8), crop, cv2.INTER_NEAREST) > 0
     # Value (i, j) stands for the cell between the centres of pixels (i, j) and (i + 1, j + 1), half a pixel further.
-    over_step = _warp(_cells_over_steps(maps), crop, cv2.INTER_NEAREST, centre_px=1.0) > 0
+    over_step = _warp(cells_over_steps(maps.pncc, maps.mask), crop, cv2.INTER_NEAREST, centre_px=1.0) > 0
     mask = np.where(over_step, nearest_mask, weight > 0.5)
     share = mask / np.maximum(weight, np.float32(0.5))
     copied = mask & over_step
@@ -133,11 +133,11 @@ def crop_maps(maps: FaceMaps, crop: Crop) -> FaceMaps:
     return FaceMaps(pncc, offset, mask)
 
 
-def _cells_over_steps(maps: FaceMaps) -> UInt8[ndarray, "h w"]:
+def cells_over_steps(pncc: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w"]:
     """Which cells of four pixel centres the surface jumps in; (i, j) is that of (i, j) to (i + 1, j + 1)."""
-    across = _jumps(maps.pncc, maps.mask)
-    down = _jumps(maps.pncc.transpose(1, 0, 2), maps.mask.T).T
-    cells = np.zeros(maps.mask.shape, dtype=bool)
+    across = _jumps(pncc, mask)
+    down = _jumps(pncc.transpose(1, 0, 2), mask.T).T
+    cells = np.zeros(mask.shape, dtype=bool)
     cells[:, :-1] = across
     cells[:-1, :-1] |= across[1:] | down[:, 1:]
     cells[:-1] |= down
@@ -146,7 +146,9 @@ def _cells_over_steps(maps: FaceMaps) -> UInt8[ndarray, "h w"]:
 
 def _jumps(pncc: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w-1"]:
     """Whether the surface jumps between a pixel and the next one of its row; background does not count."""
-    change = np.linalg.norm(np.diff(pncc, axis=1), axis=2) * (mask[:, 1:] & mask[:, :-1])
+    difference = np.diff(pncc, axis=1)
+    # Twice as fast as np.linalg.norm over so short an axis.
+    change = np.sqrt(np.einsum("hwc,hwc->hw", difference, difference)) * (mask[:, 1:] & mask[:, :-1])
     padded = np.pad(change, ((0, 0), (1, 1)))
     beside = np.maximum(padded[:, :-2], padded[:, 2:])
     return np.asarray((change > STEP_MM) & (change > STEP_RATIO * beside))

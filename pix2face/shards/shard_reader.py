@@ -4,7 +4,7 @@ Reading needs only HDF5's built-in filters. A shard appears under its name when 
 then it has a temporary name, so an interrupted job leaves no half shard.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -116,6 +116,11 @@ class ShardReader:
     def close(self) -> None:
         """Closes the file; reading afterwards fails."""
         self._file.close()
+
+    @property
+    def datasets(self) -> Mapping[str, h5py.Dataset]:
+        """What the file holds, checked for its layout; of use until the file is closed."""
+        return self._datasets
 
     def image_bytes(self, index: int) -> bytes:
         """The encoded picture of a sample.

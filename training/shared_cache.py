@@ -1,0 +1,94 @@
+"""Memory for decoded samples that all worker processes share: a sample is decoded once, whoever asks for it.
+
+What came first stays: in passes over all samples every place is asked for equally often, so throwing something out for
+something else gains nothing.
+"""
+
+import mmap
+import os
+import tempfile
+from multiprocessing import get_context
+from multiprocessing.reduction import DupFd
+from multiprocessing.synchronize import Lock
+from typing import Any, final
+
+import numpy as np
+
+_ABSENT, _PROMISED = 0, -1
+_WORD = 8
+_ALIGNMENT = 64
+
+
+@final
+class SharedCache:
+    """Pieces of bytes by number, written once, never changed.
+
+    It reaches another process as an argument of one that is being started, and by no other way.
+
+    Args:
+        n_places: Numbers go from 0 to this.
+        budget_bytes: What all pieces may take together. Memory is taken as they come.
+    """
+
+    def __init__(self, n_places: int, budget_bytes: int) -> None:
+        table_bytes = _WORD * (2 * n_places + 1)
+        self._open(_anonymous_file(table_bytes + budget_bytes), n_places, budget_bytes, get_context("spawn").Lock())
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "descriptor": DupFd(self._descriptor),
+            "n_places": self._n_places,
+            "budget_bytes": self._budget_bytes,
+            "lock": self._lock,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._open(state["descriptor"].detach(), state["n_places"], state["budget_bytes"], state["lock"])
+
+    def __del__(self) -> None:
+        if hasattr(self, "_descriptor"):
+            os.close(self._descriptor)
+
+    @property
+    def used_bytes(self) -> int:
+        """What the pieces take so far."""
+        return int(self._used[0])
+
+    def get(self, place: int) -> memoryview | None:
+        """The piece of a number, to be read only; None where there is none yet."""
+        with self._lock:
+            start, length = self._table[place].tolist()
+        return self._pieces[start - 1 : start - 1 + length] if start > 0 else None
+
+    def put(self, place: int, piece: bytes) -> None:
+        """Keeps a piece, unless there is no room or another process was faster."""
+        with self._lock:
+            start = int(self._used[0])
+            if self._table[place, 0] != _ABSENT or start + len(piece) > self._budget_bytes:
+                return
+            self._table[place] = _PROMISED, len(piece)
+            self._used[0] = start + -(-len(piece) // _ALIGNMENT) * _ALIGNMENT
+        self._pieces[start : start + len(piece)] = piece
+        with self._lock:
+            self._table[place, 0] = start + 1
+
+    def _open(self, descriptor: int, n_places: int, budget_bytes: int, lock: Lock) -> None:
+        self._descriptor, self._n_places, self._budget_bytes, self._lock = descriptor, n_places, budget_bytes, lock
+        memory = memoryview(mmap.mmap(descriptor, 0))
+        words = np.frombuffer(memory, np.int64, 2 * n_places + 1)
+        self._used, self._table = words[:1], words[1:].reshape(n_places, 2)
+        self._pieces = memory[words.nbytes :]
+
+
+def _anonymous_file(n_bytes: int) -> int:
+    """The descriptor of a file without a name, full of 0, that takes no memory before it is written to.
+
+    Not of a name in /dev/shm, whose size containers limit: to write beyond that ends a process without a message.
+    """
+    if hasattr(os, "memfd_create"):
+        descriptor = os.memfd_create("pix2face-samples")
+    else:
+        with tempfile.TemporaryFile() as file:
+            descriptor = os.dup(file.fileno())
+    os.ftruncate(descriptor, n_bytes)
+    return descriptor
