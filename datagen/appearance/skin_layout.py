@@ -1,7 +1,7 @@
 """Where things lie in the textures of the skin: what the script that packs them and the shader agree on."""
 
 # The part of MakeHuman's uv square that holds the outside of the head: u from, u to, v from, v to (v upward).
-ATLAS_UV = (0.635, 1.0, 0.15, 0.815)
+ATLAS_UV = (325 / 512, 1.0, 77 / 512, 417 / 512)
 ATLAS_PX = (340, 187)  # height, width: the resolution of the 512-pixel skins
 # The part that holds the face, finer: wrinkles and brows.
 DETAILS_UV = (0.76, 0.985, 0.315, 0.651)

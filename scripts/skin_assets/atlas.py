@@ -56,7 +56,8 @@ def _pack(
     logarithm = np.log(np.maximum(skin[nearest[0], nearest[1]], 1e-3))
     logarithm -= np.median(logarithm[face], axis=0)
     wide, narrow = (ndimage.gaussian_filter(logarithm, (size, size, 0)) for size in (SHADING_PX, HAIR_PX))
-    logarithm -= core * (1 - SHADING_KEPT) * wide + (1 - core) * narrow
+    flat = logarithm - narrow
+    logarithm = core * (logarithm - (1 - SHADING_KEPT) * wide) + 0.5 * (1 - core) * flat
     logarithm -= np.median(logarithm[face], axis=0)
     code = 255 * np.sqrt(np.exp(logarithm) / LARGEST_RATIO) + 0.5
     return np.asarray(np.clip(code, 0, 255), dtype=np.uint8)

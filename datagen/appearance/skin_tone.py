@@ -1,0 +1,65 @@
+"""The colour of skin from what is in it: melanin above, blood below.
+
+Light passes the epidermis, comes back from the dermis and passes the epidermis again; melanin takes its part on both
+ways, haemoglobin in the dermis. A little comes back from the surface layer whatever the melanin:
+
+    albedo = surface + dermis exp(-m melanin - h haemoglobin)        (each a colour, linear sRGB)
+
+The melanin axis falls with the wavelength to the power of -3.3 (610, 545, 465 nm stand for red, green, blue), the
+haemoglobin axis is that of oxygenated blood; both are cut down to what broad primaries show of them. No colour is laid
+over another: everything from albinism to the darkest skin, and pallor to sunburn, lies in this plane.
+
+Source: Anderson and Parrish 1981 (the optics of human skin); Chardon et al. 1991 (ITA).
+"""
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+SURFACE = np.array([0.008, 0.0155, 0.0150])
+DERMIS = np.array([0.778, 0.645, 0.510])
+MELANIN = np.array([2.85, 3.95, 5.60])
+HAEMOGLOBIN = np.array([0.10, 0.90, 0.65])
+# Of skin at rest: the middle of what people have.
+USUAL_HAEMOGLOBIN = 0.16
+
+# Of melanin, from the lightest to the darkest skin of the scale.
+DENSITIES = (0.012, 0.95)
+
+_XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+_WHITE = np.array([0.9505, 1.0, 1.089])
+
+
+def albedo_of_skin(
+    melanin: float | Float64[ndarray, " *n"], haemoglobin: float | Float64[ndarray, " *n"]
+) -> Float64[ndarray, "*n 3"]:
+    """Linear sRGB albedo.
+
+    Args:
+        melanin: In the unit of ``density_of_melanin``: 0 none, 1 as much as the darkest skin has.
+        haemoglobin: 0 none, 0.16 usual, 0.5 flushed.
+    """
+    absorbed = np.asarray(melanin)[..., None] * MELANIN + np.asarray(haemoglobin)[..., None] * HAEMOGLOBIN
+    return np.asarray(SURFACE + DERMIS * np.exp(-absorbed))
+
+
+def density_of_melanin(melanin: float) -> float:
+    """The density at a place of the scale from the lightest (0) to the darkest skin (1) that is even in lightness."""
+    densities = np.linspace(*DENSITIES, 101)
+    lightness = lab_of_linear(albedo_of_skin(densities, np.full(101, USUAL_HAEMOGLOBIN)))[:, 0]
+    wanted = lightness[0] + min(max(melanin, 0), 1) * (lightness[-1] - lightness[0])
+    return float(np.interp(-wanted, -lightness, densities))
+
+
+def lab_of_linear(colour: Float64[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:
+    """CIE L*a*b* (D65) of linear sRGB."""
+    ratio = np.asarray(colour) @ _XYZ_FROM_SRGB.T / _WHITE
+    cube = np.where(ratio > 0.008856, np.cbrt(ratio), 7.787 * ratio + 16 / 116)
+    x, y, z = (cube[..., axis] for axis in range(3))
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def individual_typology_angle_deg(colour: Float64[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:
+    """ITA: above 55 very light, 28 to 41 intermediate, below -30 dark; people lie between -60 and 65 or so."""
+    lab = lab_of_linear(colour)
+    return np.asarray(np.rad2deg(np.arctan2(lab[..., 0] - 50, lab[..., 2])))

@@ -1,0 +1,179 @@
+"""What ``skin.glsl`` needs to know of one skin on one head, and its textures."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib.resources import files
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from datagen.appearance.scene import PosedHead, Texture, UniformValue
+from datagen.appearance.skin_layout import (
+    ATLAS_PX,
+    ATLAS_UV,
+    DETAILS_PX,
+    DETAILS_UV,
+    IRIS_PX,
+    IRISES,
+    NOISE_PX,
+    SKINS,
+)
+from datagen.appearance.skin_make_up import FACE_PAINTS, MakeUp
+from datagen.appearance.skin_marks import MAX_MARKS
+from datagen.appearance.skin_tone import DERMIS, HAEMOGLOBIN, MELANIN, SURFACE, density_of_melanin
+from datagen.appearance.skin_traits import Skin
+from datagen.appearance.skin_zones import LidMargins
+from pix2face.morphable_model import MorphableModel
+
+# Which expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth, of the lips.
+FOLDING = (
+    {"browInnerUp": 0.8, "browOuterUpLeft": 0.3, "browOuterUpRight": 0.3, "eyeWideLeft": 0.1, "eyeWideRight": 0.1},
+    {"browDownLeft": 0.5, "browDownRight": 0.5, "noseSneerLeft": 0.15, "noseSneerRight": 0.15},
+    {
+        "eyeSquintLeft": 0.25,
+        "eyeSquintRight": 0.25,
+        "cheekSquintLeft": 0.3,
+        "cheekSquintRight": 0.3,
+        "mouthSmileLeft": 0.25,
+        "mouthSmileRight": 0.25,
+        "eyeBlinkLeft": 0.08,
+        "eyeBlinkRight": 0.08,
+    },
+    {
+        "mouthSmileLeft": 0.4,
+        "mouthSmileRight": 0.4,
+        "mouthDimpleLeft": 0.2,
+        "mouthDimpleRight": 0.2,
+        "noseSneerLeft": 0.3,
+        "noseSneerRight": 0.3,
+        "mouthUpperUpLeft": 0.2,
+        "mouthUpperUpRight": 0.2,
+        "mouthStretchLeft": 0.15,
+        "mouthStretchRight": 0.15,
+        "cheekSquintLeft": 0.15,
+        "cheekSquintRight": 0.15,
+    },
+    {"mouthPucker": 0.8, "mouthFunnel": 0.3, "mouthPressLeft": 0.2, "mouthPressRight": 0.2},
+)
+
+
+def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
+    """The uniforms of ``skin.glsl``.
+
+    Those of hair (``skin_hair_colour``, ``skin_scalp_hair``, ``skin_beard_colour``, ``skin_brow_colour``,
+    ``skin_brow_strength``) are the skin's guess; what the hair gives under these names shall replace them.
+    """
+    active = head.named_expressions
+    folds = [
+        min(rest + skin.expression_folds * sum(active.get(name, 0.0) * share for name, share in group.items()), 1.4)
+        for rest, group in zip(skin.wrinkles, FOLDING, strict=True)
+    ]
+    return {
+        **_tone(skin),
+        **_make_up(skin.make_up),
+        **_hair(skin),
+        **_eyes(skin, head),
+        **_mouth(skin, active),
+        "skin_atlas_box": _box(ATLAS_UV),
+        "skin_details_box": _box(DETAILS_UV),
+        "skin_wrinkles": tuple(folds[:4]),
+        "skin_lip_lines": folds[4],
+    }
+
+
+@lru_cache(maxsize=1)
+def skin_textures() -> Mapping[str, Texture]:
+    """The textures of ``skin.glsl`` by the sampler's name."""
+    sizes = {"skin_atlas": ATLAS_PX, "skin_details": DETAILS_PX, "skin_noise": (NOISE_PX,) * 2, "skin_iris": (IRIS_PX,) * 2}
+    return {name: Texture(pixels=_layers(name, *size), repeat=name == "skin_noise") for name, size in sizes.items()}
+
+
+def _layers(name: str, height: int, width: int) -> UInt8[ndarray, "n h w c"]:
+    data = np.frombuffer((files("datagen") / "assets" / f"{name}.png").read_bytes(), dtype=np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    picture = picture[..., None] if picture.ndim == 2 else picture[..., [2, 1, 0, 3][: picture.shape[2]]]
+    return np.ascontiguousarray(picture.reshape(-1, height, width, picture.shape[2]))
+
+
+def _box(uv: tuple[float, float, float, float]) -> tuple[float, ...]:
+    """Where a part of the uv square begins (v downward), and 1 / its extent."""
+    return uv[0], 1 - uv[3], 1 / (uv[1] - uv[0]), 1 / (uv[3] - uv[2])
+
+
+def _tone(skin: Skin) -> dict[str, UniformValue]:
+    melanin, even = density_of_melanin(skin.melanin), 1 - skin.make_up.foundation
+    places, paints = np.zeros((2, MAX_MARKS, 4))
+    for k, mark in enumerate(skin.marks[:MAX_MARKS]):
+        places[k] = [*mark.place, mark.radius_mm]
+        kept = 0.4 + 0.6 * even
+        paints[k] = [kept * mark.melanin, kept * mark.haemoglobin, mark.height, mark.core]
+    return {
+        "skin_surface_colour": tuple(SURFACE),
+        "skin_dermis": tuple(DERMIS),
+        "skin_melanin_axis": tuple(MELANIN),
+        "skin_haemoglobin_axis": tuple(HAEMOGLOBIN),
+        "skin_layers": tuple(float(SKINS.index(name)) for name in skin.textures),
+        "skin_layer_weights": skin.texture_weights,
+        "skin_contrast": skin.texture_strength * (0.5 + 0.5 * even),
+        "skin_tone": (melanin, skin.haemoglobin, skin.flush * (0.4 + 0.6 * even), skin.under_eye * even),
+        "skin_blotches": (*(even * amount for amount in skin.blotches), *skin.noise_offset),
+        "skin_freckles": (skin.freckles[0], even * skin.freckles[1], even * skin.age_spots, float(skin.vitiligo)),
+        "skin_finish": (skin.pores * (0.5 + 0.5 * even), skin.oil, skin.roughness, skin.tan),
+        "skin_spots": places,
+        "skin_spot_paint": paints,
+    }
+
+
+def _make_up(made: MakeUp) -> dict[str, UniformValue]:
+    first, second = made.face_paint_colours
+    return {
+        "skin_lipstick": (*made.lipstick, made.lipstick_strength),
+        "skin_eye_shadow": (*made.eye_shadow, made.eye_shadow_strength),
+        "skin_blusher": (*made.blusher, made.blusher_strength),
+        "skin_make_up": (made.lip_gloss, made.eyeliner),
+        "skin_face_paint_a": (*first, made.face_paint_strength),
+        "skin_face_paint_b": (float(FACE_PAINTS.index(made.face_paint)), *second),
+    }
+
+
+def _hair(skin: Skin) -> dict[str, UniformValue]:
+    return {
+        "skin_hair_colour": skin.hair_colour,
+        "skin_beard_colour": skin.hair_colour,
+        "skin_brow_colour": skin.hair_colour,
+        "skin_scalp_hair": 0.8,
+        "skin_brow_strength": skin.brow_strength,
+        "skin_hairline": skin.hairline,
+        "skin_beard": (skin.shaved_shadow, skin.stubble),
+    }
+
+
+def _eyes(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
+    frames, arches = _lid_margins(head.model).arches(head.vertices)
+    eyes = skin.eyes
+    return {
+        "skin_lid_frame": frames,
+        "skin_lid_arch": arches,
+        "skin_eye_inner": np.array([eyes.left_inner, eyes.right_inner]),
+        "skin_eye_outer": np.array([eyes.left_outer, eyes.right_outer]),
+        "skin_eye": (eyes.pupil, float(IRISES.index(eyes.fibres)), eyes.limbal_ring, eyes.redness),
+        "skin_sclera": (*eyes.sclera, eyes.veins),
+        "skin_iris_size": eyes.iris_size,
+    }
+
+
+def _mouth(skin: Skin, active: Mapping[str, float]) -> dict[str, UniformValue]:
+    mouth = skin.mouth
+    return {
+        "skin_teeth": (*mouth.teeth, mouth.gaps),
+        "skin_teeth_odd": (float(mouth.missing), float(mouth.gold), float(mouth.has_braces), mouth.stain),
+        "skin_tongue": mouth.tongue,
+        "skin_mouth_open": min(max(active.get("jawOpen", 0.0) - 0.5 * active.get("mouthClose", 0.0), 0.0), 1.0),
+    }
+
+
+@lru_cache(maxsize=2)
+def _lid_margins(model: MorphableModel) -> LidMargins:
+    return LidMargins(model)

@@ -1,0 +1,187 @@
+"""Where on a head skin is red, oily, hairy or lip: weights of the vertices, smooth over a few millimetres.
+
+The borders of the model's regions run along edges of its mesh, so that they have steps; what is painted by these
+weights has none.
+"""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int64
+from numpy import ndarray
+from scipy.spatial import cKDTree
+
+from datagen.appearance.surface import Surface
+from pix2face.morphable_model import MorphableModel
+
+LID_REACH_MM, HAIRLINE_REACH_MM, CAVITY_RADIUS_MM = 24.0, 48.0, 7.0
+# Height of the hair line (mm) over the angle around the head (radians, 0 the middle of the forehead, pi the nape).
+HAIRLINE = np.array(
+    [
+        [0.0, 98.0],
+        [0.3, 96.0],
+        [0.5, 92.0],
+        [0.68, 84.0],
+        [0.85, 62.0],
+        [1.0, 40.0],
+        [1.12, 18.0],
+        [1.22, 2.0],
+        [1.32, -4.0],
+        [1.5, -2.0],
+        [1.7, -6.0],
+        [2.0, -28.0],
+        [2.4, -46.0],
+        [np.pi, -56.0],
+    ]
+)
+HEAD_RADIUS_MM = 78.0
+
+
+@final
+class LidMargins:
+    """The vertices where the skin of the lids ends, of each eye (the subject's left first).
+
+    Args:
+        model: Needs texture coordinates: eye sockets are islands of their own in them.
+    """
+
+    def __init__(self, model: MorphableModel) -> None:
+        is_socket = _is_socket(model)
+        skin = np.isin(model.triangle_regions, [model.region_names.index(name) for name in ("skin", "brows")])
+        ring = np.intersect1d(model.triangles[skin & ~is_socket], model.triangles[is_socket])
+        self.sides: tuple[Int64[ndarray, " _"], ...] = tuple(
+            ring[sign * model.mean[ring, 0] > 0].astype(np.int64) for sign in (1, -1)
+        )
+        self.corners = tuple((ring[side.argmin()], ring[side.argmax()]) for ring, side in self._across(model))
+        self.is_upper = tuple(
+            model.mean[ring, 1] > np.interp(model.mean[ring, 0], *model.mean[list(ends)][:, :2].T)
+            for ring, ends in zip(self.sides, self.corners, strict=True)
+        )
+
+    def _across(self, model: MorphableModel) -> list[tuple[ndarray, ndarray]]:
+        return [(ring, model.mean[ring, 0]) for ring in self.sides]
+
+    def arches(
+        self, vertices: Float[ndarray, "v 3"]
+    ) -> tuple[Float32[ndarray, "2 4"], Float32[ndarray, "2 4"]]:
+        """The opening of each eye on one head, seen from its front.
+
+        Returns:
+            Frame: middle of the corners (x, y), half of their distance along x, slope of the line through them.
+            Arch: height over that line of the upper lid, its skew, and the same of the lower lid; a lid is at
+            (1 - t^2) (height + skew t) with t = -1..1 from the smaller x to the larger.
+        """
+        frames, arches = np.zeros((2, 2, 4), dtype=np.float32)
+        for k, (ring, ends, is_upper) in enumerate(zip(self.sides, self.corners, self.is_upper, strict=True)):
+            low, high = vertices[list(ends), :2].astype(np.float64)
+            middle, half = (low + high) / 2, max((high[0] - low[0]) / 2, 1.0)
+            slope = (high[1] - low[1]) / (2 * half)
+            t = (vertices[ring, 0] - middle[0]) / half
+            height = vertices[ring, 1] - middle[1] - slope * half * t
+            open_by = np.maximum(1 - t**2, 0)
+            design = np.stack([open_by, open_by * t], axis=1)
+            frames[k] = [*middle, half, slope]
+            arches[k] = [
+                value
+                for lid in (is_upper, ~is_upper)
+                for value in np.linalg.lstsq(design[lid], height[lid], rcond=None)[0]
+            ]
+        return frames, arches
+
+
+def head_paint(model: MorphableModel) -> Float32[ndarray, "v 8"]:
+    """Weights of the vertices for ``skin.glsl``.
+
+    Returns:
+        Lips; distance from the nearest lid's edge (1 is 24 mm and more); ear; cavity (0 flat or bulging, 1 deep);
+        how easily skin flushes; oil; beard; hair line (0.5 on it, 1 is 24 mm inside the hair).
+    """
+    surface = Surface(model)
+    mean = model.mean
+    lips = _inwards(model, _smoothed(model, _weight(surface, "lips")))
+    ear = _smoothed(model, _smoothed(model, _weight(surface, "ears")))
+    margins = np.concatenate(LidMargins(model).sides)
+    lid = np.clip(cKDTree(mean[margins]).query(mean)[0] / LID_REACH_MM, 0, 1)
+    cavity = _smoothed(model, _cavity(mean, surface.normals(mean)))
+    hair = np.clip(0.5 + _inside_hairline(mean) / HAIRLINE_REACH_MM, 0, 1) * (1 - ear)
+    channels = [lips, lid, ear, cavity, _flush(mean, ear), _oil(mean), _beard(mean) * (1 - lips) * (1 - ear), hair]
+    return np.stack(channels, axis=1).astype(np.float32)
+
+
+def _is_socket(model: MorphableModel) -> Bool[ndarray, " t"]:
+    assert model.uv is not None and model.uv_triangles is not None
+    return np.asarray((model.uv[model.uv_triangles][..., 0] < 0.2).all(axis=1))
+
+
+def _weight(surface: Surface, region: str) -> Float32[ndarray, " v"]:
+    return np.asarray(surface.region_weights[:, surface.region_names.index(region)])
+
+
+def _smoothed(model: MorphableModel, values: ndarray) -> ndarray:
+    """Mean over the triangles around each vertex."""
+    of_triangle = values[model.triangles].mean(axis=1)
+    total, count = np.zeros((2, len(values)))
+    np.add.at(total, model.triangles.reshape(-1), np.repeat(of_triangle, 3))
+    np.add.at(count, model.triangles.reshape(-1), 1.0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), values))
+
+
+def _inwards(model: MorphableModel, lips: ndarray) -> ndarray:
+    """Lips go on some millimetres into the mouth."""
+    regions = {name: model.region_names.index(name) for name in ("lips", "mouth_inside")}
+    red = np.unique(model.triangles[model.triangle_regions == regions["lips"]])
+    inside = np.unique(model.triangles[model.triangle_regions == regions["mouth_inside"]])
+    distance = cKDTree(model.mean[red]).query(model.mean[inside])[0]
+    lips = lips.copy()
+    lips[inside] = np.maximum(lips[inside], np.exp(-distance / 4.0))
+    return lips
+
+
+def _cavity(mean: ndarray, normals: ndarray) -> ndarray:
+    """How far the surroundings rise above each vertex, per mm of distance."""
+    tree = cKDTree(mean)
+    near = tree.query(mean, k=40, distance_upper_bound=CAVITY_RADIUS_MM)[1]
+    known = near < len(mean)
+    away = mean[np.where(known, near, 0)] - mean[:, None]
+    alike = np.einsum("vkc,vc->vk", normals[np.where(known, near, 0)], normals) > -0.3
+    rise = np.einsum("vkc,vc->vk", away, normals) / np.maximum(np.linalg.norm(away, axis=2), 1e-3)
+    use = known & alike
+    return np.asarray(np.clip(2.2 * (rise * use).sum(axis=1) / np.maximum(use.sum(axis=1), 1) - 0.15, 0, 1))
+
+
+def _inside_hairline(mean: ndarray) -> ndarray:
+    """Signed distance (mm) from the hair line, positive in the hair."""
+    angle = np.arctan2(np.abs(mean[:, 0]), mean[:, 2])
+    height = np.interp(angle, *HAIRLINE.T)
+    slope = (np.interp(angle + 0.02, *HAIRLINE.T) - np.interp(angle - 0.02, *HAIRLINE.T)) / (0.04 * HEAD_RADIUS_MM)
+    return np.asarray((mean[:, 1] - height) / np.sqrt(1 + slope**2))
+
+
+def _flush(mean: ndarray, ear: ndarray) -> ndarray:
+    x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
+    cheek = np.exp(-(((x - 43) / 19) ** 2) - ((y + 10) / 15) ** 2) * (z > 10)
+    nose = np.exp(-((x / 13) ** 2) - ((y + 10) / 15) ** 2) * _rise(z, 100, 6)
+    chin = 0.4 * np.exp(-((x / 14) ** 2) - ((y + 72) / 10) ** 2) * (z > 40)
+    return np.asarray(np.clip(cheek + nose + chin + 0.7 * ear, 0, 1))
+
+
+def _oil(mean: ndarray) -> ndarray:
+    x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
+    forehead = np.exp(-((x / 32) ** 2) - ((y - 76) / 20) ** 2)
+    nose = np.exp(-((x / 11) ** 2) - ((y - 2) / 28) ** 2)
+    cheek = 0.7 * np.exp(-(((x - 36) / 14) ** 2) - ((y + 4) / 13) ** 2)
+    chin = 0.7 * np.exp(-((x / 13) ** 2) - ((y + 72) / 11) ** 2)
+    return np.asarray(np.clip(forehead + nose + cheek + chin, 0, 1) * (z > 0))
+
+
+def _beard(mean: ndarray) -> ndarray:
+    """Cheeks below a line from the ear to the corner of the mouth, the upper lip, chin, and what is below it."""
+    x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
+    line = np.where(x > 27, -34 + 0.85 * (x - 27), -25 - 9 * _rise(x, 24, 2))
+    within = _rise(line - y, 0, 2.5)
+    throat = _rise(y + 96 + 0.35 * np.maximum(40 - z, 0), 0, 4)
+    return np.asarray(within * throat * _rise(z, 6, 5))
+
+
+def _rise(value: ndarray, middle: float, width: float) -> ndarray:
+    return np.asarray(1 / (1 + np.exp(-np.clip((value - middle) / width, -30, 30))))
