@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import cv2
 import h5py
@@ -130,7 +130,7 @@ def read_picture(name: str) -> UInt8[ndarray, "h w c"]:
     """A picture of the assets, with as many channels as it has: RGB, or RGBA."""
     with open_hair_file(name) as path:
         content = path.read_bytes()
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    picture: Any = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     return np.ascontiguousarray(picture[:, :, [2, 1, 0, 3][: picture.shape[2]]])
 
 

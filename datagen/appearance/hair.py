@@ -141,6 +141,7 @@ def hair_textures() -> Mapping[str, Texture]:
             pixels=np.stack([_with_direction(read_picture(f"{name}.webp")) for name in LASH_STYLES])
         ),
         "hair_brows": Texture(pixels=brow_pictures()),
+        "hair_fedora": Texture(pixels=_felt(read_picture("fedora.webp"))[None]),
     }
 
 
@@ -201,3 +202,12 @@ def _with_direction(picture: UInt8[ndarray, "h w 4"]) -> UInt8[ndarray, "h w 4"]
     twice = np.stack([-difference / length, -product / length], axis=2)
     direction = np.clip(twice * 127.5 + 128, 0, 255).astype(np.uint8)
     return np.dstack([picture[..., 0], alpha, direction])
+
+
+def _felt(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
+    """A texture as ``material.glsl`` reads it: how light, share of the second colour, how dull, opacity."""
+    light = picture.astype(np.float32).mean(axis=2)
+    light *= 255 * 0.8 / light.mean()
+    out = np.full((*light.shape, 4), 255, dtype=np.uint8)
+    out[..., 0], out[..., 1] = np.clip(light, 0, 255), 0
+    return out

@@ -58,7 +58,7 @@ def uncovered(mesh: BoundMesh, crown: CrownPlane | None) -> Int32[ndarray, "t 3"
 
 
 def _above(points: Float32[ndarray, "p 3"], crown: CrownPlane) -> Float32[ndarray, " p"]:
-    return (points - np.float32(crown.point)) @ np.float32(crown.normal)
+    return (points - np.array(crown.point, np.float32)) @ np.array(crown.normal, np.float32)
 
 
 def _tucked(mesh: BoundMesh, crown: CrownPlane, height: Float32[ndarray, " p"]) -> Float32[ndarray, " p"]:
