@@ -1,167 +1,110 @@
-"""Shards to training samples: an endless, numbered sequence of jittered crops.
+"""Shards to batches of training samples: an endless, numbered sequence of draws.
 
 Draw number n is the same sample with the same jitter whoever computes it: it depends on the seed and on n only, not on
-the number of worker processes or on where a training was interrupted. Epoch e is the draws e * epoch_size onwards.
+the number of worker processes or on where a training was interrupted.
 """
 
-import os
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, final
+from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int16, Int64, UInt8
-from numpy import ndarray
 from torch import Tensor
-from torch.utils.data import Dataset, Sampler
+from torch.utils.data import Dataset
 
-from pix2face.crops import Crop, FaceBox
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps
-from pix2face.jitter import crop_maps, draw_jitter, jitter_crop, jitter_image
-from pix2face.shards.shard_reader import ShardReader
-from training.presets import Recipe
+from pix2face.crops import FaceBox
+from pix2face.jitter import draw_jitter, jitter_crop
+from training.batch_rows import BatchRow, cut, resample, vary_colours
+from training.batches import Batch
+from training.decoded_sample import DecodedSample
+from training.draw_order import JITTER_STREAM, DrawOrder
+from training.recipe import Recipe
+from training.sample_store import SampleStore
 from training.shard_index import ShardIndex
-
-# First word of the seeds of the two independent random streams.
-ORDER_STREAM, JITTER_STREAM = 0, 1
+from training.shared_cache import SharedCache
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class DecodedSample:
-    """A sample in memory: the picture, and the maps where there is a face.
-
-    Attributes:
-        image: RGB.
-        pncc: Fixed point, cut to the mask's bounding box; so are the next two.
-        offset: Fixed point.
-        mask: Where both hold.
-        corner: Top left corner (x, y) of the cut in the picture, px.
-        box: Of the landmarks, in the picture.
-    """
-
-    image: UInt8[ndarray, "h w 3"]
-    pncc: Int16[ndarray, "y x 3"]
-    offset: Int16[ndarray, "y x 3"]
-    mask: Bool[ndarray, "y x"]
-    corner: tuple[int, int]
-    box: FaceBox
-
-    @property
-    def bytes(self) -> int:
-        """What it takes in memory."""
-        return self.image.nbytes + self.pncc.nbytes + self.offset.nbytes + self.mask.nbytes
-
-
-@final
-class TripletDataset(Dataset[tuple[Tensor, Tensor]]):
-    """Numbered draws from shards.
+class TripletDataset(Dataset[Batch]):
+    """Numbered draws from shards, a batch at a time.
 
     Args:
         shards: Where the samples are.
         recipe: Size, seed and jitter.
-        cache_bytes: How much decoded data this process may keep. What came first stays: in passes over all samples
-            every place is asked for equally often.
+        cache: Keeps decoded samples, for this process and others; None keeps nothing.
     """
 
-    def __init__(self, shards: ShardIndex, recipe: Recipe, cache_bytes: int = 0) -> None:
-        self._shards = shards
+    def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
         self._recipe = recipe
-        self._cache_bytes = cache_bytes
-        self._forget()
+        self._order = DrawOrder(shards.sets, recipe.seed)
+        self._samples = SampleStore(shards, 0 if recipe.cropping == "full" else recipe.size_px, cache)
+        self._has_seen = shards.knows_seen
+        self._n_samples = len(shards)
 
     def __len__(self) -> int:
-        return len(self._shards)
+        return self._n_samples
 
-    def __getstate__(self) -> dict[str, Any]:
-        """A worker process gets the plan, not the open files."""
-        return {"shards": self._shards, "recipe": self._recipe, "cache_bytes": self._cache_bytes}
+    def __getitem__(self, draw: int) -> Batch:
+        """One draw, as a batch of one."""
+        return self.__getitems__([draw])
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)
+    def __getitems__(self, draws: Sequence[int]) -> Batch:
+        """Some draws, by their numbers from 0 without end.
 
-    def __getitem__(self, draw: int) -> tuple[Float[Tensor, "3 s s"], Float[Tensor, "6 s s"]]:
-        """One draw.
-
-        Args:
-            draw: Its number, from 0, without end.
-
-        Returns:
-            The picture in [-0.5, 0.5]; PNCC and offset divided by their scales, 0 in the background.
+        Raises:
+            InputFileError: A sample is damaged.
+            UsageError: A picture is smaller than what is to be cut from it.
         """
-        if os.getpid() != self._process:
-            self._forget()  # a forked HDF5 handle would share its file position with the parent
-        sample = self._decoded(self._sample_of(draw))
-        rng = np.random.default_rng([JITTER_STREAM, self._recipe.seed, draw])
-        jitter = draw_jitter(rng, self._recipe.jitter)
-        crop = jitter_crop(sample.box, jitter, self._recipe.size_px)
-        image = jitter_image(sample.image, crop, jitter)
-        maps = crop_maps(
-            FaceMaps(fixed_point_to_maps(sample.pncc), fixed_point_to_maps(sample.offset), sample.mask),
-            _moved(crop, sample.corner),
-        )
-        pncc = _planes_first(maps.pncc) / self._shards.pncc_scale_mm
-        offset = _planes_first(maps.offset) / self._shards.offset_scale_mm
-        return _planes_first(image) - 0.5, torch.cat([pncc, offset])
+        batch = empty_batch(len(draws), self._recipe.size_px, has_seen=self._has_seen)
+        for place, draw in enumerate(draws):
+            self._fill(batch_row(batch, place), draw)
+        return batch
 
-    def _sample_of(self, draw: int) -> int:
-        turn, place = divmod(draw, len(self))
-        return int(_order(self._recipe.seed, turn, len(self))[place])
-
-    def _decoded(self, sample: int) -> DecodedSample:
-        if sample not in self._cache:
-            decoded = self._decode(int(self._shards.shard[sample]), int(self._shards.position[sample]))
-            if self._cached_bytes + decoded.bytes > self._cache_bytes:
-                return decoded
-            self._cached_bytes += decoded.bytes
-            self._cache[sample] = decoded
-        return self._cache[sample]
-
-    def _decode(self, shard: int, position: int) -> DecodedSample:
-        if shard not in self._readers:
-            self._readers[shard] = ShardReader(self._shards.paths[shard])
-        reader = self._readers[shard]
-        box = FaceBox.around(reader.landmarks2d(position))
-        cut = reader.face_cut(position)
-        return DecodedSample(reader.image(position), cut.pncc, cut.offset, cut.mask, cut.corner, box)
-
-    def _forget(self) -> None:
-        self._process = os.getpid()
-        self._readers: dict[int, ShardReader] = {}
-        self._cache: dict[int, DecodedSample] = {}
-        self._cached_bytes = 0
+    def _fill(self, row: BatchRow, draw: int) -> None:
+        recipe = self._recipe
+        sample = self._samples.get(self._order.sample_of(draw))
+        rng = np.random.default_rng([JITTER_STREAM, recipe.seed, draw])
+        jitter = draw_jitter(rng, recipe.jitter)
+        if recipe.cropping == "full":
+            crop = jitter_crop(FaceBox.around(sample.landmarks2d), jitter, row.size_px)
+            resample(sample, crop, row)
+        else:
+            corner = middle_corner(sample, row.size_px)
+            if recipe.cropping == "shift":
+                height, width = sample.image.shape[:2]
+                corner = int(rng.integers(width - row.size_px + 1)), int(rng.integers(height - row.size_px + 1))
+            cut(sample, corner, row, mirror=jitter.mirror)
+        if recipe.cropping != "none":
+            vary_colours(row.image, jitter)
 
 
-@final
-class EpochDraws(Sampler[int]):
-    """The draws of one epoch; set ``epoch`` before each."""
-
-    def __init__(self, epoch_size: int) -> None:
-        self.epoch = 0
-        self._epoch_size = epoch_size
-
-    def __len__(self) -> int:
-        return self._epoch_size
-
-    def __iter__(self) -> Iterator[int]:
-        first = self.epoch * self._epoch_size
-        return iter(range(first, first + self._epoch_size))
+def middle_corner(sample: DecodedSample, size_px: int) -> tuple[int, int]:
+    """Column and row of the first pixel of the square in the middle of a picture."""
+    height, width = sample.image.shape[:2]
+    return (width - size_px) // 2, (height - size_px) // 2
 
 
-@lru_cache(maxsize=2)
-def _order(seed: int, turn: int, count: int) -> Int64[ndarray, " n"]:
-    """The order in which a pass over all samples takes them."""
-    return np.random.default_rng([ORDER_STREAM, seed, turn]).permutation(count)
+def empty_batch(n_samples: int, size_px: int, *, has_seen: bool) -> Batch:
+    """A batch full of 0, channels last in memory."""
+
+    def planes(dtype: torch.dtype) -> Tensor:
+        return torch.zeros(n_samples, size_px, size_px, 3, dtype=dtype).permute(0, 3, 1, 2)
+
+    return Batch(
+        image=planes(torch.uint8),
+        pncc=planes(torch.int16),
+        offset=planes(torch.int16),
+        mask=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8),
+        seen=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8) if has_seen else None,
+    )
 
 
-def _moved(crop: Crop, corner: tuple[int, int]) -> Crop:
-    """The same crop in the frame of a picture whose origin is at ``corner``."""
-    image_from_crop = crop.image_from_crop.copy()
-    image_from_crop[:2, 2] -= corner
-    return Crop(image_from_crop, crop.size_px)
-
-
-def _planes_first(picture: Float[ndarray, "s s c"]) -> Float[Tensor, "c s s"]:
-    return torch.from_numpy(np.ascontiguousarray(picture.transpose(2, 0, 1)))
+def batch_row(batch: Batch, place: int) -> BatchRow:
+    """The place of one sample in a batch, to be written to."""
+    return BatchRow(
+        image=batch.image[place].permute(1, 2, 0).numpy(),
+        pncc=batch.pncc[place].permute(1, 2, 0).numpy(),
+        offset=batch.offset[place].permute(1, 2, 0).numpy(),
+        mask=batch.mask[place].numpy(),
+        seen=None if batch.seen is None else batch.seen[place].numpy(),
+    )

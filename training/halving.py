@@ -30,7 +30,9 @@ def halved(sample: DecodedSample) -> DecodedSample:
     pncc, offset, mask = (_padded(values, edges) for values in (sample.pncc, sample.offset, sample.mask))
     n_valid = _block_sum(mask)
     is_face = n_valid >= ENOUGH
-    copied = is_face & (cells_over_steps(fixed_point_to_maps(pncc), mask.astype(bool))[::2, ::2] > 0)
+    copied = is_face
+    if mask.size:  # else there is no face, and no cell
+        copied = is_face & (cells_over_steps(fixed_point_to_maps(pncc), mask.astype(bool))[::2, ::2] > 0)
     return DecodedSample(
         image=cv2.resize(sample.image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA),
         pncc=_means(pncc, mask, n_valid, is_face, copied),

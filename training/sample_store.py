@@ -59,7 +59,7 @@ class SampleStore:
         if min(height, width) < self._cut_px:
             raise UsageError(
                 f"{where}: expected a picture of at least {self._cut_px} x {self._cut_px} pixels to cut from, found "
-                f"{width} x {height}; give --jitter full, which scales, or a smaller --size-px"
+                f"{width} x {height}; give --cropping full, which scales, or a smaller --size-px"
             )
         while self._cut_px and min(sample.image.shape[:2]) >= 2 * self._cut_px:
             sample = halved(sample)
