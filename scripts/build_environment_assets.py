@@ -22,7 +22,7 @@ from numpy import ndarray
 
 from scripts.npm_package import PMNDRS_ASSETS, unpacked
 
-NAMES = [
+NAMES = (
     "apartment",
     "bridge",
     "city",
@@ -41,7 +41,7 @@ NAMES = [
     "venice",
     "warehouse",
     "workshop",
-]
+)
 TARGET = Path(__file__).parents[1] / "datagen" / "assets" / "environments.h5"
 LIGHT_SIZE = 64, 128
 GAIN_STOPS = 16.0

@@ -5,6 +5,7 @@ const int MAX_LAMPS = 2;
 const int MAX_PANORAMAS = 2;
 const float PI = 3.14159265;
 const float MIRRORS = 0.4;      // rougher surfaces mirror what the harmonics know
+const float NARROWEST_EDGE_MM = 1.2;
 const float BRIGHTEST = 12.0;   // of a highlight
 
 uniform vec3 light_sh[9];       // 1, x, y, z, xy, yz, 3 z^2 - 1, xz, x^2 - y^2
@@ -92,17 +93,16 @@ float gobo(vec3 point) {
     return 1.0 - light_gobo_depth * (1.0 - open);
 }
 
-// How much of a lamp reaches a point, 0..1; wide lamps have wide edges of shadows.
-float lamp_reaches(int i, vec3 point, vec3 normal) {
+// How much of a lamp reaches a point, 0..1; wide lamps have wide edges of shadows. What is thin lets light through from
+// behind, so that only what is farther shades it.
+float lamp_reaches(int i, vec3 point, vec3 normal, float thin) {
     float radius = light_edge_mm[i] / shadow_texel_mm;
-    float found;
-    if (radius < 2.0) {
-        found = shadow(i, point, normal);
-    } else {
-        vec3 raised = point + normal * (shadow_texel_mm + 0.35 * light_edge_mm[i]);
-        float bias = 1.0 + 0.4 * light_edge_mm[i];
-        found = 0.5 * (lit_fraction(i, raised, bias, 0.45 * radius) + lit_fraction(i, raised, bias, radius));
-    }
+    float cosine = dot(normal, light_direction[i]);
+    float slope = sqrt(max(1.0 - cosine * cosine, 0.0));
+    float offset = shadow_texel_mm * (0.5 + 1.5 * slope) + 0.3 * (light_edge_mm[i] - NARROWEST_EDGE_MM);
+    vec3 raised = point + normal * offset + (14.0 * thin) * light_direction[i];
+    float bias = 1.0 + 0.4 * (light_edge_mm[i] - NARROWEST_EDGE_MM);
+    float found = 0.5 * (lit_fraction(i, raised, bias, 0.45 * radius) + lit_fraction(i, raised, bias, radius));
     return i == 0 && light_gobo > 0 ? found * gobo(point) : found;
 }
 
@@ -160,16 +160,14 @@ vec3 matt_light(Surface s, int i, float reaches) {
 }
 
 // Light from behind through what is thin: ears, nostrils (scatter above 1).
-vec3 shine_through(Surface s, vec3 towards_camera, int i) {
-    float thin = clamp(s.scatter - 1.0, 0.0, 1.0);
+vec3 shine_through(Surface s, int i, float thin, float reaches) {
     float behind = max(-dot(s.smooth_normal, light_direction[i]) + 0.2, 0.0) / 1.2;
-    if (thin * behind <= 0.0) return vec3(0.0);
-    float reaches = shadow(i, s.position + 14.0 * light_direction[i], light_direction[i]);
     return light_colour[i] * (thin * behind * reaches) * vec3(0.55, 0.12, 0.05);
 }
 
 vec3 light(Surface s, vec3 towards_camera) {
     float view_cosine = clamp(dot(s.normal, towards_camera), 0.02, 1.0);
+    float thin = clamp(s.scatter - 1.0, 0.0, 1.0);
     bool is_hair = dot(s.tangent, s.tangent) > 0.0;
     float open = s.occlusion * mix(1.0, sky(s.position, s.smooth_normal), light_sky_share);
     vec3 soft_normal = normalize(mix(s.normal, s.smooth_normal, 0.5 * min(s.scatter, 1.0)));
@@ -186,9 +184,8 @@ vec3 light(Surface s, vec3 towards_camera) {
     vec3 shine = ambient_mirrored(ray, s.roughness) * (share * clamp(open * (1.0 + view_cosine) - 0.15, 0.0, 1.0));
     for (int i = 0; i < MAX_LAMPS; ++i) {
         if (light_colour[i] == vec3(0.0)) continue;
-        float reaches = lamp_reaches(i, s.position, s.smooth_normal);
-        matt += matt_light(s, i, reaches);
-        if (s.scatter > 1.0) matt += shine_through(s, towards_camera, i);
+        float reaches = lamp_reaches(i, s.position, s.smooth_normal, thin);
+        matt += matt_light(s, i, reaches) + shine_through(s, i, thin, reaches);
         if (reaches > 0.0)
             shine += reaches * (is_hair ? strand_light(s, towards_camera, i) : highlight(s, towards_camera, i, view_cosine));
     }
