@@ -1,10 +1,13 @@
-"""The record of a training: one JSON object a line, averaged over some steps each."""
+"""The record of a training: one JSON object a line, averaged over some steps each, and one for each validation."""
 
 import json
+import resource
+import sys
 import time
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 STEPS_A_LINE = 50
 
@@ -17,20 +20,22 @@ class StepReport:
     Attributes:
         epoch: From 0.
         step: Within the epoch, from 1.
+        samples: Seen since the training began, these included.
         images: In this step's batch.
         loss: Total.
-        pncc: Its PNCC part, in units of the scale.
-        offset: Its offset part, in units of the scale.
+        parts: Its parts by name, unweighted.
         learning_rate: In use.
+        waited_seconds: For the batch.
     """
 
     epoch: int
     step: int
+    samples: int
     images: int
     loss: float
-    pncc: float
-    offset: float
+    parts: Mapping[str, float]
     learning_rate: float
+    waited_seconds: float
 
 
 @final
@@ -38,16 +43,16 @@ class LossLog:
     """Appends to a JSON-lines file.
 
     Args:
-        path: Where to. Lines of ``first_epoch`` and later, left by an interrupted training, are dropped.
-        first_epoch: The epoch that comes next.
+        path: Where to. Lines of more samples than these, left by an interrupted training, are dropped.
+        samples: Seen when the training goes on.
     """
 
-    def __init__(self, path: Path, first_epoch: int) -> None:
+    def __init__(self, path: Path, samples: int) -> None:
         self._path = path
         self._pending: list[StepReport] = []
         self._since = time.monotonic()
         path.parent.mkdir(parents=True, exist_ok=True)
-        kept = _lines_before(path, first_epoch) if first_epoch and path.is_file() else []
+        kept = _lines_until(path, samples) if samples and path.is_file() else []
         path.write_text("".join(kept), encoding="utf-8")
 
     def add(self, report: StepReport) -> None:
@@ -56,29 +61,48 @@ class LossLog:
         if len(self._pending) >= STEPS_A_LINE:
             self.flush()
 
-    def flush(self) -> None:
-        """Writes the steps since the last line; called at the end of an epoch, so that no line spans two."""
+    def flush(self) -> dict[str, Any] | None:
+        """Writes the steps since the last line, if any; called at the end of an epoch, so that no line spans two."""
         if not self._pending:
-            return
-        now = time.monotonic()
+            return None
+        last, now = self._pending[-1], time.monotonic()
+        seconds = max(now - self._since, 1e-9)
         images = sum(report.images for report in self._pending)
-        line = asdict(self._pending[-1])
-        del line["images"]
-        for name in ("loss", "pncc", "offset"):
-            mean = sum(getattr(report, name) * report.images for report in self._pending) / images
-            line[name] = round(mean, 6)
-        line["images_per_second"] = round(images / max(now - self._since, 1e-9), 1)
+        line: dict[str, Any] = {"epoch": last.epoch, "step": last.step, "samples": last.samples}
+        line["loss"] = round(sum(report.loss * report.images for report in self._pending) / images, 6)
+        for name in last.parts:
+            line[name] = round(sum(report.parts[name] * report.images for report in self._pending) / images, 6)
+        line["learning_rate"] = last.learning_rate
+        line["images_per_second"] = round(images / seconds, 1)
+        line["waiting"] = round(sum(report.waited_seconds for report in self._pending) / seconds, 4)
+        line["memory_mb"] = round(memory_mb())
+        self._write(line)
+        self._pending, self._since = [], now
+        return line
+
+    def validation(self, epoch: int, samples: int, scores: Mapping[str, float]) -> None:
+        """Writes what a validation found; the time that it took counts for no rate."""
+        rounded = {name: round(value, 5) for name, value in scores.items()}
+        self._write({"epoch": epoch, "samples": samples, "validation": rounded})
+        self._since = time.monotonic()
+
+    def _write(self, line: Mapping[str, Any]) -> None:
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
-        self._pending, self._since = [], now
 
 
-def _lines_before(path: Path, epoch: int) -> list[str]:
-    """Complete lines of earlier epochs; a half line, from a crash while writing, goes."""
+def memory_mb() -> float:
+    """The most memory that this process has had at a time, MB."""
+    unit = 1e6 if sys.platform == "darwin" else 1e3  # bytes there, kilobytes elsewhere
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def _lines_until(path: Path, samples: int) -> list[str]:
+    """Complete lines of no more samples; a half line, from a crash while writing, goes."""
     kept = []
     for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
         try:
-            if json.loads(line)["epoch"] < epoch:
+            if json.loads(line)["samples"] <= samples:
                 kept.append(line)
         except (ValueError, KeyError, TypeError):
             continue

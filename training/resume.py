@@ -1,91 +1,116 @@
-"""The state at the end of an epoch, from which a training goes on exactly as if it had not been interrupted.
+"""The state of a training after any step, from which it goes on exactly as if it had not been interrupted.
 
-It is a safetensors file like the checkpoint, so reading it runs no code either. No state of a random generator is in
-it: order and jitter follow from the seed and the number of a draw, and the network itself draws nothing.
+It is a safetensors file like the checkpoint, so reading it runs no code either. Order and jitter follow from the seed
+and the number of a draw, the learning rate from the number of a step, and the networks draw nothing: beside weights,
+moments, running means and the number of the next step there is no state, and no random generator's.
 """
 
 import json
+import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from pix2face.checkpoint import read_header, read_tensors, write_tensors
 from pix2face.errors import InputFileError, UsageError
+from training.learner import Learner
 
 METADATA_KEY = "pix2face-resume"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _ADAM_STATE = ("step", "exp_avg", "exp_avg_sq")
 
 
-def save_resume_state(
-    path: Path, network: nn.Module, optimiser: torch.optim.Adam, configuration: str, epoch: int
-) -> None:
-    """Writes weights and the optimiser's state; the old file is replaced at once or not at all.
+def save_state(path: Path, learner: Learner, configuration: str, best: float = math.inf) -> None:
+    """Writes all that the next step depends on; the old file is replaced at once or not at all.
 
     Args:
         path: Where to.
-        network: Its parameters are all that it has.
-        optimiser: Over these parameters, after at least one step.
+        learner: After at least one step.
         configuration: Of the training, as JSON.
-        epoch: Epochs done.
+        best: Lowest validation error so far.
     """
-    tensors: dict[str, Tensor] = {}
-    for name, parameter in network.named_parameters():
-        tensors[f"weight/{name}"] = parameter
+    tensors = dict(_own_tensors(learner))
+    for name, parameter in learner.network.named_parameters():
         for key in _ADAM_STATE:
-            tensors[f"{key}/{name}"] = optimiser.state[parameter][key]
-    header = {"schema_version": SCHEMA_VERSION, "configuration": configuration, "epoch": epoch}
+            tensors[f"{key}/{name}"] = learner.optimiser.state[parameter][key]
+    header = {
+        "schema_version": SCHEMA_VERSION,
+        "configuration": configuration,
+        "step": learner.steps_done,
+        "best": best if math.isfinite(best) else None,
+    }
     write_tensors(path, METADATA_KEY, header, tensors)
 
 
-def epochs_done(path: Path, configuration: str) -> int:
+def steps_done(path: Path, configuration: str) -> int:
     """How far an interrupted training came.
 
     Args:
-        path: What ``save_resume_state`` wrote, or nothing: then 0.
+        path: What ``save_state`` wrote, or nothing: then 0.
         configuration: Of the training that is to go on, as JSON.
 
     Raises:
-        InputFileError: The file is truncated, foreign, or of a newer schema.
+        InputFileError: The file is truncated, foreign, or of another schema.
         UsageError: It belongs to a training with another configuration.
     """
     if not path.exists():
         return 0
     header = read_header(path, METADATA_KEY, SCHEMA_VERSION)
+    if header["schema_version"] < SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: expected schema {SCHEMA_VERSION}, found {header['schema_version']}, of an earlier version; "
+            "--restart starts anew"
+        )
     _check_same_configuration(path, json.loads(header["configuration"]), json.loads(configuration))
-    return int(header["epoch"])
+    return int(header["step"])
 
 
-def load_resume_state(path: Path, network: nn.Module, optimiser: torch.optim.Adam) -> None:
-    """Puts weights and the optimiser's state back.
+def load_state(path: Path, learner: Learner) -> float:
+    """Puts everything back.
 
     Args:
-        path: What ``save_resume_state`` wrote.
-        network: Is overwritten.
-        optimiser: Over its parameters; is overwritten.
+        path: What ``save_state`` wrote.
+        learner: Of the same recipe; is overwritten.
+
+    Returns:
+        The lowest validation error so far; infinity where there was none.
 
     Raises:
         InputFileError: The file is truncated or foreign.
     """
-    tensors = read_tensors(path)
+    header, tensors = read_header(path, METADATA_KEY, SCHEMA_VERSION), read_tensors(path)
     try:
-        for name, parameter in network.named_parameters():
-            parameter.data.copy_(tensors[f"weight/{name}"])
-            optimiser.state[parameter] = {
+        with torch.no_grad():
+            for name, own in _own_tensors(learner):
+                own.copy_(tensors[name])
+        for name, parameter in learner.network.named_parameters():
+            learner.optimiser.state[parameter] = {
                 # Moments keep the memory layout of their parameter: Adam's fused kernel walks both side by side.
                 key: _in_layout_of(parameter, tensors[f"{key}/{name}"])
                 for key in _ADAM_STATE
             }
+        learner.steps_done = int(header["step"])
     except (KeyError, RuntimeError) as error:
         raise InputFileError(
             f"{path}: expected the state of this training, found another content ({error}); --restart starts anew"
         ) from error
+    return math.inf if header["best"] is None else float(header["best"])
+
+
+def _own_tensors(learner: Learner) -> Iterator[tuple[str, Tensor]]:
+    """Weights and statistics of the network, and their running means; not copied."""
+    for name, tensor in learner.network.state_dict().items():
+        yield f"weight/{name}", tensor
+    if learner.mean:
+        for name, tensor in learner.mean.network.state_dict().items():
+            yield f"mean/{name}", tensor
 
 
 def _in_layout_of(parameter: Tensor, value: Tensor) -> Tensor:
-    return value if value.ndim == 0 else torch.empty_like(parameter).copy_(value)
+    return value.to(parameter.device) if value.ndim == 0 else torch.empty_like(parameter).copy_(value)
 
 
 def _check_same_configuration(path: Path, stored: dict[str, Any], present: dict[str, Any]) -> None:

@@ -1,4 +1,9 @@
-"""The learning rate of each epoch."""
+"""The learning rate of each step."""
+
+import math
+from typing import Literal
+
+ScheduleName = Literal["paper", "cosine", "linear"]
 
 # From 1e-3 to about 2.1e-5 in the paper.
 FINAL_FRACTION = 0.021
@@ -18,3 +23,21 @@ def learning_rate(epoch: int, epochs: int, initial: float) -> float:
     Source: Crispell and Bazik 2017, Sec. 3.2.
     """
     return initial * FINAL_FRACTION ** (epoch / max(epochs - 1, 1))
+
+
+def smooth_rate(schedule: ScheduleName, step: int, steps: int, warm_up_steps: int) -> float:
+    """Rises evenly to 1 during warm-up, then falls to almost 0 at the last step, evenly or as half a wave of a cosine.
+
+    Args:
+        schedule: ``linear`` or ``cosine``.
+        step: From 0.
+        steps: How many there are.
+        warm_up_steps: How many of these belong to the rise.
+
+    Returns:
+        A fraction of the largest rate, above 0.
+    """
+    if step < warm_up_steps:
+        return (step + 1) / (warm_up_steps + 1)
+    gone = (step - warm_up_steps) / max(steps - warm_up_steps, 1)
+    return 1 - gone if schedule == "linear" else (1 + math.cos(math.pi * gone)) / 2

@@ -5,22 +5,41 @@ import time
 import torch
 
 from pix2face.command_line import counted
-from training.presets import Recipe
-from training.trainer import start, train_one_epoch
+from training.batches import Batch
+from training.learner import Learner
+from training.losses import LossPlan
+from training.recipe import Recipe
 
 TIMED_STEPS = 2
 
 
 def seconds_per_image(recipe: Recipe, device: str) -> float:
     """Times a few steps of a network that is thrown away, after one to warm up. Loading samples is not in it."""
-    network, optimiser = start(recipe, device)
-    shape = (recipe.batch_size, 3, recipe.size_px, recipe.size_px)
-    image = torch.rand(shape, generator=torch.Generator().manual_seed(0)) - 0.5
-    batch = image, torch.cat([image, image], dim=1)
+    plan = LossPlan(pncc_scale_mm=100.0, offset_scale_mm=10.0, weights=recipe.weights, over=recipe.loss_over)
+    learner, batch = Learner(recipe, plan, device), random_batch(recipe)
     for steps in (1, TIMED_STEPS):
         began = time.perf_counter()
-        train_one_epoch(network, optimiser, [batch] * steps, recipe.precision, 0, lambda report: None)
+        for _ in range(steps):
+            learner.step(batch)
     return (time.perf_counter() - began) / (TIMED_STEPS * recipe.batch_size)
+
+
+def random_batch(recipe: Recipe, seed: int = 0) -> Batch:
+    """A batch of noise, of the size that a recipe takes."""
+    random = torch.Generator().manual_seed(seed)
+    shape = (recipe.batch_size, 3, recipe.size_px, recipe.size_px)
+    one_plane = (recipe.batch_size, recipe.size_px, recipe.size_px)
+
+    def drawn(low: int, high: int, size: tuple[int, ...], dtype: torch.dtype) -> torch.Tensor:
+        return torch.randint(low, high, size, generator=random, dtype=dtype)
+
+    return Batch(
+        image=drawn(0, 256, shape, torch.uint8),
+        pncc=drawn(-1000, 1000, shape, torch.int16),
+        offset=drawn(-1000, 1000, shape, torch.int16),
+        mask=drawn(0, 2, one_plane, torch.uint8),
+        seen=drawn(0, 2, one_plane, torch.uint8),
+    )
 
 
 def duration_in_words(seconds: float) -> str:

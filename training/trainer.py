@@ -1,38 +1,41 @@
 """Shards and a recipe in, a checkpoint out.
 
-``train`` is the whole: it resumes, runs the epochs, and leaves a checkpoint and the state to go on from after each.
+``train`` is the whole: it resumes, takes the steps, and leaves checkpoints and the state to go on from.
 """
 
-import json
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-import cv2
 import torch
-from torch import Tensor
-from torch.utils.data import DataLoader
 
-from pix2face.checkpoint import CheckpointHeader, save_checkpoint
-from pix2face.errors import Pix2FaceError
-from pix2face.networks.paper import UNet, paper_widths
+from pix2face.checkpoint import load_checkpoint, save_checkpoint
+from pix2face.errors import Pix2FaceError, UsageError
+from pix2face.networks.architectures import SEEN_PLANE
 from pix2face.runs import CHECKPOINT_NAME
-from training.dataset import EpochDraws, TripletDataset
+from training.batches import Batch
+from training.configuration import checkpoint_header, training_configuration, with_scales_of
+from training.learner import ALONE, Learner
+from training.loader import BatchLoader
 from training.loss_log import LossLog, StepReport
-from training.losses import map_loss
-from training.presets import Precision, Recipe
-from training.resume import epochs_done, load_resume_state, save_resume_state
-from training.schedule import learning_rate
+from training.losses import LossPlan
+from training.processes import Processes
+from training.recipe import Recipe
+from training.resume import load_state, save_state, steps_done
 from training.shard_index import ShardIndex
+from training.validator import Scores, Validator
 
 RESUME_NAME = "resume.safetensors"
 LOG_NAME = "log.jsonl"
+BEST_NAME = "best.safetensors"
 
-# Source: Crispell and Bazik 2017, Sec. 3.2.
-ADAM_BETAS = (0.5, 0.9)
 
-Batch = tuple[Tensor, Tensor]
+@final
+class TrainingStopped(Pix2FaceError):  # noqa: N818 (nothing went wrong)
+    """A training was asked to stop, and left the state to go on from."""
 
 
 @final
@@ -44,11 +47,33 @@ class Surroundings:
         device: Name of a torch device.
         workers: Processes that decode and jitter samples; 0 does it between steps.
         cache_bytes: Memory for decoded samples, over all workers together.
+        is_compiled: Whether torch.compile makes the passes through the network faster.
+        state_minutes: The state to go on from is written so often, beside the ends of epochs.
+        processes: All that share the work.
     """
 
     device: str
     workers: int
     cache_bytes: int
+    is_compiled: bool = False
+    state_minutes: float = 10.0
+    processes: Processes = ALONE
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Observers:
+    """Who is told of a training, and who can end it. All do nothing unless told otherwise.
+
+    Attributes:
+        on_step: Is told of every step.
+        on_scores: Is told of every validation: samples seen, scores, and the validator with the network.
+        should_stop: Asked after every step; once it says yes, the state is written and the training ends.
+    """
+
+    on_step: Callable[[StepReport], None] = lambda report: None
+    on_scores: Callable[[int, Scores, torch.nn.Module], None] = lambda samples, scores, network: None
+    should_stop: Callable[[], bool] = lambda: False
 
 
 def train(
@@ -57,7 +82,9 @@ def train(
     out: Path,
     surroundings: Surroundings,
     *,
-    on_step: Callable[[StepReport], None] = lambda report: None,
+    initial: Path | None = None,
+    validator: Validator | None = None,
+    observers: Observers | None = None,
 ) -> Path:
     """Trains until the recipe is done, from where an earlier call with the same arguments was interrupted.
 
@@ -66,154 +93,156 @@ def train(
         recipe: What to do.
         out: Folder of the checkpoint, the state to resume from, and the log.
         surroundings: Where to do it.
-        on_step: Is told of every step.
+        initial: A checkpoint whose weights, and scales, are started from.
+        validator: Measures the network as often as it wants; None does without.
+        observers: Who is told.
 
     Returns:
         The checkpoint.
 
     Raises:
-        UsageError: ``out`` holds a training with another configuration.
-        InputFileError: A shard or the state to resume from cannot be read.
+        UsageError: ``out`` holds a training with another configuration, or two arguments do not go together.
+        InputFileError: A shard, the initial checkpoint or the state to resume from cannot be read.
         Pix2FaceError: The loss is not finite any more.
+        TrainingStopped: It was asked to stop.
     """
     recipe.check()
-    configuration = training_configuration(shards, recipe)
-    network, optimiser = start(recipe, surroundings.device)
-    done = epochs_done(out / RESUME_NAME, configuration)
-    if done:
-        load_resume_state(out / RESUME_NAME, network, optimiser)
-    log = LossLog(out / LOG_NAME, done)
-    draws, loader = batches(shards, recipe, surroundings)
-
-    def report(step: StepReport) -> None:
-        log.add(step)
-        on_step(step)
-
-    for epoch in range(done, recipe.epochs):
-        draws.epoch = epoch
-        for group in optimiser.param_groups:
-            group["lr"] = learning_rate(epoch, recipe.epochs, recipe.learning_rate)
-        train_one_epoch(network, optimiser, _readable(loader), recipe.precision, epoch, report)
-        log.flush()
-        header = checkpoint_header(shards, recipe, configuration, epoch + 1)
-        save_checkpoint(out / CHECKPOINT_NAME, header, network)
-        save_resume_state(out / RESUME_NAME, network, optimiser, configuration, epoch + 1)
+    check_plan(shards, recipe, surroundings.processes)
+    training = _Training(shards, recipe, out, surroundings, initial)
+    training.run(validator, observers or Observers())
     return out / CHECKPOINT_NAME
 
 
-def train_one_epoch(
-    network: UNet,
-    optimiser: torch.optim.Optimizer,
-    loader: Iterable[Batch],
-    precision: Precision,
-    epoch: int,
-    on_step: Callable[[StepReport], None],
-) -> None:
-    """One pass over a loader.
+@final
+class _Training:
+    """One training on its way."""
 
-    Raises:
-        Pix2FaceError: Loss or weights are not finite any more.
-    """
-    device = next(network.parameters()).device
-    rate = float(optimiser.param_groups[0]["lr"])
-    for step, (image, target) in enumerate(loader, start=1):
-        with torch.autocast(device.type, dtype=torch.bfloat16, enabled=precision == "bfloat16"):
-            planes = network(image.to(device, non_blocking=True))
-        loss = map_loss(planes.float(), target.to(device, non_blocking=True))
-        total = loss.total
-        _check_finite(total, f"the loss is {total.item()}", epoch, step)
-        optimiser.zero_grad()
-        total.backward()  # type: ignore[no-untyped-call]
-        optimiser.step()
-        on_step(
-            StepReport(
-                epoch=epoch,
-                step=step,
-                images=len(image),
-                loss=total.item(),
-                pncc=loss.pncc.item(),
-                offset=loss.offset.item(),
-                learning_rate=rate,
-            )
+    def __init__(
+        self, shards: ShardIndex, recipe: Recipe, out: Path, surroundings: Surroundings, initial: Path | None
+    ) -> None:
+        self._recipe, self._out, self._surroundings = recipe, out, surroundings
+        self._is_first = surroundings.processes.is_first
+        start = load_checkpoint(initial) if initial else None
+        self._shards = shards if start is None else with_scales_of(start[0], shards, recipe)
+        self._configuration = training_configuration(self._shards, recipe, initial)
+        self._learner = new_learner(self._shards, recipe, surroundings)
+        self._best, self._waited_seconds = math.inf, 0.0
+        if steps_done(out / RESUME_NAME, self._configuration):
+            self._best = load_state(out / RESUME_NAME, self._learner)
+        elif start is not None:
+            self._learner.start_from(start[1])
+        surroundings.processes.wait_for_all()  # else the first may write what others still read
+        self._log = LossLog(out / LOG_NAME, self._samples) if self._is_first else None
+        self._state_written = time.monotonic()
+
+    @property
+    def _samples(self) -> int:
+        return self._learner.steps_done * self._recipe.batch_size
+
+    def run(self, validator: Validator | None, observers: Observers) -> None:
+        """Takes all steps that are left."""
+        recipe, loader = self._recipe, new_loader(self._shards, self._recipe, self._surroundings)
+        for batch in loader.batches(self._samples, recipe.steps - self._learner.steps_done):
+            report = self._step(batch, loader.wait_seconds)
+            observers.on_step(report)
+            is_end = report.step == recipe.epoch_steps
+            if self._log:
+                if is_end:
+                    self._log.flush()
+                if validator and validator.is_due(report.samples, report.images, is_end=is_end):
+                    self._validate(validator, report, observers)
+            if is_end or time.monotonic() - self._state_written >= 60 * self._surroundings.state_minutes:
+                self._save()
+            if self._is_asked_to_stop(observers):
+                self._save()
+                self._surroundings.processes.wait_for_all()
+                raise TrainingStopped(f"stopped after {report.samples} samples; the same command goes on from there")
+        self._surroundings.processes.wait_for_all()
+
+    def _step(self, batch: Batch, waited_seconds: float) -> StepReport:
+        epoch, step = divmod(self._learner.steps_done, self._recipe.epoch_steps)
+        losses = self._learner.step(batch)
+        waited, self._waited_seconds = waited_seconds - self._waited_seconds, waited_seconds
+        report = StepReport(
+            epoch=epoch,
+            step=step + 1,
+            samples=self._samples,
+            images=self._recipe.batch_size,
+            loss=losses.total,
+            parts=losses.parts,
+            learning_rate=losses.learning_rate,
+            waited_seconds=waited,
         )
-    # The last step's weights have met no loss yet, and are about to replace a sound checkpoint.
-    for parameter in network.parameters():
-        _check_finite(parameter, "the weights are not finite", epoch, step)
+        if self._log:
+            self._log.add(report)
+        return report
+
+    def _validate(self, validator: Validator, report: StepReport, observers: Observers) -> None:
+        scores = validator.scores(self._learner.result)
+        assert self._log is not None
+        self._log.validation(report.epoch, report.samples, scores.as_numbers())
+        observers.on_scores(report.samples, scores, self._learner.result)
+        if scores.error < self._best:
+            self._best = scores.error
+            self._save_checkpoint(BEST_NAME)
+
+    def _save(self) -> None:
+        """Writes the checkpoint, then the state that goes on from it."""
+        if self._is_first:
+            self._save_checkpoint(CHECKPOINT_NAME)
+            save_state(self._out / RESUME_NAME, self._learner, self._configuration, self._best)
+        self._state_written = time.monotonic()
+
+    def _save_checkpoint(self, name: str) -> None:
+        self._learner.check_weights()
+        epochs = self._learner.steps_done // self._recipe.epoch_steps
+        header = checkpoint_header(self._shards, self._recipe, self._configuration, epochs, self._samples)
+        save_checkpoint(self._out / name, header, self._learner.result)
+
+    def _is_asked_to_stop(self, observers: Observers) -> bool:
+        """Whether one of all processes is."""
+        asked = torch.tensor(float(observers.should_stop()), device=self._surroundings.device)
+        return self._surroundings.processes.mean(asked).item() > 0
 
 
-def start(recipe: Recipe, device: str) -> tuple[UNet, torch.optim.Adam]:
-    """The network and its optimiser before the first step; they depend on the recipe alone."""
-    with torch.random.fork_rng():
-        torch.manual_seed(recipe.seed)
-        network = UNet(recipe.size_px, recipe.filters)
-    network = network.to(device)
-    return network, torch.optim.Adam(network.parameters(), lr=recipe.learning_rate, betas=ADAM_BETAS, fused=True)
-
-
-def batches(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> tuple[EpochDraws, DataLoader[Batch]]:
-    """The loader, and the handle that says which epoch it loads next."""
-    workers = surroundings.workers
-    dataset = TripletDataset(shards, recipe, surroundings.cache_bytes // max(workers, 1))
-    draws = EpochDraws(recipe.epoch_size)
-    loader: DataLoader[Batch] = DataLoader(
-        dataset,
-        batch_size=recipe.batch_size,
-        sampler=draws,
-        num_workers=workers,
-        persistent_workers=workers > 0,
-        # Forking a process with threads may hang it.
-        multiprocessing_context="spawn" if workers else None,
-        worker_init_fn=_with_one_thread,
-        pin_memory=surroundings.device.startswith("cuda"),
-    )
-    return draws, loader
-
-
-def training_configuration(shards: ShardIndex, recipe: Recipe) -> str:
-    """What the weights depend on, as JSON: two trainings with the same one are the same training."""
-    data = {
-        "samples": len(shards),
-        "samples_sha256": shards.samples_sha256,
-        "model_sha256": shards.model_sha256,
-        "pncc_scale_mm": shards.pncc_scale_mm,
-        "offset_scale_mm": shards.offset_scale_mm,
-    }
-    return json.dumps(asdict(recipe) | data, sort_keys=True)
-
-
-def checkpoint_header(shards: ShardIndex, recipe: Recipe, configuration: str, epoch: int) -> CheckpointHeader:
-    """What a checkpoint of this training says of itself."""
-    return CheckpointHeader(
-        model_name=shards.model_name,
-        model_sha256=shards.model_sha256,
-        size_px=recipe.size_px,
-        widths=paper_widths(recipe.size_px, recipe.filters),
+def new_learner(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> Learner:
+    """The network before its first step."""
+    plan = LossPlan(
         pncc_scale_mm=shards.pncc_scale_mm,
         offset_scale_mm=shards.offset_scale_mm,
-        smallest_radius_mm=shards.smallest_radius_mm,
-        licence=shards.licence,
-        configuration=configuration,
-        epoch=epoch,
+        weights=recipe.weights,
+        over=recipe.loss_over,
+    )
+    return Learner(recipe, plan, surroundings.device, surroundings.processes, surroundings.is_compiled)
+
+
+def new_loader(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> BatchLoader:
+    """What brings the batches."""
+    return BatchLoader(
+        shards,
+        recipe,
+        workers=surroundings.workers,
+        cache_bytes=surroundings.cache_bytes,
+        pin_memory=surroundings.device.startswith("cuda"),
+        rank=surroundings.processes.rank,
+        n_ranks=surroundings.processes.count,
     )
 
 
-def _with_one_thread(worker: int) -> None:
-    """Workers run side by side; OpenCV's threads in each of them would only be in each other's way."""
-    cv2.setNumThreads(1)
+def check_plan(shards: ShardIndex, recipe: Recipe, processes: Processes) -> None:
+    """Makes sure that the samples know what is to be learned, and that batches can be divided.
 
-
-def _readable(loader: Iterable[Batch]) -> Iterator[Batch]:
-    """Passes batches on; an error of ours that a worker wrapped in its traceback becomes one line again."""
-    try:
-        yield from loader
-    except Pix2FaceError as error:
-        last_line = str(error).strip().splitlines()[-1]
-        raise type(error)(last_line.removeprefix(f"{type(error).__module__}.{type(error).__name__}: ")) from error
-
-
-def _check_finite(values: Tensor, what: str, epoch: int, step: int) -> None:
-    if not bool(torch.isfinite(values).all()):
-        raise Pix2FaceError(
-            f"epoch {epoch + 1}, step {step}: {what}. The checkpoint of the last complete epoch is kept, where "
-            "there is one. Try a lower --learning-rate or --precision float32; `datagen verify` checks the shards"
+    Raises:
+        UsageError: They do not, or they cannot.
+    """
+    if (recipe.planes > SEEN_PLANE or recipe.loss_over == "seen") and not shards.knows_seen:
+        raise UsageError(
+            "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
+            "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
+        )
+    shares = processes.count * recipe.parts
+    if recipe.batch_size % shares:
+        raise UsageError(
+            f"--batch-size: expected a multiple of {shares} ({processes.count} processes, {recipe.parts} parts), "
+            f"found {recipe.batch_size}"
         )

@@ -8,10 +8,11 @@ from pix2face.morphable_model import builtin_model
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
-from training.cli import TrainConfig, main, next_command
+from training.cli import main, next_command
 from training.presets import PRESETS
 from training.shard_index import index_shards
 from training.speed import duration_in_words, seconds_per_image
+from training.train_config import TrainConfig
 
 SMALL = [
     "--preset",
@@ -62,8 +63,8 @@ def test_restart_replaces_a_training(shards_dir, tmp_path, capsys):
 
 
 def test_the_preset_is_the_papers_unless_told_otherwise(tmp_path):
-    assert TrainConfig(shards=(tmp_path,)).recipe() == PRESETS["paper"]
-    changed = TrainConfig(shards=(tmp_path,), preset="tiny", filters=8, seed=0).recipe()
+    assert TrainConfig(shards=(str(tmp_path),)).recipe() == PRESETS["paper"]
+    changed = TrainConfig(shards=(str(tmp_path),), preset="tiny", filters=8, seed=0).recipe()
     assert (changed.filters, changed.size_px) == (8, PRESETS["tiny"].size_px)
 
 
@@ -104,8 +105,8 @@ def test_mirroring_is_refused_where_the_model_is_not_symmetric(tmp_path, capsys)
     model, folder = small_head_model(), tmp_path / "shards"
     header = shard_header(model, mirror_obstacle="the mean face of test is not symmetric")
     write_shard(folder / "shard-00000.h5", header, [head_triplet(model, 0)])
-    assert main(["--shards", str(folder), "--preset", "tiny", "--mirror", "--out", str(tmp_path / "run")]) == 2
-    assert "--mirror: expected shards whose samples can be mirrored, but the mean face" in capsys.readouterr().err
+    assert main(["--shards", str(folder), "--preset", "tiny", "--mirror", "yes", "--out", str(tmp_path / "run")]) == 2
+    assert "--mirror yes: expected shards whose samples can be mirrored, but the mean face" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 

@@ -11,6 +11,11 @@ def test_paper_is_the_papers():
     paper = PRESETS["paper"]
     assert (paper.size_px, paper.filters, paper.batch_size) == (256, 64, 4)
     assert (paper.epochs, paper.epoch_size, paper.learning_rate) == (60, 100_000, 1e-3)
+    assert (paper.architecture, paper.planes, paper.schedule, paper.precision) == ("paper", 6, "paper", "float32")
+    assert paper.widths == (64, 128, 256, 512, 512, 512, 512, 512)
+    assert (paper.weights.pncc, paper.weights.offset, paper.loss_over) == (1, 1, "all")
+    assert (paper.parts, paper.clip, paper.ema, paper.warm_up) == (1, 0, 0, 0)
+    assert paper.cropping == "full"
     assert paper.jitter == JitterRange(scale=(1.0, 1.8), shift=0.25, rotation_deg=20, gamma=(0.8, 1.2), gain=0.8)
 
 

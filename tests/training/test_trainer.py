@@ -1,4 +1,5 @@
 import json
+import math
 import shutil
 from dataclasses import replace
 
@@ -14,22 +15,51 @@ from pix2face.jitter import JitterRange
 from pix2face.runs import CHECKPOINT_NAME
 from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
-from training.losses import MapLoss
+from training.configuration import training_configuration
+from training.losses import LossPlan
 from training.presets import PRESETS
-from training.resume import epochs_done
+from training.recipe import Recipe
+from training.resume import steps_done
 from training.shard_index import index_shards
-from training.trainer import LOG_NAME, RESUME_NAME, Surroundings, train, training_configuration
+from training.trainer import LOG_NAME, RESUME_NAME, Observers, Surroundings, TrainingStopped, train
 
 RECIPE = replace(PRESETS["tiny"], size_px=32, filters=4, batch_size=2, epochs=4, epoch_size=6)
+# Batch norm with statistics, a running mean, masks, clipping, a smooth schedule: all the state that there can be.
+RESIDUAL = Recipe(
+    architecture="residual",
+    size_px=64,
+    filters=2,
+    planes=7,
+    batch_size=4,
+    parts=2,
+    epochs=2,
+    epoch_size=24,
+    learning_rate=1e-3,
+    schedule="cosine",
+    warm_up=8,
+    precision="bfloat16",
+    clip=0.5,
+    ema=0.9,
+)
 HERE = Surroundings(device="cpu", workers=0, cache_bytes=10**8)
+STATE_AFTER_EACH_STEP = replace(HERE, state_minutes=0.0)
 
 
-def interrupt_at(epoch: int, step: int):
+def interrupt_at(epoch: int, step: int) -> Observers:
     def on_step(report):
         if (report.epoch, report.step) == (epoch, step):
             raise KeyboardInterrupt
 
-    return on_step
+    return Observers(on_step=on_step)
+
+
+def stop_at(epoch: int, step: int) -> Observers:
+    steps = []
+
+    def on_step(report):
+        steps.append((report.epoch, report.step))
+
+    return Observers(on_step=on_step, should_stop=lambda: steps[-1] == (epoch, step))
 
 
 @pytest.fixture
@@ -49,13 +79,30 @@ def test_an_interrupted_training_ends_bit_for_bit_where_a_whole_one_does(shards,
     out = tmp_path / "parts"
     for epoch, step in ((0, 2), (2, 3)):
         with pytest.raises(KeyboardInterrupt):
-            train(shards, recipe, out, HERE, on_step=interrupt_at(epoch, step))
-    assert epochs_done(out / RESUME_NAME, training_configuration(shards, recipe)) == 2
+            train(shards, recipe, out, HERE, observers=interrupt_at(epoch, step))
+    assert steps_done(out / RESUME_NAME, training_configuration(shards, recipe)) == 2 * 3
     parts = train(shards, recipe, out, HERE)
     assert parts.read_bytes() == whole.read_bytes()
     assert (out / RESUME_NAME).read_bytes() == (tmp_path / "whole" / RESUME_NAME).read_bytes()
     lines = [json.loads(line) for line in (out / LOG_NAME).read_text().splitlines()]
     assert [line["epoch"] for line in lines] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("recipe", [RECIPE, RESIDUAL], ids=["paper", "residual"])
+def test_it_goes_on_from_any_step_bit_for_bit(shards, tmp_path, recipe):
+    whole = train(shards, recipe, tmp_path / "whole", HERE)
+    out = tmp_path / "parts"
+    step = np.random.default_rng().integers(1, recipe.epoch_steps)  # another one each time: none may matter
+    with pytest.raises(KeyboardInterrupt):  # dies while a step is reported; the state of the step before is there
+        train(shards, recipe, out, STATE_AFTER_EACH_STEP, observers=interrupt_at(1, int(step)))
+    with pytest.raises(TrainingStopped, match="the same command goes on from there"):
+        train(shards, recipe, out, HERE, observers=stop_at(1, int(step)))
+    done = steps_done(out / RESUME_NAME, training_configuration(shards, recipe))
+    assert done == recipe.epoch_steps + step
+    assert load_checkpoint(out / CHECKPOINT_NAME)[0].samples == done * recipe.batch_size
+    parts = train(shards, recipe, out, HERE)
+    assert parts.read_bytes() == whole.read_bytes()
+    assert (out / RESUME_NAME).read_bytes() == (tmp_path / "whole" / RESUME_NAME).read_bytes()
 
 
 def test_the_test_above_can_fail(shards, tmp_path, uninterrupted):
@@ -65,20 +112,20 @@ def test_the_test_above_can_fail(shards, tmp_path, uninterrupted):
 
 def test_a_finished_training_is_left_alone(shards, uninterrupted):
     before = uninterrupted.read_bytes()
-    assert train(shards, RECIPE, uninterrupted.parent, HERE, on_step=interrupt_at(0, 1)) == uninterrupted
+    assert train(shards, RECIPE, uninterrupted.parent, HERE, observers=interrupt_at(0, 1)) == uninterrupted
     assert uninterrupted.read_bytes() == before
 
 
 def test_an_interruption_keeps_the_last_epochs_checkpoint(shards, tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        train(shards, RECIPE, tmp_path, HERE, on_step=interrupt_at(1, 2))
+        train(shards, RECIPE, tmp_path, HERE, observers=interrupt_at(1, 2))
     header, _ = load_checkpoint(tmp_path / CHECKPOINT_NAME)
     assert header.epoch == 1
 
 
 def test_the_checkpoint_says_what_it_was_trained_on(shards, uninterrupted):
     header, _ = load_checkpoint(uninterrupted)
-    assert (header.size_px, header.filters, header.epoch) == (32, 4, 4)
+    assert (header.size_px, header.filters, header.epoch, header.samples) == (32, 4, 4, 24)
     assert (header.model_name, header.model_sha256) == (shards.model_name, shards.model_sha256)
     assert (header.pncc_scale_mm, header.offset_scale_mm) == (shards.pncc_scale_mm, shards.offset_scale_mm)
     assert header.licence == shards.licence
@@ -98,6 +145,8 @@ def test_the_log_names_its_parts(shards, uninterrupted):
     for line in lines:
         assert line["loss"] == pytest.approx((line["pncc"] + line["offset"]) / 2, abs=1e-6)
         assert line["images_per_second"] > 0
+        assert 0 <= line["waiting"] <= 1
+        assert line["memory_mb"] > 10
     assert lines[0]["learning_rate"] == 1e-3
     assert lines[-1]["learning_rate"] == pytest.approx(2.1e-5)
 
@@ -135,13 +184,10 @@ def test_a_cut_state_is_refused(shards, uninterrupted):
 @pytest.mark.filterwarnings("ignore:overflow encountered")
 def test_a_diverging_training_stops_and_keeps_the_last_checkpoint(shards, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
-        train(shards, RECIPE, tmp_path, HERE, on_step=interrupt_at(1, 1))
+        train(shards, RECIPE, tmp_path, HERE, observers=interrupt_at(1, 1))
     before = (tmp_path / CHECKPOINT_NAME).read_bytes()
 
-    def infinite(planes, target):
-        return MapLoss(planes.mean() * float("inf"), planes.mean())
-
-    monkeypatch.setattr("training.trainer.map_loss", infinite)
+    monkeypatch.setattr(LossPlan, "total", lambda plan, parts: parts["pncc"] * math.inf)
     with pytest.raises(Pix2FaceError, match=r"epoch 2, step 1: the loss is (-?inf|nan)\. The checkpoint .* is kept"):
         train(shards, RECIPE, tmp_path, HERE)
     assert (tmp_path / CHECKPOINT_NAME).read_bytes() == before
