@@ -16,6 +16,7 @@ from datagen.jobs.render_cli import render
 from datagen.model_cli import model
 from datagen.opengl.doctor_cli import doctor
 from datagen.sampling import sample_faces
+from datagen.sampling_configuration import load_geometry
 from pix2face.coefficients import save_coefficients
 from pix2face.command_line import check_output_file, counted, run_commands, say
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
@@ -35,6 +36,9 @@ class SampleConfig:
     """Seed of identities, expressions, poses and cameras. 0 is a seed like any other."""
     size: int = 256
     """Side of the pictures to be rendered, in pixels."""
+    appearance: str = "default"
+    """What is drawn how often: ``default``, ``hard``, ``plain``, or a TOML file, of which the table [geometry] counts
+    here (docs/sampling.md)."""
     model: str = BUILTIN_MODEL
     """``builtin``, or a model file made by ``datagen model import``."""
 
@@ -42,7 +46,8 @@ class SampleConfig:
 def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:
     """Draw plausible faces, poses and cameras, and write them as a table of coefficients."""
     check_output_file(config.out, (".h5",))
-    table = sample_faces(open_model(config.model), config.n, config.seed, config.size)
+    geometry = load_geometry(config.appearance)
+    table = sample_faces(open_model(config.model), config.n, config.seed, config.size, geometry)
     save_coefficients(table, config.out)
     say(console, f"{counted(len(table), 'face')} of {table.model_name} -> {config.out}")
     say(console, f"next: datagen render --coeffs {config.out} --out shards/")

@@ -28,14 +28,14 @@ from datagen.sampling_expressions import (
     expression_of,
     strengths_to_text,
 )
-from datagen.sampling_views import draw_photographed_view, photograph_face
+from datagen.sampling_teeth import ToothGuard
+from datagen.sampling_views import camera_attributes, draw_photographed_view, photograph_face
 from pix2face.camera import (
     Camera,
     HeadPose,
     Pinhole,
     WeakPerspective,
     pinhole_camera,
-    pinhole_of,
     rotation_of_pose,
     weak_perspective_camera,
 )
@@ -101,11 +101,12 @@ def sample_faces(
     expression = np.zeros((n, model.n_expression), dtype=np.float32)
     cameras = np.zeros((n, 4, 4))
     attributes = []
+    guard = ToothGuard(model)
     for index, sample_id in enumerate(sample_ids):
         if geometry.is_plain:
             face = _plain_face(model, generator_for(seed, sample_id), size_px)
         else:
-            face = _face(model, (seed, sample_id), size_px, geometry)
+            face = _face(model, (seed, sample_id), size_px, geometry, guard)
         identity[index], expression[index], cameras[index] = face.identity, face.expression, face.camera.matrix
         attributes.append(json.dumps({"geometry": "drawn by datagen sample", **face.attributes}))
     drawn = {} if geometry.is_plain else {"geometry": asdict(geometry)}
@@ -141,7 +142,9 @@ def _plain_face(model: MorphableModel, rng: np.random.Generator, size_px: int) -
     return _SampledFace(identity, expression, frame_face(landmarks, draw_view(rng), size_px), {})
 
 
-def _face(model: MorphableModel, seed: tuple[int, str], size_px: int, geometry: GeometryConfig) -> _SampledFace:
+def _face(
+    model: MorphableModel, seed: tuple[int, str], size_px: int, geometry: GeometryConfig, guard: ToothGuard
+) -> _SampledFace:
     # Streams of their own: another choice of poses leaves the faces as they are.
     identity_rng, expression_rng, view_rng = (
         generator_for(seed[0], f"{seed[1]}/{part}") for part in ("identity", "expression", "view")
@@ -150,8 +153,9 @@ def _face(model: MorphableModel, seed: tuple[int, str], size_px: int, geometry: 
     described: dict[str, str | float] = {}
     if model.named_expressions:
         drawn = draw_named_expression(expression_rng, geometry, tuple(model.named_expressions))
-        expression = expression_of(model, drawn.strengths)
-        described |= {"expression": drawn.kind, NAMED_EXPRESSIONS: strengths_to_text(drawn.strengths)}
+        strengths = guard.tamed(identity, drawn.strengths)
+        expression = expression_of(model, strengths)
+        described |= {"expression": drawn.kind, NAMED_EXPRESSIONS: strengths_to_text(strengths)}
     else:
         expression = draw_expression(model, expression_rng)
     view = draw_photographed_view(view_rng, geometry)
@@ -168,19 +172,6 @@ def _draw_identity(n: int, rng: np.random.Generator, geometry: GeometryConfig) -
         which = rng.choice(min(n, N_LARGEST_COMPONENTS), count, replace=False)
         identity[which] = rng.choice([-1.0, 1.0], count) * rng.uniform(*geometry.extreme_identity, count)
     return identity * geometry.identity_spread
-
-
-def camera_attributes(camera: Camera) -> dict[str, str | float]:
-    """Focal length and principal point of a camera in pixels of its picture; nothing of one without perspective."""
-    if camera.is_affine:
-        return {}
-    pinhole = pinhole_of(camera)
-    x, y = pinhole.principal_point_px
-    return {
-        "focal_px": round(pinhole.focal_px, 2),
-        "principal_x_px": round(float(x), 2),
-        "principal_y_px": round(float(y), 2),
-    }
 
 
 def draw_expression(model: MorphableModel, rng: np.random.Generator) -> Float64[ndarray, " e"]:

@@ -6,9 +6,11 @@ docs/sampling.md says what comes of them.
 import math
 from dataclasses import dataclass, fields
 from itertools import pairwise
+from pathlib import Path
 from typing import final
 
-from pix2face.errors import UsageError
+from datagen.appearance.configuration_files import read_toml, replaced
+from pix2face.errors import InputFileError, UsageError
 
 
 @final
@@ -55,7 +57,7 @@ class GeometryConfig:
 
     is_plain: bool = False
     extreme_identity_share: float = 0.12
-    extreme_identity: tuple[float, float] = (1.8, 3.0)
+    extreme_identity: tuple[float, float] = (1.8, 2.7)
     identity_spread: float = 1.0
     wide_yaw_share: float = 0.40
     wide_yaw_deg: tuple[float, float] = (25.0, 95.0)
@@ -139,7 +141,7 @@ PLAIN_GEOMETRY = GeometryConfig(is_plain=True)
 # Rarer things more often, extremes wider.
 HARD_GEOMETRY = GeometryConfig(
     extreme_identity_share=0.3,
-    identity_spread=1.15,
+    identity_spread=1.1,
     wide_yaw_share=0.55,
     wide_yaw_deg=(35.0, 100.0),
     any_yaw_share=0.15,
@@ -163,6 +165,30 @@ HARD_GEOMETRY = GeometryConfig(
     wink_share=0.05,
     half_shut_share=0.15,
 )
+
+GEOMETRIES = {"plain": PLAIN_GEOMETRY, "default": DEFAULT_GEOMETRY, "hard": HARD_GEOMETRY}
+
+
+def load_geometry(name_or_path: str) -> GeometryConfig:
+    """The geometry of a preset, or of the table ``[geometry]`` of a TOML file; what that leaves out is ``default``'s.
+
+    Raises:
+        InputFileError: It is neither a preset nor a file that can be read.
+        UsageError: It says what cannot be drawn.
+    """
+    if name_or_path in GEOMETRIES:
+        return GEOMETRIES[name_or_path]
+    path = Path(name_or_path)
+    if not path.is_file():
+        raise InputFileError(
+            f"--appearance: expected {', '.join(GEOMETRIES)} or a TOML file, found {name_or_path!r}, which is neither"
+        )
+    table = read_toml(path).get("geometry", {})
+    if not isinstance(table, dict):
+        raise InputFileError(f"{path}: expected a table [geometry], found {table!r}")
+    geometry = replaced(DEFAULT_GEOMETRY, table, f"{path}: [geometry]")
+    geometry.check()
+    return geometry
 
 
 def _check_range(name: str, values: tuple[float, ...], low: float, high: float) -> None:

@@ -14,8 +14,11 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from datagen.sampling_configuration import GeometryConfig
-from pix2face.camera import Camera, HeadPose, Pinhole, pinhole_camera, rotation_of_pose
+from pix2face.camera import Camera, HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
 from pix2face.crops import FaceBox
+
+# The attribute of a sample that says that the camera's others are there too.
+FOCAL_LENGTH = "focal_px"
 
 
 @final
@@ -74,6 +77,19 @@ def photograph_face(landmarks_mm: Float64[ndarray, "m 3"], view: PhotographedVie
     focal_px = size_px / (view.picture_per_box * box.longer_side)
     centre = box.centre + np.asarray(view.shift) * box.longer_side
     return pinhole_camera(Pinhole(float(focal_px), size_px / 2 - focal_px * centre, rotation, translation))
+
+
+def camera_attributes(camera: Camera) -> dict[str, str | float]:
+    """Focal length and principal point of a camera in pixels of its picture; nothing of one without perspective."""
+    if camera.is_affine:
+        return {}
+    pinhole = pinhole_of(camera)
+    x, y = pinhole.principal_point_px
+    return {
+        FOCAL_LENGTH: round(pinhole.focal_px, 2),
+        "principal_x_px": round(float(x), 2),
+        "principal_y_px": round(float(y), 2),
+    }
 
 
 def _turned_onto(ray: Float64[ndarray, "3"]) -> Float64[ndarray, "3 3"]:

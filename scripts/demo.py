@@ -81,7 +81,8 @@ def render_and_train(demo: Demo, n_faces: int, train_options: list[str]) -> None
     """Ground truth, contact sheets, a checkpoint."""
     out = demo.out
     for name, n, seed in (("train", n_faces, 0), ("heldout", 100, 1_000_000)):
-        demo.run("datagen", "sample", "--n", n, "--seed", seed, "--out", out / f"{name}.h5")
+        drawn = ["--appearance", "plain", "--out", out / f"{name}.h5"]  # what some minutes of training can learn
+        demo.run("datagen", "sample", "--n", n, "--seed", seed, *drawn)
         shards = ["--out", out / f"shards-{name}", "--layers", "image,pncc,offset,mask,depth,landmarks"]
         demo.run("datagen", "render", "--coeffs", out / f"{name}.h5", *shards)
     demo.run("datagen", "preview", out / "shards-train", "--n", 12, "--out", out / "contact_sheet.jpg")

@@ -52,10 +52,10 @@ def expose_through(lens: Lens, light: Float32[ndarray, "h w 3"]) -> Float32[ndar
     if lens.bloom:
         light = _with_bloom(light, lens.bloom)
     if lens.glare:
-        veil = np.asarray(light.mean(axis=(0, 1)) * lens.glare, dtype=np.float32)
-        light = light * np.float32(1 - lens.glare) + veil
+        veil = cv2.multiply(np.ones_like(light), tuple(lens.glare * value for value in cv2.mean(light)))
+        light = cv2.addWeighted(light, 1 - lens.glare, veil, 1, 0)
     if lens.vignetting:
-        light = light * _vignette(lens, light.shape[0], light.shape[1])[..., None]
+        light = cv2.multiply(light, cv2.merge([_vignette(lens, light.shape[0], light.shape[1])] * 3))
     return light
 
 

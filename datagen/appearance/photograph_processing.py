@@ -119,7 +119,7 @@ def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random
         bend = float(rng.uniform(20, 360))
         colour = float(rng.uniform(-110, 150))
         cv2.ellipse(marks, (round(x), round(y)), axes, float(rng.uniform(0, 360)), 0, bend, colour, 1, cv2.LINE_AA)
-    return np.clip(image + marks[..., None], 0, 255).astype(np.uint8)
+    return cv2.add(image, cv2.merge([marks] * 3), dtype=cv2.CV_8U)
 
 
 def _photographed_screen(

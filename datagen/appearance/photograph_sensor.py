@@ -132,9 +132,10 @@ def _with_noise(
     # Shot noise grows with the root of the light, read noise is there without it.
     shot = np.float32(sensor.noise**2 * (1 - sensor.read_noise_share) / MIDDLE_GREY)
     deviation = cv2.sqrt(luminance * shot + np.float32(sensor.noise**2 * sensor.read_noise_share))
-    grain = rng.standard_normal((height, width), dtype=np.float32)[..., None]
+    # OpenCV's own arithmetic: NumPy is five times as slow along an axis of three.
+    grain = cv2.merge([rng.standard_normal((height, width), dtype=np.float32)] * 3)
     if sensor.colour_noise:
         coarse = rng.standard_normal(((height + 1) // 2, (width + 1) // 2, 3), dtype=np.float32)
         spots = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
-        grain = grain + np.float32(1.5 * sensor.colour_noise) * spots
-    return np.asarray(light + deviation.reshape(height, width, 1) * grain, dtype=np.float32)
+        grain = cv2.addWeighted(grain, 1, spots, 1.5 * sensor.colour_noise, 0)
+    return cv2.add(light, cv2.multiply(grain, cv2.merge([deviation] * 3)))

@@ -4,6 +4,7 @@ The maps of a variant are not resampled ones: the face is rendered anew by the c
 as any. Only the photograph is resampled. Where a variant is mirrored, its face is the mirrored face.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, final
 
@@ -12,6 +13,8 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.random_streams import generator_for
+from datagen.sampling_expressions import NAMED_EXPRESSIONS, mirrored_strengths, strengths_of, strengths_to_text
+from datagen.sampling_views import FOCAL_LENGTH, camera_attributes
 from pix2face.camera import Camera
 from pix2face.coefficients import LARGEST_SIDE_PX, Face
 from pix2face.crops import Crop, FaceBox, crop_camera
@@ -157,7 +160,7 @@ class ViewMaker:
             camera=camera,
             height_px=self._bake.size_px,
             width_px=self._bake.size_px,
-            attributes={**face.attributes, **described},
+            attributes={**_attributes(face.attributes, camera, jitter.mirror), **described},
         )
         return View(variant, face.sample_id, crop, jitter)
 
@@ -166,6 +169,17 @@ class ViewMaker:
         moved = np.tensordot(face.identity, model.identity_basis[:, vertices], axes=1)
         moved = moved + np.tensordot(face.expression, model.expression_basis[:, vertices], axes=1)
         return np.asarray(model.mean[vertices] + moved, dtype=np.float32)
+
+
+def _attributes(attributes: Mapping[str, str | float], camera: Camera, is_mirrored: bool) -> dict[str, str | float]:
+    """Those of a face as the variant has it: its own camera, and left and right exchanged where it is mirrored."""
+    changed: dict[str, str | float] = {}
+    if FOCAL_LENGTH in attributes:
+        changed |= camera_attributes(camera)
+    strengths = strengths_of(attributes)
+    if is_mirrored and strengths:
+        changed[NAMED_EXPRESSIONS] = strengths_to_text(mirrored_strengths(strengths))
+    return {**attributes, **changed}
 
 
 def _mirror(model: MorphableModel) -> MirroredCoefficients:
