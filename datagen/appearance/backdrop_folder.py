@@ -1,0 +1,87 @@
+"""Backdrops from a folder of the user's own pictures."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+from PIL import Image, UnidentifiedImageError
+
+from pix2face.errors import InputFileError
+
+SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+# A picture is read at a half, a quarter or an eighth of its size where that is still fine enough.
+_REDUCED = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
+
+
+@lru_cache(maxsize=4)
+def list_pictures(folder: str) -> tuple[str, ...]:
+    """Names of all pictures below a folder, relative to it, sorted. Made once a process.
+
+    Raises:
+        InputFileError: There is no such folder, no picture in it, or one whose head cannot be read.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise InputFileError(f"{folder}: expected a folder of pictures for backdrops, found none")
+    names = sorted(
+        path.relative_to(root).as_posix()
+        for path in root.rglob("*")
+        if path.suffix.lower() in SUFFIXES and path.is_file()
+    )
+    if not names:
+        raise InputFileError(f"{folder}: expected pictures ({', '.join(SUFFIXES)}) for backdrops, found none")
+    for name in names:
+        _size(root / name)
+    return tuple(names)
+
+
+def read_crop(
+    folder: str, name: str, crop: tuple[float, float, float], height: int, width: int
+) -> UInt8[ndarray, "h w 3"]:
+    """Reads a part of a picture at some size, sRGB.
+
+    Args:
+        folder: As ``list_pictures``.
+        name: As it gives them.
+        crop: Where the part begins, as shares of what is free to the left and above, and its size as a share of the
+            largest part of this shape.
+        height: Rows wanted.
+        width: Columns wanted.
+
+    Raises:
+        InputFileError: The picture is gone, or its end cannot be read.
+    """
+    path = Path(folder) / name
+    picture = _read(path, min(side * crop[2] for side in _size(path)) / max(height, width))
+    rows, columns = picture.shape[:2]
+    scale = crop[2] * min(rows / height, columns / width)
+    part_height, part_width = max(1, round(scale * height)), max(1, round(scale * width))
+    top, left = round(crop[1] * (rows - part_height)), round(crop[0] * (columns - part_width))
+    part = picture[max(top, 0) : top + part_height, max(left, 0) : left + part_width]
+    kind = cv2.INTER_AREA if part_height > height else cv2.INTER_LINEAR
+    return np.ascontiguousarray(cv2.resize(part, (width, height), interpolation=kind)[..., ::-1], dtype=np.uint8)
+
+
+def _size(path: Path) -> tuple[int, int]:
+    try:
+        with Image.open(path) as picture:
+            return picture.size
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise InputFileError(
+            f"{path}: expected a picture for backdrops, found a file that cannot be read ({error}); "
+            "take it out of the folder"
+        ) from error
+
+
+def _read(path: Path, finer: float) -> UInt8[ndarray, "h w 3"]:
+    """Reads a picture that is so many times finer than what is wanted."""
+    flags = next((flag for factor, flag in _REDUCED.items() if finer >= factor), cv2.IMREAD_COLOR)
+    picture = cv2.imread(str(path), flags)
+    if picture is None:
+        raise InputFileError(
+            f"{path}: expected a picture for backdrops, found one that breaks off; take it out of the folder"
+        )
+    return np.asarray(picture, dtype=np.uint8)
