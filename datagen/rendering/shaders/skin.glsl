@@ -1,5 +1,5 @@
-// What the head is painted with: skin, eyes, and the inside of the mouth. Each of the three is the body of a loop that
-// runs once or never: software drivers leave out a loop that no pixel of a group enters, but not a condition.
+// What the head is painted with: skin, eyes, and the inside of the mouth. Software drivers work out all three for every
+// pixel, so each is cheap. Where detail is finer than a pixel, the textures' coarser levels fade it.
 
 uniform sampler2DArray skin_atlas, skin_details, skin_noise, skin_iris;
 uniform vec4 skin_atlas_box, skin_details_box;  // u and v where they begin, and 1 / their extent
@@ -243,8 +243,7 @@ Surface skin(Surface s, vec2 uv, vec3 place, vec4 paint0, vec4 paint1, float pix
     // Islands of MakeHuman's texture coordinates, v downward.
     bool is_eye = uv.x > 0.75 && uv.y < 0.075;
     bool is_inside = !is_eye && (uv.y < 0.13 || uv.y > 0.86 || uv.x < 0.2) && !(uv.x > 0.32 && uv.x < 0.45);
-    for (int i = int(!is_eye && !is_inside); i > 0; --i) s = outside_of_head(s, uv, place, paint0, paint1);
-    for (int i = int(is_eye); i > 0; --i) s = eye(s, uv, place);
-    for (int i = int(is_inside); i > 0; --i) s = inside_of_mouth(s, uv, place, smoothstep(0.0, 0.6, paint0.x));
-    return s;
+    if (is_eye) return eye(s, uv, place);
+    if (is_inside) return inside_of_mouth(s, uv, place, smoothstep(0.0, 0.6, paint0.x));
+    return outside_of_head(s, uv, place, paint0, paint1);
 }
