@@ -24,10 +24,12 @@ class SceneView:
 
     Attributes:
         clip_from_model: As in ``ClipTransform``.
+        outside_is_clockwise: As in ``ClipTransform``.
         uniforms: By name.
     """
 
     clip_from_model: Float64[ndarray, "4 4"]
+    outside_is_clockwise: bool
     uniforms: dict[str, UniformValue]
 
 
@@ -59,7 +61,7 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> SceneVi
         "depth_from_buffer": _depth_from_buffer(camera, clip),
         "edge_mm": EDGE_MM + EDGE_PX * typical_w / scale,
     }
-    return SceneView(clip, uniforms)
+    return SceneView(clip, transform.outside_is_clockwise, uniforms)
 
 
 def depth_range(scene: Scene, camera: Camera) -> tuple[float, float]:

@@ -26,6 +26,7 @@ from datagen.rendering.gl_mesh import KeptBySize
 from datagen.rendering.scene_camera import SceneView, view_scene
 from datagen.rendering.scene_head import SceneHead
 from datagen.rendering.scene_meshes import ObjectMeshes, Run
+from datagen.rendering.scene_openings import Openings
 from datagen.rendering.scene_program import (
     KINDS,
     UNITS,
@@ -41,6 +42,8 @@ from pix2face.errors import GLUnavailableError
 from pix2face.morphable_model import MorphableModel
 
 PURPOSES = ("object", "blended", "object_shadow")
+# Steps 7 in which nothing is transparent, or something is: first all pixels, then those at edges.
+PICTURES = ("PLAIN", "EDGES", "BLENDED", "EDGES BLENDED")
 
 
 @final
@@ -75,15 +78,16 @@ class SceneDrawer:
             "bare": SceneProgram(context, "bare_vertex", ("bare_fragment",)),
             "seen": SceneProgram(context, "bare_vertex", ("seen_fragment",)),
             "edges": SceneProgram(context, "whole_vertex", ("visibility", "edges_fragment")),
-            "resolve": SceneProgram(context, "whole_vertex", ("visibility", "resolve_fragment")),
+            **{name: _compile_picture(context, name) for name in PICTURES},
         }
         for kind in KINDS:
             for purpose in PURPOSES:
                 self._programs[f"{kind} {purpose}"] = compile_object(context, kind, purpose)
         self._head = SceneHead(model, context, head_paint, occlusion, (self._programs["bare"], self._programs["seen"]))
         drawn = {name: program for name, program in self._programs.items() if "vertex" in program.attributes}
+        self._openings = Openings(model)
         self._objects = ObjectMeshes(context, drawn)
-        whole = {name: self._programs[name] for name in ("head", "edges", "resolve")}
+        whole = {name: self._programs[name] for name in ("head", "edges", *PICTURES)}
         self._whole = {name: context.vertex_array(program.program, []) for name, program in whole.items()}
         self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
         self._targets = KeptBySize(lambda height, width: make_target(context, height, width), SceneTarget.release)
@@ -113,7 +117,7 @@ class SceneDrawer:
         self._set(scene.uniforms)
         self._set(self._draw_shadows(scene))
         self._set(view.uniforms)
-        self._draw_seen(scene, view, target)
+        self._draw_seen(scene, view, target, self._openings.box(scene.head.vertices, camera, height, width))
         self._draw_opaque(scene, target)
         self._draw_edges(target)
         self._draw_blended(scene, target)
@@ -142,7 +146,11 @@ class SceneDrawer:
 
         def casters(view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
             self._set({"clip_from_model": view.clip_from_model, "camera_place": np.append(towards_light, 0)})
+            # What turns away from a light would only shade what turns away as well.
+            self._context.front_face, self._context.cull_face = "ccw", "back"
+            self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             self._head.draw_shadow()
+            self._context.enable_only(moderngl.DEPTH_TEST)
             for run in self._objects.opaque:
                 if scene.meshes[run.mesh].casts_shadow:
                     self._objects.draw("bare", run)
@@ -150,19 +158,30 @@ class SceneDrawer:
                 if scene.meshes[run.mesh].casts_shadow:
                     self._draw_run(scene, run, "object_shadow")
 
-        self._context.enable_only(moderngl.DEPTH_TEST)
         return self._shadows.draw(scene.head.vertices, scene.lights, casters)
 
-    def _draw_seen(self, scene: Scene, view: SceneView, target: SceneTarget) -> None:
-        """Step 2."""
-        width, height = target.seen.size
-        target.seen.use()
-        target.seen.clear(0.0, 1.0)
-        self._context.enable_only(moderngl.DEPTH_TEST)
+    def _draw_seen(
+        self, scene: Scene, view: SceneView, target: SceneTarget, inside: tuple[int, int, int, int] | None
+    ) -> None:
+        """Step 2; ``inside`` is where backs of the head's triangles may be seen."""
+        context, framebuffer = self._context, target.seen
+        width, height = framebuffer.size
+        framebuffer.use()
+        framebuffer.clear()
         finer = np.array([(width - 1) / width, (height - 1) / height, 1, 1])
         program = self._programs["seen"]
         program.set({"clip_from_model": finer[:, None] * view.clip_from_model, "object_label": 0.0})
+        context.front_face = "cw" if view.outside_is_clockwise else "ccw"
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        context.cull_face = "back"
         self._head.draw()
+        if inside is not None:
+            left, top, right, bottom = inside
+            framebuffer.scissor = 2 * left, 2 * top, 2 * (right - left) + 1, 2 * (bottom - top) + 1
+            context.cull_face = "front"
+            self._head.draw()
+            framebuffer.scissor = 0, 0, width, height
+        context.enable_only(moderngl.DEPTH_TEST)
         for run in self._objects.opaque:
             program.set({"object_label": -float(SCENE_LABELS.index(scene.meshes[run.mesh].label))})
             self._objects.draw("seen", run)
@@ -185,7 +204,6 @@ class SceneDrawer:
 
     def _draw_blended(self, scene: Scene, target: SceneTarget) -> None:
         """Step 6."""
-        self._programs["resolve"].set({"has_blended": bool(self._objects.blended)})
         if not self._objects.blended:
             return
         context = self._context
@@ -201,7 +219,8 @@ class SceneDrawer:
         """Step 7."""
         target.picture.use()
         self._context.enable_only(moderngl.NOTHING)
-        self._whole["resolve"].render(moderngl.TRIANGLES, vertices=3)
+        for name in PICTURES[2:] if self._objects.blended else PICTURES[:2]:
+            self._whole[name].render(moderngl.TRIANGLES, vertices=3)
 
     def _draw_run(self, scene: Scene, run: Run, purpose: str) -> None:
         """Draws some triangles of an object in its material."""
@@ -230,3 +249,7 @@ class SceneDrawer:
             raise GLUnavailableError(
                 f"expected {self._gl.renderer} to draw a scene, found {error}; is its memory full?"
             )
+
+
+def _compile_picture(context: moderngl.Context, name: str) -> SceneProgram:
+    return SceneProgram(context, "whole_vertex", ("visibility", "resolve_fragment"), name.split())

@@ -1,6 +1,6 @@
-"""The head of a scene in the driver: vertices that the visibility is drawn from, textures that pixels are shaded from."""
+"""The head of a scene in the driver: vertices to draw what is seen, textures to shade pixels from."""
 
-from typing import final
+from typing import Any, final
 
 import moderngl
 import numpy as np
@@ -9,14 +9,13 @@ from numpy import ndarray
 
 from datagen.appearance.scene import PosedHead
 from datagen.rendering.gl_mesh import TEXTURE_WIDTH
+from datagen.rendering.scene_openings import WITHIN
 from datagen.rendering.scene_program import UNITS, SceneProgram
 from pix2face.errors import UsageError
 from pix2face.morphable_model import MorphableModel
 
 # Shadows are cast by a coarser head: the vertices in a cube of this size become one.
-SHADOW_CELL_MM = 5.0
-# What casts no shadow but on itself.
-WITHIN = ("mouth_inside", "teeth", "tongue")
+SHADOW_CELL_MM = 6.0
 
 
 @final
@@ -28,8 +27,7 @@ class SceneHead:
         context: Where.
         paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
         occlusion: How much ambient light arrives at each vertex, 0..1.
-        bare: The program that draws depth alone.
-        seen: The program that draws which triangle a sample sees.
+        programs: That draws depth alone, and that draws which triangle a sample sees.
     """
 
     def __init__(
@@ -61,7 +59,7 @@ class SceneHead:
             context.buffer(triangles),
             context.buffer(coarse_triangles(model, self._source)),
         ]
-        content = [(self._vertices, "3f4 4x1", "vertex")]
+        content: list[Any] = [(self._vertices, "3f4 4x1", "vertex")]
         bare, seen = programs
         self._whole = context.vertex_array(seen.program, content, self._buffers[1])
         self._coarse = context.vertex_array(bare.program, content, self._buffers[2])

@@ -12,9 +12,9 @@ from numpy import ndarray
 from datagen.appearance.scene import UniformValue
 
 MAX_SHADOWS = 3  # as in shadow.glsl
-MAP_PX = 384
-# What casts shadows reaches beyond the head: hair, shoulders. Of the head's radius.
-REACH = 1.25
+MAP_PX = 256
+# The maps hold a sphere around the head of this part of its box's diagonal: hair, hats and shoulders nearby.
+REACH = 0.6
 # Something between light and head, but farther away, still casts its shadow: of the radius of the map.
 TOWARDS_LIGHT = 3.0
 
@@ -68,8 +68,7 @@ class ShadowMaps:
         """
         lights = lights[:MAX_SHADOWS]
         low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
-        centre = 0.5 * (low + high)
-        radius = REACH * float(np.linalg.norm(vertices - centre.astype(np.float32), axis=1).max())
+        centre, radius = 0.5 * (low + high), REACH * float(np.linalg.norm(high - low))
         self._framebuffer.use()
         self._framebuffer.clear()
         views = np.tile(np.eye(4), (MAX_SHADOWS, 1, 1))

@@ -30,11 +30,11 @@ float lit_fraction(int i, vec3 point, float depth_bias_mm, float radius_texels) 
 float shadow(int i, vec3 point, vec3 normal) {
     float cosine = dot(normal, shadow_lights[i]);
     float slope = sqrt(max(1.0 - cosine * cosine, 0.0));
-    return lit_fraction(i, point + normal * (shadow_texel_mm * (0.5 + 1.5 * slope)), 1.0, 1.2);
+    return lit_fraction(i, point + normal * (shadow_texel_mm * (0.4 + 1.2 * slope)), 1.0, 1.2);
 }
 
 // How open a point is to the sky, 0..1.
 float sky(vec3 point, vec3 normal) {
     vec3 raised = point + normal * (2.0 * shadow_texel_mm + 2.0);
-    return 0.5 * (lit_fraction(SKY, raised, 2.0, 4.0) + lit_fraction(SKY, raised, 2.0, 9.0));
+    return lit_fraction(SKY, raised, 2.0, 5.0);
 }

@@ -2,13 +2,9 @@
 
 const float NOTHING_MM = 1e7;
 
-uniform sampler2D seen;        // x: triangle of the head from 1, an object's label below 0, nothing 0; y: depth
-uniform vec4 depth_from_buffer;  // mm: (x z + y) / (z z + w)
-uniform float edge_mm;         // surfaces of one kind are two where their depths differ by more
+uniform sampler2D seen;  // x: triangle of the head from 1, an object's label below 0, nothing 0; y: depth, mm
 
-vec3 seen_at(ivec2 fine) {  // what (1 the head), depth in mm, depth in the buffer
+vec2 seen_at(ivec2 fine) {  // what (1 the head), depth in mm
     vec2 found = texelFetch(seen, fine, 0).xy;
-    float depth = (depth_from_buffer.x * found.y + depth_from_buffer.y)
-                / (depth_from_buffer.z * found.y + depth_from_buffer.w);
-    return vec3(min(found.x, 1.0), found.x == 0.0 ? NOTHING_MM : depth, found.y);
+    return vec2(min(found.x, 1.0), found.x == 0.0 ? NOTHING_MM : found.y);
 }
