@@ -57,7 +57,7 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> SceneVi
         "pixel_mm_at_1": 1 / scale,
         "clip_from_model": clip,
         "half_size": (width / 2, height / 2),
-        "outside": 1.0 if transform.outside_is_clockwise else -1.0,
+        "outside": -1.0 if transform.outside_is_clockwise else 1.0,
         "depth_from_buffer": _depth_from_buffer(camera, clip),
         "edge_mm": EDGE_MM + EDGE_PX * typical_w / scale,
     }
