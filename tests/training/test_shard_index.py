@@ -11,7 +11,8 @@ from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
-from training.shard_index import index_shards
+from training.shard_folders import ShardFolder
+from training.shard_index import index_shards, split_off
 
 
 def test_every_sample_is_listed_once(shards_dir):
@@ -84,3 +85,80 @@ def test_shards_without_a_layer_to_train_on_are_refused_before_any_work(tmp_path
     write_shard(tmp_path / "shard-00000.h5", header, [head_triplet(model, 0)])
     with pytest.raises(UsageError, match=rf"shard-00000\.h5: expected the layers .*, found no {lacking}; render with"):
         index_shards([tmp_path])
+
+
+@pytest.fixture
+def two_folders(tmp_path):
+    """Five faces with yaw of 0 to 40 degrees in two folders: three and two."""
+    model = small_head_model()
+    for folder, seeds in (("a", range(3)), ("b", range(3, 5))):
+        faces = [
+            replace(head_triplet(model, seed), attributes={"yaw_deg": 10.0 * seed, "light": "sun" if seed else "night"})
+            for seed in seeds
+        ]
+        write_shard(tmp_path / folder / "shard-00000.h5", shard_header(model), faces)
+    return [tmp_path / "a", tmp_path / "b"]
+
+
+def test_folders_without_weights_are_one_set_and_with_weights_some(two_folders):
+    (one,) = index_shards(two_folders).sets
+    assert (one.weight, one.samples.tolist()) == (1.0, [0, 1, 2, 3, 4])
+    weighted = index_shards([ShardFolder(path, weight) for path, weight in zip(two_folders, (3, 1), strict=True)])
+    assert [(found.weight, found.samples.tolist()) for found in weighted.sets] == [(0.75, [0, 1, 2]), (0.25, [3, 4])]
+
+
+def test_a_condition_chooses_samples(two_folders):
+    index = index_shards(two_folders, where="yaw_deg < 35 and light != 'night'")
+    assert index.samples.tolist() == [1, 2, 3]
+    assert (len(index), index.n_samples) == (3, 5)
+    weighted = index_shards([ShardFolder(path, 1) for path in two_folders], where="yaw_deg >= 20")
+    assert [found.samples.tolist() for found in weighted.sets] == [[2], [3, 4]]
+
+
+def test_a_condition_that_nothing_fulfils_or_that_names_nothing_is_refused(two_folders):
+    with pytest.raises(UsageError, match=r"expected samples that --where lets pass, found none of 5; `datagen stats`"):
+        index_shards(two_folders, where="yaw_deg > 100")
+    with pytest.raises(UsageError, match=r"b: expected samples that --where lets pass, found none"):
+        index_shards([ShardFolder(path, 1) for path in two_folders], where="yaw_deg < 20")
+    with pytest.raises(UsageError, match=r"--where 'yaw > 1': expected attributes among light, sample_id, yaw_deg"):
+        index_shards(two_folders, where="yaw > 1")
+
+
+def test_the_configuration_tells_trainings_on_other_data_apart(two_folders):
+    folders = [ShardFolder(path, 1) for path in two_folders]
+    indices = [
+        index_shards(two_folders),
+        index_shards(two_folders[::-1]),
+        index_shards(two_folders, where="yaw_deg < 35"),
+        index_shards(folders),
+        split_off(index_shards(two_folders), 0.5)[0],
+    ]
+    assert len({repr(index.configuration()) for index in indices}) == len(indices)
+
+
+def test_a_share_of_the_persons_is_held_out_whatever_the_order(tmp_path):
+    model = small_head_model()
+    face = head_triplet(model, 0)
+    rng = np.random.default_rng(0)
+    faces = []
+    for person in range(60):
+        identity = rng.normal(size=model.n_identity)
+        faces += [replace(face, sample_id=f"{person}-{take}", identity=identity) for take in range(2)]
+    write_shard(tmp_path / "a" / "shard-00000.h5", shard_header(model), faces)
+    write_shard(tmp_path / "b" / "shard-00000.h5", shard_header(model), faces[::-1])
+    index = index_shards([tmp_path / "a"])
+    assert len(set(index.person.tolist())) == 60
+    own, held_out = split_off(index, 0.3)
+    assert 10 <= len(held_out) / 2 <= 26
+    assert len(own) + len(held_out) == 120
+    assert not set(index.person[own.samples]) & set(index.person[held_out.samples])
+    more = split_off(index, 0.5)[1]
+    assert set(held_out.samples.tolist()) < set(more.samples.tolist())
+    backwards = split_off(index_shards([tmp_path / "b"]), 0.3)[1]
+    assert {119 - place for place in backwards.samples.tolist()} == set(held_out.samples.tolist())
+
+
+@pytest.mark.parametrize(("fraction", "what"), [(1e-9, "to validate with"), (0.999999999, "to train on")])
+def test_an_empty_part_is_refused(shards_dir, fraction, what):
+    with pytest.raises(UsageError, match=rf"--validation .*expected samples {what} in each set.*among 5 persons"):
+        split_off(index_shards([shards_dir]), fraction)
