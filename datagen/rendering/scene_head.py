@@ -83,7 +83,8 @@ class SceneHead:
 
     def release(self) -> None:
         """Gives everything back to the driver."""
-        for each in (self._whole, self._coarse, *self._buffers, *self._textures.values()):
+        kept: list[Any] = [self._whole, self._coarse, *self._buffers, *self._textures.values()]
+        for each in kept:
             each.release()
 
 

@@ -62,7 +62,9 @@ class SceneProgram:
         source = "\n".join([version, *(f"#define {name}" for name in defines), body])
         self.program = context.program(vertex_shader=shader_source(330, vertex), fragment_shader=source)
         members: dict[str, Any] = {name: self.program[name] for name in self.program}
-        self._uniforms = {name: each for name, each in members.items() if isinstance(each, moderngl.Uniform)}
+        self._uniforms: dict[str, Any] = {
+            name: each for name, each in members.items() if isinstance(each, moderngl.Uniform)
+        }
         self.attributes = {name for name, each in members.items() if isinstance(each, moderngl.Attribute)}
         self.set(UNITS)
         # Textures that nobody gives: two kinds of samplers must not read the same unit.
