@@ -40,12 +40,12 @@ class PhotographConfig:
         gamma: Deviation of the logarithm of the exponent after the sRGB curve.
         saturation: Deviation of the logarithm of the saturation.
         vignetting_share: Of pictures with dark corners.
-        defocus: Mean radius of the slight blur that many pictures have; 0.004 is a pixel of 256.
+        defocus: Mean radius of the blur of decent pictures, three times it at most; 0.004 is a pixel of 256.
         bad_defocus: Radius of the blur of pictures out of focus, from and to.
         bad_motion_length: Of the path, from and to.
         chromatic_aberration_share: Of lenses that magnify colours differently.
         bloom_share: Of lenses in which highlights glow.
-        noise: Mean standard deviation of the noise at middle grey, linear light, 1 is white.
+        noise: Mean standard deviation of decent pictures' noise at middle grey, linear light, 1 is white.
         bad_noise_deviation: From and to.
         resolution_px: Side of enlarged pictures, from and to; a face takes about 0.63 of it.
         monochrome_share: Of pictures in black and white.

@@ -53,7 +53,7 @@ def with_fault(name: str, taken: TakenPicture, rng: np.random.Generator, config:
 def _draw_lens(rng: np.random.Generator, config: PhotographConfig) -> Lens:
     axis = rng.uniform(-0.5, 0.5, 2)
     return Lens(
-        defocus=_round(rng.exponential(config.defocus)),
+        defocus=_round(min(rng.exponential(config.defocus), 3 * config.defocus)),
         magnification=_round(rng.normal(0, 0.003)) if rng.random() < config.chromatic_aberration_share else 0.0,
         vignetting=_round(rng.uniform(0.1, 0.6)) if rng.random() < config.vignetting_share else 0.0,
         axis=(_round(axis[0]), _round(axis[1])),
@@ -70,7 +70,7 @@ def _draw_sensor(rng: np.random.Generator, config: PhotographConfig) -> Sensor:
         exposure_error_ev=_round(error),
         white_balance=_round(rng.uniform(*config.white_balance)),
         gains=(_round(red), 1.0, _round(blue)),
-        noise=_round(rng.exponential(config.noise)),
+        noise=_round(min(rng.exponential(config.noise), 3 * config.noise)),
         read_noise_share=_round(rng.uniform(0.1, 0.6)),
         colour_noise=_round(rng.uniform(0, 0.6)),
     )

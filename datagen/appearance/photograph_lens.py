@@ -23,7 +23,7 @@ class Lens:
         motion_deg: Which way; 0 right, 90 down.
         motion_bend: How much the path bends: its height over its length.
         magnification: Of red relative to green, less 1; blue has the opposite.
-        vignetting: How much darker the corners are, 0 to 1.
+        vignetting: How much darker the corner farthest from the axis is, 0 to 1.
         axis: Where the optical axis meets the picture, (right, down), from its centre.
         bloom: Share of the light that is scattered near its source.
         glare: Share of all light that is scattered everywhere.
@@ -109,9 +109,10 @@ def _with_bloom(light: Float32[ndarray, "h w 3"], share: float) -> Float32[ndarr
 
 
 def _vignette(lens: Lens, height: int, width: int) -> Float32[ndarray, "h w"]:
-    """The fourth power of the cosine, so strong that the farthest corner of a centred picture is as dark as is said."""
+    """The fourth power of the cosine, so strong that the corner farthest from the axis is as dark as is said."""
     side = max(height, width)
     x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / side - np.float32(lens.axis[0])
     y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2) / side - np.float32(lens.axis[1])
-    squared_tangent = 2 * (1 / np.sqrt(1 - min(lens.vignetting, 0.95)) - 1)
-    return np.asarray((1 + np.float32(squared_tangent) * (y[:, None] ** 2 + x**2)) ** -2, dtype=np.float32)
+    squared = y[:, None] ** 2 + x**2
+    strength = (1 / np.sqrt(1 - min(lens.vignetting, 0.95)) - 1) / squared.max()
+    return np.asarray((1 + np.float32(strength) * squared) ** -2, dtype=np.float32)

@@ -99,7 +99,7 @@ def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
     light = np.linspace(0, 1, _STEPS) ** 2 * _BRIGHTEST
     # Reinhard et al. 2002, Eq. 4, scaled so that middle grey stays: white is reached at the brightest.
     bent = light * (1 + light / _BRIGHTEST**2) / (1 + light)
-    bent *= np.interp(MIDDLE_GREY, bent, light) / MIDDLE_GREY if settings.roll_off else 1
+    bent *= MIDDLE_GREY / np.interp(MIDDLE_GREY, light, bent)
     light = np.clip((1 - settings.roll_off) * light + settings.roll_off * bent, 0, 1)
     value = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055) ** settings.gamma
     value = np.clip((value - settings.black) / (settings.white - settings.black), 0, 1)
