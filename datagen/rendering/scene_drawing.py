@@ -129,6 +129,7 @@ class SceneDrawer:
     def release(self) -> None:
         """Gives everything back to the driver."""
         self._gl.make_current()
+        self._context.detect_framebuffer(0).use()  # or what is released would be bound again by the next that draws
         self._targets.release_all()
         for each in (self._objects, self._head, self._shadows, self._textures):
             each.release()
@@ -197,10 +198,11 @@ class SceneDrawer:
 
     def _draw_edges(self, target: SceneTarget) -> None:
         """Step 5."""
-        target.edges.depth_mask = True
         target.edges.use()
-        target.edges.clear()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = "1"  # always: depth is what is written
         self._whole["edges"].render(moderngl.TRIANGLES, vertices=3)
+        self._context.depth_func = "<"
 
     def _draw_blended(self, scene: Scene, target: SceneTarget) -> None:
         """Step 6."""
@@ -211,9 +213,11 @@ class SceneDrawer:
         target.blended.use()
         target.blended.clear()
         context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.depth_func = "<="
         context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         for run in self._objects.blended:
             self._draw_run(scene, run, "blended")
+        context.depth_func = "<"
 
     def _draw_picture(self, target: SceneTarget) -> None:
         """Step 7."""
