@@ -1,6 +1,7 @@
 """The program ``train``: shards to a checkpoint."""
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -14,7 +15,7 @@ from rich.panel import Panel
 
 from pix2face.checkpoint import load_checkpoint
 from pix2face.command_line import prepare_output_folder, progress_bar, run_commands, say
-from pix2face.errors import UsageError
+from pix2face.errors import Pix2FaceError, UsageError
 from pix2face.morphable_model import builtin_model
 from pix2face.runs import CHECKPOINT_NAME, RUNS
 from training.configuration import training_configuration, with_scales_of
@@ -37,6 +38,9 @@ DESCRIPTION = """Trains the network on shards that `datagen render` wrote.
 Run the same command again to go on after an interruption: it starts from the last state that was written and ends
 exactly where it would have ended without one. `train export CHECKPOINT --out DIR` makes a release of the result;
 `torchrun --nproc-per-node N -m training.cli ...` trains with several processes."""
+
+# Of a process that stops because another one was asked to.
+EXIT_STOPPED = 128 + signal.SIGTERM
 
 
 def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
@@ -67,7 +71,14 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
             )
         except TrainingStopped as stopped:
             say(console, str(stopped))
-            return request.exit_status
+            return request.exit_status or EXIT_STOPPED
+        except RuntimeError as error:  # torch has no narrower one for a partner that is gone
+            if processes.count == 1:
+                raise
+            raise Pix2FaceError(
+                f"process {processes.rank} of {processes.count}: {str(error).splitlines()[0]}. Did another process end? "
+                "The same command goes on from the last state"
+            ) from error
     say(console, f"checkpoint: {checkpoint}")
     say(console, f"next: {next_command(shards, checkpoint)}")
     return 0

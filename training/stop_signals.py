@@ -23,8 +23,8 @@ class StopRequest:
 
     @property
     def exit_status(self) -> int:
-        """What a shell reports of a process that this signal ended."""
-        return 128 + (self.number or 0)
+        """What a shell reports of a process that this signal ended; 0 while there was none."""
+        return 0 if self.number is None else 128 + self.number
 
     def is_made(self) -> bool:
         """Whether to stop."""
