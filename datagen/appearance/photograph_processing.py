@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
+from datagen.appearance.photograph_noise import noise_window
+
 INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 
 
@@ -105,9 +107,7 @@ def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random
     height, width = image.shape[:2]
     marks = np.zeros((height, width), dtype=np.float32)
     if processing.grain:
-        marks += cv2.GaussianBlur(rng.standard_normal((height, width), dtype=np.float32), (0, 0), 0.7) * np.float32(
-            2.5 * processing.grain
-        )
+        marks += cv2.GaussianBlur(noise_window(rng, height, width), (0, 0), 0.7) * np.float32(2.5 * processing.grain)
     for _ in range(processing.scratches):
         top, bottom = np.sort(rng.uniform(-0.3, 1.3, 2)) * height
         x, slant = rng.uniform(0, width), rng.normal(0, 0.01) * height

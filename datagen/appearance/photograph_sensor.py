@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 
+from datagen.appearance.photograph_noise import noise_window
+
 # Of the mean: what exposure aims at, linear light. Skin in good light.
 MIDDLE_GREY = 0.24
 # Cameras make dark scenes brighter and bright ones darker by at most so much.
@@ -74,9 +76,9 @@ def sense(
     sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"], rng: np.random.Generator
 ) -> Float32[ndarray, "h w 3"]:
     """Exposes: linear light, white at 1, with noise, its colour balanced."""
-    # What is balanced and what is metered are means; a quarter of the pixels says them well enough.
-    few, few_of_face = light[::2, ::2], face[::2, ::2]
-    gains = _white_balance(sensor, few)
+    gains = _white_balance(sensor, light)
+    # A sixteenth of the pixels says well enough how bright a picture is.
+    few, few_of_face = light[::4, ::4], face[::4, ::4]
     metered = few[few_of_face] if sensor.is_metered_on_face and few_of_face.any() else few.reshape(-1, 3)
     gain = _metered_gain(sensor, metered * gains)
     exposed = cv2.multiply(light, (*(gains * np.float32(gain)).tolist(), 0.0))
@@ -85,7 +87,9 @@ def sense(
 
 def tone(settings: Tone, light: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
     """Linear light to bytes."""
-    steps = cv2.sqrt(np.clip(light, 0, _BRIGHTEST)) * np.float32((_STEPS - 1) / np.sqrt(_BRIGHTEST))
+    steps = np.clip(light, 0, _BRIGHTEST)
+    cv2.sqrt(steps, dst=steps)
+    steps *= np.float32((_STEPS - 1) / np.sqrt(_BRIGHTEST))
     image = tone_curve(settings)[steps.astype(np.uint16)]
     if settings.saturation != 1 or settings.tint != (1.0, 1.0, 1.0):
         grey = np.tile(_LUMINANCE, (3, 1)) * (1 - settings.saturation)
@@ -110,7 +114,7 @@ def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
 
 
 def _white_balance(sensor: Sensor, light: Float32[ndarray, "h w 3"]) -> Float32[ndarray, "3"]:
-    mean = np.maximum(light.reshape(-1, 3).mean(axis=0), 1e-6)
+    mean = np.maximum(cv2.mean(light)[:3], 1e-6)
     gains = (mean[1] / mean) ** sensor.white_balance * np.asarray(sensor.gains)
     # No camera takes the light of a candle for white.
     return np.asarray(np.clip(gains, 0.4, 2.5), dtype=np.float32)
@@ -128,14 +132,16 @@ def _with_noise(
     sensor: Sensor, light: Float32[ndarray, "h w 3"], rng: np.random.Generator
 ) -> Float32[ndarray, "h w 3"]:
     height, width = light.shape[:2]
-    luminance = np.maximum(cv2.transform(light, _LUMINANCE[None]), 0)
+    luminance = cv2.transform(light, _LUMINANCE[None])
     # Shot noise grows with the root of the light, read noise is there without it.
     shot = np.float32(sensor.noise**2 * (1 - sensor.read_noise_share) / MIDDLE_GREY)
     deviation = cv2.sqrt(luminance * shot + np.float32(sensor.noise**2 * sensor.read_noise_share))
-    # OpenCV's own arithmetic: NumPy is five times as slow along an axis of three.
-    grain = cv2.merge([rng.standard_normal((height, width), dtype=np.float32)] * 3)
+    # OpenCV's own arithmetic, in place: NumPy is five times as slow along an axis of three, and fresh memory costs
+    # as much as the arithmetic.
+    noise = cv2.merge([noise_window(rng, height, width)] * 3)
     if sensor.colour_noise:
-        coarse = rng.standard_normal(((height + 1) // 2, (width + 1) // 2, 3), dtype=np.float32)
+        coarse = cv2.merge([noise_window(rng, (height + 1) // 2, (width + 1) // 2) for _ in range(3)])
         spots = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
-        grain = cv2.addWeighted(grain, 1, spots, 1.5 * sensor.colour_noise, 0)
-    return cv2.add(light, cv2.multiply(grain, cv2.merge([deviation] * 3)))
+        cv2.addWeighted(noise, 1, spots, 1.5 * sensor.colour_noise, 0, dst=noise)
+    cv2.multiply(noise, cv2.merge([deviation] * 3), dst=noise)
+    return cv2.add(light, noise, dst=noise)
