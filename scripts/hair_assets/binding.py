@@ -16,6 +16,10 @@ from scripts.hair_assets.proxies import BaseHead, Proxy
 
 # Regions that things lie on; ears vary too much for strands that pass over them, eyes and mouth are inside.
 CARRIERS = ("skin", "brows", "lips", "scalp", "neck")
+# Those of them that are not the face.
+OFF_FACE = ("scalp", "neck")
+# Hair before the face is at least this far from the skin, mm, below the hair line. Deep inside nothing is laid on it.
+CLEARANCE_MM, HAIR_LINE_MM, DEEP_MM, CUT_MM = 1.6, 74.0, 6.0, 0.7
 # A point this near to the skin follows it alone; one that far the region around, mm.
 NEAR_MM, FAR_MM = 4.0, 16.0
 ANCHORS, ANCHORS_OF_POINT = 220, 12
@@ -32,6 +36,7 @@ class Binding:
         weights: (points, 15), sum 1.
         feet: Nearest point of the skin of the unmodified head, mm.
         heights: Signed distance from it, mm; negative inside.
+        outward: Unit normal of the skin there.
         foot_regions: Name of the region where the foot is.
     """
 
@@ -39,6 +44,7 @@ class Binding:
     weights: ndarray
     feet: ndarray
     heights: ndarray
+    outward: ndarray
     foot_regions: ndarray
 
 
@@ -76,6 +82,7 @@ class Binder:
             weights=np.concatenate([shares * closeness, of_anchors * (1 - closeness)], axis=1),
             feet=feet,
             heights=heights,
+            outward=normals,
             foot_regions=self._regions[triangle],
         )
 
@@ -120,6 +127,7 @@ def bind_lashes(binder: Binder, lashes: Proxy) -> Binding:
         neighbours=binding.neighbours[root],
         weights=binding.weights[root],
         feet=binding.feet[root],
+        outward=binding.outward[root],
         foot_regions=binding.foot_regions[root],
     )
 
@@ -129,3 +137,28 @@ def _strips(proxy: Proxy) -> ndarray:
     n = len(proxy.points)
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
     return connected_components(graph, directed=False)[1]
+
+
+def lifted_off_face(proxy: Proxy, binder: Binder) -> Proxy:
+    """Takes strands out of the face: some end in cheeks and foreheads, where they would come and go with the head.
+
+    Quads that lie inside altogether, or end deep inside, are left out; what sticks halfway is laid upon the skin. Quads
+    that cut through it even so are left out as well.
+    """
+    binding = binder.bind(proxy.points)
+    is_low = _below(binding, CLEARANCE_MM)
+    is_inside = is_low & (binding.heights < 0)
+    is_deep = is_inside & (binding.heights < -DEEP_MM)
+    kept = ~is_inside[proxy.quads].all(axis=1) & ~is_deep[proxy.quads].any(axis=1)
+    points = np.where(is_low[:, None], binding.feet + CLEARANCE_MM * binding.outward, proxy.points)
+    quads, uv_quads = proxy.quads[kept], proxy.uv_quads[kept]
+    corners = points[quads]
+    between = np.concatenate([corners.mean(axis=1)[:, None], (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
+    cuts = _below(binder.bind(between.reshape(-1, 3)), -CUT_MM).reshape(len(quads), -1).any(axis=1)
+    return replace(proxy, points=points, quads=quads[~cuts], uv_quads=uv_quads[~cuts])
+
+
+def _below(binding: Binding, height: float) -> ndarray:
+    """Which points are lower than that over the face."""
+    is_over_face = ~np.isin(binding.foot_regions, OFF_FACE) & (binding.feet[:, 1] < HAIR_LINE_MM)
+    return (binding.heights < height) & is_over_face
