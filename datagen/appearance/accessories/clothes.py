@@ -15,9 +15,22 @@ from datagen.appearance.person import Person
 from datagen.appearance.scene import SceneMesh
 
 GARMENTS = ("t-shirt", "v-neck", "sweater", "shirt", "suit", "turtleneck", "hoodie", "zipped", "straps")
-_SHARE = {"male": (0.26, 0.07, 0.12, 0.20, 0.13, 0.04, 0.10, 0.08, 0.0), "female": (0.20, 0.15, 0.12, 0.13, 0.06, 0.08, 0.08, 0.06, 0.12)}
+_SHARE = {
+    "male": (0.26, 0.07, 0.12, 0.20, 0.13, 0.04, 0.10, 0.08, 0.0),
+    "female": (0.20, 0.15, 0.12, 0.13, 0.06, 0.08, 0.08, 0.06, 0.12),
+}
 _PLAIN = ("jersey", "jersey", "knit", "linen", "denim", "fleece", "leather", "rib")
-_PATTERNS = ("plaid", "check", "stripes_across", "stripes_along", "dots", "herringbone", "flowers", "camouflage", "print")
+_PATTERNS = (
+    "plaid",
+    "check",
+    "stripes_across",
+    "stripes_along",
+    "dots",
+    "herringbone",
+    "flowers",
+    "camouflage",
+    "print",
+)
 SIDES = 48  # columns of a garment
 
 
@@ -135,9 +148,7 @@ def _garment(clothes: Clothes, body: Body, neckline: Float[ndarray, " c"]) -> So
     rng = np.random.default_rng(clothes.seed)
     waves = rng.integers(2, 7, size=3)
     phases = rng.uniform(0, 2 * np.pi, size=3)
-    folds = sum(
-        np.sin(2 * np.pi * wave * turn + phase + 5 * place) for wave, phase in zip(waves, phases, strict=True)
-    )
+    folds = sum(np.sin(2 * np.pi * wave * turn + phase + 5 * place) for wave, phase in zip(waves, phases, strict=True))
     above = clothes.looseness_mm * (1 + (0.22 * folds + 0.5) * np.minimum(4 * down, 1)) + 0.8
     if clothes.garment == "suit":
         above = above + 5

@@ -96,7 +96,9 @@ def _shirt_collar(body: Body, opened: float) -> Solid:
         (0.07 + 0.15 * near, 9.0 + 2.0 * near),
     ]
     leaning = turn + np.where(turn < 0.5, 1, -1) * 0.012 * near
-    rows = [body.at(place, leaning if i == len(profile) - 1 else turn, above) for i, (place, above) in enumerate(profile)]
+    rows = [
+        body.at(place, leaning if i == len(profile) - 1 else turn, above) for i, (place, above) in enumerate(profile)
+    ]
     return sheet(np.stack(rows), (12.0, 2.0))
 
 
@@ -122,7 +124,9 @@ def _lapels(body: Body, cut: Cut, neckline: Float[ndarray, " c"]) -> Solid:
         s = np.linspace(0.004, 0.30, 15)
         place = np.interp(s, turn, neckline)
         wide = 0.055 * np.clip(1 - np.abs(s - 0.13) / 0.13, 0.1, 1)
-        rows = [body.at(place, side * (s + part * wide), above + 3 + 3 * np.sin(np.pi * part)) for part in (0.0, 0.5, 1.0)]
+        rows = [
+            body.at(place, side * (s + part * wide), above + 3 + 3 * np.sin(np.pi * part)) for part in (0.0, 0.5, 1.0)
+        ]
         sides.append(sheet(np.stack(rows if side > 0 else rows[::-1]), (8.0, 2.0)))
     around = np.linspace(0.17, 0.83, 25)
     profile = [(0.04, 6.0), (-0.22, 7.0), (-0.24, 10.0), (0.0, 14.0), (0.12, above + 6)]
@@ -137,7 +141,15 @@ def _standing(body: Body, top: float, cut: Cut, *, rolls: bool) -> Solid:
     loose = 3.0 if rolls else 6.0
     profile = [(0.08, cut.looseness_mm + 2), (-0.02, loose + 2.5), (0.6 * top, loose + 1.5), (top, loose)]
     if rolls:
-        profile = [(0.05, loose + 3), (-0.05, loose + 4.5), (0.6 * top, loose + 6), (top, loose + 4), (top - 0.02, loose + 2), (top, loose), (0.5 * top, loose)]
+        profile = [
+            (0.05, loose + 3),
+            (-0.05, loose + 4.5),
+            (0.6 * top, loose + 6),
+            (top, loose + 4),
+            (top - 0.02, loose + 2),
+            (top, loose),
+            (0.5 * top, loose),
+        ]
     else:
         profile += [(top - 0.01, loose - 1.5), (0.5 * top, loose - 2.5)]
     rows = [body.at(np.clip(place * wobble, -0.98, 1), turn, height) for place, height in profile[::-1]]
@@ -173,7 +185,9 @@ def _scarf(body: Body, cut: Cut) -> Solid:
     ring = tube(path, radii, _up(body), sides=9)
     down = np.linspace(0.0, 0.9, 9)
     end = body.at(down, np.full(9, 0.05), cut.looseness_mm + cut.scarf * np.linspace(1.5, 0.6, 9))
-    hanging = tube(end, np.tile([[0.5 * cut.scarf, 1.9 * cut.scarf]], (9, 1)), tuple(body.head_from_torso[:, 0]), sides=8)
+    hanging = tube(
+        end, np.tile([[0.5 * cut.scarf, 1.9 * cut.scarf]], (9, 1)), tuple(body.head_from_torso[:, 0]), sides=8
+    )
     return joined([ring, hanging])
 
 

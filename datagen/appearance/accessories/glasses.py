@@ -97,7 +97,9 @@ def glasses_meshes(glasses: Glasses, head: PosedHead) -> list[SceneMesh]:
     local = [_rim_and_lens(glasses, side) for side in (1, -1)]
     frame = [rim for rim, _ in local if rim is not None]
     frame.append(_bridge(glasses))
-    fit = fit_glasses(glasses, head, np.concatenate([lens.vertices for _, lens in local] + [one.vertices for one in frame]))
+    fit = fit_glasses(
+        glasses, head, np.concatenate([lens.vertices for _, lens in local] + [one.vertices for one in frame])
+    )
     front = joined(frame).placed(fit.rotation, fit.place)
     lenses = joined([lens for _, lens in local]).placed(fit.rotation, fit.place)
     sides = [_strap(fit)] if glasses.rim == "goggles" else [_temple(glasses, fit, side) for side in (1, -1)]

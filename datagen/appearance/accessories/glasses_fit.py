@@ -111,7 +111,9 @@ def _strap_path(head: PosedHead, hinges: Mapping[int, Float64[ndarray, "3"]]) ->
     depth, middle = float(near[:, 2].min()), float(near[:, 2].mean())
     half = float(np.abs(near[:, 0]).max())
     angle = np.linspace(0.12, 1, 12) * np.pi / 2
-    left = np.stack([(half + 7) * np.cos(angle), y + 14 * np.sin(angle), (depth - 5 - middle) * np.sin(angle) + middle], axis=1)
+    left = np.stack(
+        [(half + 7) * np.cos(angle), y + 14 * np.sin(angle), (depth - 5 - middle) * np.sin(angle) + middle], axis=1
+    )
     return np.concatenate([hinges[1][None], left, left[-2::-1] * [-1, 1, 1], hinges[-1][None]])
 
 

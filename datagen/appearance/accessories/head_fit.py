@@ -106,9 +106,7 @@ def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray
     return np.array(loop + loop[:1], dtype=np.int32), np.array(inside + inside[:1], dtype=np.int32)
 
 
-def _straightest(
-    mean: Float32[ndarray, "v 3"], neighbours: dict[int, list[int]], loop: list[int], place: int
-) -> int:
+def _straightest(mean: Float32[ndarray, "v 3"], neighbours: dict[int, list[int]], loop: list[int], place: int) -> int:
     """The neighbour that lies most squarely to the border."""
     here = mean[loop[place]]
     along = mean[loop[(place + 1) % len(loop)]] - mean[loop[place - 1]]

@@ -131,7 +131,9 @@ def tube(
         sides: Corners of its section.
         squareness: 0 an ellipse, 1 nearly a box.
     """
-    size = np.broadcast_to(np.asarray(radii, dtype=np.float64).reshape(-1, 1 if np.ndim(radii) == 0 else 2), (len(path), 2))
+    size = np.broadcast_to(
+        np.asarray(radii, dtype=np.float64).reshape(-1, 1 if np.ndim(radii) == 0 else 2), (len(path), 2)
+    )
     path = np.concatenate([path[:1], path, path[-1:]])
     size = np.concatenate([np.zeros((1, 2)), size, np.zeros((1, 2))])
     ahead = np.gradient(path, axis=0)
@@ -168,7 +170,9 @@ def ellipsoid(radii: tuple[float, float, float], rows: int = 7, columns: int = 1
     """An ellipsoid about the origin, its poles on the y axis; half sizes in mm."""
     slope = np.linspace(0, np.pi, rows)[:, None]
     angle = np.linspace(0, 2 * np.pi, columns + 1)[None]
-    around = np.stack(np.broadcast_arrays(np.sin(slope) * np.sin(angle), np.cos(slope), np.sin(slope) * np.cos(angle)), -1)
+    around = np.stack(
+        np.broadcast_arrays(np.sin(slope) * np.sin(angle), np.cos(slope), np.sin(slope) * np.cos(angle)), -1
+    )
     size = np.asarray(radii, dtype=np.float64)
     return sheet(around * size, (size[0] / 5, size[1] / 10), is_closed=True, normals=unit(around / size))
 

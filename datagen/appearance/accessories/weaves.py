@@ -36,7 +36,9 @@ def _bytes(layer: Layer) -> UInt8[ndarray, "s s 4"]:
     return (np.clip(layer, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
-def _layer(shade: ndarray | float = 0.0, second: ndarray | float = 0.0, dull: float = 1.0, alpha: ndarray | float = 1.0) -> Layer:
+def _layer(
+    shade: ndarray | float = 0.0, second: ndarray | float = 0.0, dull: float = 1.0, alpha: ndarray | float = 1.0
+) -> Layer:
     """A layer; ``shade`` is what is added to 1."""
     parts = (NEUTRAL * (1 + np.asarray(shade)), second, dull, alpha)
     return np.stack([np.broadcast_to(np.asarray(part, dtype=np.float32), (SIZE, SIZE)) for part in parts], axis=-1)
@@ -67,7 +69,9 @@ def _jersey() -> Layer:
 def _knit() -> Layer:
     u, v = _grid()
     stitch = np.abs((u * 8) % 1 - 0.5) * 2
-    return _layer(0.16 * np.sin(2 * np.pi * (v * 16 + 0.35 * stitch)) * (1 - stitch**4) - 0.22 * stitch**4 + 0.03 * _noise(3, 1))
+    return _layer(
+        0.16 * np.sin(2 * np.pi * (v * 16 + 0.35 * stitch)) * (1 - stitch**4) - 0.22 * stitch**4 + 0.03 * _noise(3, 1)
+    )
 
 
 def _rib() -> Layer:
@@ -107,7 +111,9 @@ def _plaid() -> Layer:
 
 def _check() -> Layer:
     u, v = _grid()
-    return _layer(0.02 * _noise(14, 1), np.maximum(np.abs((4 * u) % 1 - 0.5) < 0.06, np.abs((4 * v) % 1 - 0.5) < 0.06) * 1.0)
+    return _layer(
+        0.02 * _noise(14, 1), np.maximum(np.abs((4 * u) % 1 - 0.5) < 0.06, np.abs((4 * v) % 1 - 0.5) < 0.06) * 1.0
+    )
 
 
 def _stripes_across() -> Layer:

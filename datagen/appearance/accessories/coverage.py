@@ -1,0 +1,73 @@
+"""How much of a face things leave to be seen."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, UInt8
+from numpy import ndarray
+
+from datagen.appearance.scene import PosedHead, SceneMesh
+from datagen.appearance.surface import Surface
+from pix2face.morphable_model import builtin_model
+
+VIEWS_DEG = (-45.0, 0.0, 45.0)
+_PIXELS, _SPAN_MM = 56, 300.0
+_FACE_DEPTH_MM = 45.0  # what is nearer to the camera than this stands before the face
+
+
+@lru_cache(maxsize=1)
+def mean_head() -> PosedHead:
+    """The built-in model's mean."""
+    model = builtin_model()
+    return PosedHead(model=model, vertices=model.mean, normals=Surface(model).normals(model.mean), neutral=model.mean)
+
+
+def visible_share(meshes: Sequence[SceneMesh]) -> float:
+    """Smallest share of the mean face that can be seen past meshes, over ``VIEWS_DEG`` of yaw.
+
+    Meshes that let light through (lattices, lace, clear lenses) do not count.
+    """
+    opaque = [mesh for mesh in meshes if not _lets_through(mesh)]
+    if not opaque:
+        return 1.0
+    corners = np.concatenate([mesh.vertices[mesh.triangles] for mesh in opaque])
+    shares = []
+    for yaw_deg in VIEWS_DEG:
+        axes, face = _view(yaw_deg)
+        hidden = _drawn(corners, axes, _FACE_DEPTH_MM)
+        shares.append(1 - float((face & hidden).sum()) / float(face.sum()))
+    return min(shares)
+
+
+def _lets_through(mesh: SceneMesh) -> bool:
+    material = mesh.material
+    if material.kind == "glass":
+        return material.alpha < 0.5
+    return material.is_blended and mesh.name.startswith(("occluder/lattice", "mask/veil"))
+
+
+@lru_cache(maxsize=8)
+def _view(yaw_deg: float) -> tuple[Float64[ndarray, "3 3"], Bool[ndarray, "h w"]]:
+    """Right, up and towards the camera; where the face is."""
+    yaw = np.deg2rad(yaw_deg)
+    axes = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
+    model = builtin_model()
+    corners = model.mean[model.triangles[model.is_face_triangle]]
+    ahead = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ axes[2]
+    return axes, _drawn(corners[ahead > 0], axes, -1e3)
+
+
+def _drawn(
+    corners: Float32[ndarray, "t 3 3"], axes: Float64[ndarray, "3 3"], nearer_than_mm: float
+) -> Bool[ndarray, "h w"]:
+    """Where triangles are, seen along an axis."""
+    seen = corners @ axes.T
+    seen = seen[seen[..., 2].mean(axis=1) > nearer_than_mm]
+    places = ((seen[..., :2] * [1, -1] / _SPAN_MM + [0.5, 0.55]) * _PIXELS).round().astype(np.int32)
+    inside = ((places.max(axis=1) >= 0) & (places.min(axis=1) < _PIXELS)).all(axis=1)
+    picture: UInt8[ndarray, "h w"] = np.zeros((_PIXELS, _PIXELS), dtype=np.uint8)
+    for triangle in np.unique(places[inside].reshape(-1, 6), axis=0).reshape(-1, 3, 2):
+        cv2.fillConvexPoly(picture, triangle, 1)
+    return picture.astype(bool)

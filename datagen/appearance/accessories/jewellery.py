@@ -1,0 +1,214 @@
+"""Earrings, necklaces, piercings, nose rings; earphones, headphones and headsets."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Float64, Int32
+from numpy import ndarray
+
+from datagen.appearance.accessories.body import Body
+from datagen.appearance.accessories.colours import BLACK, GOLD, SILVER, WHITE, Colour, draw_tint, smooth
+from datagen.appearance.accessories.head_fit import nearest_vertices
+from datagen.appearance.accessories.skull import fit_skull
+from datagen.appearance.accessories.solids import Solid, ellipsoid, joined, lathe, scene_mesh, tube
+from datagen.appearance.scene import PosedHead, SceneMesh
+from pix2face.morphable_model import MorphableModel
+
+EARRINGS = ("none", "stud", "hoop", "drop")
+SOUND = ("none", "buds", "wired", "headphones", "headset", "round neck")
+PIERCINGS = ("none", "nose stud", "nose ring", "septum", "brow", "lip")
+# On the mean head: lobe, ear canal, wing of the nose, below the nose, end of the brow, below the lower lip.
+_PLACES = np.array([[77.0, -17, 5], [76, 4, 8], [15, -12, 104], [0, -20, 109], [56, 46, 78], [9, -53, 104]])
+_REGIONS = ("ears", "ears", "skin", "skin", "brows", "skin")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Jewellery:
+    """What hangs, sits and plays at a head.
+
+    Attributes:
+        earrings: One of ``EARRINGS``.
+        one_ear: Only the left one has one.
+        piercing: One of ``PIERCINGS``.
+        necklace: 0 none, 1 a chain, 2 beads, 3 a chain with a pendant.
+        sound: One of ``SOUND``.
+        size: 0 to 1.
+        metal: Linear colour.
+        stone: Of beads and stones, linear.
+        gear: Of earphones, linear.
+    """
+
+    earrings: str
+    one_ear: bool
+    piercing: str
+    necklace: int
+    sound: str
+    size: float
+    metal: Colour
+    stone: Colour
+    gear: Colour
+
+
+def draw_jewellery(rng: np.random.Generator, femininity: float, sound_share: float, share: float) -> Jewellery:
+    """Draws jewellery; ``share`` is how often a woman wears some, ``sound_share`` how often something plays."""
+    wears = share * (0.25 + 0.75 * femininity)
+    earrings = str(rng.choice(EARRINGS[1:])) if rng.uniform() < wears else "none"
+    return Jewellery(
+        earrings=earrings,
+        one_ear=bool(rng.uniform() < 0.1 + 0.3 * (1 - femininity)),
+        piercing=str(rng.choice(PIERCINGS[1:])) if rng.uniform() < 0.12 * wears else "none",
+        necklace=int(rng.integers(1, 4)) if rng.uniform() < 0.7 * wears else 0,
+        sound=str(rng.choice(SOUND[1:], p=[0.3, 0.2, 0.25, 0.1, 0.15])) if rng.uniform() < sound_share else "none",
+        size=round(float(rng.beta(1.2, 2.5)), 3),
+        metal=GOLD if rng.uniform() < 0.55 else SILVER,
+        stone=WHITE if rng.uniform() < 0.4 else draw_tint(rng, 0.7, 0.6),
+        gear=(WHITE, BLACK, draw_tint(rng, 0.6, 0.5))[int(rng.choice(3, p=[0.4, 0.45, 0.15]))],
+    )
+
+
+def jewellery_meshes(jewellery: Jewellery, head: PosedHead, body: Body) -> list[SceneMesh]:
+    """All of it, in place."""
+    metal, stones, gear = _jewels(jewellery, head, body)
+    gear += _sound(jewellery, head, body)
+    materials = (
+        smooth(jewellery.metal, 0.2, 0.6),
+        smooth(jewellery.stone, 0.15, 0.08),
+        smooth(jewellery.gear, 0.4, 0.05),
+    )
+    meshes = []
+    for name, parts, material in zip(("metal", "stones", "gear"), (metal, stones, gear), materials, strict=True):
+        if parts:
+            meshes.append(scene_mesh(f"jewellery/{name}", "jewellery", joined(parts), material))
+    return meshes
+
+
+def _jewels(jewellery: Jewellery, head: PosedHead, body: Body) -> tuple[list[Solid], list[Solid], list[Solid]]:
+    metal: list[Solid] = []
+    stones: list[Solid] = []
+    marks = {side: head.vertices[_marks(head.model)[side]].astype(np.float64) for side in (1, -1)}
+    size = jewellery.size
+    for side in (1,) if jewellery.one_ear else (1, -1):
+        lobe = marks[side][0] + [side * 2.0, 0, 1]
+        if jewellery.earrings == "stud":
+            stones.append(_ball(lobe, 2.0 + 2.5 * size))
+        if jewellery.earrings == "hoop":
+            radius = 6 + 22 * size
+            metal.append(_ring(lobe - [0, radius, 0], radius, 0.9 + 0.8 * size, (0, 1)))
+        if jewellery.earrings == "drop":
+            long = 14 + 38 * size
+            metal.append(tube(np.stack([lobe, lobe - [0, 0.5 * long, 0], lobe - [0, long, 0]]), 0.7, (0, 0, 1), 5))
+            stones.append(ellipsoid((4, 7, 4), 6, 8).placed(np.eye(3), lobe - [0, long, 0], 0.8 + 0.6 * size))
+    metal += _piercing(jewellery.piercing, marks)
+    if jewellery.necklace:
+        chain, pendant = _necklace(jewellery, body)
+        (stones if jewellery.necklace == 2 else metal).append(chain)
+        stones += pendant
+    return metal, stones, []
+
+
+def _piercing(kind: str, marks: dict[int, Float64[ndarray, "6 3"]]) -> list[Solid]:
+    left, right = marks[1], marks[-1]
+    if kind == "nose stud":
+        return [_ball(left[2] + [0.8, 0, 0.3], 1.6)]
+    if kind == "nose ring":
+        return [_ring(left[2] + [0.5, -4.5, -0.5], 4.8, 0.7, (1, 2))]
+    if kind == "septum":
+        return [_ring(left[3] * [0, 1, 1] + [0, -3.5, -1.5], 5.0, 0.9, (0, 1))]
+    if kind == "brow":
+        return [_ball(right[4] + [0, 3, 1.5], 1.7), _ball(right[4] + [0, -4, 1.5], 1.7)]
+    if kind == "lip":
+        return [_ball(left[5] + [0, 0, 0.8], 1.7)]
+    return []
+
+
+def _necklace(jewellery: Jewellery, body: Body) -> tuple[Solid, list[Solid]]:
+    turn = np.linspace(0, 1, 65)
+    ahead = np.exp(-((np.minimum(turn, 1 - turn) / 0.16) ** 2))
+    place = 0.04 + (0.08 + 0.3 * jewellery.size) * ahead
+    path = body.at(place, turn, 1.5 if jewellery.necklace != 2 else 3.0).astype(np.float64)
+    if jewellery.necklace == 2:
+        beads = [ellipsoid((1, 1, 1), 5, 6).placed(np.eye(3), at, 3.0 + 2 * jewellery.size) for at in path[:-1]]
+        return joined(beads), []
+    chain = tube(path, 1.0, (0.1, 1.0, 0.2), 5)
+    if jewellery.necklace == 1:
+        return chain, []
+    return chain, [ellipsoid((6, 8, 2.5), 6, 10).placed(np.eye(3), path[0] - [0, 7, -1])]
+
+
+def _sound(jewellery: Jewellery, head: PosedHead, body: Body) -> list[Solid]:
+    parts: list[Solid] = []
+    if jewellery.sound == "none":
+        return parts
+    if jewellery.sound == "round neck":
+        turn = np.linspace(0.09, 0.91, 25)
+        path = body.at(np.full(25, 0.03), turn, 16.0)
+        parts.append(tube(path, np.tile([[4.0, 8.0]], (25, 1)), (0, 1, 0.1), 8))
+        cups = (path[0], path[-1])
+        return [*parts, *(ellipsoid((22, 32, 30), 9, 14).placed(np.eye(3), cup) for cup in cups)]
+    for side in (1, -1):
+        canal = head.vertices[_marks(head.model)[side][1]].astype(np.float64) + [side * 3, 0, 2]
+        if jewellery.sound == "buds":
+            stem = np.stack([canal, canal + [side * 3, -8, 4], canal + [side * 3, -26, 7]])
+            parts += [_ball(canal, 7.0), tube(stem, 3.2, (0, 0, 1), 8)]
+        if jewellery.sound == "wired":
+            below = body.at(np.array([0.1, 0.7]), np.array([side * 0.06, side * 0.02]), 8.0)
+            wire = np.stack([canal, canal + [side * 3, -45, 6], below[0], below[1]])
+            parts += [_ball(canal, 6.5), tube(wire, 1.0, (0, 0.2, 1), 5)]
+        if jewellery.sound in ("headphones", "headset"):
+            cup = lathe(np.array([[0.5, 13.0], [24, 12], [31, 4], [32, -6], [28, -10]]), 18)
+            turn = np.array([[0.0, side, 0], [1, 0, 0], [0, 0, -side]])
+            parts.append(cup.placed(turn, canal + [side * 12, 4, -6]))
+    if jewellery.sound in ("headphones", "headset"):
+        parts.append(_band(head))
+    if jewellery.sound == "headset":
+        parts += _boom(head)
+    return parts
+
+
+def _band(head: PosedHead) -> Solid:
+    """Over the crown, from ear to ear."""
+    skull = fit_skull(head)
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 25)
+    rise = np.pi / 2 - np.abs(angle) * (np.pi / 2 + 0.25) / (np.pi / 2)
+    above = 15 + 14 * (np.abs(angle) / (np.pi / 2)) ** 2
+    path = skull.at(rise, np.where(angle < 0, -1.0, 1.0) * 1.62, above)
+    return tube(path, np.tile([[10.0, 3.5]], (25, 1)), (0.0, 0.3, 1.0), 8, squareness=0.4)
+
+
+def _boom(head: PosedHead) -> list[Solid]:
+    """A microphone on an arm before the mouth."""
+    canal, lip = head.vertices[_marks(head.model)[1][[1, 5]]].astype(np.float64)
+    end = lip + [14, 0, 18]
+    path = np.stack([canal + [18, -10, 8], 0.5 * (canal + end) + [26, -12, 14], end])
+    return [tube(path, 1.8, (0, 1, 0.2), 6), _ball(end, 6.5)]
+
+
+def _ball(place: Float64[ndarray, "3"], radius: float) -> Solid:
+    return ellipsoid((radius, radius, radius), 7, 10).placed(np.eye(3), place)
+
+
+def _ring(place: Float64[ndarray, "3"], radius: float, thick: float, plane: tuple[int, int]) -> Solid:
+    """A ring in the plane of two axes."""
+    angle = np.linspace(0, 2 * np.pi, 25)
+    path = np.tile(place, (25, 1))
+    path[:, plane[0]] += radius * np.sin(angle)
+    path[:, plane[1]] += radius * np.cos(angle)
+    across = [0.0, 0.0, 0.0]
+    across[3 - plane[0] - plane[1]] = 1.0
+    return tube(path, thick, (across[0], across[1], across[2]), 6)
+
+
+@lru_cache(maxsize=4)
+def _marks(model: MorphableModel) -> dict[int, Int32[ndarray, "6"]]:
+    return {
+        side: np.concatenate(
+            [
+                nearest_vertices(model, place[None] * [side, 1, 1], (region,))
+                for place, region in zip(_PLACES, _REGIONS, strict=True)
+            ]
+        )
+        for side in (1, -1)
+    }
