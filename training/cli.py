@@ -76,8 +76,8 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
             if processes.count == 1:
                 raise
             raise Pix2FaceError(
-                f"process {processes.rank} of {processes.count}: {str(error).splitlines()[0]}. Did another process end? "
-                "The same command goes on from the last state"
+                f"process {processes.rank} of {processes.count}: {str(error).splitlines()[0]}. "
+                "Did another process end? The same command goes on from the last state"
             ) from error
     say(console, f"checkpoint: {checkpoint}")
     say(console, f"next: {next_command(shards, checkpoint)}")

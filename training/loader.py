@@ -1,5 +1,6 @@
 """Batches in time: worker processes that load ahead, and a clock that says how long the trainer waited for them."""
 
+import signal
 import time
 from collections.abc import Iterator
 from typing import Any, final
@@ -62,7 +63,7 @@ class BatchLoader:
             prefetch_factor=PREFETCHED if workers else None,
             # Forking a process with threads may hang it.
             multiprocessing_context="spawn" if workers else None,
-            worker_init_fn=_with_one_thread,
+            worker_init_fn=_prepare_worker,
             pin_memory=pin_memory,
         )
 
@@ -89,6 +90,12 @@ def _as_it_is(batch: Any) -> Any:
     return batch
 
 
-def _with_one_thread(worker: int) -> None:
-    """Workers run side by side; OpenCV's threads in each of them would only be in each other's way."""
+def _prepare_worker(worker: int) -> None:
+    """Makes a worker process a quiet one.
+
+    Workers run side by side; OpenCV's threads in each of them would only be in each other's way. Signals to the whole
+    group of processes are the trainer's to obey: it still wants a batch for the step under way, and ends the workers.
+    """
     cv2.setNumThreads(1)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

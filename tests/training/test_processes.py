@@ -30,6 +30,7 @@ def start(arguments: list[str], **environment: str) -> subprocess.Popen[str]:
         env={**os.environ, "OMP_NUM_THREADS": "1", **environment},
         stderr=subprocess.PIPE,
         text=True,
+        start_new_session=True,
     )
 
 
@@ -91,9 +92,9 @@ def test_when_one_process_is_killed_the_state_goes_on(shards_dir, tmp_path):
 
 def test_a_signal_leaves_the_state_after_the_step_under_way(shards_dir, tmp_path):
     out = tmp_path / "run"
-    process = start(options(shards_dir, out, "--epochs", "1000", "--epoch-size", "8"))
+    process = start([*options(shards_dir, out, "--epochs", "1000", "--epoch-size", "8"), "--workers", "1"])
     wait_for_steps(out, 2, process)
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: to the workers, too
     _, said = process.communicate(timeout=PATIENCE_SECONDS)
     assert process.returncode == 130, said
     samples = 4 * steps_in(out)
