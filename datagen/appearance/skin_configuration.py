@@ -14,7 +14,8 @@ class SkinConfig:
     """Ranges and shares; ``share`` is how many people have it, ranges are uniform unless said otherwise.
 
     Attributes:
-        melanin_spread: Standard deviation that is added to the person's place between the lightest and the darkest skin.
+        melanin_contrast: Factor on the distance of the person's melanin from the middle: more dark and light skins.
+        melanin_spread: Standard deviation that is added to the person's place between lightest and darkest skin.
         haemoglobin: From pale to ruddy; 0.16 is usual.
         flush: Further haemoglobin of cheeks, nose and ears.
         sunburn_share: People whose flush is two to four times that.
@@ -46,7 +47,8 @@ class SkinConfig:
         braces_share: Share among people under 22; a fifth of it above.
     """
 
-    melanin_spread: float = 0.04
+    melanin_contrast: float = 1.3
+    melanin_spread: float = 0.05
     haemoglobin: Range = (0.07, 0.27)
     flush: Range = (0.02, 0.22)
     sunburn_share: float = 0.04
@@ -68,7 +70,7 @@ class SkinConfig:
     shaved_shadow: Range = (0.0, 0.6)
     stubble_share: float = 0.35
     stubble: Range = (0.1, 0.75)
-    pupil: Range = (0.24, 0.58)
+    pupil: Range = (0.2, 0.5)
     odd_eyes_share: float = 0.012
     redness: Range = (0.0, 0.35)
     yellow_teeth: Range = (0.0, 0.75)
@@ -95,6 +97,7 @@ _MOST = {"melanin_spread": 0.5, "moles": 12.0}
 _LIMITS = {"haemoglobin": (0.0, 0.8), "flush": (0.0, 0.8), "roughness": (0.1, 1.0), "pupil": (0.1, 0.85)}
 
 HARD_SKIN = SkinConfig(
+    melanin_contrast=1.5,
     melanin_spread=0.09,
     haemoglobin=(0.04, 0.36),
     flush=(0.0, 0.34),
@@ -117,7 +120,7 @@ HARD_SKIN = SkinConfig(
     shaved_shadow=(0.0, 0.85),
     stubble_share=0.45,
     stubble=(0.1, 0.95),
-    pupil=(0.2, 0.7),
+    pupil=(0.16, 0.65),
     odd_eyes_share=0.05,
     redness=(0.0, 0.7),
     yellow_teeth=(0.0, 1.0),

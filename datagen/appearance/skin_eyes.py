@@ -112,7 +112,7 @@ def draw_eyes(rng: np.random.Generator, config: SkinConfig, person: Person) -> E
     else:
         right = left
     yellow = rng.uniform(0, 0.10) + 0.05 * person.melanin + 0.0006 * max(person.age_years - 30, 0)
-    white = rng.uniform(0.62, 0.78) - 0.10 * person.melanin
+    white = rng.uniform(0.55, 0.72) - 0.08 * person.melanin
     return Eyes(
         left_inner=left[0],
         left_outer=left[1],

@@ -65,7 +65,9 @@ def _draw_worn(rng: np.random.Generator, person: Person, is_vivid: bool) -> dict
     """Each product on its own: many wear one or two of them."""
     wears = rng.random(5) < [0.7, 0.45, 0.6, 0.5, 0.6]
     light = 1.0 - 0.7 * person.melanin
-    lipstick = _vivid(rng) if is_vivid else _rgb(rng.uniform(-0.09, 0.045), rng.uniform(0.45, 0.95), rng.uniform(0.3, 0.8))
+    lipstick = (
+        _vivid(rng) if is_vivid else _rgb(rng.uniform(-0.09, 0.045), rng.uniform(0.45, 0.95), rng.uniform(0.3, 0.8))
+    )
     shadow = _vivid(rng) if is_vivid else _rgb(rng.uniform(-0.08, 0.11), rng.uniform(0.1, 0.6), rng.uniform(0.15, 0.6))
     blush = _rgb(rng.uniform(-0.04, 0.04), rng.uniform(0.45, 0.7), 0.25 + 0.65 * light)
     strength = rng.uniform(0.15, 1.0, size=5) * wears

@@ -13,7 +13,7 @@ Source: Anderson and Parrish 1981 (the optics of human skin); Chardon et al. 199
 """
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 SURFACE = np.array([0.008, 0.0155, 0.0150])
@@ -51,15 +51,15 @@ def density_of_melanin(melanin: float) -> float:
     return float(np.interp(-wanted, -lightness, densities))
 
 
-def lab_of_linear(colour: Float64[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:
+def lab_of_linear(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:
     """CIE L*a*b* (D65) of linear sRGB."""
-    ratio = np.asarray(colour) @ _XYZ_FROM_SRGB.T / _WHITE
+    ratio = np.asarray(colour, dtype=np.float64) @ _XYZ_FROM_SRGB.T / _WHITE
     cube = np.where(ratio > 0.008856, np.cbrt(ratio), 7.787 * ratio + 16 / 116)
     x, y, z = (cube[..., axis] for axis in range(3))
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-def individual_typology_angle_deg(colour: Float64[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:
+def individual_typology_angle_deg(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:
     """ITA: above 55 very light, 28 to 41 intermediate, below -30 dark; people lie between -60 and 65 or so."""
     lab = lab_of_linear(colour)
     return np.asarray(np.rad2deg(np.arctan2(lab[..., 0] - 50, lab[..., 2])))

@@ -12,6 +12,9 @@ from datagen.appearance.skin_layout import AGES, ORIGINS, SEXES, SKINS
 from datagen.appearance.skin_make_up import Colour, MakeUp, draw_make_up
 from datagen.appearance.skin_marks import Mark, draw_marks
 
+# Of all persons.
+MIDDLE_MELANIN = 0.43
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +87,8 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
         UsageError: The configuration does not hold together.
     """
     config.check()
-    melanin = float(np.clip(person.melanin + rng.normal(0, config.melanin_spread), 0, 1))
+    wanted = MIDDLE_MELANIN + config.melanin_contrast * (person.melanin - MIDDLE_MELANIN)
+    melanin = float(np.clip(wanted + rng.normal(0, config.melanin_spread), rng.uniform(0, 0.08), rng.uniform(0.9, 1)))
     textures, weights = _draw_textures(rng, person)
     age = np.clip((person.age_years - 20) / 65, 0, 1)
     flush = rng.uniform(*config.flush) * (rng.uniform(2, 4) if rng.random() < config.sunburn_share else 1.0)
@@ -123,9 +127,7 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
     )
 
 
-def _draw_textures(
-    rng: np.random.Generator, person: Person
-) -> tuple[tuple[str, str, str], tuple[float, float, float]]:
+def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str, str, str], tuple[float, float, float]]:
     """The three skins that are nearest to a person's age, sex and origin, somewhat at random."""
     position = np.clip((person.age_years - 25) / 25, 0, 2)
     of_age = np.maximum(1 - np.abs(position - np.arange(len(AGES))), 0) + 0.05

@@ -86,7 +86,12 @@ def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
 @lru_cache(maxsize=1)
 def skin_textures() -> Mapping[str, Texture]:
     """The textures of ``skin.glsl`` by the sampler's name."""
-    sizes = {"skin_atlas": ATLAS_PX, "skin_details": DETAILS_PX, "skin_noise": (NOISE_PX,) * 2, "skin_iris": (IRIS_PX,) * 2}
+    sizes = {
+        "skin_atlas": ATLAS_PX,
+        "skin_details": DETAILS_PX,
+        "skin_noise": (NOISE_PX,) * 2,
+        "skin_iris": (IRIS_PX,) * 2,
+    }
     return {name: Texture(pixels=_layers(name, *size), repeat=name == "skin_noise") for name, size in sizes.items()}
 
 

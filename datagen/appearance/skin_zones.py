@@ -61,9 +61,7 @@ class LidMargins:
     def _across(self, model: MorphableModel) -> list[tuple[ndarray, ndarray]]:
         return [(ring, model.mean[ring, 0]) for ring in self.sides]
 
-    def arches(
-        self, vertices: Float[ndarray, "v 3"]
-    ) -> tuple[Float32[ndarray, "2 4"], Float32[ndarray, "2 4"]]:
+    def arches(self, vertices: Float[ndarray, "v 3"]) -> tuple[Float32[ndarray, "2 4"], Float32[ndarray, "2 4"]]:
         """The opening of each eye on one head, seen from its front.
 
         Returns:
@@ -105,11 +103,13 @@ def head_paint(model: MorphableModel) -> Float32[ndarray, "v 8"]:
     cavity = _smoothed(model, _cavity(mean, surface.normals(mean)))
     hair = np.clip(0.5 + _inside_hairline(mean) / HAIRLINE_REACH_MM, 0, 1) * (1 - ear)
     channels = [lips, lid, ear, cavity, _flush(mean, ear), _oil(mean), _beard(mean) * (1 - lips) * (1 - ear), hair]
-    return np.stack(channels, axis=1).astype(np.float32)
+    paint = np.stack(channels, axis=1).astype(np.float32)
+    return paint if model.symmetry is None else (paint + paint[model.symmetry]) / 2
 
 
 def _is_socket(model: MorphableModel) -> Bool[ndarray, " t"]:
-    assert model.uv is not None and model.uv_triangles is not None
+    assert model.uv is not None
+    assert model.uv_triangles is not None
     return np.asarray((model.uv[model.uv_triangles][..., 0] < 0.2).all(axis=1))
 
 

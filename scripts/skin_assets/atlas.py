@@ -66,7 +66,8 @@ def _pack(
 def _raster(model: MorphableModel, regions: tuple[str, ...]) -> Bool[ndarray, "h w"]:
     """Which texels of the atlas belong to some regions of the model."""
     wanted = np.isin(model.triangle_regions, [model.region_names.index(name) for name in regions])
-    assert model.uv is not None and model.uv_triangles is not None
+    assert model.uv is not None
+    assert model.uv_triangles is not None
     corners = model.uv[model.uv_triangles[wanted]]
     inside = (corners > [ATLAS_UV[0], ATLAS_UV[2]]).all(axis=(1, 2)) & (corners[..., 1] < ATLAS_UV[3]).all(axis=1)
     left, top = round(ATLAS_UV[0] * 512), round((1 - ATLAS_UV[3]) * 512)

@@ -1,5 +1,7 @@
 """Draws the face's wrinkles and brows on the mean face, and lays them out by its texture coordinates."""
 
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
@@ -82,7 +84,7 @@ def _depth(lines: list[tuple[float, float, list[tuple[float, float]]]], x: ndarr
 def _distance(points: Float64[ndarray, "n 2"], x: ndarray, y: ndarray) -> tuple[ndarray, ndarray]:
     """Distance from a polyline, and how far along it (0..1) its nearest point is."""
     best, along = np.full_like(x, np.inf), np.zeros_like(x)
-    for k, (a, b) in enumerate(zip(points[:-1], points[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(points)):
         t = np.clip(((x - a[0]) * (b[0] - a[0]) + (y - a[1]) * (b[1] - a[1])) / ((b - a) ** 2).sum(), 0, 1)
         distance = np.hypot(x - a[0] - t * (b[0] - a[0]), y - a[1] - t * (b[1] - a[1]))
         along = np.where(distance < best, (k + t) / (len(points) - 1), along)

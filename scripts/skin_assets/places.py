@@ -24,7 +24,8 @@ def places(
         uv_box: What the texture shows: u from, u to, v from, v to.
         size_px: Height and width.
     """
-    assert model.uv is not None and model.uv_triangles is not None
+    assert model.uv is not None
+    assert model.uv_triangles is not None
     wanted = np.isin(model.triangle_regions, [model.region_names.index(name) for name in regions])
     uv_index, first = np.unique(model.uv_triangles[wanted], return_index=True)
     vertex = model.triangles[wanted].reshape(-1)[first]

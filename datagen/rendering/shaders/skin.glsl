@@ -108,9 +108,10 @@ Surface outside_of_head(Surface s, vec2 uv, vec3 place, vec4 paint0, vec4 paint1
     float dots = smoothstep(0.15, 0.6, spotted.a);
     float shaved = beard * skin_beard.x * (0.8 + 0.8 * (spotted.b - 0.5));
     albedo *= mix(vec3(1.0), vec3(0.66, 0.69, 0.72), shaved);
-    albedo = mix(albedo, skin_beard_colour, clamp(beard * skin_beard.y * (0.35 + dots) * (0.6 + 0.8 * wide.b), 0.0, 0.92));
+    albedo = mix(albedo, skin_beard_colour, clamp(beard * skin_beard.y * (0.45 + 1.3 * dots) * (0.5 + wide.b), 0.0, 0.95));
     float line = smoothstep(0.42, 0.60, paint1.w - 0.35 * skin_hairline * front + 0.16 * (spotted.b - 0.5) + 0.2 * (wide.b - 0.5));
-    float crop = clamp(skin_scalp_hair * line * (0.45 + 0.55 * skin_scalp_hair + (1.0 - skin_scalp_hair) * dots), 0.0, 0.97);
+    float dense = 1.0 - pow(1.0 - clamp(skin_scalp_hair, 0.0, 1.0), 1.7);
+    float crop = min(line * dense * mix(0.55 + 0.9 * dots, 1.0, dense), 0.985);
     albedo = mix(albedo, skin_hair_colour * (0.7 + 0.6 * fine.a), crop);
     float brow = clamp(1.25 * details.w * skin_brow_strength, 0.0, 0.95);
     albedo = mix(albedo, skin_brow_colour, brow);
@@ -186,7 +187,7 @@ Surface eye(Surface s, vec2 uv, vec3 place) {
     albedo *= mix(shade, 1.0, 0.15);
     // What would stick out of the lids is covered by them.
     float covered = smoothstep(0.9, 1.6, max(-above, -below)) * step(0.0, d.z);
-    s.albedo = mix(albedo, skin_colour(skin_tone.x, skin_tone.y + 0.1) * 0.9, covered);
+    s.albedo = mix(max(albedo, 0.004), skin_colour(skin_tone.x, skin_tone.y + 0.1) * 0.9, covered);
     s.roughness = mix(mix(0.09, 0.16, white), 0.5, covered);
     s.reflectance = mix(0.035, 0.028, covered);
     s.scatter = mix(0.35 * white, 1.0, covered);
@@ -230,8 +231,8 @@ Surface inside_of_mouth(Surface s, vec2 uv, vec3 place, float lips) {
     rough = is_teeth ? mix(0.16, 0.3, gum) : rough;
     // Lips go on inside; behind them it grows dark.
     albedo = is_teeth || is_tongue ? albedo : mix(albedo, skin_colour(0.8 * skin_tone.x, skin_tone.y + 0.35), lips * 0.8);
-    float light = is_socket ? 0.7 : exp(-depth / mix(14.0, 34.0, skin_mouth_open)) * mix(0.9, 1.0, lips);
-    s.albedo = clamp(albedo * mix(0.12, 1.0, light), 0.003, 0.9);
+    float light = is_socket ? 0.7 : exp(-depth / mix(10.0, 22.0, skin_mouth_open)) * mix(0.9, 1.0, lips);
+    s.albedo = clamp(albedo * mix(0.06, 1.0, light), 0.003, 0.9);
     s.occlusion *= mix(0.1, 1.0, light);
     s.roughness = (is_gold || metal > 0.5) && is_teeth ? 0.25 : rough;
     s.reflectance = (is_gold || metal > 0.5) && is_teeth ? 0.4 * light : 0.04 * light;
