@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import final
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
+from datagen.sampling_summary import drawn_shares
 from datagen.sources import coefficient_paths
 from pix2face.annotations import picture_beside
 from pix2face.camera import Camera, head_pose
@@ -41,11 +42,13 @@ class CoefficientSummary:
         facts: What is printed first: name and value.
         shares: For each angle its bins (degrees) with their share of the faces.
         reasons: Why faces were rejected, with paths and ids taken out, and how many.
+        drawn: Shares of what else is known of drawn faces.
     """
 
     facts: dict[str, str]
     shares: dict[str, dict[str, float]]
     reasons: tuple[tuple[str, int], ...]
+    drawn: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def rare(self) -> tuple[str, ...]:
@@ -83,7 +86,8 @@ def summarise_table(table: FaceCoefficients) -> CoefficientSummary:
         "licence": table.licence or "that of the model",
         "made by": table.configuration,
     }
-    return CoefficientSummary(facts=facts, shares=_shares(angles), reasons=group_reasons(table.rejected))
+    drawn = drawn_shares(table, angles[:, 1])
+    return CoefficientSummary(facts=facts, shares=_shares(angles), reasons=group_reasons(table.rejected), drawn=drawn)
 
 
 def summarise_folder(folder: Path, on_progress: Callable[[int], None]) -> CoefficientSummary:

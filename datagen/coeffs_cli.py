@@ -173,7 +173,7 @@ def _print(summary: CoefficientSummary, source: Path) -> None:
     table.add_column()
     table.add_column(overflow="fold")
     rows = dict(summary.facts)
-    for angle, bins in summary.shares.items():
+    for angle, bins in (summary.shares | summary.drawn).items():
         rows[f"{angle}, share"] = ", ".join(f"{name}: {100 * share:.1f} %" for name, share in bins.items())
     rows["rare (under 5 %)"] = ", ".join(summary.rare) or "no bin"
     rows["rejected"] = str(sum(count for _, count in summary.reasons))

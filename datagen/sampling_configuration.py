@@ -31,8 +31,8 @@ class GeometryConfig:
         pitch_deg: Standard deviation of most heads' pitch.
         wide_pitch_share: Of heads whose pitch is uniform within ``largest_pitch_deg``.
         largest_pitch_deg: Cut.
-        roll_deg: Standard deviation of most heads' roll.
-        any_roll_share: Of heads whose roll is anything: lying, upside down.
+        roll_deg: Standard deviation of the roll.
+        turned_share: Of pictures that are turned by any angle: heads of people who lie, heads upside down.
         distances_mm: Edges of three ranges of distances (selfie, portrait, tele), each log-uniform.
         distance_shares: How many pictures each of them has; they sum to 1.
         off_axis_deg: Standard deviation of the angle, to the right and downward, between the optical axis and the face:
@@ -68,7 +68,7 @@ class GeometryConfig:
     wide_pitch_share: float = 0.08
     largest_pitch_deg: float = 60.0
     roll_deg: float = 12.0
-    any_roll_share: float = 0.03
+    turned_share: float = 0.03
     distances_mm: tuple[float, float, float, float] = (250.0, 600.0, 2500.0, 8000.0)
     distance_shares: tuple[float, float, float] = (0.25, 0.50, 0.25)
     off_axis_deg: float = 6.0
@@ -148,7 +148,7 @@ HARD_GEOMETRY = GeometryConfig(
     pitch_deg=18.0,
     wide_pitch_share=0.25,
     roll_deg=20.0,
-    any_roll_share=0.12,
+    turned_share=0.12,
     distance_shares=(0.45, 0.35, 0.20),
     off_axis_deg=10.0,
     picture_per_box=(1.0, 2.4),

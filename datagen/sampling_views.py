@@ -27,7 +27,8 @@ class PhotographedView:
     """How a face is photographed.
 
     Attributes:
-        pose: Of the head, as seen along the ray from the camera to it.
+        pose: Of the head, as seen along the ray from the camera to it, before the picture is turned.
+        turn_deg: How far the whole picture is turned, clockwise as seen: people who lie, cameras held askew.
         distance_mm: From the camera to the centre of the landmarks.
         off_axis_deg: Angle between that ray and the optical axis, to the right and downward.
         picture_per_box: Side of the picture as a multiple of the longer side of the box of the landmarks.
@@ -35,6 +36,7 @@ class PhotographedView:
     """
 
     pose: HeadPose
+    turn_deg: float
     distance_mm: float
     off_axis_deg: tuple[float, float]
     picture_per_box: float
@@ -43,7 +45,11 @@ class PhotographedView:
 
 def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> PhotographedView:
     """Draws how a face is photographed."""
-    pose = HeadPose(_draw_pitch(rng, config), _draw_yaw(rng, config), _draw_roll(rng, config))
+    roll = float(_cut_normal(rng, config.roll_deg, 90, 1)[0])
+    pose = HeadPose(_draw_pitch(rng, config), _draw_yaw(rng, config), roll)
+    # A head that is rolled far about its own axis and seen from the side would show its crown; a turned picture of it
+    # is what there is.
+    turn_deg = float(rng.uniform(-180, 180)) if rng.random() < config.turned_share else 0.0
     which = int(rng.choice(3, p=np.asarray(config.distance_shares) / sum(config.distance_shares)))
     nearest, farthest = np.log(config.distances_mm[which : which + 2])
     off_axis = _cut_normal(rng, config.off_axis_deg, config.largest_off_axis_deg, 2)
@@ -53,6 +59,7 @@ def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> 
         shift = _cut_normal(rng, config.shift, config.largest_shift, 2)
     return PhotographedView(
         pose=pose,
+        turn_deg=turn_deg,
         distance_mm=float(np.exp(rng.uniform(nearest, farthest))),
         off_axis_deg=(float(off_axis[0]), float(off_axis[1])),
         picture_per_box=float(rng.uniform(*config.picture_per_box)),
@@ -70,7 +77,8 @@ def photograph_face(landmarks_mm: Float64[ndarray, "m 3"], view: PhotographedVie
     """
     ray = np.append(np.tan(np.deg2rad(view.off_axis_deg)), 1)
     ray /= np.linalg.norm(ray)
-    rotation = _turned_onto(ray) @ rotation_of_pose(view.pose)
+    turn = np.asarray(Rotation.from_euler("z", view.turn_deg, degrees=True).as_matrix())
+    rotation = _turned_onto(ray) @ turn @ rotation_of_pose(view.pose)
     translation = view.distance_mm * ray - rotation @ landmarks_mm.mean(axis=0)
     seen = landmarks_mm @ rotation.T + translation
     box = FaceBox.around(seen[:, :2] / seen[:, 2:])
@@ -116,12 +124,6 @@ def _draw_pitch(rng: np.random.Generator, config: GeometryConfig) -> float:
     if rng.random() < config.wide_pitch_share:
         return float(rng.uniform(-config.largest_pitch_deg, config.largest_pitch_deg))
     return float(_cut_normal(rng, config.pitch_deg, config.largest_pitch_deg, 1)[0])
-
-
-def _draw_roll(rng: np.random.Generator, config: GeometryConfig) -> float:
-    if rng.random() < config.any_roll_share:
-        return float(rng.uniform(-180, 180))
-    return float(_cut_normal(rng, config.roll_deg, 180, 1)[0])
 
 
 def _cut_normal(rng: np.random.Generator, deviation: float, largest: float, n: int) -> Float64[ndarray, " n"]:

@@ -47,8 +47,10 @@ def test_views_are_distributed_as_configured() -> None:
     assert (np.abs(yaw) > 95).any()
     assert np.abs(pitch).max() <= 60
     assert abs((np.abs(pitch) > 42).mean() - 0.08 * 0.3 - 0.92 * 0.0027) < 0.01
-    assert abs((np.abs(roll) > 45).mean() - 0.03 * 0.75) < 0.008
-    assert (np.abs(roll) > 120).any()
+    assert abs(roll.std() - 12) < 0.5
+    turn = np.array([v.turn_deg for v in drawn])
+    assert abs((turn != 0).mean() - 0.03) < 0.008
+    assert np.abs(turn).max() > 150
     distance = np.array([v.distance_mm for v in drawn])
     assert 250 <= distance.min() < 260
     assert 7700 < distance.max() <= 8000
@@ -74,7 +76,7 @@ def test_nothing_of_a_head_is_near_the_camera() -> None:
 
 
 def test_the_principal_point_is_that_of_a_larger_photograph() -> None:
-    view = PhotographedView(HeadPose(0, 0, 0), 1000.0, (10.0, -5.0), 1.6, (0.0, 0.0))
+    view = PhotographedView(HeadPose(0, 0, 0), 0.0, 1000.0, (10.0, -5.0), 1.6, (0.0, 0.0))
     points = landmarks()
     camera = photograph_face(points, view, 256)
     pinhole = pinhole_of(camera)
@@ -92,17 +94,26 @@ def test_the_principal_point_is_that_of_a_larger_photograph() -> None:
 
 @given(st.floats(-60, 60), st.floats(-75, 75), st.floats(-170, 170), st.tuples(st.floats(-15, 15), st.floats(-15, 15)))
 def test_the_pose_is_what_the_camera_sees(pitch: float, yaw: float, roll: float, off_axis: tuple[float, float]) -> None:
-    view = PhotographedView(HeadPose(pitch, yaw, roll), 8000.0, off_axis, 1.6, (0.0, 0.0))
+    view = PhotographedView(HeadPose(pitch, yaw, roll), 0.0, 8000.0, off_axis, 1.6, (0.0, 0.0))
     found = head_pose(photograph_face(landmarks(), view, 256))
     for expected, angle in ((pitch, found.pitch_deg), (yaw, found.yaw_deg), (roll, found.roll_deg)):
         assert abs((angle - expected + 180) % 360 - 180) < 3.5
+
+
+def test_a_turned_picture_is_the_picture_turned() -> None:
+    points = landmarks()
+    view = PhotographedView(HeadPose(10, 70, 5), 0.0, 800.0, (0.0, 0.0), 1.6, (0.0, 0.0))
+    upright, turned = (photograph_face(points, v, 256) for v in (view, replace(view, turn_deg=90.0)))
+    shapes = [camera.project(points) - camera.project(points).mean(axis=0) for camera in (upright, turned)]
+    shapes = [shape / np.linalg.norm(shape) for shape in shapes]
+    np.testing.assert_allclose(shapes[1], shapes[0][:, ::-1] * [-1, 1], atol=1e-9)  # clockwise: up goes to the right
 
 
 def test_far_away_a_camera_is_as_good_as_affine_and_near_it_is_not() -> None:
     points = landmarks()
     spread = []
     for distance in (250.0, 8000.0):
-        camera = photograph_face(points, PhotographedView(HeadPose(0, 0, 0), distance, (0, 0), 1.6, (0, 0)), 256)
+        camera = photograph_face(points, PhotographedView(HeadPose(0, 0, 0), 0.0, distance, (0, 0), 1.6, (0, 0)), 256)
         depth = camera.depth(points)
         spread.append(depth.max() / depth.min())
     assert spread[0] > 1.3
