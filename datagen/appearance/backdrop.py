@@ -35,7 +35,7 @@ _IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0
 _LINEAR = np.array([v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in np.arange(256) / 255])
 _LINEAR = _LINEAR.astype(np.float32)
 # Mean brightness of what is behind a silhouette; how much brighter than the light says a backlit one's may be.
-_BEHIND_SILHOUETTE, _BEHIND_BACKLIT = (0.5, 1.6), (0.8, 2.2)
+_BEHIND_SILHOUETTE, _BEHIND_BACKLIT = (0.7, 2.2), (0.8, 2.2)
 
 
 @final
@@ -191,21 +191,24 @@ def _draw_panoramas(rng: np.random.Generator, kind: str, light: Light) -> tuple[
     panorama = PanoramaLight(
         name=name, heading_deg=round(heading, 2), tilt_deg=round(tilt, 2), roll_deg=0.0, colour_matrix=_IDENTITY
     )
-    wanted = max(light.illuminance, 0.1) * float(np.exp(rng.uniform(np.log(0.4), np.log(1.8))))
+    wanted = max(light.illuminance, 0.1) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.5))))
     if light.kind == "night":
         wanted *= 0.4
     return (scaled_panorama(panorama, wanted / max(_brightness(panorama), 1e-6)),)
 
 
 def _brightness(panorama: PanoramaLight) -> float:
-    return float(LUMINANCE @ np.array(panorama.colour_matrix) @ environment(panorama.name).mean)
+    """Mean luminance, lamps left out: they take a small part of a picture."""
+    return float(LUMINANCE @ np.array(panorama.colour_matrix) @ environment(panorama.name).harmonics[0])
 
 
 def _draw_level(rng: np.random.Generator, config: BackdropConfig, light: Light, *, is_plain: bool) -> float:
     low, high = np.log(config.brightness)
-    factor = float(np.exp(rng.uniform((low + high) / 2 if is_plain else low, high)))
-    light_there = 1.0 if light.kind == "silhouette" else max(light.illuminance, 0.08)
-    return round(min(factor * light_there, 2.0), 4)
+    if is_plain or light.kind == "silhouette":
+        low = (low + high) / 2
+    light_there = 1.4 if light.kind == "silhouette" else max(light.illuminance, 0.08)
+    factor = float(np.exp(rng.uniform(low, high)))
+    return round(min(factor * light_there, 3.0), 4)
 
 
 def _draw_people(rng: np.random.Generator, config: BackdropConfig) -> tuple[PersonPlace, ...]:

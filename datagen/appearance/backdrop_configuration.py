@@ -39,7 +39,7 @@ class BackdropConfig:
     widest_view_deg: float = 100.0
     blur: Range = (0.002, 0.05)
     sharp_share: float = 0.3
-    brightness: Range = (0.15, 1.3)
+    brightness: Range = (0.4, 2.2)
     people_share: float = 0.06
     most_people: int = 3
 
@@ -68,7 +68,7 @@ HARD_BACKDROP = BackdropConfig(
     pattern_weight=0.47,
     blur=(0.001, 0.06),
     sharp_share=0.55,
-    brightness=(0.05, 2.0),
+    brightness=(0.1, 3.0),
     people_share=0.2,
 )
 

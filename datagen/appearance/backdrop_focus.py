@@ -9,7 +9,7 @@ from numpy import ndarray
 _LARGEST_RADIUS_PX = 3.0
 
 
-def defocused(picture: Float32[ndarray, "h w 3"], radius_px: float) -> Float32[ndarray, "h w 3"]:
+def defocused(picture: Float32[ndarray, "h w c"], radius_px: float) -> Float32[ndarray, "h w c"]:
     """Blurs linear light by a disc; borders are continued. A radius below 0.4 px changes nothing."""
     if radius_px < 0.4:
         return picture

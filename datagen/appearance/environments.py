@@ -167,4 +167,4 @@ def _decoded(stored: h5py.Dataset, flags: int) -> UInt8[ndarray, "..."]:
 
 def _open() -> h5py.File:
     with as_file(files("datagen") / "assets" / "environments.h5") as path:
-        return h5py.File(path, "r")
+        return h5py.File(path, "r", locking=False)

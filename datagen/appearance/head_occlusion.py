@@ -16,7 +16,10 @@ def head_occlusion(model: MorphableModel) -> Float32[ndarray, " v"]:
     Known for the built-in model; for others the light is taken to arrive everywhere. The inside of the mouth is as in
     an open one: in a closed one nobody sees it.
     """
-    with as_file(files("datagen") / "assets" / "head_occlusion.h5") as path, h5py.File(path, "r") as file:
+    with (
+        as_file(files("datagen") / "assets" / "head_occlusion.h5") as path,
+        h5py.File(path, "r", locking=False) as file,
+    ):
         stored = file["occlusion"][:]
         is_same = file.attrs["model_sha256"] == model.sha256 and len(stored) == len(model.mean)
     if not is_same:

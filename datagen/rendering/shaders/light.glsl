@@ -109,7 +109,7 @@ float lamp_reaches(int i, vec3 point, vec3 normal, float thin) {
 vec3 fresnel(float reflectance, float cosine) {
     float away = 1.0 - clamp(cosine, 0.0, 1.0);
     float squared = away * away;
-    return vec3(mix(reflectance, 1.0, squared * squared * away));
+    return vec3(mix(reflectance, min(50.0 * reflectance, 1.0), squared * squared * away));
 }
 
 // GGX for a lamp of some size: the nearest of its points to the mirrored ray stands for it.
