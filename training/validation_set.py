@@ -54,7 +54,7 @@ class ValidationSet:
             for place, number in enumerate(numbers):
                 sample, row = self._samples.get(number), batch_row(batch, place)
                 if self._recipe.cropping == "full":
-                    resample(sample, self._crop(sample.landmarks2d), row)
+                    resample(sample, inference_crop(sample.landmarks2d, row.size_px), row)
                 else:
                     cut(sample, middle_corner(sample, row.size_px), row, mirror=False)
             yield batch
@@ -66,10 +66,13 @@ class ValidationSet:
         for number in self.numbers.tolist():
             sample = self._samples.get(number)
             if self._recipe.cropping == "full":
-                found.append(self._crop(sample.landmarks2d).to_crop(sample.landmarks2d))
+                crop = inference_crop(sample.landmarks2d, self._recipe.size_px)
+                found.append(crop.to_crop(sample.landmarks2d))
             else:
                 found.append(sample.landmarks2d - middle_corner(sample, self._recipe.size_px))
         return np.stack(found).astype(np.float32)
 
-    def _crop(self, landmarks2d: Float32[ndarray, "m 2"]) -> Crop:
-        return square_crop(FaceBox.around(landmarks2d), INFERENCE_SCALE, self._recipe.size_px)
+
+def inference_crop(landmarks2d: Float32[ndarray, "m 2"], size_px: int) -> Crop:
+    """The crop that a network is given of a face when it is used."""
+    return square_crop(FaceBox.around(landmarks2d), INFERENCE_SCALE, size_px)

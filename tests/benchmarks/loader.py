@@ -1,0 +1,170 @@
+"""How many training samples a second are loaded, where the time goes, and whether memory stays flat.
+
+    datagen sample --n 300 --size 144 --out f144.h5 && datagen render --coeffs f144.h5 --out s144/
+    datagen sample --n 300 --size 256 --out f256.h5 && datagen render --coeffs f256.h5 --out s256/
+    python -m tests.benchmarks.loader --shards s144/:128 s256/:256 --out loader.json
+
+For each folder and side of the network's input, on one core: seconds of the processor, so that other work on the
+machine counts little. On two worker processes: by the clock, so that it counts fully. Every row is loaded by the same
+code as in a training. The best of some rounds, each of as many draws as there are samples.
+"""
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+
+from pix2face.images import decode_image
+from pix2face.jitter import JitterRange, draw_jitter
+from tests.benchmarks.surroundings import surroundings
+from training.batch_rows import cut, resample, vary_colours
+from training.dataset import batch_row, empty_batch, middle_corner
+from training.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
+from training.halving import halved
+from training.loader import BatchLoader
+from training.loss_log import memory_mb
+from training.presets import PRESETS
+from training.recipe import Recipe
+from training.sample_files import SampleFiles
+from training.shard_index import ShardIndex, index_shards
+from training.validation_set import inference_crop
+
+BATCH_SIZE = 24
+CACHE_BYTES = 2 * 10**9
+
+
+def rate_of_a_core(shards: ShardIndex, recipe: Recipe, cache_bytes: int, rounds: int) -> dict[str, float]:
+    """Samples a second of processor time in this process: of the first pass, and of the best later one."""
+    loader = BatchLoader(shards, recipe, workers=0, cache_bytes=cache_bytes)
+    n_batches = max(len(shards) // recipe.batch_size, 1)
+    batches = loader.batches(0, (rounds + 1) * n_batches)
+    rates = []
+    for _ in range(rounds + 1):
+        began = process_time()
+        n = sum(len(batch) for batch in islice(batches, n_batches))
+        rates.append(n / (process_time() - began))
+    return {"first_pass": round(rates[0]), "later": round(max(rates[1:]))}
+
+
+def rate_of_workers(shards: ShardIndex, recipe: Recipe, workers: int, rounds: int) -> int:
+    """Samples a second by the clock, from worker processes that have started: the best round."""
+    loader = BatchLoader(shards, recipe, workers=workers, cache_bytes=0)
+    n_batches = max(len(shards) // recipe.batch_size, 1)
+    batches = loader.batches(0, (rounds + 1) * n_batches)
+    rates = []
+    for _ in range(rounds + 1):
+        began = perf_counter()
+        n = sum(len(batch) for batch in islice(batches, n_batches))
+        rates.append(n / (perf_counter() - began))
+    return round(max(rates[1:]))
+
+
+def stages(shards: ShardIndex, size_px: int, rounds: int) -> dict[str, float]:
+    """Milliseconds of processor time that each step takes for a sample."""
+    files = SampleFiles(shards.paths, shards.spans, TRAINED_LAYERS)
+    places = list(zip(shards.shard.tolist(), shards.position.tolist(), strict=True))
+    n = len(places)
+    began = process_time()
+    stored = [files.read(*place) for place in places]
+    first_ms = 1e3 * (process_time() - began) / n
+    decoded = [decode_sample(sample, "") for sample in stored]
+    ready = [_ready(sample, size_px) for sample in decoded]
+    row = batch_row(empty_batch(1, size_px, has_seen=shards.knows_seen), 0)
+    jitter = draw_jitter(np.random.default_rng(0), JitterRange())
+    steps: dict[str, Callable[[int], object]] = {
+        "read, inflate, undo the predictor": lambda k: files.read(*places[k]),
+        "decode the picture": lambda k: decode_image(stored[k].image, ""),
+        "halve (where twice as large or more)": lambda k: halved(decoded[k]),
+        "to the cache": lambda k: ready[k].to_bytes(),
+        "cut": lambda k: cut(ready[k], middle_corner(ready[k], size_px), row, mirror=False),
+        "cut and mirror": lambda k: cut(ready[k], middle_corner(ready[k], size_px), row, mirror=True),
+        "resample": lambda k: resample(decoded[k], inference_crop(decoded[k].landmarks2d, size_px), row),
+        "vary colours": lambda k: vary_colours(row.image, jitter),
+        "draw the jitter": lambda k: draw_jitter(np.random.default_rng([1, 0, k]), JitterRange()),
+    }
+    times = {"read, inflate, undo the predictor; compare the checksum": first_ms}
+    for name, step in steps.items():
+        times[name] = min(_seconds(step, n) for _ in range(rounds)) * 1e3 / n
+    return {name: round(value, 3) for name, value in times.items()}
+
+
+def memory_of_many_draws(shards: ShardIndex, recipe: Recipe, draws: int) -> dict[str, float]:
+    """MB that this process holds after the first pass, and after many draws more; nothing is cached."""
+    loader = BatchLoader(shards, recipe, workers=0, cache_bytes=0)
+    n_batches = max(len(shards) // recipe.batch_size, 1)
+    total = max(draws // recipe.batch_size, n_batches + 1)
+    batches: Iterator[object] = loader.batches(0, total)
+    list(_forgotten(islice(batches, n_batches)))
+    before = memory_mb()
+    list(_forgotten(batches))
+    return {"draws": total * recipe.batch_size, "after_a_pass_mb": round(before), "at_the_end_mb": round(memory_mb())}
+
+
+def measure(text: str, rounds: int, draws: int) -> dict[str, Any]:
+    """Everything for one folder."""
+    folder, _, size = text.rpartition(":")
+    shards, size_px = index_shards([Path(folder)]), int(size)
+    recipe = replace(PRESETS["cpu"], size_px=size_px, batch_size=BATCH_SIZE, jitter=JitterRange(mirror=True))
+    rates: dict[str, Any] = {}
+    for cropping in ("none", "shift", "full"):
+        own = replace(recipe, cropping=cropping)
+        rates[cropping] = {
+            "of_a_core_a_second": rate_of_a_core(shards, own, 0, rounds),
+            "of_a_core_a_second_from_the_cache": rate_of_a_core(shards, own, CACHE_BYTES, rounds)["later"],
+            "two_workers_by_the_clock": rate_of_workers(shards, own, 2, rounds),
+        }
+    return {
+        "samples": len(shards),
+        "size_px": size_px,
+        "samples_a_second": rates,
+        "ms_of_a_core": stages(shards, size_px, rounds),
+        "memory": memory_of_many_draws(shards, replace(recipe, cropping="shift"), draws),
+    }
+
+
+def _ready(sample: DecodedSample, size_px: int) -> DecodedSample:
+    """As the loader keeps a sample of which squares are to be cut."""
+    while min(sample.image.shape[:2]) >= 2 * size_px:
+        sample = halved(sample)
+    return sample
+
+
+def _seconds(step: Callable[[int], object], n: int) -> float:
+    began = process_time()
+    for k in range(n):
+        step(k)
+    return process_time() - began
+
+
+def _forgotten(batches: Iterator[object]) -> Iterator[None]:
+    for _ in batches:
+        yield None
+
+
+def main() -> None:
+    """Measures every folder and writes the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--shards", nargs="+", required=True, metavar="FOLDER:SIZE")
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--draws", type=int, default=6000)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
+    folders = {text: measure(text, options.rounds, options.draws) for text in options.shards}
+    text = json.dumps({**surroundings(), "folders": folders}, indent=2)
+    if options.out:
+        options.out.write_text(text + "\n")
+    print(text)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
