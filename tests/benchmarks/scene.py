@@ -1,0 +1,144 @@
+"""What it costs to draw scenes: people of the preset ``default``, at 256 px, on one core, by stage.
+
+    python -m tests.benchmarks.scene [--n 40] [--size 256] [--preset default] [--out out/scene.json]
+
+Prints and writes JSON: milliseconds of processor time a picture, by stage, mean and largest tenth; OpenGL draws in the
+calling thread and finishes each stage before the next begins.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from datagen.appearance.configuration import AppearanceConfig, load_configuration
+from datagen.appearance.head_occlusion import head_occlusion
+from datagen.appearance.scene import Scene
+from datagen.appearance.scene_making import SceneMaker
+from datagen.appearance.skin_zones import head_paint
+from datagen.appearance.whole import appearance_textures, draw_appearance
+from datagen.opengl.gl_context import create_gl_context
+from datagen.rendering.scene_drawing import SceneDrawer
+from datagen.rendering.scene_head import SceneHead
+from datagen.rendering.scene_meshes import ObjectMeshes
+from datagen.rendering.scene_targets import SceneTarget
+from datagen.sampling import sample_faces
+from pix2face.camera import Camera
+from pix2face.coefficients import Face
+from pix2face.morphable_model import MorphableModel, builtin_model
+from tests.benchmarks.surroundings import surroundings
+
+STAGES = {
+    "upload head": (SceneHead, "load"),
+    "upload and sort objects": (ObjectMeshes, "load"),
+    "shadow maps": (SceneDrawer, "_draw_shadows"),
+    "what is seen": (SceneDrawer, "_draw_seen"),
+    "head and opaque objects": (SceneDrawer, "_draw_opaque"),
+    "edges": (SceneDrawer, "_draw_edges"),
+    "transparent objects": (SceneDrawer, "_draw_blended"),
+    "picture": (SceneDrawer, "_draw_picture"),
+    "read back": (SceneTarget, "read"),
+}
+WARM_UP = 6
+
+
+def scenes(model: MorphableModel, config: AppearanceConfig, n: int, size_px: int) -> Iterator[tuple[Scene, Camera]]:
+    """Scenes of n people, as ``datagen render`` makes them."""
+    maker = SceneMaker(model)
+    table = sample_faces(model, n, 7, size_px, geometry=config.geometry)
+    for index in range(n):
+        face: Face = table.face(index, Path())
+        vertices = model.vertices(face.identity[None], face.expression[None])[0]
+        yield maker.scene(draw_appearance(7, f"sample {index}", config), face, vertices), face.camera
+
+
+@contextmanager
+def timed_stages(times: dict[str, list[float]], finish: Callable[[], None]) -> Iterator[None]:
+    """Each stage finishes, and says what it took."""
+    patches = []
+    for name, (owner, method) in STAGES.items():
+        original = getattr(owner, method)
+
+        def wrapper(*arguments: Any, _name: str = name, _original: Any = original) -> Any:
+            started = time.process_time()
+            result = _original(*arguments)
+            finish()
+            times[_name].append(time.process_time() - started)
+            return result
+
+        patches.append(mock.patch.object(owner, method, wrapper))
+    for patch in patches:
+        patch.start()
+    yield
+    for patch in patches:
+        patch.stop()
+
+
+def measure(n: int, size_px: int, preset: str) -> dict[str, object]:
+    """Draws n scenes after some that do not count."""
+    model = builtin_model()
+    made = list(scenes(model, load_configuration(preset), n + WARM_UP, size_px))
+    times: dict[str, list[float]] = defaultdict(list)
+    totals = []
+    with create_gl_context() as gl:
+        drawer = SceneDrawer(model, gl, appearance_textures(), head_paint(model), head_occlusion(model))
+        with timed_stages(times, gl.context.finish):
+            for index, (scene, camera) in enumerate(made):
+                if index == WARM_UP:
+                    times.clear()
+                    totals.clear()
+                started = time.process_time()
+                drawer.draw(scene, camera, size_px, size_px)
+                totals.append(time.process_time() - started)
+    triangles = [sum(len(mesh.triangles) for mesh in scene.meshes) for scene, _ in made[WARM_UP:]]
+    stages = {name: _summary(values) for name, values in times.items()}
+    return {
+        "pictures": n,
+        "size_px": size_px,
+        "preset": preset,
+        "triangles_beside_the_head": {"mean": float(np.mean(triangles)), "largest": int(max(triangles))},
+        "cpu_ms_by_stage": stages,
+        "cpu_ms": _summary(totals),
+    }
+
+
+def _summary(seconds: Sequence[float]) -> dict[str, float]:
+    values = 1e3 * np.array(seconds)
+    return {
+        name: round(float(found), 2)
+        for name, found in (
+            ("mean", values.mean()),
+            ("median", np.median(values)),
+            ("nine tenths below", np.quantile(values, 0.9)),
+        )
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--n", type=int, default=40)
+    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--preset", default="default")
+    parser.add_argument("--out", type=Path, default=Path("out/scene.json"))
+    options = parser.parse_args(arguments)
+    os.environ["LP_NUM_THREADS"] = "0"  # before the driver is loaded
+    result = measure(options.n, options.size, options.preset) | {"measured_on": surroundings()}
+    text = json.dumps(result, indent=2)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(text + "\n")
+    sys.stdout.write(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
