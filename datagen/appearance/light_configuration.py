@@ -43,7 +43,7 @@ class LightConfig:
     night_weight: float = 0.045
     harsh_setup_share: float = 0.35
     mixture_share: float = 0.3
-    illuminance: Range = (0.4, 1.15)
+    illuminance: Range = (0.45, 1.5)
     backlit_illuminance: Range = (0.2, 0.6)
     silhouette_illuminance: Range = (0.06, 0.18)
     night_illuminance: Range = (0.15, 0.45)
@@ -93,7 +93,7 @@ HARD_LIGHT = LightConfig(
     silhouette_weight=0.06,
     night_weight=0.12,
     harsh_setup_share=0.65,
-    illuminance=(0.25, 1.5),
+    illuminance=(0.25, 2.0),
     backlit_illuminance=(0.12, 0.6),
     silhouette_illuminance=(0.03, 0.15),
     night_illuminance=(0.08, 0.4),
