@@ -141,7 +141,7 @@ PLAIN_GEOMETRY = GeometryConfig(is_plain=True)
 # Rarer things more often, extremes wider.
 HARD_GEOMETRY = GeometryConfig(
     extreme_identity_share=0.3,
-    identity_spread=1.1,
+    identity_spread=1.05,
     wide_yaw_share=0.55,
     wide_yaw_deg=(35.0, 100.0),
     any_yaw_share=0.15,

@@ -19,14 +19,14 @@ def test_shares_are_counted_from_the_attributes() -> None:
         '{"distance_mm": 300, "expression": "emotion/joy", "named_expressions": "{\\"jawOpen\\":0.5}"}',
         '{"distance_mm": 3000, "expression": "emotion/fear", "named_expressions": "{\\"jawOpen\\":0.05}"}',
         '{"distance_mm": 5000, "expression": "neutral", "named_expressions": "{}"}',
-        '{"distance_mm": 399, "expression": "speech/a+o", "named_expressions": "{\\"tongueOut\\":0.1,\\"jawOpen\\":1.0}"}',
+        '{"distance_mm": 399, "expression": "neutral", "named_expressions": "{\\"tongueOut\\":0.1,\\"jawOpen\\":1}"}',
     )
     shares = drawn_shares(replace(table, attributes=texts), np.array([-50.0, 50.0, 3.0, 100.0]))
     assert shares["|yaw|"]["45..60°"] == 0.5
     assert shares["|yaw|"]["95..180°"] == 0.25
     assert shares["distance"]["0..400 mm"] == 0.5
     assert shares["distance"]["from 4500 mm"] == 0.25
-    assert shares["expression"] == {"emotion": 0.5, "neutral": 0.25, "speech": 0.25}
+    assert shares["expression"] == {"emotion": 0.5, "neutral": 0.5}
     assert shares["active (from 0.1)"] == {"jawOpen": 0.5, "tongueOut": 0.25}
     for name in ("|yaw|", "distance"):
         assert sum(shares[name].values()) == pytest.approx(1)
