@@ -38,7 +38,7 @@ PRESETS: Mapping[PresetName, Recipe] = MappingProxyType(
             epochs=60,
             epoch_size=100_000,
             learning_rate=1e-3,
-            precision="float32",
+            precision=_BFLOAT16,
             jitter=_PAPER_JITTER,
         ),
         "tiny": Recipe(

@@ -1,7 +1,9 @@
+import json
 import shutil
 from dataclasses import replace
 
 import pytest
+import torch
 
 from pix2face.checkpoint import load_checkpoint
 from pix2face.morphable_model import builtin_model
@@ -60,6 +62,67 @@ def test_restart_replaces_a_training(shards_dir, tmp_path, capsys):
     assert main([*arguments, "--seed", "1"]) == 2
     assert "seed 0 -> 1" in capsys.readouterr().err
     assert main([*arguments, "--seed", "1", "--restart"]) == 0
+
+
+def residual(shards_dir, out, *more: str) -> list[str]:
+    network = ["--architecture", "residual", "--filters", "2", "--planes", "7", "--size-px", "64"]
+    length = ["--epochs", "2", "--epoch-size", "4", "--batch-size", "4", "--workers", "0"]
+    return ["--shards", str(shards_dir), "--out", str(out), "--preset", "tiny", *network, *length, *more]
+
+
+def test_a_dry_run_says_what_a_training_takes_and_writes_nothing(shards_dir, tmp_path, capsys):
+    assert main(residual(shards_dir, tmp_path / "run", "--dry-run")) == 0
+    said = capsys.readouterr().err
+    for expected in (
+        "residual 2-4-8-12-16-16, 7 planes",
+        "pictures a second",
+        "for 2 steps (8 pictures)",
+        "MB",
+        "mask 0.",
+    ):
+        assert expected in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_training_goes_on_at_another_size(shards_dir, tmp_path, capsys):
+    first, second = tmp_path / "64", tmp_path / "128"
+    assert main(residual(shards_dir, first)) == 0
+    start = ["--init", str(first / "checkpoint.safetensors")]
+    assert main([*residual(shards_dir, second, *start), "--size-px", "128", "--learning-rate", "1e-12"]) == 0
+    header, network = load_checkpoint(second / "checkpoint.safetensors")
+    assert header.size_px == 128
+    assert "initial_sha256" in header.configuration
+    before = load_checkpoint(first / "checkpoint.safetensors")[1].state_dict()
+    for name, tensor in network.state_dict().items():  # at so small a rate the weights are the start's
+        if "norm" not in name:
+            torch.testing.assert_close(tensor, before[name], rtol=1e-4, atol=1e-7)
+    capsys.readouterr()
+    assert main([*residual(shards_dir, tmp_path / "other", *start), "--planes", "6"]) == 2
+    assert "--init: expected a network residual 2-4-8-12-16-16 with 6 planes, found" in capsys.readouterr().err
+
+
+def test_a_network_of_one_size_does_not_go_on_at_another(shards_dir, tmp_path, capsys):
+    assert main(["--shards", str(shards_dir), "--out", str(tmp_path / "run"), *SMALL]) == 0
+    start = ["--init", str(tmp_path / "run" / "checkpoint.safetensors"), "--out", str(tmp_path / "next")]
+    assert main(["--shards", str(shards_dir), *SMALL, "--size-px", "64", *start]) == 2
+    assert "--init: expected a network" in capsys.readouterr().err
+
+
+def test_validation_finds_the_best_and_tells_the_log(shards_dir, tmp_path):
+    out = tmp_path / "run"
+    assert main(residual(shards_dir, out, "--validation", "0.5", "--tensorboard", "--cache-gb", "0.01")) == 0
+    lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    found = [line["validation"] for line in lines if "validation" in line]
+    assert len(found) == 2
+    assert all(0 <= own["mask_iou"] <= 1 and own["pncc_mm"] > 0 for own in found)
+    best = min(range(2), key=lambda epoch: found[epoch]["pncc_mm"])
+    assert load_checkpoint(out / "best.safetensors")[0].epoch == best + 1
+    assert list((out / "tensorboard").iterdir())
+
+
+def test_planes_that_the_shards_do_not_know_are_refused(shards_dir, tmp_path, capsys):
+    assert main(residual(shards_dir, tmp_path / "run", "--planes", "8")) == 2
+    assert "--planes 8, --loss-over seen: expected shards with the layer seen" in capsys.readouterr().err
 
 
 def test_the_preset_is_the_papers_unless_told_otherwise(tmp_path):
