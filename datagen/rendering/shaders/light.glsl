@@ -153,7 +153,7 @@ vec3 matt_light(Surface s, int i, float reaches) {
     float scatter = min(s.scatter, 1.0);
     float fine = dot(s.normal, light_direction[i]), smooth_cosine = dot(s.smooth_normal, light_direction[i]);
     vec3 cosine = mix(vec3(fine), vec3(smooth_cosine), scatter * vec3(0.8, 0.5, 0.3));
-    vec3 wrap = scatter * vec3(0.30, 0.12, 0.07);
+    vec3 wrap = scatter * vec3(0.20, 0.09, 0.05);
     vec3 lit = max(cosine + wrap, vec3(0.0)) / ((1.0 + wrap) * (1.0 + wrap));
     vec3 shaded = vec3(mix(reaches, sqrt(reaches), 0.35 * scatter), reaches, reaches);
     return light_colour[i] * lit * shaded;
