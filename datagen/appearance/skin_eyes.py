@@ -106,11 +106,12 @@ def draw_eyes(rng: np.random.Generator, config: SkinConfig, person: Person) -> E
     left = _iris(rng, place)
     is_odd, is_lens = rng.random() < config.odd_eyes_share, rng.random() < 0.5
     other = _iris(rng, float(rng.uniform()))
-    lens = tuple(round(float(value), 4) for value in rng.uniform(0.03, 0.6, size=3))
-    if is_odd:
-        left, right = ((lens, lens), (lens, lens)) if is_lens else (left, other)
-    else:
-        right = left
+    lens = _rounded(rng.uniform(0.03, 0.6, size=3))
+    right = left
+    if is_odd and is_lens:
+        left = right = (lens, lens)
+    elif is_odd:
+        right = other
     yellow = rng.uniform(0, 0.10) + 0.05 * person.melanin + 0.0006 * max(person.age_years - 30, 0)
     white = rng.uniform(0.55, 0.72) - 0.08 * person.melanin
     return Eyes(

@@ -92,10 +92,7 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
     textures, weights = _draw_textures(rng, person)
     age = np.clip((person.age_years - 20) / 65, 0, 1)
     flush = rng.uniform(*config.flush) * (rng.uniform(2, 4) if rng.random() < config.sunburn_share else 1.0)
-    freckled = rng.random() < config.freckles_share * np.clip(1 - 2 * melanin, 0, 1)
-    freckles = (rng.uniform(0.2, 0.75), rng.uniform(0.04, 0.16)) if freckled else (0.0, 0.0)
     beard = _draw_beard(rng, config, person)
-    dark = rng.uniform(0.01, 0.05) if rng.random() < 0.3 + melanin else rng.uniform(0.04, 0.22)
     return Skin(
         melanin=round(melanin, 4),
         haemoglobin=_round(rng.uniform(*config.haemoglobin)),
@@ -106,7 +103,7 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
         texture_strength=_round(rng.uniform(*config.texture)),
         blotches=(_round(rng.uniform(*config.blotches)), _round(2 * rng.uniform(*config.blotches))),
         noise_offset=(_round(rng.uniform()), _round(rng.uniform())),
-        freckles=(_round(freckles[0]), _round(freckles[1])),
+        freckles=_draw_freckles(rng, config, melanin),
         age_spots=_round(rng.uniform(0, 0.14) * np.clip((person.age_years - 45) / 30, 0, 1)),
         vitiligo=bool(rng.random() < config.vitiligo_share),
         tan=_round(rng.uniform(0.25, 0.6) if rng.random() < config.tan_share else rng.uniform(0, 0.15)),
@@ -118,7 +115,7 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
         marks=draw_marks(rng, config, person),
         shaved_shadow=beard[0],
         stubble=beard[1],
-        hair_colour=_grey(dark, float(np.clip((person.age_years - 45) / 40, 0, 1)) * rng.uniform()),
+        hair_colour=_draw_hair_colour(rng, person, melanin),
         brow_strength=_round(rng.uniform(0.35, 0.75) * (1.05 - 0.25 * person.femininity)),
         hairline=_round(rng.uniform(0, 0.25) + 0.6 * float(age) * (1 - person.femininity) * rng.uniform()),
         make_up=draw_make_up(rng, config, person),
@@ -161,9 +158,17 @@ def _draw_beard(rng: np.random.Generator, config: SkinConfig, person: Person) ->
     return _round(shadow), _round(stubble)
 
 
-def _grey(dark: float, share: float) -> Colour:
-    """Hair from its darkness and the share of grey."""
-    red, green, blue = (1 - share) * dark * np.array([1.0, 0.68, 0.45]) + share * np.array([0.38, 0.37, 0.35])
+def _draw_freckles(rng: np.random.Generator, config: SkinConfig, melanin: float) -> tuple[float, float]:
+    """How many and how dark: on light skin only."""
+    has_some = rng.random() < config.freckles_share * float(np.clip(1 - 2 * melanin, 0, 1))
+    return (_round(rng.uniform(0.2, 0.75)), _round(rng.uniform(0.04, 0.16))) if has_some else (0.0, 0.0)
+
+
+def _draw_hair_colour(rng: np.random.Generator, person: Person, melanin: float) -> Colour:
+    """From black to dark blond, and grey with age."""
+    dark = rng.uniform(0.01, 0.05) if rng.random() < 0.3 + melanin else rng.uniform(0.04, 0.22)
+    grey = float(np.clip((person.age_years - 45) / 40, 0, 1)) * rng.uniform()
+    red, green, blue = (1 - grey) * dark * np.array([1.0, 0.68, 0.45]) + grey * np.array([0.38, 0.37, 0.35])
     return _round(red), _round(green), _round(blue)
 
 

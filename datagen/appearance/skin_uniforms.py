@@ -25,6 +25,7 @@ from datagen.appearance.skin_marks import MAX_MARKS
 from datagen.appearance.skin_tone import DERMIS, HAEMOGLOBIN, MELANIN, SURFACE, density_of_melanin
 from datagen.appearance.skin_traits import Skin
 from datagen.appearance.skin_zones import LidMargins
+from pix2face.errors import InputFileError
 from pix2face.morphable_model import MorphableModel
 
 # Which expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth, of the lips.
@@ -85,7 +86,11 @@ def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
 
 @lru_cache(maxsize=1)
 def skin_textures() -> Mapping[str, Texture]:
-    """The textures of ``skin.glsl`` by the sampler's name."""
+    """The textures of ``skin.glsl`` by the sampler's name.
+
+    Raises:
+        InputFileError: A file of the package is damaged.
+    """
     sizes = {
         "skin_atlas": ATLAS_PX,
         "skin_details": DETAILS_PX,
@@ -97,9 +102,13 @@ def skin_textures() -> Mapping[str, Texture]:
 
 def _layers(name: str, height: int, width: int) -> UInt8[ndarray, "n h w c"]:
     data = np.frombuffer((files("datagen") / "assets" / f"{name}.png").read_bytes(), dtype=np.uint8)
-    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    picture = picture[..., None] if picture.ndim == 2 else picture[..., [2, 1, 0, 3][: picture.shape[2]]]
-    return np.ascontiguousarray(picture.reshape(-1, height, width, picture.shape[2]))
+    decoded = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if decoded is None:
+        raise InputFileError(f"datagen/assets/{name}.png: expected a picture, found a damaged file; install again")
+    picture = np.atleast_3d(np.asarray(decoded, dtype=np.uint8))
+    n_channels = picture.shape[2]
+    rgba = picture if n_channels == 1 else np.take(picture, [2, 1, 0, 3][:n_channels], axis=2)
+    return np.ascontiguousarray(rgba.reshape(-1, height, width, n_channels))
 
 
 def _box(uv: tuple[float, float, float, float]) -> tuple[float, ...]:

@@ -201,7 +201,7 @@ uniform vec3 skin_tongue;
 uniform float skin_mouth_open;    // 0..1: how much light falls in
 
 Surface inside_of_mouth(Surface s, vec2 uv, vec3 place, float lips) {
-    float depth = max(100.0 - place.z, 0.0), x = abs(place.x);
+    float depth = max(93.0 - place.z, 0.0), x = abs(place.x);
     bool is_teeth = uv.x > 0.67 && uv.x < 0.745 && uv.y < 0.13, is_upper = uv.y > 0.102;
     bool is_tongue = uv.x < 0.66 && uv.x > 0.5 && uv.y < 0.09, is_socket = uv.x < 0.2;
     vec3 flesh = skin_colour(0.12 * skin_tone.x, 0.75) * vec3(0.80, 0.75, 0.80);
