@@ -35,12 +35,14 @@ class FaceSource(ABC):
         sha256: Of what tells this source from another of the same name: a table's content, a folder's names
             and sizes of files.
         n_lighting: How many numbers describe the lighting of a face; 0 where that is unknown.
+        has_photographs: Faces come with photographs, some of them at least.
     """
 
     sample_ids: tuple[str, ...]
     licence: str
     sha256: str
     n_lighting: int = 0
+    has_photographs: bool
 
     @abstractmethod
     def face(self, index: int) -> Face:
@@ -89,6 +91,7 @@ class TableSource(FaceSource):
         self.sample_ids = self._table.sample_ids
         self.licence = self._table.licence or model.licence
         self.n_lighting = 0 if self._table.lighting is None else self._table.lighting.shape[1]
+        self.has_photographs = any(self._table.image_paths)
         self.sha256 = _table_sha256(self._table)
 
     def face(self, index: int) -> Face:
@@ -114,6 +117,7 @@ class W300LPFolder(FaceSource):
     """
 
     n_lighting = N_LIGHTING
+    has_photographs = True
 
     def __init__(self, folder: Path, model: MorphableModel) -> None:
         self._folder = folder

@@ -87,7 +87,7 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
     """
     if is_mirrored:
         return mirrored(bound_mesh(name), _symmetry())
-    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
         group, step = file[name], np.float32(file.attrs["position_step_mm"])
         weights = group["weights"][()].astype(np.float32)
         return BoundMesh(
@@ -108,7 +108,7 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
 @cache
 def brow_patch() -> Mapping[str, ndarray]:
     """``vertices`` of the built-in model that carry the left brow, their ``triangles`` and ``uv``."""
-    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
         return {name: file["brows"][name][()] for name in ("vertices", "triangles", "uv")}
 
 
@@ -143,11 +143,11 @@ def open_hair_file(name: str) -> Iterator[Path]:
 
 @cache
 def _bound_to() -> tuple[str, int]:
-    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
         return str(file.attrs["model_sha256"]), int(file.attrs["n_vertices"])
 
 
 @cache
 def _symmetry() -> Int32[ndarray, " v"]:
-    with open_hair_file("meshes.h5") as path, h5py.File(path) as file:
+    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
         return file["symmetry"][()].astype(np.int32)

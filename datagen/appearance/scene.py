@@ -27,6 +27,9 @@ SCENE_LABELS = (
     "jewellery",
     "occluder",
 )
+HEAD = SCENE_LABELS.index("head")
+# What stands before a head, by the names that the layer ``seen_regions`` has for it.
+SCENE_REGIONS = SCENE_LABELS[HEAD + 1 :]
 UniformValue = float | int | bool | tuple[float, ...] | ndarray
 
 

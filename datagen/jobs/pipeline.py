@@ -13,10 +13,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
+from datagen.appearance.configuration import AppearanceConfig
 from datagen.inspection.dataset_card import write_card
 from datagen.jobs.executors import WorkPlace
 from datagen.jobs.folder_lock import job_lock, remove_unfinished
-from datagen.jobs.render_job import RenderJob, look_into, shard_header, shard_path
+from datagen.jobs.render_job import RenderJob, check_appearance, look_into, shard_header, shard_path
 from datagen.jobs.render_unit import Unit, UnitReport, render_unit
 from datagen.jobs.stage_times import StageTimes
 from datagen.jobs.work_units import finish_units
@@ -78,7 +79,19 @@ def open_job(job: RenderJob) -> OpenedJob:
     job = replace(job, coefficients=job.coefficients.absolute(), model=name)
     model = open_model(job.model)
     check_layers(model, job.layers)
+    check_appearance(model, job.layers, job.appearance)
     return OpenedJob(job, model, open_source(job.coefficients, model))
+
+
+def reopened(opened: OpenedJob, appearance: AppearanceConfig, layers: tuple[str, ...]) -> OpenedJob:
+    """The same job with another appearance and other layers, without opening its files again.
+
+    Raises:
+        UsageError: The model has not what they need.
+    """
+    check_layers(opened.model, layers)
+    check_appearance(opened.model, layers, appearance)
+    return replace(opened, job=replace(opened.job, appearance=appearance, layers=layers))
 
 
 @final

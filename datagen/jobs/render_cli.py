@@ -8,10 +8,11 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
+from datagen.appearance.configuration import DEFAULT, PLAIN, PRESETS, load_configuration
 from datagen.jobs.baked_jitter import JitterBake, ViewMaker
 from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.jobs.folder_lock import UNFINISHED_SHARDS
-from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, run_job
+from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, reopened, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.jobs.stop_signals import StoppedBySignal, stopping_on_signals
 from datagen.model_cli import describe
@@ -29,7 +30,7 @@ from pix2face.errors import UsageError
 from pix2face.jitter import JitterRange
 from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.shards.compressions import DEFAULT_COMPRESSION, find_compression
-from pix2face.shards.layers import DEFAULT_LAYERS, parse_layers
+from pix2face.shards.layers import ALL_LAYERS, DEFAULT_LAYERS, SCENE_LAYERS, SEEN, order_layers, parse_layers
 
 console = Console(stderr=True)
 
@@ -47,9 +48,13 @@ class RenderConfig:
     model: str = BUILTIN_MODEL
     """``builtin``, or a model file made by ``datagen model import``. With an imported BFM 2009 the coefficients of
     300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
-    layers: str = ",".join(DEFAULT_LAYERS)
+    appearance: str | None = None
+    """How faces without photographs are drawn: plain, default, hard, or a TOML file as `datagen appearance` prints it
+    (docs/appearance.md). Without it default for the built-in model, plain for all others, which can have no other."""
+    layers: str | None = None
     """What each sample has: ``all``, or any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks with
-    commas between."""
+    commas between; of synthetic photographs also seen and seen_regions: what of the face they show, and what stands
+    before it. Without it image, pncc, offset, mask, landmarks, and seen where there is one."""
     compression: str = DEFAULT_COMPRESSION
     """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read); docs/storage.md compares
     them."""
@@ -105,14 +110,13 @@ def _render(config: RenderConfig) -> int:
             "expected --workers and --shard-size of at least 1 and --seed of at least 0, "
             f"found {config.workers}, {config.shard_size} and {config.seed}"
         )
-    layers, gl = parse_layers(config.layers), GLSettings(config.gl, config.device, config.rasteriser)
+    gl = GLSettings(config.gl, config.device, config.rasteriser)
     gl.resolved()  # contradictions are found here, not by every worker
     place: WorkPlace = ProcessPool(config.workers) if config.scheduler is None else DaskCluster(config.scheduler)
     find_compression(config.compression)
     jitter = JitterBake(config.jitter, config.jitter_size, JitterRange(mirror=config.jitter_mirror))
     jitter.check()
-    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, layers, config.compression, jitter)
-    opened = open_job(job)
+    opened = _open(config, jitter)
     ViewMaker(opened.model, jitter, config.seed)  # what the model does not allow is found here, not by every worker
     _introduce(config, opened)
     prepare_output_folder(config.out)
@@ -124,6 +128,38 @@ def _render(config: RenderConfig) -> int:
         )
         summary = run_job(opened, config.out, place, gl, listener)
     return _report(summary, config)
+
+
+def _open(config: RenderConfig, jitter: JitterBake) -> OpenedJob:
+    """Opens a job; what it draws where nothing is said depends on model and faces."""
+    given = None if config.appearance is None else load_configuration(config.appearance)
+    parse_layers(config.layers or ALL_LAYERS)  # a name that is not there is found before long files are read
+    job = RenderJob(
+        config.coeffs,
+        config.model,
+        config.seed,
+        config.shard_size,
+        (),
+        config.compression,
+        jitter,
+        given or PRESETS[PLAIN],
+    )
+    opened = open_job(job)
+    has_photographs = opened.source.has_photographs
+    if has_photographs and given is not None:
+        raise UsageError(f"--appearance: expected faces without photographs, found photographs in {config.coeffs}")
+    appearance = given or PRESETS[PLAIN if has_photographs or config.model != BUILTIN_MODEL else DEFAULT]
+    layers = _layers(config.layers, has_scene=not appearance.is_plain)
+    return reopened(opened, appearance, layers)
+
+
+def _layers(text: str | None, *, has_scene: bool) -> tuple[str, ...]:
+    if text is None:
+        return order_layers((*DEFAULT_LAYERS, SEEN) if has_scene else DEFAULT_LAYERS)
+    layers = parse_layers(text)
+    if text.strip() == ALL_LAYERS and not has_scene:
+        return tuple(name for name in layers if name not in SCENE_LAYERS)
+    return layers
 
 
 def _introduce(config: RenderConfig, opened: OpenedJob) -> None:

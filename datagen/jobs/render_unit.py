@@ -181,7 +181,7 @@ def _open_worker(unit: Unit) -> _Worker:
     _check_same("faces", str(job.coefficients), source.sha256, unit.source_sha256)
     gl = create_gl_context(unit.gl)
     views = ViewMaker(model, job.jitter, job.seed)
-    return _Worker(model, source, gl, views, TripletMaker(model, gl, job.seed, job.layers))
+    return _Worker(model, source, gl, views, TripletMaker(model, gl, job.seed, job.layers, job.appearance))
 
 
 def _check_same(what: str, place: str, found: str, expected: str) -> None:

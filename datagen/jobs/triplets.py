@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.appearance.background import draw_background
-from datagen.appearance.plain import develop, draw_plain_appearance
+from datagen.appearance.configuration import PLAIN, PRESETS, AppearanceConfig
 from datagen.jobs.baked_jitter import View
+from datagen.jobs.drawn_pictures import DrawnPicture, PictureSource, PlainPictures, ScenePictures
+from datagen.jobs.render_job import check_appearance
 from datagen.jobs.stage_times import StageTimes
 from datagen.opengl.gl_context import GLContext
-from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.visibility import visible_landmarks
 from pix2face.camera import head_pose
@@ -24,9 +24,9 @@ from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
 from pix2face.picture_size import check_decodes
 from pix2face.rasterise import RenderedMaps
-from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LANDMARKS, LAYERS
+from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LANDMARKS, LAYERS, SCENE_LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import Triplet
-from pix2face.surface_attributes import check_layers
+from pix2face.surface_attributes import REGIONS, check_layers
 
 
 @final
@@ -38,17 +38,30 @@ class TripletMaker:
         gl: Where to render.
         seed: Of everything random in a picture.
         layers: What triplets have, of ``pix2face.shards.layers.LAYER_NAMES``.
+        appearance: Of faces that have no photograph.
 
     Raises:
-        UsageError: The model has not what a layer needs.
+        UsageError: The model has not what a layer or the appearance needs.
     """
 
-    def __init__(self, model: MorphableModel, gl: GLContext, seed: int, layers: Sequence[str] = DEFAULT_LAYERS) -> None:
+    def __init__(
+        self,
+        model: MorphableModel,
+        gl: GLContext,
+        seed: int,
+        layers: Sequence[str] = DEFAULT_LAYERS,
+        appearance: AppearanceConfig = PRESETS[PLAIN],
+    ) -> None:
         check_layers(model, layers)
+        check_appearance(model, layers, appearance)
         self._model = model
         self._renderer = Renderer(model, 16, 16, gl)
-        self._seed = seed
         self._layers = tuple(layers)
+        self._is_drawn = not {IMAGE, *SCENE_LAYERS}.isdisjoint(layers)
+        # What is seen of the regions needs the regions.
+        self._rendered = (*layers, REGIONS) if SEEN_REGIONS in layers else tuple(layers)
+        self._gl, self._seed, self._appearance = gl, seed, appearance
+        self._kept_pictures: PictureSource | None = None
 
     def make(self, face: Face) -> Triplet:
         """Renders one face as its source has it.
@@ -94,10 +107,10 @@ class TripletMaker:
         face = view.face
         with times.stage("rasterise, read back"):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
-            rendered = renderer.render(vertices, face.camera, self._layers)
+            rendered = renderer.render(vertices, face.camera, self._rendered)
         if not rendered.mask.any():
             raise SampleRejectedError(f"{face.sample_id}: nothing of the face lies in the picture")
-        image, drawn = self._image(view, renderer, vertices, times)
+        picture = self._image(view, vertices, rendered, times)
         with times.stage("landmarks, pose"):
             landmarks = self._model.landmarks.get(IBUG68, np.zeros(0, np.int32))
             if LANDMARKS not in self._layers:
@@ -105,21 +118,36 @@ class TripletMaker:
             landmarks3d = vertices[landmarks]
             return Triplet(
                 sample_id=face.sample_id,
-                image=image,
-                layers=_layers(rendered, self._layers),
+                image=picture.content,
+                layers=self._chosen_layers(rendered, picture),
                 camera=face.camera,
                 identity=face.identity,
                 expression=face.expression,
                 landmarks2d=face.camera.project(landmarks3d),
                 landmarks3d=landmarks3d,
                 visible=visible_landmarks(vertices, landmarks, face.camera, rendered),
-                attributes={**asdict(head_pose(face.camera)), **face.attributes, **drawn},
+                attributes={**asdict(head_pose(face.camera)), **face.attributes, **picture.attributes},
             )
 
+    @property
+    def _pictures(self) -> PictureSource:
+        """Made when the first picture is drawn: photographs need none."""
+        if self._kept_pictures is None:
+            self._kept_pictures = (
+                PlainPictures(self._renderer, self._seed)
+                if self._appearance.is_plain
+                else ScenePictures(self._model, self._gl, self._seed, self._appearance)
+            )
+        return self._kept_pictures
+
+    def _chosen_layers(self, rendered: RenderedMaps, picture: DrawnPicture) -> dict[str, ndarray]:
+        made = {name: rendered.layer(name) for name in self._layers if name in LAYERS and name not in SCENE_LAYERS}
+        return {**made, **{name: picture.layers[name] for name in self._layers if name in picture.layers}}
+
     def _image(
-        self, view: View, renderer: Renderer, vertices: Float32[ndarray, "v 3"], times: StageTimes
-    ) -> tuple[bytes | None, dict[str, str | float]]:
-        """The photograph's own bytes, what a variant shows of it, or a picture of the face."""
+        self, view: View, vertices: Float32[ndarray, "v 3"], rendered: RenderedMaps, times: StageTimes
+    ) -> DrawnPicture:
+        """The photograph's own bytes, what a variant shows of it, or a picture of the face; no content without need."""
         face = view.face
         if face.image_path is not None:
             # A photograph that is damaged rejects its sample also where pictures are not kept: which samples a set
@@ -130,17 +158,7 @@ class TripletMaker:
                     check_decodes(content, str(face.image_path))
                 else:
                     content = encode_photograph(view.jittered_photograph(decode_image(content, str(face.image_path))))
-            return content, {"picture": "photograph"}
-        if IMAGE not in self._layers:
-            return None, {}
-        with times.stage("draw picture"):
-            rng = generator_for(self._seed, view.appearance_id)
-            appearance = draw_plain_appearance(rng)
-            background = draw_background(rng, face.height_px, face.width_px)
-            picture = renderer.render_image(vertices, face.camera, appearance, background)
-            shown = view.jittered_colours(develop(picture, appearance))
-            return encode_photograph(shown), {"picture": "rendered"}
-
-
-def _layers(rendered: RenderedMaps, names: Sequence[str]) -> dict[str, ndarray]:
-    return {name: rendered.layer(name) for name in names if name in LAYERS}
+            return DrawnPicture(content, {"picture": "photograph"})
+        if not self._is_drawn:
+            return DrawnPicture(None, {})
+        return self._pictures.draw(view, vertices, rendered, times)

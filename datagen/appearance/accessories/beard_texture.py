@@ -62,7 +62,7 @@ def style_densities() -> Mapping[str, Float32[ndarray, "h w"]]:
     }
 
 
-def _rise(low: float, high: float, value: ndarray) -> ndarray:
+def _rise(low: ndarray | float, high: ndarray | float, value: ndarray) -> ndarray:
     """0 below, 1 above, smooth between; the other way round where ``high`` is below ``low``."""
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)

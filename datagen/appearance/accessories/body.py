@@ -55,8 +55,8 @@ class Body:
     shift: Float64[ndarray, "3"]
 
     def at(
-        self, place: Float[ndarray, "*n"], turn: Float[ndarray, "*n"], above_mm: Float[ndarray, "*n"] | float
-    ) -> Float32[ndarray, "*n 3"]:
+        self, place: Float[ndarray, "*#n"], turn: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
+    ) -> Float32[ndarray, "*_ 3"]:
         """Points above the surface.
 
         Args:
@@ -64,19 +64,25 @@ class Body:
             turn: Around it: 0 the front, 0.25 the left side, 0.5 the back; any number of turns.
             above_mm: Distance from the skin.
         """
+        place, turn, above_mm = np.broadcast_arrays(place, turn, above_mm)
         rows = np.interp(place, _PLACES, np.arange(len(_PLACES)))
         around = self.points.shape[1] - 1
         columns = np.mod(np.asarray(turn) + 0.5, 1.0) * around
         row = np.minimum(rows.astype(np.intp), len(_PLACES) - 2)
         column = np.minimum(columns.astype(np.intp), around - 1)
-        down, along = (rows - row)[..., None], (columns - column)[..., None]
+        down, along = (rows - row).astype(np.float32), (columns - column).astype(np.float32)
         height = np.asarray(above_mm, dtype=np.float32)[..., None]
-        found = np.zeros((*rows.shape, 3))
-        for i, share in ((0, 1 - down), (1, down)):
-            for j, part in ((0, 1 - along), (1, along)):
-                place_here = self.points[row + i, column + j] + height * self.normals[row + i, column + j]
-                found += share * part * place_here
-        return found.astype(np.float32)
+        points, normals = self.points.reshape(-1, 3), self.normals.reshape(-1, 3)
+        first = row * (around + 1) + column
+        found = np.zeros((*rows.shape, 3), dtype=np.float32)
+        for step, share in (
+            (0, (1 - down) * (1 - along)),
+            (1, (1 - down) * along),
+            (around + 1, down * (1 - along)),
+            (around + 2, down * along),
+        ):
+            found += share[..., None] * (points[first + step] + height * normals[first + step])
+        return found
 
     def skin(self, down_to: float) -> Solid:
         """The bare surface from under the rim down to a place."""
@@ -137,7 +143,7 @@ def _spline_weights() -> Float64[ndarray, "r k"]:
 def _smoothed_around(vectors: Float64[ndarray, "c 3"]) -> Float64[ndarray, "c 3"]:
     """A mean over some columns, of a ring whose last column is its first."""
     ring = vectors[:-1]
-    smooth = sum(np.roll(ring, shift, axis=0) for shift in range(-4, 5)) / 9
+    smooth = np.mean([np.roll(ring, shift, axis=0) for shift in range(-4, 5)], axis=0)
     return np.concatenate([smooth, smooth[:1]])
 
 

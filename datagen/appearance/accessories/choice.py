@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 _STEP_ASIDE_MM, _FARTHEST_ASIDE_MM = 35.0, 230.0
+_LEFT_OUT = ("hand", "held", "mask", "glasses", "headwear")  # in this order, where too much of a face is hidden
 _BESIDE_MASK_MM = 2.5  # a beard below a mask is pressed flat
 
 
@@ -149,9 +150,10 @@ def accessory_textures() -> Mapping[str, Texture]:
 def accessories_from_values(values: Mapping[str, Any]) -> Accessories:
     """What ``dataclasses.asdict`` made, after JSON: lists become tuples again."""
     found = {name: values.get(name) for name in _KINDS}
-    return Accessories(
-        **{name: None if part is None else _restored(_KINDS[name], part) for name, part in found.items()}
-    )
+    parts: dict[str, Any] = {}
+    for name, part in found.items():
+        parts[name] = None if part is None else _restored(_KINDS[name], part)
+    return Accessories(**parts)
 
 
 def _restored(kind: type, values: Mapping[str, Any]) -> Any:
@@ -200,10 +202,8 @@ def _matched(drawn: Accessories) -> Accessories:
 
 def _left_visible(drawn: Accessories, least: float) -> Accessories:
     """Moves aside or leaves out what would hide too much of the face."""
-    while any(part is not None for part in (drawn.thing, drawn.hand, drawn.held, drawn.mask)):
-        head = mean_head()
-        body = _mean_body()
-        if visible_share(_before_the_face(drawn, head, body, (0.5, 0.4, 0.3))) >= least:
+    while any(getattr(drawn, name) is not None for name in (*_LEFT_OUT, "thing")):
+        if visible_share(_before_the_face(drawn, mean_head(), _mean_body(), (0.5, 0.4, 0.3))) >= least:
             break
         drawn = _less_hidden(drawn)
     return drawn
@@ -216,10 +216,8 @@ def _less_hidden(drawn: Accessories) -> Accessories:
         return replace(
             drawn, thing=None if aside > _FARTHEST_ASIDE_MM else replace(drawn.thing, aside_mm=round(aside, 2))
         )
-    for name in ("hand", "held"):
-        if getattr(drawn, name) is not None:
-            return replace(drawn, **{name: None})
-    return replace(drawn, mask=None)
+    left_out: dict[str, Any] = {next(name for name in _LEFT_OUT if getattr(drawn, name) is not None): None}
+    return replace(drawn, **left_out)
 
 
 @lru_cache(maxsize=1)

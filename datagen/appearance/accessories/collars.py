@@ -1,6 +1,6 @@
 """Collars, lapels, ties, hoods that lie on the shoulders, straps and scarves: what ends a garment at the neck."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -13,19 +13,29 @@ from datagen.appearance.accessories.solids import Solid, joined, sheet, tube, un
 Piece = tuple[str, Solid]
 
 
+@runtime_checkable
 class Cut(Protocol):
     """What a collar needs to know of a garment; see ``clothes.Clothes``."""
 
     @property
-    def depth(self) -> float: ...
+    def depth(self) -> float:
+        """See ``clothes.Clothes``."""
+
     @property
-    def looseness_mm(self) -> float: ...
+    def looseness_mm(self) -> float:
+        """See ``clothes.Clothes``."""
+
     @property
-    def has_tie(self) -> bool: ...
+    def has_tie(self) -> bool:
+        """See ``clothes.Clothes``."""
+
     @property
-    def scarf(self) -> float: ...
+    def scarf(self) -> float:
+        """See ``clothes.Clothes``."""
+
     @property
-    def seed(self) -> int: ...
+    def seed(self) -> int:
+        """See ``clothes.Clothes``."""
 
 
 def collar_solids(garment: str, body: Body, cut: Cut, neckline: Float[ndarray, " c"]) -> list[Piece]:

@@ -1,9 +1,11 @@
 """Colours that things have: mostly muted, linear light."""
 
 import colorsys
+
 import numpy as np
-from datagen.appearance.scene import Material
+
 from datagen.appearance.accessories.weaves import WEAVES, layer_of
+from datagen.appearance.scene import Material
 
 Colour = tuple[float, float, float]
 
@@ -35,7 +37,7 @@ def draw_tint(rng: np.random.Generator, saturation: float, brightness: float) ->
 
 
 def linear_colour(srgb: tuple[float, float, float]) -> Colour:
-    """sRGB (0..1) to linear light, rounded as it is stored."""
+    """SRGB (0..1) to linear light, rounded as it is stored."""
     red, green, blue = (round(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4, 4) for c in map(float, srgb))
     return red, green, blue
 

@@ -68,6 +68,6 @@ def _drawn(
     places = ((seen[..., :2] * [1, -1] / _SPAN_MM + [0.5, 0.55]) * _PIXELS).round().astype(np.int32)
     inside = ((places.max(axis=1) >= 0) & (places.min(axis=1) < _PIXELS)).all(axis=1)
     picture: UInt8[ndarray, "h w"] = np.zeros((_PIXELS, _PIXELS), dtype=np.uint8)
-    for triangle in np.unique(places[inside].reshape(-1, 6), axis=0).reshape(-1, 3, 2):
+    for triangle in places[inside]:
         cv2.fillConvexPoly(picture, triangle, 1)
     return picture.astype(bool)

@@ -205,7 +205,7 @@ def _temple(glasses: Glasses, fit: GlassesFit, side: int) -> Solid:
     path = fit.temples[side]
     thick = max(0.7, min(glasses.thickness_mm, 1.6))
     tall = thick if glasses.is_metal else max(1.5, 1.6 * glasses.thickness_mm)
-    return tube(path, np.tile([[min(thick, 1.2), tall]], (len(path), 1)), (0, 1, 0.3), 6, squareness=0.4)
+    return tube(path, np.tile([[min(thick, 1.2), tall]], (len(path), 1)), (0, 0.6, -0.8), 6, squareness=0.4)
 
 
 def _strap(fit: GlassesFit) -> Solid:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float64, Int32
@@ -16,33 +16,49 @@ from datagen.appearance.scene import PosedHead
 from pix2face.morphable_model import MorphableModel
 
 FRONT_REGIONS = ("skin", "brows", "eyes", "iris", "pupil")
-_CLEAR_MM = 1.0  # between frame and skin
-_LENS_BEFORE_EYE_MM = 9.0
+_CLEAR_MM = 1.5  # between frame and skin
+_TEMPLE_MM = 2.2  # from the middle of a temple to the skin
+_LENS_BEFORE_EYE_MM = 11.0
 
-# On the mean head: bridge of the nose, inner and outer corners of the left eye's middle, groove above the left ear, behind
-# the left ear high and low.
+# On the mean head: bridge of the nose, left pupil, groove above the left ear, behind that ear high and low.
 _PLACES = np.array([[0, 20, 104], [33, 27, 94], [76.5, 37, 4], [75, 26, -19], [71.5, 12, -18]], dtype=np.float64)
 
 
+@runtime_checkable
 class Worn(Protocol):
     """What decides how glasses sit; see ``glasses.Glasses``."""
 
     @property
-    def rim(self) -> str: ...
+    def rim(self) -> str:
+        """See ``glasses.Glasses``."""
+
     @property
-    def width_mm(self) -> float: ...
+    def width_mm(self) -> float:
+        """See ``glasses.Glasses``."""
+
     @property
-    def height_mm(self) -> float: ...
+    def height_mm(self) -> float:
+        """See ``glasses.Glasses``."""
+
     @property
-    def bridge_mm(self) -> float: ...
+    def bridge_mm(self) -> float:
+        """See ``glasses.Glasses``."""
+
     @property
-    def slip_mm(self) -> float: ...
+    def slip_mm(self) -> float:
+        """See ``glasses.Glasses``."""
+
     @property
-    def lift(self) -> float: ...
+    def lift(self) -> float:
+        """See ``glasses.Glasses``."""
+
     @property
-    def tilt_deg(self) -> float: ...
+    def tilt_deg(self) -> float:
+        """See ``glasses.Glasses``."""
+
     @property
-    def skew_deg(self) -> float: ...
+    def skew_deg(self) -> float:
+        """See ``glasses.Glasses``."""
 
 
 @final
@@ -98,8 +114,19 @@ def _temple_path(
     line = hinge + share * (over_ear - hinge)
     corner = over_ear + 0.45 * (behind - over_ear) + [side * 1.0, 3.5, -1.5]
     path = np.concatenate([hinge[None], line[1:], corner[None], behind[None], below[None]])
-    beside = _half_width(head, side, path[:, 1:]) + 2.2
+    beside = _half_width(head, side, path[:, 1:]) + _TEMPLE_MM
     path[:, 0] = side * np.maximum(side * path[:, 0], beside)
+    return _pushed_out(head, path, side)
+
+
+def _pushed_out(head: PosedHead, path: Float64[ndarray, "n 3"], side: int) -> Float64[ndarray, "n 3"]:
+    """Moves what is in the skin out of it; twice, since another vertex may be nearest afterwards."""
+    chosen = _side_vertices(head.model)[side]
+    skin, normals = head.neutral[chosen].astype(np.float64), head.normals[chosen]
+    for _ in range(2):
+        nearest = np.square(path[:, None] - skin).sum(axis=2).argmin(axis=1)
+        outside = ((path - skin[nearest]) * normals[nearest]).sum(axis=1)
+        path = path + np.clip(_TEMPLE_MM - outside, 0, 6)[:, None] * normals[nearest]
     return path
 
 
@@ -124,7 +151,7 @@ def _in_front(head: PosedHead, points: Float64[ndarray, "n 3"]) -> Float64[ndarr
     face = np.where(neutral[:, 2:] > face[:, 2:], neutral, face)
     normals = head.normals[chosen]
     tree = cKDTree(face[:, :2], leafsize=32, balanced_tree=False, compact_nodes=False)
-    nearest = tree.query(points[:, :2], k=2)[1]
+    nearest = tree.query(points[:, :2], k=2, workers=1)[1]
     aside = points[:, None, :2] - face[nearest, :2]
     normal = normals[nearest]
     slope = (normal[..., :2] * aside).sum(axis=-1) / np.maximum(normal[..., 2], 0.3)

@@ -118,13 +118,18 @@ def hand_meshes(hand: Hand, head: PosedHead, skin_rgb: Colour) -> list[SceneMesh
         skin, nails = _shaped(hand)
         turn, place = _placed(hand, head, skin, is_left)
         arm, cuff = _forearm(hand, turn, place)
-        parts = {"skin": joined([skin.placed(turn, place), arm]), "nails": nails.placed(turn, place), "sleeve": cuff}
-        nail = tuple(min(1.0, 1.15 * part) for part in skin_rgb) if hand.nail[0] < 0 else hand.nail
+        parts = {
+            "skin": joined([skin.placed(turn, place, hand.scale), arm]),
+            "nails": nails.placed(turn, place, hand.scale),
+            "sleeve": cuff,
+        }
+        red, green, blue = (min(1.0, 1.15 * part) for part in skin_rgb)
+        nail = (red, green, blue) if hand.nail[0] < 0 else hand.nail
         materials = {
             "skin": skin_material(skin_rgb),
             "nails": smooth(nail, 0.3),
             "sleeve": cloth("jersey", hand.sleeve),
-        }  # type: ignore[arg-type]
+        }
         if not hand.has_sleeve:
             del parts["sleeve"]
         for name, made in parts.items():
@@ -202,18 +207,18 @@ def _thumb(bend: float) -> tuple[Solid, Solid]:
 def _placed(
     hand: Hand, head: PosedHead, skin: Solid, is_left: bool
 ) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
-    """Turn (with scale) and place of a hand at the face, so that it rests on the skin; of a left one, mirrored."""
+    """Turn and place of a hand at the face, so that it rests on the skin; of a left one, mirrored."""
     pose = POSES[hand.pose]
     palm = unit(np.array(pose.palm)).astype(np.float64)
     along = np.array(pose.fingers) - (np.array(pose.fingers) @ palm) * palm
     along = unit(Rotation.from_rotvec(np.deg2rad(hand.turn_deg) * palm).apply(along)).astype(np.float64)
-    turn = np.stack([np.cross(along, palm), along, palm], axis=1) * hand.scale
+    turn = np.stack([np.cross(along, palm), along, palm], axis=1)
     flip = np.array([-1.0 if is_left else 1.0, 1.0, 1.0])
     near = head.vertices[_touch_vertices(head.model)[is_left][list(POSES).index(hand.pose)]] * flip
     place = near + np.array(hand.slide_mm) * [-1, 1, 0.3] - (pose.away_mm + 8) * palm
     # Fingers reach the place, rather than the wrist.
     place = place - 22 * hand.scale * along
-    points = skin.vertices.astype(np.float64) @ turn.T + place
+    points = hand.scale * (skin.vertices.astype(np.float64) @ turn.T) + place
     chosen = _sparse_skin(head.model)
     face, normals = head.vertices[chosen] * flip, head.normals[chosen] * flip
     nearest = cKDTree(face, leafsize=32, balanced_tree=False, compact_nodes=False).query(points[::2])[1]
@@ -228,7 +233,7 @@ def _placed(
 def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, "3"]) -> tuple[Solid, Solid]:
     """From the wrist down and outward, and a sleeve over it."""
     size = hand.scale
-    along, palm = turn[:, 1] / size, turn[:, 2] / size
+    along, palm = turn[:, 1], turn[:, 2]
     wrist = place - 52 * size * along
     elbow = unit(-0.75 * along + np.array([-0.30, -0.75, 0.10]) - 0.35 * palm).astype(np.float64)
     s = np.linspace(0, 1, 7)[:, None]

@@ -1,7 +1,7 @@
 """Shapes of hats that sit on the skull."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, final
+from typing import Literal, Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -15,15 +15,21 @@ Piece = tuple[HatPiece, Solid]
 COLUMNS = 41
 
 
+@runtime_checkable
 class Look(Protocol):
     """What varies between hats of a kind; see ``headwear.Headwear``."""
 
     @property
-    def size(self) -> float: ...
+    def size(self) -> float:
+        """See ``headwear.Headwear``."""
+
     @property
-    def has_extra(self) -> bool: ...
+    def has_extra(self) -> bool:
+        """See ``headwear.Headwear``."""
+
     @property
-    def seed(self) -> int: ...
+    def seed(self) -> int:
+        """See ``headwear.Headwear``."""
 
 
 @final

@@ -114,7 +114,7 @@ def crown_plane(hat: Headwear) -> CrownPlane | None:
     fit = _fit(hat)
     radius = {0.0: 98.0, np.pi: 92.0, np.pi / 2: 74.0}
     front, back, side = (
-        CENTRE + reach * np.array([np.sin(turn), np.tan(float(fit.rim(np.float64(turn)))), np.cos(turn)])
+        CENTRE + reach * np.array([np.sin(turn), np.tan(fit.rim(np.array([turn]))[0]), np.cos(turn)])
         for turn, reach in radius.items()
     )
     ahead = front - back
@@ -136,7 +136,7 @@ def _material(hat: Headwear, piece: HatPiece) -> Material:
         return Material(
             kind="glass",
             colour=(0.02, 0.02, 0.02),
-            alpha=0.15 + 0.5 * hat.size,
+            alpha=0.08 + 0.3 * hat.size,
             numbers=(0.1, 0, 0, 0),
             is_blended=True,
         )

@@ -174,10 +174,12 @@ def _drinking(held: Held, lips: ndarray) -> list[Piece]:
 
 def _thin(held: Held, lips: ndarray, side: float) -> list[Piece]:
     start = lips + [side * 8, 0, -4]
-    way = {"cigarette": [0.3 * side, -0.1, 1.0], "straw": [0.15 * side, -0.9, 0.6], "spoon": [0.4 * side, -0.15, 1.0]}[
-        held.kind
-    ]
-    way = unit(np.array(way)).astype(np.float64)
+    leaning = {
+        "cigarette": [0.3 * side, -0.1, 1.0],
+        "straw": [0.15 * side, -0.9, 0.6],
+        "spoon": [0.4 * side, -0.15, 1.0],
+    }[held.kind]
+    way = unit(np.array(leaning)).astype(np.float64)
     length = {"cigarette": 80.0, "straw": 150.0, "spoon": 150.0}[held.kind] * held.size
     radius = {"cigarette": 3.8, "straw": 3.0, "spoon": 2.5}[held.kind]
     stick = tube(start + np.array([0.0, 0.3, 1.0])[:, None] * length * way, radius, (0, 1, 0.2), 8)

@@ -18,15 +18,16 @@ _ROWS, _COLUMNS = 31, 49
 _LOWEST_DEG = -75.0
 
 
-def direction(rise: Float[ndarray, "*n"], around: Float[ndarray, "*n"]) -> Float[ndarray, "*n 3"]:
+def direction(rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Float[ndarray, "*_ 3"]:
     """Unit vectors.
 
     Args:
         rise: Radians above the horizon.
         around: Radians: 0 the front, positive towards the subject's left.
     """
+    rise, around = np.broadcast_arrays(rise, around)
     level = np.cos(rise)
-    return np.stack([level * np.sin(around), np.sin(rise) + 0 * around, level * np.cos(around)], axis=-1)
+    return np.stack([level * np.sin(around), np.sin(rise), level * np.cos(around)], axis=-1)
 
 
 @final
@@ -42,7 +43,7 @@ class Skull:
     centre: Float32[ndarray, "3"]
     radii: Float32[ndarray, "r c"]
 
-    def radius(self, rise: Float[ndarray, "*n"], around: Float[ndarray, "*n"]) -> Float32[ndarray, "*n"]:
+    def radius(self, rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Float32[ndarray, "*_"]:
         """Distance of the skin from the centre, mm; arguments as ``direction``."""
         top, low = np.pi / 2, np.deg2rad(_LOWEST_DEG)
         rows = np.clip((top - rise) / (top - low), 0, 1) * (_ROWS - 1)
@@ -56,10 +57,10 @@ class Skull:
         return np.asarray((1 - down) * upper + down * lower, dtype=np.float32)
 
     def at(
-        self, rise: Float[ndarray, "*n"], around: Float[ndarray, "*n"], above_mm: Float[ndarray, "*n"] | float
-    ) -> Float32[ndarray, "*n 3"]:
+        self, rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
+    ) -> Float32[ndarray, "*_ 3"]:
         """Points so far above the skin, mm, model frame."""
-        rise, around = np.broadcast_arrays(rise, around)
+        rise, around, above_mm = np.broadcast_arrays(rise, around, above_mm)
         distance = self.radius(rise, around) + above_mm
         return np.asarray(self.centre + distance[..., None] * direction(rise, around), dtype=np.float32)
 
@@ -78,7 +79,7 @@ def fit_skull(head: PosedHead, *, with_expression: bool = False) -> Skull:
 
 def _grid() -> tuple[Float[ndarray, "r c"], Float[ndarray, "r c"]]:
     rise = np.linspace(np.pi / 2, np.deg2rad(_LOWEST_DEG), _ROWS)
-    return np.meshgrid(rise, np.linspace(-np.pi, np.pi, _COLUMNS), indexing="ij")  # type: ignore[return-value]
+    return np.meshgrid(rise, np.linspace(-np.pi, np.pi, _COLUMNS), indexing="ij")
 
 
 @lru_cache(maxsize=4)

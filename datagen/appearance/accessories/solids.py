@@ -58,17 +58,28 @@ def smooth_normals(vertices: Float32[ndarray, "v 3"], triangles: Int32[ndarray, 
     a, b, c = vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
     p, q = b - a, c - a
     corners = triangles.T.reshape(-1)
-    faces = (p[:, 1] * q[:, 2] - p[:, 2] * q[:, 1], p[:, 2] * q[:, 0] - p[:, 0] * q[:, 2])
-    faces += (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0],)
-    summed = np.stack([np.bincount(corners, np.tile(face, 3), len(vertices)) for face in faces], axis=1)
+    faces = cross(p, q)
+    summed = np.stack([np.bincount(corners, np.tile(faces[:, k], 3), len(vertices)) for k in range(3)], axis=1)
     return unit(summed)
 
 
 def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
     """Unit vectors; (0, 0, 1) for what has no direction."""
-    size = np.sqrt((np.square(vectors, dtype=np.float64)).sum(axis=-1, keepdims=True))
-    forward = np.array([0.0, 0.0, 1.0])
-    return np.asarray(np.where(size > 1e-9, vectors / np.maximum(size, 1e-9), forward), dtype=np.float32)
+    found = np.array(vectors, dtype=np.float32)
+    size = np.sqrt(np.einsum("...i,...i->...", found, found))
+    nowhere = size < 1e-9
+    if nowhere.any():
+        found[nowhere] = [0, 0, 1]
+        size = np.where(nowhere, np.float32(1), size)
+    found /= size[..., None]
+    return found
+
+
+def cross(a: Float[ndarray, "*n 3"], b: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 3"]:
+    """As ``numpy.cross``, several times as fast."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 @lru_cache(maxsize=256)
@@ -89,7 +100,7 @@ def grid_normals(points: Float[ndarray, "r c 3"], *, is_closed: bool = False) ->
     along[:, 1:-1] = points[:, 2:] - points[:, :-2]
     along[:, 0] = points[:, 1] - (points[:, -2] if is_closed else points[:, 0])
     along[:, -1] = (points[:, 1] if is_closed else points[:, -1]) - points[:, -2]
-    return unit(np.cross(down, along))
+    return unit(cross(down, along))
 
 
 def sheet(
@@ -139,8 +150,8 @@ def tube(
     ahead = np.gradient(path, axis=0)
     ahead[0], ahead[-1] = ahead[1], ahead[-2]
     ahead = unit(ahead)
-    side = unit(np.cross(ahead, np.asarray(upward)))
-    up = np.cross(side, ahead)
+    side = unit(cross(ahead, np.asarray(upward)))
+    up = cross(side, ahead)
     angle = np.linspace(0, 2 * np.pi, sides + 1) + np.pi / sides
     across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     across /= np.abs(across).max(axis=1, keepdims=True) ** squareness
@@ -185,7 +196,7 @@ def box(size: tuple[float, float, float], repeats: float = 1.0) -> Solid:
             corners = np.zeros((2, 2, 3))
             corners[..., axis] = sign
             corners[..., (axis + 1) % 3] = np.array([[-1.0, -1], [1, 1]]) * sign
-            corners[..., (axis + 2) % 3] = [[-1.0, 1], [-1, 1]]
+            corners[..., (axis + 2) % 3] = np.array([[-1.0, 1], [-1, 1]])
             normals = np.zeros((2, 2, 3))
             normals[..., axis] = sign
             sides.append(sheet(corners * np.asarray(size) / 2, (repeats, repeats), normals=normals))

@@ -61,8 +61,9 @@ def cowl(body: Body, look: Look, length: float) -> Solid:
     turn = np.linspace(0, 1, 49)[None]
     share = np.linspace(0, 1, 12)[:, None]
     rng = np.random.default_rng(look.seed + 1)
-    folds = sum(np.sin(2 * np.pi * k * turn + rng.uniform(0, 6) + 9 * share) for k in (2, 4, 7)) / 3
+    waves = [np.sin(2 * np.pi * k * turn + rng.uniform(0, 6) + 9 * share) for k in (2, 4, 7)]
+    folds = np.mean(waves, axis=0)
     place = -0.92 + share * length
     above = 11 + 12 * np.sin(np.pi * share) + 4.5 * folds * np.sin(np.pi * share)
     above = np.where(share > 0.9, 8.0, above)
-    return sheet(body.at(place + 0 * turn, np.broadcast_to(turn, folds.shape), above), (14.0, 5.0), is_closed=True)
+    return sheet(body.at(place, turn, above), (14.0, 5.0), is_closed=True)

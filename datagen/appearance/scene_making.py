@@ -1,0 +1,70 @@
+"""From an appearance and a face to the scene that is drawn."""
+
+import json
+from typing import final
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from datagen.appearance.accessories.choice import accessory_meshes, hidden_hair
+from datagen.appearance.hair import hair_meshes, hair_uniforms
+from datagen.appearance.light import light_uniforms, shadow_lights
+from datagen.appearance.scene import PosedHead, Scene
+from datagen.appearance.skin import Skin, skin_uniforms
+from datagen.appearance.skin_tone import albedo_of_skin, density_of_melanin
+from datagen.appearance.surface import Surface
+from datagen.appearance.torso import head_from_torso
+from datagen.appearance.whole import Appearance
+from pix2face.coefficients import Face
+from pix2face.morphable_model import MorphableModel
+
+# The attribute of a face that says how strongly each named expression is active (``datagen sample`` writes it).
+NAMED_EXPRESSIONS = "named_expressions"
+
+
+@final
+class SceneMaker:
+    """Makes scenes with the heads of one model.
+
+    Args:
+        model: The built-in model.
+    """
+
+    def __init__(self, model: MorphableModel) -> None:
+        self.model = model
+        self._surface = Surface(model)
+
+    def scene(self, appearance: Appearance, face: Face, vertices: Float32[ndarray, "v 3"]) -> Scene:
+        """The scene of one picture.
+
+        Args:
+            appearance: Of whoever it shows.
+            face: Its coefficients, camera, and expressions by name where they are known.
+            vertices: Of this face, mm, model frame.
+        """
+        active = face.attributes.get(NAMED_EXPRESSIONS)
+        head = PosedHead(
+            model=self.model,
+            vertices=vertices,
+            normals=self._surface.normals(vertices),
+            neutral=self.model.vertices(face.identity[None], np.zeros((1, self.model.n_expression), np.float32))[0],
+            named_expressions=json.loads(active) if isinstance(active, str) else {},
+        )
+        turned = head_from_torso(appearance.torso, face.camera)
+        skin, hair = appearance.skin, appearance.hair
+        worn = accessory_meshes(appearance.accessories, head, _colour(skin), hair.scalp_colour, turned)
+        grown = hair_meshes(hair, head, hidden_hair(appearance.accessories))
+        uniforms = {
+            **skin_uniforms(skin, head),
+            **hair_uniforms(hair),
+            **light_uniforms(appearance.light, face.camera),
+        }
+        lights = shadow_lights(appearance.light, face.camera)
+        return Scene(head=head, meshes=(*grown, *worn), uniforms=uniforms, lights=lights)
+
+
+def _colour(skin: Skin) -> tuple[float, float, float]:
+    """Of skin without marks and make-up, linear: that of necks, shoulders and hands."""
+    red, green, blue = (float(own) for own in albedo_of_skin(density_of_melanin(skin.melanin), skin.haemoglobin))
+    return red, green, blue

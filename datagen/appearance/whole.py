@@ -1,0 +1,95 @@
+"""The whole appearance of a synthetic photograph: its parts, each from a random stream of its own.
+
+A part that is configured otherwise, or draws one number more, changes nothing else in the picture. So two sets that
+differ in one ingredient differ in nothing but that ingredient.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
+from typing import Any, final
+
+from datagen.appearance.accessories.choice import Accessories, accessory_textures, draw_accessories
+from datagen.appearance.backdrop import Backdrop, draw_backdrop
+from datagen.appearance.configuration import AppearanceConfig
+from datagen.appearance.hair import Hair, draw_hair, hair_textures
+from datagen.appearance.light import Light, draw_light, light_textures
+from datagen.appearance.person import Person, draw_person
+from datagen.appearance.photograph import Photograph, draw_photograph
+from datagen.appearance.scene import Texture
+from datagen.appearance.skin import Skin, draw_skin, skin_textures
+from datagen.appearance.torso import Torso, draw_torso
+from datagen.random_streams import generator_for
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Appearance:
+    """Everything that a synthetic photograph has beside the shape and the pose of its face.
+
+    Attributes:
+        person: Who it is.
+        torso: How the body stands.
+        skin: Skin, eyes, mouth, make-up.
+        hair: Hair, brows, lashes.
+        accessories: What is worn, and what stands before the face.
+        light: What light falls on it.
+        backdrop: What is behind.
+        photograph: What camera and file make of it.
+    """
+
+    person: Person
+    torso: Torso
+    skin: Skin
+    hair: Hair
+    accessories: Accessories
+    light: Light
+    backdrop: Backdrop
+    photograph: Photograph
+
+
+def draw_appearance(seed: int, sample_id: str, config: AppearanceConfig) -> Appearance:
+    """Draws the appearance of one sample; the same for the same seed, id and configuration."""
+
+    def stream(part: str) -> Any:
+        return generator_for(seed, f"{sample_id}/{part}")
+
+    person = draw_person(stream("person"))
+    light = draw_light(stream("light"), config.light)
+    return Appearance(
+        person=person,
+        torso=draw_torso(stream("torso")),
+        skin=draw_skin(stream("skin"), config.skin, person),
+        hair=draw_hair(stream("hair"), config.hair, person),
+        accessories=draw_accessories(stream("accessories"), config.accessories, person),
+        light=light,
+        backdrop=draw_backdrop(stream("backdrop"), config.backdrop, light),
+        photograph=draw_photograph(stream("photograph"), config.photograph),
+    )
+
+
+def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
+    """What is stored with a sample: ``part.name`` of everything that was drawn, lists as JSON."""
+    found: dict[str, str | float] = {}
+    for part in fields(appearance):
+        _flatten(asdict(getattr(appearance, part.name)), part.name, found)
+    return found
+
+
+@lru_cache(maxsize=1)
+def appearance_textures() -> Mapping[str, Texture]:
+    """The textures of all parts, by the name of their sampler."""
+    return {**skin_textures(), **hair_textures(), **light_textures(), **accessory_textures()}
+
+
+def _flatten(values: Mapping[str, Any], prefix: str, into: dict[str, str | float]) -> None:
+    for name, value in values.items():
+        if isinstance(value, dict):
+            _flatten(value, f"{prefix}.{name}", into)
+        elif isinstance(value, str):
+            into[f"{prefix}.{name}"] = value
+        elif isinstance(value, bool | int | float):
+            into[f"{prefix}.{name}"] = float(value)
+        elif value is not None:
+            into[f"{prefix}.{name}"] = json.dumps(value)
