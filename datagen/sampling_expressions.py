@@ -74,6 +74,13 @@ def mirrored_strengths(strengths: Mapping[str, float]) -> dict[str, float]:
     return {_other_side(name): value for name, value in strengths.items()}
 
 
+def without_side(name: str) -> str:
+    """A named expression without the side of the face; those of jaw and mouth to a side keep it."""
+    if name in _UNPAIRED:
+        return name
+    return name.removesuffix("Left").removesuffix("Right")
+
+
 def _draw_face(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> tuple[str, dict[str, float]]:
     """Everything but gaze and lids."""
     shares = np.array([config.neutral_share, config.emotion_share, config.speech_share, config.extreme_share])
@@ -115,7 +122,7 @@ def _draw_speech(rng: np.random.Generator, config: GeometryConfig) -> tuple[str,
 
 def _draw_mixture(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> dict[str, float]:
     """A few shapes of any kind, most of them weak."""
-    roots = sorted({_without_side(name) for name in names if not name.startswith("eyeLook")})
+    roots = sorted({without_side(name) for name in names if not name.startswith("eyeLook")})
     if not roots:
         return {}
     count = min(int(rng.integers(2, 7)), len(roots))
@@ -170,12 +177,6 @@ def _draw_lids(rng: np.random.Generator, config: GeometryConfig) -> tuple[float,
         return closed, closed * float(rng.uniform(0.9, 1.0))
     closed = float(rng.exponential(0.04))  # some lids hang a little
     return closed, closed
-
-
-def _without_side(name: str) -> str:
-    if name in _UNPAIRED:
-        return name
-    return name.removesuffix("Left").removesuffix("Right")
 
 
 def _other_side(name: str) -> str:

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from datagen.sampling_expressions import strengths_of
+from datagen.sampling_expressions import strengths_of, without_side
 from pix2face.coefficients import FaceCoefficients
 
-_YAW_EDGES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 95.0, 180.0)
+_YAW_EDGES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, np.inf)
 _DISTANCE_EDGES_MM = (0.0, 400.0, 600.0, 1000.0, 1600.0, 2500.0, 4500.0, np.inf)
 # A shape counts as active from here on.
 _ACTIVE = 0.1
@@ -34,9 +34,14 @@ def drawn_shares(table: FaceCoefficients, yaw_deg: Float64[ndarray, " n"]) -> di
     kinds = Counter(str(one["expression"]).partition("/")[0] for one in attributes if "expression" in one)
     if kinds:
         shares["expression"] = _ranked(kinds, len(attributes))
-        active = Counter(name for one in attributes for name, value in strengths_of(one).items() if value >= _ACTIVE)
+        # A shape of both sides counts once.
+        active = Counter(name for one in attributes for name in _active_shapes(one))
         shares[f"active (from {_ACTIVE})"] = _ranked(active, len(attributes))
     return shares
+
+
+def _active_shapes(attributes: Mapping[str, Any]) -> set[str]:
+    return {without_side(name) for name, value in strengths_of(attributes).items() if value >= _ACTIVE}
 
 
 def _ranked(counts: Mapping[str, int], n: int) -> dict[str, float]:

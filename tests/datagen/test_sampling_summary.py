@@ -23,7 +23,7 @@ def test_shares_are_counted_from_the_attributes() -> None:
     )
     shares = drawn_shares(replace(table, attributes=texts), np.array([-50.0, 50.0, 3.0, 100.0]))
     assert shares["|yaw|"]["45..60°"] == 0.5
-    assert shares["|yaw|"]["95..180°"] == 0.25
+    assert shares["|yaw|"]["from 75°"] == 0.25
     assert shares["distance"]["0..400 mm"] == 0.5
     assert shares["distance"]["from 4500 mm"] == 0.25
     assert shares["expression"] == {"emotion": 0.5, "neutral": 0.5}
@@ -36,7 +36,7 @@ def test_drawn_tables_are_summed_up_and_others_are_too() -> None:
     drawn = summarise_table(sample_faces(builtin_model(), 200, 0, 128, DEFAULT_GEOMETRY)).drawn
     assert drawn.keys() == {"|yaw|", "distance", "expression", "active (from 0.1)"}
     assert sum(drawn["expression"].values()) == pytest.approx(1)
-    assert drawn["|yaw|"]["45..60°"] + drawn["|yaw|"]["60..75°"] + drawn["|yaw|"]["75..95°"] > 0.25
+    assert drawn["|yaw|"]["45..60°"] + drawn["|yaw|"]["60..75°"] + drawn["|yaw|"]["from 75°"] > 0.25
     plain = sample_faces(small_head_model(), 5, 0, 128)
     assert summarise_table(plain).drawn.keys() == {"|yaw|"}
     assert summarise_table(replace(plain, attributes=())).drawn.keys() == {"|yaw|"}
