@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from datagen.appearance_cli import appearance
 from datagen.coeffs_cli import coeffs, fit
 from datagen.inspection.inspect_cli import preview, verify
 from datagen.inspection.summary_cli import card, stats
@@ -58,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``datagen``."""
     commands: dict[str, Callable[..., int]] = {
         "sample": sample,
+        "appearance": appearance,
         "render": render,
         "verify": verify,
         "preview": preview,

@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import textwrap
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -55,9 +56,9 @@ def to_toml(configuration: Any, table: str = "") -> str:
             tables.append(to_toml(value, f"{table}.{field.name}".lstrip(".")))
             continue
         if field.name in described:
-            lines.append(f"# {described[field.name]}")
+            lines += textwrap.wrap(described[field.name], 100, initial_indent="# ", subsequent_indent="# ")
         lines.append(f"{field.name} = {_toml_value(value)}")
-    return "\n".join(["\n".join(lines), *tables] if lines else tables) + "\n"
+    return "\n".join(["\n".join(lines) + "\n", *tables])
 
 
 def _value(old: Any, new: Any, where: str) -> Any:

@@ -38,7 +38,7 @@ def draw_person(rng: np.random.Generator) -> Person:
     mean, spread = weights @ _MELANIN
     femininity = float(np.clip(rng.choice([0.0, 1.0]) + rng.normal(0, 0.12), 0, 1))
     return Person(
-        age_years=round(float(rng.triangular(16, 30, 85)), 1),
+        age_years=round(float(rng.triangular(16, 26, 76)), 1),
         femininity=round(femininity, 3),
         african=round(float(weights[0]), 3),
         asian=round(float(weights[1]), 3),
