@@ -7,12 +7,13 @@ Source: Crispell and Bazik 2017, Sec. 3.2; ranges of the authors' code.
 Deviation from the authors' code: gamma acts on [0, 1]; there it acted on 0 to 255.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32, Int64, UInt8
 from numpy import ndarray
 
 from pix2face.crops import Crop, FaceBox, centres_to_integers, crop_image, square_crop
@@ -120,23 +121,30 @@ def crop_maps(maps: FaceMaps, crop: Crop) -> FaceMaps:
     if not maps.mask.size:  # cut to a face that is not there; OpenCV resamples no empty picture
         maps = FaceMaps(*(np.zeros((1, 1, *values.shape[2:]), values.dtype) for values in maps.layers().values()))
     weight = _warp(maps.mask.astype(np.float32), crop, cv2.INTER_LINEAR)
-    nearest_mask = _warp(maps.mask.astype(np.uint8), crop, cv2.INTER_NEAREST) > 0
     # Value (i, j) stands for the cell between the centres of pixels (i, j) and (i + 1, j + 1), half a pixel further.
     over_step = _warp(cells_over_steps(maps.pncc, maps.mask), crop, cv2.INTER_NEAREST, centre_px=1.0) > 0
-    mask = np.where(over_step, nearest_mask, weight > 0.5)
-    share = mask / np.maximum(weight, np.float32(0.5))
-    copied = mask & over_step
-    pncc, offset = (_resampled(values, crop, share, copied) for values in (maps.pncc, maps.offset))
-    if crop.is_mirrored:
-        pncc[..., 0] *= -1
-        offset[..., 0] *= -1
-    return FaceMaps(pncc, offset, mask)
+    rows, columns, is_inside = _nearest_pixels(over_step, crop, maps.mask.shape)
+    is_face = is_inside & maps.mask[rows, columns]
+    mask = weight > 0.5
+    mask[over_step] = is_face
+    partial = mask & (weight < 1)
+    share = np.maximum(weight[partial], np.float32(0.5))[:, None]
+    resampled: list[Float32[ndarray, "s s 3"]] = []
+    for values in (maps.pncc, maps.offset):
+        # What is copied by a mask is 0 elsewhere.
+        blended = cv2.copyTo(_warp(values, crop, cv2.INTER_LINEAR), mask.view(np.uint8))
+        blended[partial] = np.divide(blended[partial], share)
+        blended[over_step] = values[rows, columns] * is_face[:, None]
+        if crop.is_mirrored:
+            np.negative(blended[..., 0], out=blended[..., 0])
+        resampled.append(blended)
+    return FaceMaps(resampled[0], resampled[1], mask)
 
 
 def cells_over_steps(pncc: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w"]:
     """Which cells of four pixel centres the surface jumps in; (i, j) is that of (i, j) to (i + 1, j + 1)."""
-    across = _jumps(pncc, mask)
-    down = _jumps(pncc.transpose(1, 0, 2), mask.T).T
+    planes = cv2.split(np.ascontiguousarray(pncc))
+    across, down = _jumps(planes, mask), _jumps([plane.T for plane in planes], mask.T).T
     cells = np.zeros(mask.shape, dtype=bool)
     cells[:, :-1] = across
     cells[:-1, :-1] |= across[1:] | down[:, 1:]
@@ -144,27 +152,35 @@ def cells_over_steps(pncc: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]
     return cells.astype(np.uint8)
 
 
-def _jumps(pncc: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w-1"]:
-    """Whether the surface jumps between a pixel and the next one of its row; background does not count."""
-    difference = np.diff(pncc, axis=1)
-    # Twice as fast as np.linalg.norm over so short an axis.
-    change = np.sqrt(np.einsum("hwc,hwc->hw", difference, difference)) * (mask[:, 1:] & mask[:, :-1])
-    padded = np.pad(change, ((0, 0), (1, 1)))
-    beside = np.maximum(padded[:, :-2], padded[:, 2:])
-    return np.asarray((change > STEP_MM) & (change > STEP_RATIO * beside))
+def _jumps(planes: Sequence[Float32[ndarray, "h w"]], mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h n"]:
+    """Whether the surface jumps between a pixel and the next one of its row (n = w - 1); background does not count.
+
+    Args:
+        planes: x, y and z of the surface.
+        mask: Where there is one.
+    """
+    squared = np.square(planes[0][:, 1:] - planes[0][:, :-1])
+    for plane in planes[1:]:
+        squared += np.square(plane[:, 1:] - plane[:, :-1])
+    squared *= mask[:, 1:] & mask[:, :-1]
+    beside = np.zeros_like(squared)
+    beside[:, 1:] = squared[:, :-1]
+    np.maximum(beside[:, :-1], squared[:, 1:], out=beside[:, :-1])
+    return np.asarray((squared > STEP_MM**2) & (squared > STEP_RATIO**2 * beside))
 
 
-def _resampled(
-    values: Float32[ndarray, "h w 3"],
-    crop: Crop,
-    share: Float32[ndarray, "s s"],
-    copied: Bool[ndarray, "s s"],
-) -> Float32[ndarray, "s s 3"]:
-    """The blend of four pixels over the share of them that is valid, or the nearest pixel where ``copied``."""
-    blended = _warp(values, crop, cv2.INTER_LINEAR) * share[..., None]
-    if copied.any():
-        blended[copied] = _warp(values, crop, cv2.INTER_NEAREST)[copied]
-    return blended
+def _nearest_pixels(
+    chosen: Bool[ndarray, "s s"], crop: Crop, size_px: tuple[int, ...]
+) -> tuple[Int64[ndarray, " n"], Int64[ndarray, " n"], Bool[ndarray, " n"]]:
+    """Rows and columns of the picture's pixels in which the centres of some of the crop's pixels lie.
+
+    Where they lie beyond its border, the nearest ones there are; the last array says where they do not.
+    """
+    rows, columns = np.nonzero(chosen)
+    points = crop.to_image(np.stack([columns, rows], axis=1) + 0.5)
+    found = np.floor(points).astype(np.int64)[:, ::-1]
+    nearest = np.clip(found, 0, np.array(size_px) - 1)
+    return nearest[:, 0], nearest[:, 1], (found == nearest).all(axis=1)
 
 
 def _warp(values: ndarray, crop: Crop, interpolation: int, centre_px: float = 0.5) -> ndarray:
