@@ -166,6 +166,8 @@ def _draw_kind(rng: np.random.Generator, config: BackdropConfig, light: Light) -
     same, other = config.same_environment_weight, config.other_environment_weight
     if not light.panoramas:  # lamps alone: the share of the environment goes to the others
         same = 0.0
+    elif light.kind in ("backlit", "silhouette"):  # the light behind is seen
+        same *= 3
     weights = np.array([same, other, config.plain_weight, config.pattern_weight])
     if not weights.sum() > 0:
         weights[1] = 1.0
