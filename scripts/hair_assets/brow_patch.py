@@ -18,7 +18,7 @@ ANGLES_DEG = (-2.0, 60.0)
 HEIGHTS_MM = (24.0, 60.0)
 ROWS, COLUMNS = 144, 256
 # The patch reaches this far beyond where any brow has hair, so that they can be moved about.
-MARGIN_PX = 12
+MARGIN_PX = 6
 FOREMOST_REGIONS = ("skin", "brows")
 
 
@@ -44,7 +44,7 @@ def build_brow_patch(base: BaseHead, brows: list[Proxy]) -> BrowPatch:
     """Cuts the patch out of the head and bakes the brows onto it."""
     textures = np.stack([_bake(brow) for brow in brows])
     uv = brow_places(base.head)
-    rows, columns = np.nonzero(textures[..., 1].max(axis=0) > 24)
+    rows, columns = np.nonzero(textures[..., 1].max(axis=0) > 40)
     low = (np.array([columns.min(), rows.min()]) - MARGIN_PX) / [COLUMNS, ROWS]
     high = (np.array([columns.max(), rows.max()]) + MARGIN_PX) / [COLUMNS, ROWS]
     near = (uv > low).all(axis=1) & (uv < high).all(axis=1) & (base.head[:, 2] > 40) & (base.head[:, 0] > -1e-3)

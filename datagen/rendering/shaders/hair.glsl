@@ -19,12 +19,18 @@ vec3 strand_direction(vec3 position, vec2 uv, vec2 twice) {
     return direction / max(length(direction), 1e-9);
 }
 
+// Smooth, 0..1; far cheaper than value noise, of which every pixel of every layer of strands would need some.
+float waves(vec3 p) {
+    return 0.5 + 0.25 * (sin(p.x + 1.7 * sin(0.7 * p.y + 1.3 * p.z)) + sin(p.z + 1.9 * sin(0.6 * p.x - 1.1 * p.y)));
+}
+
 Surface hair_material(Surface s, vec2 uv) {
     vec4 texel = has_texture ? texture(material_texture, vec3(uv, float(material_layer))) : vec4(0.5, 1.0, 0.0, 0.5);
+    if (texel.g < 0.02) discard;
     bool is_hair = material_numbers.x < 0.5;
     float grey = texel.r;
-    float patch_noise = noise3(s.position * 0.11 + hair_reach.z);
-    float streak_noise = noise3(s.position * vec3(0.16, 0.03, 0.16) + hair_reach.z + 40.0);
+    float patch_noise = waves(s.position * 0.21 + hair_reach.z);
+    float streak_noise = waves(s.position * vec3(0.31, 0.05, 0.31) + hair_reach.z + 40.0);
 
     float tips = smoothstep(hair_reach.x, hair_reach.y, s.position.y + 30.0 * (streak_noise - 0.5));
     float roots = hair_mix.z * smoothstep(105.0, 140.0, s.position.y);
