@@ -135,6 +135,7 @@ def _tone(skin: Skin) -> dict[str, UniformValue]:
         "skin_blotches": (*(even * amount for amount in skin.blotches), *skin.noise_offset),
         "skin_freckles": (skin.freckles[0], even * skin.freckles[1], even * skin.age_spots, float(skin.vitiligo)),
         "skin_finish": (skin.pores * (0.5 + 0.5 * even), skin.oil, skin.roughness, skin.tan),
+        "skin_spot_count": min(len(skin.marks), MAX_MARKS),
         "skin_spots": places,
         "skin_spot_paint": paints,
     }

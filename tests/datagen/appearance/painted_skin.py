@@ -68,10 +68,12 @@ class PaintedSkin:
 
 
 @contextmanager
-def painted_skin(model: MorphableModel, gl: GLContext, shown: str = ALBEDO) -> Iterator[PaintedSkin]:
-    """A drawer that shows ``ALBEDO`` or ``RELIEF``."""
+def painted_skin(
+    model: MorphableModel, gl: GLContext, shown: str = ALBEDO, others: Mapping[str, str] | None = None
+) -> Iterator[PaintedSkin]:
+    """A drawer that shows ``ALBEDO`` or ``RELIEF``; ``others`` are shaders in place of the project's."""
     light = f"vec3 light(Surface s, vec3 towards_camera) {{ return {shown}; }}\n"
-    bodies = {**_OTHER_PARTS, "light": light + "vec3 mirrored(vec3 direction) { return vec3(0.0); }"}
+    bodies = {**_OTHER_PARTS, "light": light + "vec3 mirrored(vec3 direction) { return vec3(0.0); }", **(others or {})}
 
     def replaced(version: int, *names: str) -> str:
         parts = [bodies.get(name) or shader_source(version, name).partition("\n")[2] for name in names]
