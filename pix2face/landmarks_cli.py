@@ -17,6 +17,7 @@ from pix2face.camera import Camera
 from pix2face.coefficients import load_coefficients
 from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, progress_bar, say
 from pix2face.crops import FaceBox
+from pix2face.default_checkpoint import default_checkpoint
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.fitting.face_fit import fit_face
 from pix2face.images import read_photograph
@@ -27,7 +28,6 @@ from pix2face.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.photographs.photograph_jobs import write_picture
 from pix2face.predictor import Predictor
-from pix2face.runs import latest_checkpoint
 
 PROBLEMS_SHOWN = 10
 console = Console(stderr=True)
@@ -48,7 +48,7 @@ class LandmarksSelectConfig:
     scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = IBUG68
     """Which points the annotations hold."""
     checkpoint: Path | None = None
-    """Fit the maps that this network predicts, as the paper does; default is the last one below runs/."""
+    """Fit the maps that this network predicts, as the paper does; default is the packaged one, or the last of runs/."""
     coeffs: Path | None = None
     """Take the fits of this table instead (as ``datagen fit`` writes it), matched by name."""
     model: str = BUILTIN_MODEL
@@ -108,7 +108,7 @@ def _select(config: LandmarksSelectConfig) -> int:
     if config.coeffs is not None:
         fit_frame, origin = _given_fits(model, config.coeffs), str(config.coeffs.name)
     else:
-        checkpoint = config.checkpoint or latest_checkpoint()
+        checkpoint = config.checkpoint or default_checkpoint()
         fit_frame, origin = _predicted_fits(model, checkpoint), f"maps predicted by {checkpoint.name}"
     problems = _measure(annotations, fit_frame, candidates, errors, config)
     if len(problems) == len(annotations):

@@ -15,6 +15,7 @@ from numpy import ndarray
 
 from pix2face import __version__
 from pix2face.contour_landmarks import contour_landmarks2d
+from pix2face.default_checkpoint import default_checkpoint
 from pix2face.detection import open_detector
 from pix2face.evaluation.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.detection_boxes import DetectedBox
@@ -34,7 +35,6 @@ from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
 from pix2face.morphable_model import MorphableModel
 from pix2face.predictor import Predictor
-from pix2face.runs import latest_checkpoint
 
 
 @final
@@ -95,7 +95,7 @@ def versions() -> dict[str, str]:
 
 
 def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, dict[str, Any]]:
-    checkpoint = options.checkpoint or latest_checkpoint()
+    checkpoint = options.checkpoint or default_checkpoint()
     predictor = Predictor.load(checkpoint)
     predictor.header.check_model(model.name, model.sha256)
     subject = NetworkSubject(

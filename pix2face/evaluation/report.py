@@ -86,11 +86,12 @@ def pose_cells(report: Report) -> Cells | None:
     if report.poses is None:
         return None
     columns = ["pose, degrees", report.manifest.what_is_counted + "s"]
-    columns += [f"{angle} {what}" for angle in ANGLES for what in ("MAE", "bias")] + ["|yaw| bias"]
+    columns += [f"{angle} {what}" for angle in ANGLES for what in ("MAE", "bias")] + ["mean of MAEs", "|yaw| bias"]
     lines = []
     for name, own in report.poses.items():
         figures = [_number(values[angle], 1) for angle in ANGLES for values in (own.mean_absolute_deg, own.bias_deg)]
-        lines.append([SHORT_GROUPS.get(name, name), str(own.n_images), *figures, _number(own.yaw_shrinkage_deg, 1)])
+        figures += [_number(own.mean_of_angles_deg, 1), _number(own.yaw_shrinkage_deg, 1)]
+        lines.append([SHORT_GROUPS.get(name, name), str(own.n_images), *figures])
     return columns, lines
 
 

@@ -9,6 +9,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.crops import FaceBox, image_centre_in_crop
+from pix2face.default_checkpoint import default_checkpoint
 from pix2face.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
@@ -17,7 +18,6 @@ from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.photographs.interface_checks import check_box, check_photograph
 from pix2face.predictor import Prediction, Predictor
 from pix2face.refined_detection import find_faces
-from pix2face.runs import latest_checkpoint
 
 
 @final
@@ -74,7 +74,7 @@ class Pix2Face:
         """Opens a checkpoint and the model that it was trained for.
 
         Args:
-            checkpoint: What training wrote; None takes the last one below ``runs/``.
+            checkpoint: What training wrote; None takes the packaged one, or else the last below ``runs/``.
             model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
             device: Name of a torch device; None takes a GPU where there is one.
             detector: Name of a face detector, one of ``pix2face.detection.DETECTORS``.
@@ -83,9 +83,9 @@ class Pix2Face:
         Raises:
             InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
             ModelMismatchError: The checkpoint was trained for another model.
-            UsageError: No checkpoint was named, and there is none below ``runs/``; or no such detector or device.
+            UsageError: No checkpoint was named, and there is none to take instead; or no such detector or device.
         """
-        path = latest_checkpoint() if checkpoint is None else Path(checkpoint)
+        path = default_checkpoint() if checkpoint is None else Path(checkpoint)
         opened = open_model(model) if isinstance(model, str) else model
         return cls(Predictor.load(path, device), opened, open_detector(detector), refine)
 

@@ -17,13 +17,13 @@ from rich.console import Console
 from pix2face.box_files import read_box_file
 from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
 from pix2face.crops import FaceBox
+from pix2face.default_checkpoint import default_checkpoint
 from pix2face.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.fitting.picture_measurement import CameraKind
 from pix2face.landmark_file import open_model_with
 from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.predictor import Predictor
-from pix2face.runs import latest_checkpoint
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.face_follower import (
     IDENTITY_FRAMES,
@@ -64,7 +64,7 @@ class TrackConfig:
     out: Path = Path("out/track")
     """Folder for boxes, landmarks, overlay and summary."""
     checkpoint: Path | None = None
-    """What training wrote; default is the last one below runs/."""
+    """What training wrote; default is the packaged one, or the last below runs/."""
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
     landmarks: Path | None = None
@@ -104,7 +104,7 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     _silence_decoders()
     source = open_frames(config.video)
     model = open_model_with(config.model, config.landmarks)
-    predictor = Predictor.load(config.checkpoint or latest_checkpoint(), config.device)
+    predictor = Predictor.load(config.checkpoint or default_checkpoint(), config.device)
     predictor.header.check_model(model.name, model.sha256)
     slides_jaw = config.contour == "2d"
     fitter = FrameFitter(predictor, model, config.camera, config.regularisation, config.refine, slides_jaw)

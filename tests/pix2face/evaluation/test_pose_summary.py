@@ -27,6 +27,7 @@ def test_errors_are_summed_up_by_bin_of_the_true_yaw():
     assert (front.n_images, middle.n_images, side.n_images, everything.n_images) == (2, 0, 1, 3)
     assert front.mean_absolute_deg == pytest.approx({"pitch": 2, "yaw": 3, "roll": 3})
     assert front.bias_deg == pytest.approx({"pitch": -1, "yaw": 1, "roll": 3})
+    assert (front.mean_of_angles_deg, middle.mean_of_angles_deg) == (pytest.approx(8 / 3), None)
     # Both heads are taken for less turned than they are: by 2 and by 4 degrees.
     assert front.yaw_shrinkage_deg == pytest.approx(-3)
     assert side.yaw_shrinkage_deg == pytest.approx(-10)
