@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from datagen.appearance.configuration import load_configuration
 from datagen.appearance_cli import appearance
 from datagen.coeffs_cli import coeffs, fit
 from datagen.inspection.inspect_cli import preview, verify
@@ -17,7 +18,6 @@ from datagen.jobs.render_cli import render
 from datagen.model_cli import model
 from datagen.opengl.doctor_cli import doctor
 from datagen.sampling import sample_faces
-from datagen.sampling_configuration import load_geometry
 from pix2face.coefficients import save_coefficients
 from pix2face.command_line import check_output_file, counted, run_commands, say
 from pix2face.morphable_model import BUILTIN_MODEL, open_model
@@ -47,7 +47,7 @@ class SampleConfig:
 def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:
     """Draw plausible faces, poses and cameras, and write them as a table of coefficients."""
     check_output_file(config.out, (".h5",))
-    geometry = load_geometry(config.appearance)
+    geometry = load_configuration(config.appearance).geometry
     table = sample_faces(open_model(config.model), config.n, config.seed, config.size, geometry)
     save_coefficients(table, config.out)
     say(console, f"{counted(len(table), 'face')} of {table.model_name} -> {config.out}")

@@ -6,11 +6,9 @@ docs/sampling.md says what comes of them.
 import math
 from dataclasses import dataclass, fields
 from itertools import pairwise
-from pathlib import Path
 from typing import final
 
-from datagen.appearance.configuration_files import read_toml, replaced
-from pix2face.errors import InputFileError, UsageError
+from pix2face.errors import UsageError
 
 
 @final
@@ -165,30 +163,6 @@ HARD_GEOMETRY = GeometryConfig(
     wink_share=0.05,
     half_shut_share=0.15,
 )
-
-GEOMETRIES = {"plain": PLAIN_GEOMETRY, "default": DEFAULT_GEOMETRY, "hard": HARD_GEOMETRY}
-
-
-def load_geometry(name_or_path: str) -> GeometryConfig:
-    """The geometry of a preset, or of the table ``[geometry]`` of a TOML file; what that leaves out is ``default``'s.
-
-    Raises:
-        InputFileError: It is neither a preset nor a file that can be read.
-        UsageError: It says what cannot be drawn.
-    """
-    if name_or_path in GEOMETRIES:
-        return GEOMETRIES[name_or_path]
-    path = Path(name_or_path)
-    if not path.is_file():
-        raise InputFileError(
-            f"--appearance: expected {', '.join(GEOMETRIES)} or a TOML file, found {name_or_path!r}, which is neither"
-        )
-    table = read_toml(path).get("geometry", {})
-    if not isinstance(table, dict):
-        raise InputFileError(f"{path}: expected a table [geometry], found {table!r}")
-    geometry = replaced(DEFAULT_GEOMETRY, table, f"{path}: [geometry]")
-    geometry.check()
-    return geometry
 
 
 def _check_range(name: str, values: tuple[float, ...], low: float, high: float) -> None:

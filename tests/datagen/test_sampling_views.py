@@ -9,20 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from datagen.cli import main
 from datagen.random_streams import generator_for
 from datagen.sampling import sample_faces
 from datagen.sampling_configuration import (
     DEFAULT_GEOMETRY,
-    GEOMETRIES,
     HARD_GEOMETRY,
     PLAIN_GEOMETRY,
     GeometryConfig,
-    load_geometry,
 )
 from datagen.sampling_views import PhotographedView, camera_attributes, draw_photographed_view, photograph_face
 from pix2face.camera import Camera, HeadPose, WeakPerspective, head_pose, pinhole_of, weak_perspective_camera
+from pix2face.coefficients import load_coefficients
 from pix2face.crops import FaceBox
-from pix2face.errors import InputFileError, UsageError
+from pix2face.errors import UsageError
 from pix2face.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
@@ -147,9 +147,9 @@ def test_identities_have_far_ones_but_are_else_normal() -> None:
     assert abs(float(usual.identity.std()) - 1) < 0.03
 
 
-@pytest.mark.parametrize("name", GEOMETRIES)
-def test_presets_are_sound(name: str) -> None:
-    load_geometry(name).check()
+@pytest.mark.parametrize("geometry", [DEFAULT_GEOMETRY, HARD_GEOMETRY, PLAIN_GEOMETRY])
+def test_presets_are_sound(geometry: GeometryConfig) -> None:
+    geometry.check()
 
 
 @pytest.mark.parametrize(
@@ -175,16 +175,17 @@ def test_every_field_is_explained() -> None:
     assert all(f"    {field.name}: " in described for field in fields(GeometryConfig))
 
 
-def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text("[geometry]\nwide_yaw_share = 0.5\npicture_per_box = [1.4, 1.8]\n[skin]\nx = 1\n", encoding="utf-8")
-    assert load_geometry(str(path)) == replace(DEFAULT_GEOMETRY, wide_yaw_share=0.5, picture_per_box=(1.4, 1.8))
-    assert load_geometry("plain") is PLAIN_GEOMETRY
-    path.write_text("[geometry]\nwide_yaw = 0.5\n", encoding="utf-8")
-    with pytest.raises(InputFileError, match="found 'wide_yaw'"):
-        load_geometry(str(path))
-    path.write_text("[geometry]\nwide_yaw_share = 5\n", encoding="utf-8")
-    with pytest.raises(UsageError, match="wide_yaw_share"):
-        load_geometry(str(path))
-    with pytest.raises(InputFileError, match="expected plain, default, hard or a TOML file, found 'easy'"):
-        load_geometry("easy")
+def test_the_command_draws_what_a_file_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    appearance, table = tmp_path / "mine.toml", tmp_path / "faces.h5"
+    appearance.write_text("[geometry]\nwide_yaw_share = 0.5\npicture_per_box = [1.4, 1.8]\n", encoding="utf-8")
+    command = ["sample", "--n", "2", "--out", str(table), "--appearance"]
+    assert main([*command, str(appearance)]) == 0
+    config = replace(DEFAULT_GEOMETRY, wide_yaw_share=0.5, picture_per_box=(1.4, 1.8))
+    expected = sample_faces(builtin_model(), 2, 0, 256, config)
+    np.testing.assert_array_equal(load_coefficients(table).cameras, expected.cameras)
+    assert main([*command, "plain"]) == 0
+    np.testing.assert_array_equal(load_coefficients(table).cameras, sample_faces(builtin_model(), 2, 0, 256).cameras)
+    appearance.write_text("[geometry]\nwide_yaw_share = 5.0\n", encoding="utf-8")
+    capsys.readouterr()
+    assert main([*command, str(appearance)]) == 2
+    assert "wide_yaw_share: expected a share, 0 to 1, found 5.0" in capsys.readouterr().err
