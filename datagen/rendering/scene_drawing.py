@@ -193,8 +193,19 @@ class SceneDrawer:
         target.colours.clear()
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._whole["head"].render(moderngl.TRIANGLES, vertices=3)
+        if not self._objects.opaque:
+            return
+        # Depth first: what another object hides, or the front of its own, is not worth shading.
+        target.colours.color_mask = False, False, False, False
+        target.colours.use()
+        for run in self._objects.opaque:
+            self._objects.draw("bare", run)
+        target.colours.color_mask = True, True, True, True
+        target.colours.use()
+        self._context.depth_func = "<="
         for run in self._objects.opaque:
             self._draw_run(scene, run, "object")
+        self._context.depth_func = "<"
 
     def _draw_edges(self, target: SceneTarget) -> None:
         """Step 5."""

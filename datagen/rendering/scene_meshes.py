@@ -124,15 +124,19 @@ def far_to_near(
     owner = np.repeat(np.arange(len(triangles)), [len(each) for each in triangles])
     corners = np.concatenate(triangles)
     middle = depth[corners[:, 0]] + depth[corners[:, 1]] + depth[corners[:, 2]]
+    order = np.argsort(-middle, kind="stable")
     if len(triangles) == 1:
-        return np.argsort(-middle, kind="stable"), [(0, len(owner))]
-    low, extent = float(middle.min()), max(float(np.ptp(middle)), 1e-6)
+        return order, [(0, len(owner))]
     mean = np.bincount(owner, weights=middle) / np.maximum(np.bincount(owner), 1)
     rank = np.empty(len(mean), dtype=np.int64)
     rank[np.argsort(-mean, kind="stable")] = np.arange(len(mean))
+    by_depth, sorted_rank, sorted_depth = order, rank[owner[order]], middle[order]
+    share = (sorted_depth[0] - sorted_depth) / max(float(sorted_depth[0] - sorted_depth[-1]), 1e-6)
     for slabs in (256, 64, 32, 16, 8, 4, 2, 1):
-        slab = np.minimum((slabs * (1 - (middle - low) / extent)).astype(np.int64), slabs - 1)
-        order = np.lexsort((-middle, rank[owner], slab))
+        slab = np.minimum((slabs * share).astype(np.int64), slabs - 1)
+        key = slab * len(mean) + sorted_rank
+        # Numbers of 16 bits are sorted in one go.
+        order = by_depth[np.argsort(key.astype(np.uint16) if key.max() < 1 << 16 else key, kind="stable")]
         starts = np.flatnonzero(np.diff(owner[order], prepend=-1))
         if len(starts) <= max(MAX_TURNS, len(triangles)):
             break

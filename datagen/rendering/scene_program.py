@@ -1,5 +1,6 @@
 """Programs that draw scenes: which shaders they are made of, their uniforms by name, and the textures they read."""
 
+import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, final
 
@@ -62,13 +63,12 @@ class SceneProgram:
         source = "\n".join([version, *(f"#define {name}" for name in defines), body])
         self.program = context.program(vertex_shader=shader_source(330, vertex), fragment_shader=source)
         members: dict[str, Any] = {name: self.program[name] for name in self.program}
-        self._uniforms: dict[str, Any] = {
-            name: each for name, each in members.items() if isinstance(each, moderngl.Uniform)
-        }
+        uniforms: dict[str, Any] = {name: each for name, each in members.items() if isinstance(each, moderngl.Uniform)}
+        self._uniforms = {name: _Slot(name, each) for name, each in uniforms.items()}
         self.attributes = {name for name, each in members.items() if isinstance(each, moderngl.Attribute)}
         self.set(UNITS)
         # Textures that nobody gives: two kinds of samplers must not read the same unit.
-        arrays = [name for name, each in self._uniforms.items() if each.gl_type == SAMPLER_2D_ARRAY]
+        arrays = [name for name, each in uniforms.items() if each.gl_type == SAMPLER_2D_ARRAY]
         self.set(dict.fromkeys(arrays, UNITS["no_texture"]))
 
     def set(self, values: Mapping[str, UniformValue]) -> None:
@@ -82,7 +82,7 @@ class SceneProgram:
         for name, value in values.items():
             found = self._uniforms.get(name)
             if found is not None:
-                found.write(_packed(found, name, value))
+                found.write(value)
 
     def release(self) -> None:
         """Gives it back to the driver."""
@@ -130,23 +130,44 @@ def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) 
     return SceneProgram(context, "scene_vertex", (*_BEFORE, *paint), (kind.upper(),))
 
 
-def _packed(found: Any, name: str, value: UniformValue) -> bytes:
-    """The bytes of a value, as many as the uniform has."""
-    kind = {"f": np.float32, "i": np.int32, "u": np.uint32}[found.fmt[-1]]
-    numbers = np.asarray(value, dtype=kind)
-    if found.matrix:
-        numbers = np.swapaxes(numbers, -1, -2)
-    wanted, given = found.array_length * found.dimension, numbers.size
-    if given != wanted:
+@final
+class _Slot:
+    """A uniform, and how its bytes are made.
+
+    Args:
+        name: Its name.
+        found: It.
+    """
+
+    def __init__(self, name: str, found: Any) -> None:
+        self._name, self._uniform = name, found
+        kind = found.fmt[-1]
+        self._kind = {"f": np.float32, "i": np.int32, "u": np.uint32}[kind]
+        self._size = found.array_length * found.dimension
+        self._pack = struct.Struct(f"{self._size}{'I' if kind == 'u' else kind}").pack
+
+    def write(self, value: UniformValue) -> None:
+        """Sets it."""
+        if isinstance(value, int | float) and self._size == 1:
+            self._uniform.write(self._pack(value))
+        elif isinstance(value, tuple) and len(value) == self._size:
+            self._uniform.write(self._pack(*value))
+        else:
+            self._uniform.write(self._packed(np.asarray(value, dtype=self._kind)))
+
+    def _packed(self, numbers: ndarray) -> bytes:
+        found = self._uniform
+        if found.matrix:
+            numbers = np.swapaxes(numbers, -1, -2)
+        if numbers.size == self._size:
+            return numbers.tobytes()
         # The shader's compiler drops the tail of an array that is never read.
-        if given % found.dimension or not _is_array(found, numbers):
-            raise UsageError(f"{name}: expected {wanted} numbers, as the shader says, found {numbers.shape}")
-        numbers = np.resize(np.append(numbers.reshape(-1), np.zeros(wanted, dtype=kind)), wanted)
-    return numbers.tobytes()
-
-
-def _is_array(found: Any, numbers: ndarray) -> bool:
-    return bool(numbers.ndim == 1 + (found.dimension > 1) + bool(found.matrix))
+        is_array = numbers.ndim == 1 + (found.dimension > 1) + bool(found.matrix)
+        if not is_array or numbers.size % found.dimension:
+            raise UsageError(f"{self._name}: expected {self._size} numbers, as the shader says, found {numbers.shape}")
+        padded = np.zeros(self._size, dtype=self._kind)
+        padded[: numbers.size] = numbers.reshape(-1)[: self._size]
+        return padded.tobytes()
 
 
 def _uploaded(name: str, texture: Texture, context: moderngl.Context) -> moderngl.TextureArray:

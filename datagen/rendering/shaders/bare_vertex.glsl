@@ -2,6 +2,8 @@
 
 uniform mat4 clip_from_model;
 
+invariant gl_Position;  // depth is drawn by one program and compared by another
+
 in vec3 vertex;
 
 void main() {
