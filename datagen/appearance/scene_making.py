@@ -8,9 +8,9 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from datagen.appearance.accessories.choice import accessory_meshes, hidden_hair
-from datagen.appearance.hair import hair_meshes, hair_uniforms
+from datagen.appearance.hair import Hair, hair_meshes, hair_uniforms
 from datagen.appearance.light import light_uniforms, shadow_lights
-from datagen.appearance.scene import PosedHead, Scene
+from datagen.appearance.scene import PosedHead, Scene, UniformValue
 from datagen.appearance.skin import Skin, skin_uniforms
 from datagen.appearance.skin_tone import albedo_of_skin, density_of_melanin
 from datagen.appearance.surface import Surface
@@ -57,11 +57,23 @@ class SceneMaker:
         grown = hair_meshes(hair, head, hidden_hair(appearance.accessories))
         uniforms = {
             **skin_uniforms(skin, head),
+            **_hair_on_skin(hair),
             **hair_uniforms(hair),
             **light_uniforms(appearance.light, face.camera),
         }
         lights = shadow_lights(appearance.light, face.camera)
         return Scene(head=head, meshes=(*grown, *worn), uniforms=uniforms, lights=lights)
+
+
+def _hair_on_skin(hair: Hair) -> dict[str, UniformValue]:
+    """Hair that is too short for meshes, in the colour of the rest; brows are meshes."""
+    return {
+        "skin_hair_colour": hair.scalp_colour,
+        "skin_scalp_hair": hair.scalp_density,
+        "skin_beard_colour": hair.scalp_colour,
+        "skin_brow_colour": hair.brows.colour,
+        "skin_brow_strength": 0.0,
+    }
 
 
 def _colour(skin: Skin) -> tuple[float, float, float]:
