@@ -75,7 +75,7 @@ class PhotographConfig:
     bad_interlace: float = 0.25
     bad_posterised: float = 0.2
     bad_glare: float = 0.6
-    face_metering_share: float = 0.6
+    face_metering_share: float = 0.7
     metering_strength: tuple[float, float] = (0.65, 1.0)
     exposure_error_ev: float = 0.35
     largest_exposure_error_ev: float = 1.6
