@@ -12,8 +12,9 @@ from datagen.appearance.skin_layout import AGES, ORIGINS, SEXES, SKINS
 from datagen.appearance.skin_make_up import Colour, MakeUp, draw_make_up
 from datagen.appearance.skin_marks import Mark, draw_marks
 
-# Of all persons.
+# Of all persons; and where the scale's ends begin to grow rare: beyond, differences shrink instead of piling up.
 MIDDLE_MELANIN = 0.43
+RARE_BELOW, RARE_ABOVE = 0.15, 0.78
 
 
 @final
@@ -87,8 +88,7 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
         UsageError: The configuration does not hold together.
     """
     config.check()
-    wanted = MIDDLE_MELANIN + config.melanin_contrast * (person.melanin - MIDDLE_MELANIN)
-    melanin = float(np.clip(wanted + rng.normal(0, config.melanin_spread), rng.uniform(0, 0.08), rng.uniform(0.9, 1)))
+    melanin = _draw_melanin(rng, config, person)
     textures, weights = _draw_textures(rng, person)
     age = np.clip((person.age_years - 20) / 65, 0, 1)
     flush = rng.uniform(*config.flush) * (rng.uniform(2, 4) if rng.random() < config.sunburn_share else 1.0)
@@ -122,6 +122,15 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
         eyes=draw_eyes(rng, config, person),
         mouth=draw_mouth(rng, config, person),
     )
+
+
+def _draw_melanin(rng: np.random.Generator, config: SkinConfig, person: Person) -> float:
+    wanted = MIDDLE_MELANIN + config.melanin_contrast * (person.melanin - MIDDLE_MELANIN)
+    wanted += rng.normal(0, config.melanin_spread)
+    if wanted > RARE_ABOVE:
+        room = 1 - RARE_ABOVE
+        return float(RARE_ABOVE + room * (1 - np.exp(-(wanted - RARE_ABOVE) / room)))
+    return float(max(wanted, RARE_BELOW * np.exp(min(wanted - RARE_BELOW, 0) / RARE_BELOW)))
 
 
 def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str, str, str], tuple[float, float, float]]:

@@ -151,8 +151,8 @@ Surface outside_of_head(Surface s, vec2 uv, vec3 place, vec4 paint0, vec4 paint1
     s.normal = normalize(n + tilt - n * dot(n, tilt));
     float wet = lips * (0.25 + skin_make_up.x) + ramp(1.6, 0.2, lid_mm) * 0.6;
     float sheen = skin_finish.y * (0.35 + 0.65 * oil) * (1.0 - 0.7 * crop) * (0.8 + 0.4 * spotted.b);
-    s.roughness = clamp(skin_finish.z - 0.22 * sheen - 0.25 * wet + 0.1 * (fine.b - 0.5) + 0.2 * crop, 0.14, 0.9);
-    s.reflectance = 0.028 + 0.022 * sheen + 0.015 * wet;
+    s.roughness = clamp(skin_finish.z - 0.30 * sheen - 0.25 * wet + 0.1 * (fine.b - 0.5) + 0.2 * crop, 0.14, 0.9);
+    s.reflectance = 0.028 + 0.026 * sheen + 0.015 * wet;
     s.scatter = (1.0 - 0.8 * crop) * (1.0 - 0.6 * skin_face_paint_a.w) * (1.0 + 0.8 * ear);
     s.albedo = clamp(albedo, 0.004, 0.95);
     return s;
