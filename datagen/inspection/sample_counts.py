@@ -18,6 +18,7 @@ from datagen.inspection.dataset_statistics import CoefficientStatistics, Dataset
 from pix2face.camera import head_pose
 from pix2face.crops import FaceBox
 from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.sample_filter import SampleFilter
 from pix2face.shards.shard_reader import ShardReader, Triplet, shard_paths
 
 ANGLE_EDGES = (-180, *range(-90, 91, 15), 180)
@@ -29,25 +30,33 @@ FAR_SD = 3.0
 LARGEST_KINDS = 200
 
 
-def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None) -> DatasetStatistics:
+def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None, where: str = "") -> DatasetStatistics:
     """Counts a folder of shards.
 
     Args:
         shards: The folder.
         on_shard: Called after each shard.
+        where: What a sample's attributes must fulfil to be counted (``pix2face.sample_filter``); empty counts all.
 
     Raises:
-        UsageError: There are no shards, no samples in them, or samples of different models.
+        UsageError: There are no shards, no samples to count in them, or samples of different models.
         InputFileError: A shard cannot be read.
     """
     paths, counts = shard_paths(shards), _Counts()
+    chosen = SampleFilter(where, "--where") if where.strip() else None
     for path in paths:
         with ShardReader(path) as reader:
             for index in range(len(reader)):
-                counts.add_size(*reader.size_px(index))
-                counts.add(reader.triplet(index, with_pixels=False))
+                triplet = reader.triplet(index, with_pixels=False)
+                if chosen is None or chosen.passes(triplet.sample_id, triplet.attributes):
+                    counts.add_size(*reader.size_px(index))
+                    counts.add(triplet)
         on_shard()
+    if chosen is not None:
+        chosen.check_names()
     if not counts.n:
+        if where.strip():
+            raise UsageError(f"{shards}: expected samples that --where lets pass, found none; leave it out to see all")
         raise UsageError(f"{shards}: expected samples to count, found empty shards; see rejected.jsonl for the reasons")
     return counts.finish(len(paths))
 

@@ -30,6 +30,8 @@ class StatsConfig:
     """A page (.html) or a picture (.png) to write, beside what is printed."""
     json: bool = False
     """Print everything as JSON instead of tables."""
+    where: str = ""
+    """Count only samples whose attributes fulfil this, such as "abs(yaw_deg) < 60"; as in ``train``."""
 
 
 def stats(config: Annotated[StatsConfig, tyro.conf.arg(name="")]) -> int:
@@ -37,7 +39,7 @@ def stats(config: Annotated[StatsConfig, tyro.conf.arg(name="")]) -> int:
     if config.out is not None:
         check_output_file(config.out, (".html", ".png"))
     with progress_bar(console, "counting", len(shard_paths(config.shards))) as advance:
-        found = count_samples(config.shards, advance)
+        found = count_samples(config.shards, advance, config.where)
     if config.json:
         print(json.dumps(found.as_json(), indent=2))
     else:

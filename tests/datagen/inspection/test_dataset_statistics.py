@@ -220,3 +220,19 @@ def test_what_cannot_be_written_is_one_line_before_counting(tmp_path: Path, caps
 def test_the_same_statistics_give_the_same_picture(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:
     found = count_samples(write([base[1]]))
     assert picture_png(statistics_picture(found)) == picture_png(statistics_picture(found))
+
+
+def test_only_what_fulfils_a_condition_is_counted(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:
+    triplets = [
+        replace(base[1], sample_id=str(i), attributes={"yaw_deg": 10.0 * i, "light": "sun" if i else "night"})
+        for i in range(8)
+    ]
+    folder = write(triplets)
+    found = count_samples(folder, where="yaw_deg < 45 and light != 'night'")
+    assert found.n_samples == 4
+    assert found.numbers == {"yaw_deg": (10.0, 25.0, 40.0)}
+    assert found.kinds == {"light": {"sun": 4}}
+    with pytest.raises(UsageError, match=r"--where 'yaw > 3': expected attributes among light, sample_id, yaw_deg"):
+        count_samples(folder, where="yaw > 3")
+    with pytest.raises(UsageError, match=r"expected samples that --where lets pass, found none"):
+        count_samples(folder, where="yaw_deg > 300")
