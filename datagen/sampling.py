@@ -26,6 +26,7 @@ from datagen.sampling_expressions import (
     NAMED_EXPRESSIONS,
     draw_named_expression,
     expression_of,
+    knows_recipes,
     strengths_to_text,
 )
 from datagen.sampling_teeth import ToothGuard
@@ -151,7 +152,7 @@ def _face(
     )
     identity = _draw_identity(model.n_identity, identity_rng, geometry)
     described: dict[str, str | float] = {}
-    if model.named_expressions:
+    if knows_recipes(tuple(model.named_expressions)):
         drawn = draw_named_expression(expression_rng, geometry, tuple(model.named_expressions))
         strengths = guard.tamed(identity, drawn.strengths)
         expression = expression_of(model, strengths)

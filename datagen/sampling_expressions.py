@@ -50,6 +50,12 @@ def draw_named_expression(rng: np.random.Generator, config: GeometryConfig, name
     return DrawnExpression(kind, {name: value for name, value in rounded.items() if value > 0})
 
 
+def knows_recipes(names: Sequence[str]) -> bool:
+    """Whether a model's named expressions are those that the recipes speak of: most of the shapes of emotions."""
+    wanted = {name for recipe in EMOTIONS.values() for name in recipe}
+    return len(wanted & {*names, *map(without_side, names)}) > len(wanted) / 2
+
+
 def expression_of(model: MorphableModel, strengths: Mapping[str, float]) -> Float64[ndarray, " e"]:
     """The coefficients, in standard deviations, of a mixture of a model's named expressions."""
     total = np.zeros(model.n_expression)

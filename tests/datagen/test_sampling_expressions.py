@@ -14,9 +14,11 @@ from datagen.rendering.renderer import Renderer
 from datagen.sampling import sample_faces
 from datagen.sampling_configuration import DEFAULT_GEOMETRY, HARD_GEOMETRY, GeometryConfig
 from datagen.sampling_expressions import (
+    NAMED_EXPRESSIONS,
     DrawnExpression,
     draw_named_expression,
     expression_of,
+    knows_recipes,
     mirrored_strengths,
     strengths_of,
 )
@@ -25,6 +27,7 @@ from datagen.sampling_recipes import EMOTIONS, EXTREMES, MAYBE, SPEECH
 from datagen.sampling_teeth import ToothGuard
 from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.morphable_model import builtin_model
+from tests.synthetic_models import small_head_model
 
 NAMES = tuple(builtin_model().named_expressions)
 
@@ -39,6 +42,17 @@ def test_recipes_speak_of_the_models_own_expressions() -> None:
         assert name in NAMES or {name + side for side in SIDES} <= set(NAMES), name
     assert MAYBE.keys() == EMOTIONS.keys()
     assert all(0 < value <= 1 for recipe in recipes for value in recipe.values())
+
+
+def test_models_whose_shapes_have_other_names_get_random_mixtures_of_them() -> None:
+    assert knows_recipes(NAMES)
+    assert not knows_recipes(())
+    model = small_head_model()
+    assert model.named_expressions
+    assert not knows_recipes(tuple(model.named_expressions))
+    table = sample_faces(model, 20, 0, 128, DEFAULT_GEOMETRY)
+    assert table.expression.any(axis=1).mean() > 0.5
+    assert NAMED_EXPRESSIONS not in json.loads(table.attributes[0])
 
 
 def test_kinds_have_their_shares() -> None:
