@@ -28,36 +28,23 @@ from datagen.appearance.skin_zones import LidMargins
 from pix2face.errors import InputFileError
 from pix2face.morphable_model import MorphableModel
 
-# Which expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth, of the lips.
-FOLDING = (
-    {"browInnerUp": 0.8, "browOuterUpLeft": 0.3, "browOuterUpRight": 0.3, "eyeWideLeft": 0.1, "eyeWideRight": 0.1},
-    {"browDownLeft": 0.5, "browDownRight": 0.5, "noseSneerLeft": 0.15, "noseSneerRight": 0.15},
+# Which expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth, of the lips,
+# and how much; those of one side (``...Left``, ``...Right``) do so there.
+FOLDING: tuple[dict[str, float], ...] = (
+    {"browInnerUp": 0.8, "browOuterUp": 0.6, "eyeWide": 0.2},
+    {"browDown": 1.0, "noseSneer": 0.3},
+    {"eyeSquint": 0.5, "cheekSquint": 0.6, "mouthSmile": 0.5, "eyeBlink": 0.16},
     {
-        "eyeSquintLeft": 0.25,
-        "eyeSquintRight": 0.25,
-        "cheekSquintLeft": 0.3,
-        "cheekSquintRight": 0.3,
-        "mouthSmileLeft": 0.25,
-        "mouthSmileRight": 0.25,
-        "eyeBlinkLeft": 0.08,
-        "eyeBlinkRight": 0.08,
+        "mouthSmile": 0.8,
+        "mouthDimple": 0.4,
+        "noseSneer": 0.6,
+        "mouthUpperUp": 0.4,
+        "mouthStretch": 0.3,
+        "cheekSquint": 0.3,
     },
-    {
-        "mouthSmileLeft": 0.4,
-        "mouthSmileRight": 0.4,
-        "mouthDimpleLeft": 0.2,
-        "mouthDimpleRight": 0.2,
-        "noseSneerLeft": 0.3,
-        "noseSneerRight": 0.3,
-        "mouthUpperUpLeft": 0.2,
-        "mouthUpperUpRight": 0.2,
-        "mouthStretchLeft": 0.15,
-        "mouthStretchRight": 0.15,
-        "cheekSquintLeft": 0.15,
-        "cheekSquintRight": 0.15,
-    },
-    {"mouthPucker": 0.8, "mouthFunnel": 0.3, "mouthPressLeft": 0.2, "mouthPressRight": 0.2},
+    {"mouthPucker": 0.8, "mouthFunnel": 0.3, "mouthPress": 0.4},
 )
+DEEPEST_FOLD = 1.4
 
 
 def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
@@ -67,10 +54,7 @@ def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
     ``skin_brow_strength``) are the skin's guess; what the hair gives under these names shall replace them.
     """
     active = head.named_expressions
-    folds = [
-        min(rest + skin.expression_folds * sum(active.get(name, 0.0) * share for name, share in group.items()), 1.4)
-        for rest, group in zip(skin.wrinkles, FOLDING, strict=True)
-    ]
+    folds = np.array([_folds(skin, active, side) for side in ("Left", "Right")])
     return {
         **_tone(skin),
         **_make_up(skin.make_up),
@@ -79,8 +63,8 @@ def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
         **_mouth(skin, active),
         "skin_atlas_box": _box(ATLAS_UV),
         "skin_details_box": _box(DETAILS_UV),
-        "skin_wrinkles": tuple(folds[:4]),
-        "skin_lip_lines": folds[4],
+        "skin_wrinkles": folds[:, :4],
+        "skin_lip_lines": float(folds[:, 4].mean()),
     }
 
 
@@ -98,6 +82,19 @@ def skin_textures() -> Mapping[str, Texture]:
         "skin_iris": (IRIS_PX,) * 2,
     }
     return {name: Texture(pixels=_layers(name, *size), repeat=name == "skin_noise") for name, size in sizes.items()}
+
+
+def _folds(skin: Skin, active: Mapping[str, float], side: str) -> list[float]:
+    """How deep each group of folds is on one side of the face."""
+    return [
+        min(
+            rest
+            + skin.expression_folds
+            * sum(active.get(name, active.get(f"{name}{side}", 0.0)) * share for name, share in group.items()),
+            DEEPEST_FOLD,
+        )
+        for rest, group in zip(skin.wrinkles, FOLDING, strict=True)
+    ]
 
 
 def _layers(name: str, height: int, width: int) -> UInt8[ndarray, "n h w c"]:

@@ -10,7 +10,7 @@ uniform vec4 skin_tone;                         // melanin, haemoglobin, flush, 
 uniform vec4 skin_blotches;                     // of melanin, of haemoglobin; offset of the noise
 uniform vec4 skin_freckles;                     // how many, how dark, of age, white patches
 uniform vec4 skin_finish;                       // pores, oil, roughness, tan
-uniform vec4 skin_wrinkles;                     // forehead, between the brows, around the eyes, around the mouth
+uniform vec4 skin_wrinkles[2];                  // forehead, between brows, around eyes, around the mouth; left, right
 uniform float skin_lip_lines;
 const int MAX_SPOTS = 12;
 uniform vec4 skin_spots[MAX_SPOTS];             // place on the mean head, radius in mm; 0 where there is none
@@ -107,9 +107,10 @@ Surface outside_of_head(Surface s, vec2 uv, vec3 place, vec4 paint0, vec4 paint1
 
     // Folds deepen by where they lie.
     float forehead = ramp(54.0, 60.0, y), below = ramp(10.0, 5.0, y), middle = ramp(15.0, 11.0, x);
-    float fold = mix(mix(skin_wrinkles.z, skin_wrinkles.y, middle), skin_wrinkles.x, forehead);
+    vec4 folds = mix(skin_wrinkles[1], skin_wrinkles[0], ramp(-8.0, 8.0, place.x));
+    float fold = mix(mix(folds.z, folds.y, middle), folds.x, forehead);
     float perioral = ramp(17.5, 16.0, x) * ramp(-22.0, -24.0, y) * ramp(-59.0, -57.0, y);
-    fold = mix(fold, mix(skin_wrinkles.w, skin_lip_lines, perioral), below) * (1.0 - lips);
+    fold = mix(fold, mix(folds.w, skin_lip_lines, perioral), below) * (1.0 - lips);
     float groove = clamp(details.z * fold, 0.0, 1.0);
     haemoglobin += 0.10 * groove;
 

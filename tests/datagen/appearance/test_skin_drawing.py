@@ -103,6 +103,9 @@ def test_age_and_expressions_fold_the_skin(gl_session: GLContext):
         relief = paint.draw(smooth)[0][..., 0]
         old = paint.draw(replace(smooth, wrinkles=(0.9,) * 5))[0][..., 0]
         raised = paint.draw(smooth, {"browInnerUp": 1.0, "browOuterUpLeft": 1.0, "browOuterUpRight": 1.0})[0][..., 0]
+        half = paint.draw(smooth, {"mouthSmileLeft": 1.0})[0][..., 0]
+    sides = [half[140:175, columns].mean() for columns in (slice(85, 122), slice(134, 171))]
+    assert sides[1] > 3 * sides[0]  # the subject's left is the picture's right
     forehead = (slice(25, 70), slice(85, 170))
     cheek = (slice(140, 190), slice(60, 110))
     assert relief[forehead].mean() < 0.01

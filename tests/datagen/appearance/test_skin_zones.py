@@ -7,6 +7,7 @@ import pytest
 
 from datagen.appearance.skin import head_paint, skin_textures
 from datagen.appearance.skin_layout import ATLAS_UV, DETAILS_UV, LARGEST_RATIO, SKINS
+from datagen.appearance.skin_uniforms import FOLDING
 from datagen.appearance.skin_zones import LidMargins
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import builtin_model
@@ -127,3 +128,8 @@ def test_painted_brows_lie_over_the_brow_landmarks_and_wrinkles_beside_the_nose(
     fold = (details[:, 2] > 0.5) & (place[:, 1] < -10) & (place[:, 1] > -23)
     assert fold.sum() > 20
     assert (np.abs(place[fold, 0]) > 13).mean() > 0.95
+
+
+def test_the_expressions_that_fold_skin_are_the_model_s():
+    for name in {name for group in FOLDING for name in group}:
+        assert name in MODEL.named_expressions or {f"{name}Left", f"{name}Right"} <= MODEL.named_expressions.keys()
