@@ -3,7 +3,8 @@
 import os
 from typing import Any, final
 
-from pix2face.errors import UsageError
+from pix2face.crops import FaceBox
+from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from training.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
 from training.halving import halved
 from training.sample_files import SampleFiles
@@ -39,7 +40,7 @@ class SampleStore:
         """A sample, from the cache where it is there.
 
         Raises:
-            InputFileError: It is damaged.
+            InputFileError: It is damaged, or crops go by a box that its landmarks have not.
             UsageError: Its picture is smaller than what is to be cut from it.
         """
         piece = None if self._cache is None else self._cache.get(number)
@@ -61,6 +62,8 @@ class SampleStore:
                 f"{where}: expected a picture of at least {self._cut_px} x {self._cut_px} pixels to cut from, found "
                 f"{width} x {height}; give --cropping full, which scales, or a smaller --size-px"
             )
+        if not self._cut_px:
+            _check_has_box(sample, where)
         while self._cut_px and min(sample.image.shape[:2]) >= 2 * self._cut_px:
             sample = halved(sample)
         return sample
@@ -68,3 +71,12 @@ class SampleStore:
     def _forget(self) -> None:
         self._process = os.getpid()
         self._files = SampleFiles(self._shards.paths, self._shards.spans, TRAINED_LAYERS)
+
+
+def _check_has_box(sample: DecodedSample, where: str) -> None:
+    try:
+        FaceBox.around(sample.landmarks2d)
+    except DegenerateGeometryError as error:
+        raise InputFileError(
+            f"{where}: {error}; leave it out with --where, or give --cropping shift, which goes by no landmarks"
+        ) from error

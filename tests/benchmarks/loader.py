@@ -5,8 +5,8 @@
     python -m tests.benchmarks.loader --shards s144/:128 s256/:256 --out loader.json
 
 For each folder and side of the network's input, on one core: seconds of the processor, so that other work on the
-machine counts little. On two worker processes: by the clock, so that it counts fully. Every row is loaded by the same
-code as in a training. The best of some rounds, each of as many draws as there are samples.
+machine counts little. On worker processes (``--workers``): by the clock, so that it counts fully. Every row is loaded
+by the same code as in a training. The best of some rounds, each of as many draws as there are samples.
 """
 
 import argparse
@@ -108,7 +108,7 @@ def memory_of_many_draws(shards: ShardIndex, recipe: Recipe, draws: int) -> dict
     return {"draws": total * recipe.batch_size, "after_a_pass_mb": round(before), "at_the_end_mb": round(memory_mb())}
 
 
-def measure(text: str, rounds: int, draws: int) -> dict[str, Any]:
+def measure(text: str, rounds: int, draws: int, workers: int) -> dict[str, Any]:
     """Everything for one folder."""
     folder, _, size = text.rpartition(":")
     shards, size_px = index_shards([Path(folder)]), int(size)
@@ -119,7 +119,7 @@ def measure(text: str, rounds: int, draws: int) -> dict[str, Any]:
         rates[cropping] = {
             "of_a_core_a_second": rate_of_a_core(shards, own, 0, rounds),
             "of_a_core_a_second_from_the_cache": rate_of_a_core(shards, own, CACHE_BYTES, rounds)["later"],
-            "two_workers_by_the_clock": rate_of_workers(shards, own, 2, rounds),
+            "by_the_clock": rate_of_workers(shards, own, workers, rounds) if workers else None,
         }
     return {
         "samples": len(shards),
@@ -155,11 +155,12 @@ def main() -> None:
     parser.add_argument("--shards", nargs="+", required=True, metavar="FOLDER:SIZE")
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--draws", type=int, default=6000)
+    parser.add_argument("--workers", type=int, default=2, help="0 leaves out what they load by the clock")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
-    folders = {text: measure(text, options.rounds, options.draws) for text in options.shards}
+    folders = {text: measure(text, options.rounds, options.draws, options.workers) for text in options.shards}
     text = json.dumps({**surroundings(), "folders": folders}, indent=2)
     if options.out:
         options.out.write_text(text + "\n")

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pix2face.crops import FaceBox, square_crop
-from pix2face.errors import UsageError
+from pix2face.errors import InputFileError, UsageError
 from pix2face.face_maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.jitter import JitterRange, crop_maps
 from pix2face.shards.shard_reader import ShardReader
@@ -194,6 +194,16 @@ def test_pictures_that_are_too_small_to_cut_from_are_refused_with_the_way_out(sh
     dataset = TripletDataset(shards, replace(RECIPE, size_px=128, cropping="shift"))
     with pytest.raises(UsageError, match=r"at least 128 x 128 pixels.*found 72 x 72; give --cropping full"):
         dataset[0]
+
+
+def test_a_sample_whose_landmarks_have_no_box_is_named(tmp_path):
+    model = small_head_model()
+    triplet = replace(head_triplet(model, 0), landmarks2d=np.full((68, 2), 5.0))
+    write_shard(tmp_path / "shard-00000.h5", shard_header(model), [triplet])
+    index = index_shards([tmp_path])
+    with pytest.raises(InputFileError, match=r"shard-00000\.h5, sample 0: a face box needs .*--cropping shift"):
+        TripletDataset(index, RECIPE)[0]
+    assert TripletDataset(index, replace(RECIPE, cropping="shift"))[0].mask.any()
 
 
 def test_an_empty_batch_knows_what_is_seen_only_where_the_sets_do():
