@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -103,6 +104,9 @@ def _write_mesh(group: h5py.Group, proxy: Proxy, binding: Binding, displacement:
         binding: To that head.
         displacement: From the unmodified head to the mean, for each vertex of the model.
     """
+    used, quads = np.unique(proxy.quads, return_inverse=True)
+    proxy = replace(proxy, points=proxy.points[used], quads=quads.reshape(-1, 4))
+    binding = binding.only(used)
     moved = np.einsum("pk,pkc->pc", binding.weights, displacement[binding.neighbours])
     corners = np.stack([proxy.quads, proxy.uv_quads], axis=2).reshape(-1, 2)
     pairs, places = np.unique(corners, axis=0, return_inverse=True)

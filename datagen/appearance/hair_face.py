@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import final
 
+import cv2
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
 from datagen.appearance.bound_meshes import BoundMesh, bound_mesh, brow_patch, read_picture
@@ -19,9 +20,11 @@ from pix2face.morphable_model import MorphableModel
 N_BROWS = 12
 LASH_STYLES = ("eyelashes01", "eyelashes02", "eyelashes03", "eyelashes04")
 # Brows lie on the skin like a film; mm.
-BROW_HEIGHT_MM = 0.6
+BROW_HEIGHT_MM = 0.8
 # One unit of the brows' texture coordinates, mm (scripts/hair_assets/brow_patch.py).
 BROW_V_MM = 36.0
+# Brows are moved this far, in pixels of their textures (4 a millimetre); bytes of alpha below count as none.
+MOVES_PX, HAIRY = 9, 24
 EYE_REGIONS = ("eyes", "iris", "pupil")
 INK = (0.008, 0.007, 0.007)
 
@@ -104,7 +107,7 @@ def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, br
 
 
 def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
-    """Both brows: the skin itself, lifted by half a millimetre."""
+    """Both brows: the skin itself, lifted by less than a millimetre."""
     vertices, triangles, uv = _both_patches(head.model)
     n = len(vertices) // 2
     u, v = uv[:, 0] - brows.apart_mm / 60.0, uv[:, 1].copy()
@@ -188,10 +191,19 @@ def _both_patches(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[nd
     assert model.symmetry is not None
     patch = brow_patch()
     vertices, triangles = patch["vertices"].astype(np.int32), patch["triangles"].astype(np.int32)
+    triangles = triangles[_is_hairy(patch["uv"])[triangles].any(axis=1)]
     both = np.concatenate([vertices, model.symmetry[vertices]]).astype(np.int32)
     right = triangles[:, [0, 2, 1]] + np.int32(len(vertices))
     uv = patch["uv"].astype(np.float32)
     return both, np.concatenate([triangles, right]), np.concatenate([uv, uv])
+
+
+def _is_hairy(uv: Float32[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
+    """Which places of the patch some brow reaches, wherever it may be moved to."""
+    reached = cv2.dilate(brow_pictures()[..., 1].max(axis=0), np.ones((2 * MOVES_PX + 1,) * 2, np.uint8)) > HAIRY
+    rows, columns = reached.shape
+    row, column = np.clip(uv[:, 1] * rows, 0, rows - 1), np.clip(uv[:, 0] * columns, 0, columns - 1)
+    return reached[row.astype(int), column.astype(int)]
 
 
 @cache

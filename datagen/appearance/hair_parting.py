@@ -10,7 +10,7 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 from scipy.interpolate import LinearNDInterpolator
 
@@ -146,7 +146,7 @@ def _gap(row: UInt8[ndarray, " columns"]) -> tuple[float, float] | None:
     return max(right, -FARTHEST_MM), min(left, FARTHEST_MM)
 
 
-def _depth_at(x: Float32[ndarray, " n"], y: Float32[ndarray, " n"]) -> Float32[ndarray, " n"]:
+def _depth_at(x: Float[ndarray, " n"], y: Float[ndarray, " n"]) -> Float32[ndarray, " n"]:
     """How far to the front the skin of the mean reaches."""
     depth = _depths()
     column = np.clip((x + HALF_WIDTH_MM) / CELL_MM, 0, depth.shape[1] - 1).astype(np.float32)

@@ -47,6 +47,10 @@ class Binding:
     outward: ndarray
     foot_regions: ndarray
 
+    def only(self, points: ndarray) -> "Binding":
+        """The binding of some of the points."""
+        return Binding(**{name: array[points] for name, array in vars(self).items()})
+
 
 class Binder:
     """Binds points to one head.
