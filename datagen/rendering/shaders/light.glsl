@@ -60,6 +60,9 @@ vec3 ambient_lobe(vec3 direction, float alpha) {
 
 vec3 ambient_mirrored(vec3 direction, float roughness) {
     vec3 rough = ambient_lobe(direction, max(roughness * roughness, 0.08));
+#ifdef HAIR
+    return rough;  // no strand is wide enough to mirror a picture, and hair is drawn in many layers
+#endif
     if (light_panorama_count == 0 || roughness >= MIRRORS) return rough;
     vec3 sharp = panorama(direction, clamp(roughness / 0.32, 0.0, 1.0));
     return mix(sharp, rough, smoothstep(0.3, MIRRORS, roughness));
