@@ -21,7 +21,7 @@ from datagen.appearance.accessories.beard_texture import (
     style_densities,
 )
 from datagen.appearance.accessories.colours import Colour
-from datagen.appearance.accessories.solids import grid_triangles, scene_mesh, solid
+from datagen.appearance.accessories.solids import grid_triangles, scene_mesh, solid, unit
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 
@@ -78,7 +78,7 @@ def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneM
         hair_rgb: Of the hair, linear.
     """
     anchors = beard_anchors(head.model)
-    skin, normals = anchors.at(head.vertices), anchors.at(head.normals)
+    skin, normals = anchors.at(head.vertices), unit(anchors.at(head.normals))
     reach, hang = _growth(beard.style)
     triangles = _grown_triangles(beard.style)
     count = 3 if beard.thickness_mm < 2.5 else 4 if beard.thickness_mm < 6 else 6

@@ -11,13 +11,16 @@ from numpy import ndarray
 
 from datagen.appearance.accessories.beard import Beard, beard_meshes, beard_textures, draw_beard
 from datagen.appearance.accessories.body import Body, fit_body
-from datagen.appearance.accessories.clothes import Clothes, clothes_meshes, draw_clothes
+from datagen.appearance.accessories.clothes import clothes_meshes
+from datagen.appearance.accessories.clothes_choice import Clothes, draw_clothes
 from datagen.appearance.accessories.colours import Colour
 from datagen.appearance.accessories.configuration import HARD_ACCESSORIES, AccessoriesConfig
 from datagen.appearance.accessories.coverage import mean_head, visible_share
-from datagen.appearance.accessories.glasses import Glasses, draw_glasses, glasses_meshes
+from datagen.appearance.accessories.glasses import glasses_meshes
+from datagen.appearance.accessories.glasses_choice import Glasses, draw_glasses
 from datagen.appearance.accessories.hands import Hand, draw_hand, hand_meshes
-from datagen.appearance.accessories.headwear import WRAPS, Headwear, crown_plane, draw_headwear, headwear_meshes
+from datagen.appearance.accessories.headwear import crown_plane, headwear_meshes
+from datagen.appearance.accessories.headwear_choice import WRAPS, Headwear, draw_headwear
 from datagen.appearance.accessories.held import Held, draw_held, held_meshes
 from datagen.appearance.accessories.jewellery import Jewellery, draw_jewellery, jewellery_meshes
 from datagen.appearance.accessories.masks import Mask, draw_mask, mask_meshes

@@ -1,101 +1,17 @@
 """Clothes around the neck, and the neck and shoulders that they leave bare."""
 
-from dataclasses import dataclass
-from typing import final
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from datagen.appearance.accessories.body import Body
+from datagen.appearance.accessories.clothes_choice import Clothes
 from datagen.appearance.accessories.collars import collar_solids
-from datagen.appearance.accessories.colours import WHITE, Colour, cloth, draw_cloth_colour, skin_material
+from datagen.appearance.accessories.colours import Colour, cloth, skin_material
 from datagen.appearance.accessories.solids import Solid, scene_mesh, sheet
-from datagen.appearance.person import Person
 from datagen.appearance.scene import SceneMesh
 
-GARMENTS = ("t-shirt", "v-neck", "sweater", "shirt", "suit", "turtleneck", "hoodie", "zipped", "straps")
-_SHARE = {
-    "male": (0.26, 0.07, 0.12, 0.20, 0.13, 0.04, 0.10, 0.08, 0.0),
-    "female": (0.20, 0.15, 0.12, 0.13, 0.06, 0.08, 0.08, 0.06, 0.12),
-}
-_PLAIN = ("jersey", "jersey", "knit", "linen", "denim", "fleece", "leather", "rib")
-_PATTERNS = (
-    "plaid",
-    "check",
-    "stripes_across",
-    "stripes_along",
-    "dots",
-    "herringbone",
-    "flowers",
-    "camouflage",
-    "print",
-)
 SIDES = 48  # columns of a garment
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Clothes:
-    """A garment.
-
-    Attributes:
-        garment: One of ``GARMENTS``.
-        weave: What it is made of, a layer of ``weaves``.
-        scale_mm: How large one repeat of the weave is.
-        colour: Linear.
-        second: Colour of its pattern.
-        inner: Colour of what is worn below: the shirt under a suit.
-        trim: Colour of tie or collar.
-        depth: How deep the neckline is, 0..1.
-        looseness_mm: Distance from the skin.
-        has_tie: Under a shirt's or suit's collar.
-        breadth: Of the shoulders, 1 is a man's.
-        scarf: 0 none, otherwise how thick it is, mm.
-        seed: Of folds.
-    """
-
-    garment: str
-    weave: str
-    scale_mm: float
-    colour: Colour
-    second: Colour
-    inner: Colour
-    trim: Colour
-    depth: float
-    looseness_mm: float
-    has_tie: bool
-    breadth: float
-    scarf: float
-    seed: int
-
-
-def draw_clothes(rng: np.random.Generator, person: Person, pattern_share: float, scarf_share: float) -> Clothes:
-    """Draws what a person wears: plain and muted mostly."""
-    share = _SHARE["female" if person.femininity > 0.5 else "male"]
-    garment = str(rng.choice(GARMENTS, p=np.array(share) / sum(share)))
-    is_patterned = bool(rng.uniform() < pattern_share) and garment not in ("suit", "turtleneck", "zipped")
-    weave = str(rng.choice(_PATTERNS if is_patterned else _PLAIN))
-    if garment == "suit":
-        weave = str(rng.choice(["jersey", "herringbone", "linen"]))
-    colour = draw_cloth_colour(rng)
-    second = draw_cloth_colour(rng) if is_patterned else tuple(round(0.75 * part, 4) for part in colour)
-    inner = WHITE if rng.uniform() < 0.6 else draw_cloth_colour(rng)
-    return Clothes(
-        garment=garment,
-        weave=weave,
-        scale_mm=round(float(rng.uniform(50, 130) if is_patterned else rng.uniform(25, 50)), 1),
-        colour=colour,
-        second=second,  # type: ignore[arg-type]
-        inner=inner,
-        trim=draw_cloth_colour(rng),
-        depth=round(float(rng.beta(1.5, 2.5)), 3),
-        looseness_mm=round(float(rng.uniform(2.5, 9)), 2),
-        has_tie=bool(rng.uniform() < (0.75 if garment == "suit" else 0.12) * (1 - person.femininity)),
-        breadth=round(float(np.clip(rng.normal(1.0 - 0.12 * person.femininity, 0.05), 0.75, 1.15)), 3),
-        scarf=round(float(rng.uniform(12, 24)), 1) if rng.uniform() < scarf_share else 0.0,
-        seed=int(rng.integers(2**31)),
-    )
 
 
 def clothes_meshes(clothes: Clothes, body: Body, skin_rgb: Colour) -> list[SceneMesh]:

@@ -1,44 +1,18 @@
 """Collars, lapels, ties, hoods that lie on the shoulders, straps and scarves: what ends a garment at the neck."""
 
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from datagen.appearance.accessories.body import Body
+from datagen.appearance.accessories.clothes_choice import Clothes
 from datagen.appearance.accessories.solids import Solid, joined, sheet, tube, unit
 
 # What a piece is made of ("outer", "inner", "trim", "rib"), and its shape.
 Piece = tuple[str, Solid]
 
 
-@runtime_checkable
-class Cut(Protocol):
-    """What a collar needs to know of a garment; see ``clothes.Clothes``."""
-
-    @property
-    def depth(self) -> float:
-        """See ``clothes.Clothes``."""
-
-    @property
-    def looseness_mm(self) -> float:
-        """See ``clothes.Clothes``."""
-
-    @property
-    def has_tie(self) -> bool:
-        """See ``clothes.Clothes``."""
-
-    @property
-    def scarf(self) -> float:
-        """See ``clothes.Clothes``."""
-
-    @property
-    def seed(self) -> int:
-        """See ``clothes.Clothes``."""
-
-
-def collar_solids(garment: str, body: Body, cut: Cut, neckline: Float[ndarray, " c"]) -> list[Piece]:
+def collar_solids(garment: str, body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
     """The pieces of a garment's neck, and a scarf over it."""
     pieces: list[Piece] = []
     if garment in ("t-shirt", "v-neck", "sweater", "hoodie"):
@@ -63,7 +37,7 @@ def collar_solids(garment: str, body: Body, cut: Cut, neckline: Float[ndarray, "
     return pieces
 
 
-def _rib(body: Body, neckline: Float[ndarray, " c"], cut: Cut, half_mm: float) -> Solid:
+def _rib(body: Body, neckline: Float[ndarray, " c"], cut: Clothes, half_mm: float) -> Solid:
     """The knitted band along a neckline."""
     turn = np.linspace(0, 1, len(neckline))
     path = body.at(neckline, turn, 1.5 + cut.looseness_mm * 0.5)
@@ -74,7 +48,7 @@ def _rib(body: Body, neckline: Float[ndarray, " c"], cut: Cut, half_mm: float) -
     return sheet(rows, (90.0, 1.0), is_closed=True)
 
 
-def _hood(body: Body, cut: Cut) -> Solid:
+def _hood(body: Body, cut: Clothes) -> Solid:
     """A hood that lies on back and shoulders: a thick roll, higher behind."""
     turn = np.linspace(0.06, 0.94, 33)
     behind = np.sin(np.pi * (turn - 0.06) / 0.88)
@@ -83,7 +57,7 @@ def _hood(body: Body, cut: Cut) -> Solid:
     return tube(path, radii, _up(body), sides=10)
 
 
-def _strings(body: Body, cut: Cut) -> Solid:
+def _strings(body: Body, cut: Clothes) -> Solid:
     strings = []
     for side in (-1, 1):
         place = np.linspace(0.1, 0.1 + 0.35 + 0.1 * (cut.seed % 5) / 5, 8)
@@ -112,7 +86,7 @@ def _shirt_collar(body: Body, opened: float) -> Solid:
     return sheet(np.stack(rows), (12.0, 2.0))
 
 
-def _tie(body: Body, cut: Cut) -> Solid:
+def _tie(body: Body, cut: Clothes) -> Solid:
     """A knot, and the blade that hangs from it."""
     place = np.array([-0.10, -0.04, 0.04, 0.06, 0.12, 0.3, 0.6, 1.0])
     half_mm = np.array([13.0, 15.0, 11.0, 10.0, 16.0, 22.0, 30.0, 38.0])
@@ -125,7 +99,7 @@ def _tie(body: Body, cut: Cut) -> Solid:
     return sheet(points + (1 - across**2)[None, :, None] * dome[:, None], (2.0, 8.0))
 
 
-def _lapels(body: Body, cut: Cut, neckline: Float[ndarray, " c"]) -> Solid:
+def _lapels(body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> Solid:
     """Lapels along the neckline and the collar behind the neck that they come from."""
     turn = np.linspace(0, 1, len(neckline))
     above = cut.looseness_mm + 6.0
@@ -144,7 +118,7 @@ def _lapels(body: Body, cut: Cut, neckline: Float[ndarray, " c"]) -> Solid:
     return joined([*sides, sheet(band, (8.0, 2.0))])
 
 
-def _standing(body: Body, top: float, cut: Cut, *, rolls: bool) -> Solid:
+def _standing(body: Body, top: float, cut: Clothes, *, rolls: bool) -> Solid:
     """A collar that stands around the neck, rolled over or with an open edge."""
     turn = np.linspace(0, 1, 49)
     wobble = 1 + 0.06 * np.sin(2 * np.pi * 3 * turn + cut.seed % 7)
@@ -166,7 +140,7 @@ def _standing(body: Body, top: float, cut: Cut, *, rolls: bool) -> Solid:
     return sheet(np.stack(rows), (24.0, 3.0), is_closed=True)
 
 
-def _straps(body: Body, neckline: Float[ndarray, " c"], cut: Cut) -> Solid:
+def _straps(body: Body, neckline: Float[ndarray, " c"], cut: Clothes) -> Solid:
     """Two straps over the shoulders."""
     half_mm = 3.0 + 12.0 * cut.depth
     straps = []
@@ -184,7 +158,7 @@ def _straps(body: Body, neckline: Float[ndarray, " c"], cut: Cut) -> Solid:
     return joined(straps)
 
 
-def _scarf(body: Body, cut: Cut) -> Solid:
+def _scarf(body: Body, cut: Clothes) -> Solid:
     """Two turns around the neck, and an end that hangs down."""
     turn = np.linspace(0, 2, 57)
     rng = np.random.default_rng(cut.seed)

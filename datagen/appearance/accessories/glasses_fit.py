@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol, final, runtime_checkable
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Float64, Int32
@@ -11,6 +11,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from datagen.appearance.accessories.glasses_choice import Glasses
 from datagen.appearance.accessories.head_fit import nearest_vertices, triangles_of
 from datagen.appearance.scene import PosedHead
 from pix2face.morphable_model import MorphableModel
@@ -22,43 +23,6 @@ _LENS_BEFORE_EYE_MM = 11.0
 
 # On the mean head: bridge of the nose, left pupil, groove above the left ear, behind that ear high and low.
 _PLACES = np.array([[0, 20, 104], [33, 27, 94], [76.5, 37, 4], [75, 26, -19], [71.5, 12, -18]], dtype=np.float64)
-
-
-@runtime_checkable
-class Worn(Protocol):
-    """What decides how glasses sit; see ``glasses.Glasses``."""
-
-    @property
-    def rim(self) -> str:
-        """See ``glasses.Glasses``."""
-
-    @property
-    def width_mm(self) -> float:
-        """See ``glasses.Glasses``."""
-
-    @property
-    def height_mm(self) -> float:
-        """See ``glasses.Glasses``."""
-
-    @property
-    def bridge_mm(self) -> float:
-        """See ``glasses.Glasses``."""
-
-    @property
-    def slip_mm(self) -> float:
-        """See ``glasses.Glasses``."""
-
-    @property
-    def lift(self) -> float:
-        """See ``glasses.Glasses``."""
-
-    @property
-    def tilt_deg(self) -> float:
-        """See ``glasses.Glasses``."""
-
-    @property
-    def skew_deg(self) -> float:
-        """See ``glasses.Glasses``."""
 
 
 @final
@@ -75,11 +39,11 @@ class GlassesFit:
 
     rotation: Float64[ndarray, "3 3"]
     place: Float64[ndarray, "3"]
-    temples: Mapping[int, Float64[ndarray, "n 3"]]
-    strap: Float64[ndarray, "n 3"]
+    temples: Mapping[int, Float64[ndarray, "_ 3"]]
+    strap: Float64[ndarray, "_ 3"]
 
 
-def fit_glasses(worn: Worn, head: PosedHead, front: Float[ndarray, "n 3"]) -> GlassesFit:
+def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) -> GlassesFit:
     """Puts glasses on a head.
 
     Args:
@@ -165,7 +129,7 @@ def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> 
     beside = head.neutral[chosen]
     aside = np.abs(beside[None, :, 1:] - places[:, None].astype(np.float32))
     near = (aside[..., 0] < 5.0) & (aside[..., 1] < 5.0)
-    return np.where(near, side * beside[:, 0], -1e3).max(axis=1)
+    return np.where(near, side * beside[:, 0].astype(np.float64), -1e3).max(axis=1)
 
 
 @lru_cache(maxsize=4)

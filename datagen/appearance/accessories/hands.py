@@ -52,6 +52,7 @@ POSES: Mapping[str, Pose] = {
     "hair": Pose(0.12, (-60, 100, 30), 20, (0.35, 0.9, -0.3), (0.75, -0.35, -0.5), 28),
     "forehead": Pose(0.05, (0, 60, 105), 18, (0.6, 0.8, -0.1), (0.0, -0.1, -1.0), 10),
 }
+_TOUCH_MM = 0.5  # between skin and skin
 # Of each finger: where it starts on the palm (x, y), its length and radius, mm; index to little finger.
 _FINGERS = ((-31.0, 44.0, 72.0, 8.3), (-10.5, 48.0, 80.0, 8.5), (10.5, 46.0, 74.0, 8.0), (30.0, 38.0, 58.0, 6.9))
 
@@ -218,15 +219,17 @@ def _placed(
     place = near + np.array(hand.slide_mm) * [-1, 1, 0.3] - (pose.away_mm + 8) * palm
     # Fingers reach the place, rather than the wrist.
     place = place - 22 * hand.scale * along
-    points = hand.scale * (skin.vertices.astype(np.float64) @ turn.T) + place
+    local = hand.scale * (skin.vertices[::2].astype(np.float64) @ turn.T)
     chosen = _sparse_skin(head.model)
     face, normals = head.vertices[chosen] * flip, head.normals[chosen] * flip
-    nearest = cKDTree(face, leafsize=32, balanced_tree=False, compact_nodes=False).query(points[::2])[1]
-    before = ((points[::2] - face[nearest]) * normals[nearest]).sum(axis=1)
-    deepest = int(before.argmin())
-    if before[deepest] < 0.5 or pose.touches:
-        cosine = max(0.35, float(-normals[nearest[deepest]] @ palm))
-        place = place - np.clip((0.5 - before[deepest]) / cosine, -20, 90) * palm
+    tree = cKDTree(face, leafsize=32, balanced_tree=False, compact_nodes=False)
+    for _ in range(2 if pose.touches else 1):
+        nearest = tree.query(local + place)[1]
+        before = ((local + place - face[nearest]) * normals[nearest]).sum(axis=1)
+        deepest = int(before.argmin())
+        if before[deepest] < _TOUCH_MM or pose.touches:
+            cosine = max(0.35, float(-normals[nearest[deepest]] @ palm))
+            place = place - np.clip((_TOUCH_MM - before[deepest]) / cosine, -40, 90) * palm
     return turn, place
 
 

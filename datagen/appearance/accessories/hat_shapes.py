@@ -1,35 +1,19 @@
 """Shapes of hats that sit on the skull."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, final, runtime_checkable
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from datagen.appearance.accessories.headwear_choice import Headwear
 from datagen.appearance.accessories.skull import Skull
 from datagen.appearance.accessories.solids import Solid, ellipsoid, joined, lathe, sheet, tube
 
 HatPiece = Literal["cloth", "second", "hard", "visor", "logo"]
 Piece = tuple[HatPiece, Solid]
 COLUMNS = 41
-
-
-@runtime_checkable
-class Look(Protocol):
-    """What varies between hats of a kind; see ``headwear.Headwear``."""
-
-    @property
-    def size(self) -> float:
-        """See ``headwear.Headwear``."""
-
-    @property
-    def has_extra(self) -> bool:
-        """See ``headwear.Headwear``."""
-
-    @property
-    def seed(self) -> int:
-        """See ``headwear.Headwear``."""
 
 
 @final
@@ -59,7 +43,7 @@ class Fit:
         return np.deg2rad(height + self.tilt_deg * np.sin(around))
 
 
-def hat_pieces(kind: str, skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def hat_pieces(kind: str, skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     """The pieces of a hat, model frame."""
     make = {
         "cap": _cap,
@@ -101,7 +85,7 @@ def _band(skull: Skull, fit: Fit, up_deg: float, low: float, high: float, down_d
     return sheet(skull.at(rise, np.broadcast_to(around, rise.shape), above), (14.0, 1.0), is_closed=True)
 
 
-def _peak(skull: Skull, fit: Fit, look: Look) -> Solid:
+def _peak(skull: Skull, fit: Fit, look: Headwear) -> Solid:
     """The shade of a cap."""
     s = np.linspace(-1, 1, 17)[None]
     turn = np.deg2rad(fit.turn_deg)
@@ -116,7 +100,7 @@ def _peak(skull: Skull, fit: Fit, look: Look) -> Solid:
     return sheet(points, (5.0, 5.0))
 
 
-def _cap(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _cap(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(11)
     front = np.exp(-((_around()[None] - np.deg2rad(np.mod(fit.turn_deg + 180, 360) - 180)) ** 2))
     above = 7 + 9 * np.sin(np.pi * share) ** 1.0 * (0.5 + front) - 2 * share
@@ -133,7 +117,7 @@ def _cap(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
     return pieces
 
 
-def _beanie(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _beanie(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(12)
     rng = np.random.default_rng(look.seed)
     folds = np.sin(3 * _around()[None] + rng.uniform(0, 6)) * np.sin(2 * np.pi * share)
@@ -147,7 +131,7 @@ def _beanie(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
     return pieces
 
 
-def _brimmed(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _brimmed(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(12)
     tall = 26 + 20 * (1 - look.size)
     dent = 14 * np.exp(-((_around()[None] / 0.9) ** 2)) + 6
@@ -165,7 +149,7 @@ def _brimmed(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
     return pieces
 
 
-def _helmet(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _helmet(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(12)
     above = 16 + 12 * np.sin(0.5 * np.pi * (1 - share)) + 3 * np.cos(2 * _around()[None]) * (1 - share)
     shell = _dome(skull, fit, above)
@@ -185,7 +169,7 @@ def _helmet(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
     return pieces
 
 
-def _turban(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _turban(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(22)
     around = _around()[None]
     slant = 0.22 * np.abs(around) / np.pi
@@ -195,7 +179,7 @@ def _turban(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
     return [("cloth", _dome(skull, fit, above, (10.0, 8.0)))]
 
 
-def _bandana(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _bandana(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(10)
     rng = np.random.default_rng(look.seed)
     above = 4 + 1.2 * np.sin(5 * _around()[None] + rng.uniform(0, 6)) * share
@@ -209,11 +193,11 @@ def _bandana(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
     return pieces
 
 
-def _headband(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _headband(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     return [("cloth", _band(skull, fit, 8.0 + 18.0 * look.size, 4.0, 7.0))]
 
 
-def _crown(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _crown(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     around = np.linspace(-np.pi, np.pi, 61)[None]
     rim = skull.at(fit.rim(around), around, 9.0)
     tips = (np.abs(np.mod(np.arange(61), 6) - 3) / 3)[None, :, None]
@@ -224,7 +208,7 @@ def _crown(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
     return [("hard", sheet(np.concatenate(rows[::-1]), is_closed=True))]
 
 
-def _party(skull: Skull, fit: Fit, look: Look) -> list[Piece]:
+def _party(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     tall = 110 + 60 * look.size
     cone = lathe(np.array([[0.5, tall], [26.0, 0.5 * tall], [52.0, 0.0]]), 20)
     tilt = np.deg2rad(fit.tilt_deg * 3)

@@ -49,11 +49,6 @@ class Mask:
     is_below_nose: bool
     seed: int
 
-    @property
-    def has_extra(self) -> bool:
-        """Nothing but what the kind says."""
-        return False
-
 
 def draw_mask(rng: np.random.Generator) -> Mask:
     """Draws a mask."""
@@ -87,7 +82,7 @@ def mask_meshes(mask: Mask, head: PosedHead, body: Body) -> list[SceneMesh]:
         )
         return [scene_mesh("mask/veil", "mask", _veil(mask, head), lace, casts_shadow=False)]
     if mask.kind == "gaiter":
-        return [scene_mesh("mask/gaiter", "mask", joined([_gaiter(mask, head), cowl(body, mask, 1.0)]), material)]
+        return [scene_mesh("mask/gaiter", "mask", joined([_gaiter(mask, head), cowl(body, mask.seed, 1.0)]), material)]
     made, sides = _face_piece(mask, head)
     string = cloth("jersey", WHITE if mask.kind != "cloth" else mask.second)
     loops = joined([_loop(head, sides[side], side) for side in (1, -1)])
@@ -103,7 +98,7 @@ def _face_piece(mask: Mask, head: PosedHead) -> tuple[Solid, dict[int, Float[nda
     reach = 0.70 + 0.14 * mask.size
     columns = (np.linspace(-reach, reach, 25) + 1) / 2 * (_COLUMNS - 1)
     aside = np.abs(np.linspace(-1, 1, 25))
-    top = (0.42 if mask.is_below_nose else 0.06) + (0.10 if mask.is_below_nose else 0.34) * aside**2
+    top = (0.42 if mask.is_below_nose else 0.13) + (0.10 if mask.is_below_nose else 0.28) * aside**2
     bottom = 0.97 - 0.20 * aside**2
     rows = (top + np.linspace(0, 1, 19)[:, None] * (bottom - top)) * (_ROWS - 1)
     grid = _sampled(points, rows, np.broadcast_to(columns, rows.shape))

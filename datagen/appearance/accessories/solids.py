@@ -75,7 +75,7 @@ def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
     return found
 
 
-def cross(a: Float[ndarray, "*n 3"], b: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 3"]:
+def cross(a: Float[ndarray, "*#n 3"], b: Float[ndarray, "*#n 3"]) -> Float[ndarray, "*_ 3"]:
     """As ``numpy.cross``, several times as fast."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
@@ -150,7 +150,7 @@ def tube(
     ahead = np.gradient(path, axis=0)
     ahead[0], ahead[-1] = ahead[1], ahead[-2]
     ahead = unit(ahead)
-    side = unit(cross(ahead, np.asarray(upward)))
+    side = unit(cross(ahead, np.asarray(upward, dtype=np.float32)))
     up = cross(side, ahead)
     angle = np.linspace(0, 2 * np.pi, sides + 1) + np.pi / sides
     across = np.stack([np.cos(angle), np.sin(angle)], axis=1)

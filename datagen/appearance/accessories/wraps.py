@@ -5,7 +5,8 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from datagen.appearance.accessories.body import Body
-from datagen.appearance.accessories.hat_shapes import Look, Piece
+from datagen.appearance.accessories.hat_shapes import Piece
+from datagen.appearance.accessories.headwear_choice import Headwear
 from datagen.appearance.accessories.skull import Skull
 from datagen.appearance.accessories.solids import Solid, sheet, tube
 
@@ -16,19 +17,22 @@ _BACK_DEG = 172.0
 _EAR_MM = 17.0  # how far ears stand out from the skull
 
 
-def wrap_pieces(kind: str, skull: Skull, body: Body, look: Look) -> list[Piece]:
+def wrap_pieces(kind: str, skull: Skull, body: Body, look: Headwear) -> list[Piece]:
     """A headscarf or a hood."""
     is_hood = kind == "hood"
     opening = _opening(look, is_hood)
     shell = _shell(skull, look, opening, is_hood)
-    pieces: list[Piece] = [("cloth", shell), ("cloth", cowl(body, look, 1.15 if is_hood else 1.45 + 0.3 * look.size))]
+    pieces: list[Piece] = [
+        ("cloth", shell),
+        ("cloth", cowl(body, look.seed, 1.15 if is_hood else 1.45 + 0.3 * look.size)),
+    ]
     edge = shell.vertices.reshape(-1, COLUMNS, 3)[0].astype(np.float64)
     if is_hood:
         pieces.append(("cloth", tube(edge, 4.0 + 2.0 * look.size, (0.0, 0.0, 1.0), 6)))
     return pieces
 
 
-def _opening(look: Look, is_hood: bool) -> Float[ndarray, " c"]:
+def _opening(look: Headwear, is_hood: bool) -> Float[ndarray, " c"]:
     """Angle from straight ahead of the edge, radians, from the chin over the right side around."""
     spin = np.linspace(-np.pi, np.pi, COLUMNS)  # 0 the top
     up, aside = np.cos(spin), np.sin(spin) ** 2
@@ -38,7 +42,7 @@ def _opening(look: Look, is_hood: bool) -> Float[ndarray, " c"]:
     return np.deg2rad(angle)
 
 
-def _shell(skull: Skull, look: Look, opening: Float[ndarray, " c"], is_hood: bool) -> Solid:
+def _shell(skull: Skull, look: Headwear, opening: Float[ndarray, " c"], is_hood: bool) -> Solid:
     """From the edge of the opening to the back of the head, around the line of sight."""
     share = np.linspace(0, 1, 15)[:, None] ** 1.15
     spin = np.linspace(-np.pi, np.pi, COLUMNS)[None]
@@ -56,11 +60,11 @@ def _shell(skull: Skull, look: Look, opening: Float[ndarray, " c"], is_hood: boo
     return sheet(skull.at(rise, around, above), (12.0, 8.0), is_closed=True)
 
 
-def cowl(body: Body, look: Look, length: float) -> Solid:
+def cowl(body: Body, seed: int, length: float) -> Solid:
     """What lies around the neck and, by its length (places of the body), over the shoulders."""
     turn = np.linspace(0, 1, 49)[None]
     share = np.linspace(0, 1, 12)[:, None]
-    rng = np.random.default_rng(look.seed + 1)
+    rng = np.random.default_rng(seed + 1)
     waves = [np.sin(2 * np.pi * k * turn + rng.uniform(0, 6) + 9 * share) for k in (2, 4, 7)]
     folds = np.mean(waves, axis=0)
     place = -0.92 + share * length
