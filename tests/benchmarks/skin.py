@@ -32,7 +32,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--people", type=int, default=60)
     options = parser.parse_args()
-    sys.stdout.write(json.dumps({"surroundings": surroundings(), "melanin": _sweep(), **_drawn(options.people)}, indent=1))
+    found = {"surroundings": surroundings(), "melanin": _sweep(), **_drawn(options.people)}
+    sys.stdout.write(json.dumps(found, indent=1) + "\n")
 
 
 def _sweep() -> list[dict[str, object]]:
