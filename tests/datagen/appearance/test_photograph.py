@@ -13,17 +13,15 @@ from datagen.appearance.photograph import (
     HARD_PHOTOGRAPH,
     Photograph,
     PhotographConfig,
-    beyond_border,
     develop,
     draw_photograph,
     encode,
     without_border,
 )
-from datagen.appearance.photograph_border import FILLINGS, Border, with_border
+from datagen.appearance.photograph_border import FILLINGS
 from datagen.appearance.photograph_configuration import FAULTS
 from datagen.appearance.photograph_lens import Lens, expose_through
 from datagen.appearance.photograph_noise import noise_window
-from datagen.appearance.photograph_processing import Processing, process
 from datagen.appearance.photograph_sensor import MIDDLE_GREY, Sensor, Tone, sense, tone, tone_curve
 from pix2face.errors import UsageError
 
@@ -217,45 +215,6 @@ def test_noise_is_normal_at_every_size_and_differs_from_picture_to_picture(shape
     assert abs(np.corrcoef(windows[0].ravel(), windows[1].ravel())[0, 1]) < 0.1
 
 
-def test_enlarged_pictures_have_no_more_detail_than_small_ones() -> None:
-    image = rng().integers(0, 256, (128, 128, 3), dtype=np.uint8)
-    for way in ("nearest", "linear", "cubic"):
-        enlarged = process(Processing(side_px=32, enlarged_by=way), image, rng())
-        assert enlarged.shape == image.shape
-        spectrum = np.abs(np.fft.fft2(enlarged[..., 1] - enlarged[..., 1].mean()))
-        assert (spectrum[:16, :16] ** 2).mean() > 5 * (spectrum[40:64, 40:64] ** 2).mean()
-    np.testing.assert_array_equal(process(Processing(side_px=128), image, rng()), image)
-
-
-def test_processing_nothing_changes_nothing() -> None:
-    image = tone(Tone(), scene())
-    np.testing.assert_array_equal(process(Processing(), image, rng()), image)
-
-
-@pytest.mark.parametrize(
-    "processing",
-    [
-        Processing(smoothing=1.0),
-        Processing(sharpening=1.0),
-        Processing(grain=8.0),
-        Processing(scratches=3),
-        Processing(dust=20),
-        Processing(interlace_px=3),
-        Processing(moire=0.1),
-        Processing(colours=5),
-        Processing(text="12.03.2004", text_place=(0.1, 0.9), text_size=0.1, text_opacity=0.9),
-        Processing(first_quality=40),
-    ],
-)
-def test_every_kind_of_processing_shows_but_leaves_the_picture(processing: Processing) -> None:
-    image = tone(Tone(), scene())
-    changed = process(processing, image, rng())
-    assert (changed != image).any()
-    assert changed.shape == image.shape
-    assert np.corrcoef(image.ravel(), changed.ravel())[0, 1] > 0.6
-    np.testing.assert_array_equal(image, tone(Tone(), scene()))
-
-
 def test_monochrome_is_grey_and_sepia_is_not() -> None:
     light = scene()
     grey = tone(Tone(saturation=0.0), light).astype(int)
@@ -263,44 +222,6 @@ def test_monochrome_is_grey_and_sepia_is_not() -> None:
     sepia = tone(Tone(saturation=0.0, tint=(1.0, 0.86, 0.66)), light).astype(int)
     assert (sepia[..., 0] >= sepia[..., 1]).all()
     assert (sepia[..., 1] >= sepia[..., 2]).all()
-
-
-borders = st.builds(
-    Border,
-    left=st.floats(0, 0.4),
-    top=st.floats(0, 0.4),
-    right=st.floats(0, 0.4),
-    bottom=st.floats(0, 0.4),
-    filling=st.sampled_from(FILLINGS),
-)
-
-
-@given(borders, st.integers(1, 40), st.integers(1, 40))
-def test_inside_the_border_nothing_changes_and_the_mask_says_where_that_is(
-    border: Border, height: int, width: int
-) -> None:
-    image = rng().integers(0, 256, (height, width, 3), dtype=np.uint8)
-    framed = with_border(border, image)
-    beyond = beyond_border(border, height, width)
-    assert framed.shape == image.shape
-    np.testing.assert_array_equal(framed[~beyond], image[~beyond])
-    assert abs((~beyond).any(axis=0).sum() - max((1 - border.left - border.right) * width, 1)) <= 1.01
-    assert abs((~beyond).any(axis=1).sum() - max((1 - border.top - border.bottom) * height, 1)) <= 1.01
-    if border.filling in ("black", "white") and beyond.any():
-        assert (framed[beyond] == (255 if border.filling == "white" else 0)).all()
-
-
-def test_fillings_are_what_their_names_say() -> None:
-    image = tone(Tone(), scene())
-    beyond = beyond_border(Border(left=0.25), HEIGHT, WIDTH)
-    assert beyond[:, :20].all()
-    assert not beyond[:, 20:].any()
-    framed = {name: with_border(Border(left=0.25, filling=name), image) for name in FILLINGS}
-    assert (framed["replicated"][:, :20] == image[:, 20:21]).all()
-    assert (framed["reflected"][:, :20] == image[:, 20:40][:, ::-1]).all()
-    np.testing.assert_allclose(framed["mean"][0, 0], image[:, 20:].mean(axis=(0, 1)), atol=1)
-    rough = rng().integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-    assert with_border(Border(left=0.25, filling="blurred"), rough)[:, :20].std() < 0.5 * rough.std()
 
 
 def test_borders_reach_as_far_as_configured() -> None:
