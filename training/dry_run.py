@@ -40,7 +40,7 @@ def dry_run(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> l
     learner.check_weights()
     first, last = losses[0], losses[-1]
     lines = {
-        "samples": f"{len(shards)} in {counted(len(shards.paths), 'shard')}",
+        "samples": shards.description,
         "batch": f"{recipe.batch_size} pictures of {recipe.size_px} px, loaded in {1000 * loading_seconds:.0f} ms",
         "network": _size_of(learner, recipe),
         "losses": ", ".join(f"{name} {value:.4f}" for name, value in first.parts.items())

@@ -56,6 +56,7 @@ class ShardIndex:
         n_samples: Of all shards, drawn or not.
         where: What a sample's attributes must fulfil to be drawn; empty for nothing.
         held_out: Share of the persons that are not in ``sets`` (or, in what was held out, that are).
+        n_held_out: Samples that show them.
         model_name: The one morphable model of all shards.
         model_sha256: Its hash.
         smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
@@ -77,6 +78,7 @@ class ShardIndex:
     n_samples: int
     where: str
     held_out: float = 0.0
+    n_held_out: int = 0
     model_name: str
     model_sha256: str
     smallest_radius_mm: float
@@ -90,6 +92,17 @@ class ShardIndex:
     def __len__(self) -> int:
         """Samples that are drawn."""
         return sum(len(found.samples) for found in self.sets)
+
+    @property
+    def description(self) -> str:
+        """How many samples are drawn, of how many, and what became of the others."""
+        found = f"{len(self)} in {counted(len(self.paths), 'shard')}"
+        if len(self) == self.n_samples:
+            return found
+        n_passing = len(self) + self.n_held_out
+        notes = [f"{n_passing} of {self.n_samples} where {self.where}"] if self.where else []
+        notes += [f"{self.n_held_out} held out"] if self.n_held_out else []
+        return f"{found} ({', '.join(notes)})"
 
     @property
     def samples(self) -> Int64[ndarray, " n"]:
@@ -172,7 +185,7 @@ def split_off(index: ShardIndex, fraction: float) -> tuple[ShardIndex, ShardInde
                 f"--validation {fraction:g}: expected samples {what} in each set of shards, found none among "
                 f"{counted(n_persons, 'person')}; give another share, more shards, or 0 to validate with none"
             )
-        parts.append(replace(index, sets=sets, held_out=fraction))
+        parts.append(replace(index, sets=sets, held_out=fraction, n_held_out=int(is_held_out[index.samples].sum())))
     return parts[0], parts[1]
 
 

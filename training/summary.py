@@ -29,7 +29,7 @@ def summary(
     images = recipe.steps * recipe.batch_size - done
     seconds = images * seconds_per_image(recipe, surroundings.device) if images else 0.0
     lines = {
-        "samples": f"{len(shards)} in {counted(len(shards.paths), 'shard')}",
+        "samples": shards.description,
         "model": f"{shards.model_name} ({shards.model_sha256[:12]})",
         "terms": shards.licence,
         "scales": f"PNCC {shards.pncc_scale_mm:.0f} mm, offset {shards.offset_scale_mm:.0f} mm",

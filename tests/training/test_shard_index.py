@@ -111,6 +111,7 @@ def test_a_condition_chooses_samples(two_folders):
     index = index_shards(two_folders, where="yaw_deg < 35 and light != 'night'")
     assert index.samples.tolist() == [1, 2, 3]
     assert (len(index), index.n_samples) == (3, 5)
+    assert index.description == "3 in 2 shards (3 of 5 where yaw_deg < 35 and light != 'night')"
     weighted = index_shards([ShardFolder(path, 1) for path in two_folders], where="yaw_deg >= 20")
     assert [found.samples.tolist() for found in weighted.sets] == [[2], [3, 4]]
 
@@ -151,6 +152,7 @@ def test_a_share_of_the_persons_is_held_out_whatever_the_order(tmp_path):
     own, held_out = split_off(index, 0.3)
     assert 10 <= len(held_out) / 2 <= 26
     assert len(own) + len(held_out) == 120
+    assert own.description == f"{len(own)} in 1 shard ({len(held_out)} held out)"
     assert not set(index.person[own.samples]) & set(index.person[held_out.samples])
     more = split_off(index, 0.5)[1]
     assert set(held_out.samples.tolist()) < set(more.samples.tolist())
