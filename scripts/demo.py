@@ -83,8 +83,8 @@ def render_and_train(demo: Demo, n_faces: int, train_options: list[str]) -> None
     for name, n, seed in (("train", n_faces, 0), ("heldout", 100, 1_000_000)):
         drawn = ["--appearance", "plain", "--out", out / f"{name}.h5"]  # what some minutes of training can learn
         demo.run("datagen", "sample", "--n", n, "--seed", seed, *drawn)
-        shards = ["--out", out / f"shards-{name}", "--layers", "image,pncc,offset,mask,depth,landmarks"]
-        demo.run("datagen", "render", "--coeffs", out / f"{name}.h5", *shards)
+        layers = ["--appearance", "plain", "--layers", "image,pncc,offset,mask,depth,landmarks"]
+        demo.run("datagen", "render", "--coeffs", out / f"{name}.h5", "--out", out / f"shards-{name}", *layers)
     demo.run("datagen", "preview", out / "shards-train", "--n", 12, "--out", out / "contact_sheet.jpg")
     demo.run("train", "--shards", out / "shards-train", "--preset", "tiny", "--out", out / "run", *train_options)
 
