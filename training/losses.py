@@ -4,13 +4,13 @@ from dataclasses import asdict, dataclass
 from typing import Literal, final
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int16
 from torch import Tensor
 from torch.nn import functional
 
-from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+from pix2face.face_maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.networks.paper import MAP_PLANES
-from training.batches import Batch, target_planes
+from training.batches import Batch
 
 LossOver = Literal["all", "mask", "seen"]
 
@@ -58,13 +58,15 @@ class LossPlan:
             planes: The network's answer.
             batch: The truth, on the same device; with ``seen`` where the loss asks for it.
         """
-        target = target_planes(batch, self.pncc_scale_mm, self.offset_scale_mm)
-        errors = (planes[:, :MAP_PLANES] - target).abs()
-        parts = {"pncc": self._mean(errors[:, :3], batch), "offset": self._mean(errors[:, 3:], batch)}
-        if planes.shape[1] > MASK_PLANE:
-            parts["mask"] = _cross_entropy(planes[:, MASK_PLANE], batch.mask)
-        if planes.shape[1] > SEEN_PLANE:
-            parts["seen"] = _cross_entropy(planes[:, SEEN_PLANE], _seen(batch))
+        pncc, offset, *logits = planes.split([3, 3, *[1] * (planes.shape[1] - MAP_PLANES)], dim=1)
+        parts = {
+            "pncc": self._mean_error(pncc, batch.pncc, self.pncc_scale_mm, batch),
+            "offset": self._mean_error(offset, batch.offset, self.offset_scale_mm, batch),
+        }
+        if logits:
+            parts["mask"] = _cross_entropy(logits[0][:, 0], batch.mask)
+        if len(logits) > 1:
+            parts["seen"] = _cross_entropy(logits[1][:, 0], _seen(batch))
         return parts
 
     def total(self, parts: dict[str, Float[Tensor, ""]]) -> Float[Tensor, ""]:
@@ -76,11 +78,15 @@ class LossPlan:
         weighted = torch.stack([weights[name] * part for name, part in parts.items()])
         return weighted.sum() / sum(weights[name] for name in parts)
 
-    def _mean(self, errors: Float[Tensor, "b 3 s s"], batch: Batch) -> Float[Tensor, ""]:
+    def _mean_error(
+        self, planes: Float[Tensor, "b 3 s s"], steps: Int16[Tensor, "b 3 s s"], scale_mm: float, batch: Batch
+    ) -> Float[Tensor, ""]:
+        # One pass changes type and memory layout; in two layouts the comparison would take twice as long.
+        target = torch.empty_like(planes).copy_(steps).mul_(1 / (FIXED_POINT_STEPS_PER_MM * scale_mm))
         if self.over == "all":  # the background counts and should be 0
-            return errors.mean()
+            return functional.l1_loss(planes, target)
         inside = (batch.mask if self.over == "mask" else _seen(batch)).float()
-        sums = (errors.sum(dim=1) * inside).sum(dim=(1, 2))
+        sums = ((planes - target).abs().sum(dim=1) * inside).sum(dim=(1, 2))
         return (sums / (3 * inside.sum(dim=(1, 2)).clamp(min=1))).mean()
 
 
