@@ -13,7 +13,7 @@ from datagen.appearance.surface import Surface
 from pix2face.morphable_model import builtin_model
 
 VIEWS_DEG = (-45.0, 0.0, 45.0)
-_PIXELS, _SPAN_MM = 56, 300.0
+_PIXELS, _SPAN_MM = 40, 300.0
 _FACE_DEPTH_MM = 45.0  # what is nearer to the camera than this stands before the face
 
 
@@ -65,9 +65,15 @@ def _drawn(
     """Where triangles are, seen along an axis."""
     seen = corners @ axes.T
     seen = seen[seen[..., 2].mean(axis=1) > nearer_than_mm]
-    places = ((seen[..., :2] * [1, -1] / _SPAN_MM + [0.5, 0.55]) * _PIXELS).round().astype(np.int32)
-    inside = ((places.max(axis=1) >= 0) & (places.min(axis=1) < _PIXELS)).all(axis=1)
+    places = (seen[..., :2] * [1, -1] / _SPAN_MM + [0.5, 0.55]) * _PIXELS
+    places = np.concatenate([places, places.mean(axis=1, keepdims=True)], axis=1).round().astype(np.int32)
+    places = places[((places.max(axis=1) >= 0) & (places.min(axis=1) < _PIXELS)).all(axis=1)]
     picture: UInt8[ndarray, "h w"] = np.zeros((_PIXELS, _PIXELS), dtype=np.uint8)
-    for triangle in places[inside]:
+    is_large = (np.ptp(places, axis=1) > 2).any(axis=1)
+    for triangle in places[is_large, :3]:
         cv2.fillConvexPoly(picture, triangle, 1)
+    # Small triangles by their corners and middles: several times as fast.
+    dots = places[~is_large].reshape(-1, 2)
+    dots = dots[((dots >= 0) & (dots < _PIXELS)).all(axis=1)]
+    picture[dots[:, 1], dots[:, 0]] = 1
     return picture.astype(bool)

@@ -6,9 +6,8 @@ from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float64, Int32
+from jaxtyping import Float, Float32, Float64, Int32
 from numpy import ndarray
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from datagen.appearance.accessories.glasses_choice import Glasses
@@ -18,6 +17,7 @@ from pix2face.morphable_model import MorphableModel
 
 FRONT_REGIONS = ("skin", "brows", "eyes", "iris", "pupil")
 _CLEAR_MM = 1.5  # between frame and skin
+_CELL_MM, _CELLS, _LOW = 4.0, 54, np.array([-108.0, -76.0])  # cells over the front of the face
 _TEMPLE_MM = 2.2  # from the middle of a temple to the skin
 _LENS_BEFORE_EYE_MM = 11.0
 
@@ -88,7 +88,7 @@ def _pushed_out(head: PosedHead, path: Float64[ndarray, "n 3"], side: int) -> Fl
     chosen = _side_vertices(head.model)[side]
     skin, normals = head.neutral[chosen].astype(np.float64), head.normals[chosen]
     for _ in range(2):
-        nearest = np.square(path[:, None] - skin).sum(axis=2).argmin(axis=1)
+        nearest = (np.square(skin).sum(axis=1) - 2 * path @ skin.T).argmin(axis=1)
         outside = ((path - skin[nearest]) * normals[nearest]).sum(axis=1)
         path = path + np.clip(_TEMPLE_MM - outside, 0, 6)[:, None] * normals[nearest]
     return path
@@ -114,13 +114,26 @@ def _in_front(head: PosedHead, points: Float64[ndarray, "n 3"]) -> Float64[ndarr
     neutral, face = head.neutral[chosen], head.vertices[chosen]
     face = np.where(neutral[:, 2:] > face[:, 2:], neutral, face)
     normals = head.normals[chosen]
-    tree = cKDTree(face[:, :2], leafsize=32, balanced_tree=False, compact_nodes=False)
-    nearest = tree.query(points[:, :2], k=2, workers=1)[1]
+    nearest = _nearest_in_plane(face, points)
     aside = points[:, None, :2] - face[nearest, :2]
     normal = normals[nearest]
     slope = (normal[..., :2] * aside).sum(axis=-1) / np.maximum(normal[..., 2], 0.3)
     before = points[:, None, 2] - (face[nearest, 2] - np.clip(slope, -4, 4))
-    return before.min(axis=1)
+    return np.where(nearest >= 0, before, 1e3).min(axis=1)
+
+
+def _nearest_in_plane(face: Float32[ndarray, "v 3"], points: Float64[ndarray, "n 3"]) -> Int32[ndarray, "n 2"]:
+    """The two nearest vertices in x and y, among one (the foremost) in each cell around; no tree pays for so few."""
+    order = np.argsort(face[:, 2])
+    cells = np.clip(((face[order, :2] - _LOW) / _CELL_MM).astype(np.intp), 0, _CELLS - 1) + 1
+    field = np.full((_CELLS + 2, _CELLS + 2), -1, dtype=np.int32)
+    field[cells[:, 0], cells[:, 1]] = order
+    at = np.clip(((points[:, :2] - _LOW) / _CELL_MM).astype(np.intp), 0, _CELLS - 1)
+    around = np.stack([field[at[:, 0] + i, at[:, 1] + j] for i in range(3) for j in range(3)], axis=1)
+    aside = face[around, :2] - points[:, None, :2].astype(np.float32)
+    distance = np.where(around >= 0, np.square(aside[..., 0]) + np.square(aside[..., 1]), 1e6)
+    first = np.argpartition(distance, 1, axis=1)[:, :2]
+    return np.take_along_axis(around, first, axis=1)
 
 
 def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> Float64[ndarray, " n"]:

@@ -219,10 +219,10 @@ def _placed(
     place = near + np.array(hand.slide_mm) * [-1, 1, 0.3] - (pose.away_mm + 8) * palm
     # Fingers reach the place, rather than the wrist.
     place = place - 22 * hand.scale * along
-    local = hand.scale * (skin.vertices[::2].astype(np.float64) @ turn.T)
+    local = hand.scale * (skin.vertices[::3].astype(np.float64) @ turn.T)
     chosen = _sparse_skin(head.model)
     face, normals = head.vertices[chosen] * flip, head.normals[chosen] * flip
-    tree = cKDTree(face, leafsize=32, balanced_tree=False, compact_nodes=False)
+    tree = cKDTree(face)
     for _ in range(2 if pose.touches else 1):
         nearest = tree.query(local + place)[1]
         before = ((local + place - face[nearest]) * normals[nearest]).sum(axis=1)
@@ -260,6 +260,6 @@ def _touch_vertices(model: MorphableModel) -> Mapping[bool, Int32[ndarray, " p"]
 
 @lru_cache(maxsize=4)
 def _sparse_skin(model: MorphableModel) -> Int32[ndarray, " n"]:
-    """Every third vertex of what a hand can touch."""
+    """Every fifth vertex of what a hand can touch."""
     outside = ("skin", "brows", "lips", "eyes", "ears", "scalp", "neck")
-    return np.unique(model.triangles[triangles_of(model, outside)])[::3].astype(np.int32)
+    return np.unique(model.triangles[triangles_of(model, outside)])[::5].astype(np.int32)
