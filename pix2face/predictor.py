@@ -118,7 +118,8 @@ class Predictor:
         crops = [square_crop(box, INFERENCE_SCALE, self.header.size_px) for _, box in faces]
         pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
         planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
-        return [self._prediction(own, crop) for own, crop in zip(planes, crops, strict=True)]
+        found = [read_planes(own, self.header) for own in planes]
+        return [Prediction(own.maps, crop, own.n_undefined, own.seen) for own, crop in zip(found, crops, strict=True)]
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
         """As ``predict_batch`` for any number of faces, in as many passes as it takes to keep memory small."""
@@ -131,22 +132,36 @@ class Predictor:
             planes = self._network(batch).float().permute(0, 2, 3, 1)
             return np.ascontiguousarray(planes.cpu().numpy())
 
-    def _prediction(self, planes: Float32[ndarray, "s s planes"], crop: Crop) -> Prediction:
-        undefined = ~np.isfinite(planes).all(axis=2)
-        planes[undefined] = 0
-        pncc = planes[..., :3] * np.float32(self.header.pncc_scale_mm)
-        offset = planes[..., 3:MAP_PLANES] * np.float32(self.header.offset_scale_mm)
-        mask = self._mask(planes, pncc) & ~undefined
-        pncc[~mask] = 0
-        offset[~mask] = 0
-        seen = mask & (planes[..., SEEN_PLANE] > 0) if self.header.planes > SEEN_PLANE else None
-        return Prediction(FaceMaps(pncc, offset, mask), crop, int(undefined.sum()), seen)
 
-    def _mask(self, planes: Float32[ndarray, "s s planes"], pncc: Float32[ndarray, "s s 3"]) -> Bool[ndarray, "s s"]:
-        """Where the maps hold: as the network says, or, where it does not, by how far PNCC is from the background's."""
-        if self.header.planes > MASK_PLANE:
-            return eroded(planes[..., MASK_PLANE] > 0)
-        return valid_pixels(pncc, self.header.smallest_radius_mm)
+@final
+@dataclass(frozen=True, eq=False)
+class ReadPlanes:
+    """What the network's planes say, in millimetres; the fields are those of Prediction."""
+
+    maps: FaceMaps
+    n_undefined: int
+    seen: Bool[ndarray, "s s"] | None
+
+
+def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> ReadPlanes:
+    """From a network's output to maps in millimetres, 0 where they do not hold.
+
+    Args:
+        planes: Maps in units of the header's scales, then logits of masks, where there are any. Is overwritten.
+        header: Of the network.
+    """
+    undefined = ~np.isfinite(planes).all(axis=2)
+    planes[undefined] = 0
+    pncc = planes[..., :3] * np.float32(header.pncc_scale_mm)
+    offset = planes[..., 3:MAP_PLANES] * np.float32(header.offset_scale_mm)
+    # Where the network does not say it, PNCC does, by how far it is from the background's.
+    is_told = header.planes > MASK_PLANE
+    mask = eroded(planes[..., MASK_PLANE] > 0) if is_told else valid_pixels(pncc, header.smallest_radius_mm)
+    mask &= ~undefined
+    pncc[~mask] = 0
+    offset[~mask] = 0
+    seen = mask & (planes[..., SEEN_PLANE] > 0) if header.planes > SEEN_PLANE else None
+    return ReadPlanes(FaceMaps(pncc, offset, mask), int(undefined.sum()), seen)
 
 
 def _device(name: str | None) -> torch.device:

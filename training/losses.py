@@ -58,7 +58,7 @@ class LossPlan:
             planes: The network's answer.
             batch: The truth, on the same device; with ``seen`` where the loss asks for it.
         """
-        pncc, offset, *logits = planes.split([3, 3, *[1] * (planes.shape[1] - MAP_PLANES)], dim=1)
+        pncc, offset, *logits = torch.split(planes, [3, 3, *[1] * (planes.shape[1] - MAP_PLANES)], dim=1)
         parts = {
             "pncc": self._mean_error(pncc, batch.pncc, self.pncc_scale_mm, batch),
             "offset": self._mean_error(offset, batch.offset, self.offset_scale_mm, batch),
