@@ -3,8 +3,8 @@
 The preset ``paper`` against a plain float32 implementation of the same network in torch's own layers, planes first in
 memory, from the same weights, with the same pictures, in turns; then where the time goes, and the losses of both over
 some more steps (``--curve-steps 500``; at a smaller ``--curve-size-px`` that takes minutes instead of an hour); then
-the residual network, and inference on one core. Times are of the processor, summed over threads, since other jobs disturb
-them least; ``wall`` is what a clock on the wall says.
+the residual network, and inference on one core. Times are of the processor, summed over threads, since other jobs
+disturb them least; ``wall`` is what a clock on the wall says.
 """
 
 import json
