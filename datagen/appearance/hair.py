@@ -148,14 +148,13 @@ def hair_textures() -> Mapping[str, Texture]:
 def _style_mesh(style: str, hair: Hair, head: PosedHead, crown: CrownPlane | None) -> SceneMesh:
     hairdo = hair.hairdo
     mesh = bound_mesh(style, is_mirrored=hairdo.is_mirrored)
-    points = shaped(mesh, _parting(style, hairdo.is_mirrored), hairdo, crown) + mesh.displacements(
-        head.neutral, head.model.mean
-    )
+    worn = shaped(mesh, _parting(style, hairdo.is_mirrored), hairdo, crown)
+    points = worn + mesh.displacements(head.neutral, head.model.mean)
     return SceneMesh(
         name=f"hair/{style}",
         label="hair",
         vertices=points[mesh.point_of_vertex],
-        triangles=uncovered(mesh, crown),
+        triangles=uncovered(mesh, worn, crown),
         uv=mesh.uv,
         normals=_soft_normals(style, hairdo.is_mirrored),
         material=Material(

@@ -49,11 +49,13 @@ def shaped(mesh: BoundMesh, parting: Parting, hairdo: Hairdo, crown: CrownPlane 
     return points
 
 
-def uncovered(mesh: BoundMesh, crown: CrownPlane | None) -> Int32[ndarray, "t 3"]:
-    """Triangles that a hat leaves to be seen."""
+def uncovered(mesh: BoundMesh, points: Float32[ndarray, "p 3"], crown: CrownPlane | None) -> Int32[ndarray, "t 3"]:
+    """Triangles that a hat leaves to be seen: those that lie below it as modelled and as worn (``points``)."""
     if crown is None:
         return mesh.triangles
-    is_seen: Bool[ndarray, " v"] = (_above(mesh.mean, crown) < STRIP_MM)[mesh.point_of_vertex]
+    is_seen: Bool[ndarray, " v"] = (np.maximum(_above(mesh.mean, crown), _above(points, crown)) < STRIP_MM)[
+        mesh.point_of_vertex
+    ]
     return np.ascontiguousarray(mesh.triangles[is_seen[mesh.triangles].all(axis=1)])
 
 

@@ -20,6 +20,7 @@ CARRIERS = ("skin", "brows", "lips", "scalp", "neck")
 OFF_FACE = ("scalp", "neck")
 # Hair before the face is at least this far from the skin, mm, below the hair line. Deep inside nothing is laid on it.
 CLEARANCE_MM, HAIR_LINE_MM, DEEP_MM, CUT_MM = 1.6, 74.0, 6.0, 0.7
+NEAR_FACE_MM = 15.0
 # A point this near to the skin follows it alone; one that far the region around, mm.
 NEAR_MM, FAR_MM = 4.0, 16.0
 ANCHORS, ANCHORS_OF_POINT = 220, 12
@@ -156,9 +157,12 @@ def lifted_off_face(proxy: Proxy, binder: Binder) -> Proxy:
     kept = ~is_inside[proxy.quads].all(axis=1) & ~is_deep[proxy.quads].any(axis=1)
     points = np.where(is_low[:, None], binding.feet + CLEARANCE_MM * binding.outward, proxy.points)
     quads, uv_quads = proxy.quads[kept], proxy.uv_quads[kept]
-    corners = points[quads]
+    # To look for the foot of a point far off takes long, and it cuts through nothing.
+    near = np.flatnonzero((np.abs(binding.heights[quads]) < NEAR_FACE_MM).any(axis=1))
+    corners = points[quads[near]]
     between = np.concatenate([corners.mean(axis=1)[:, None], (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
-    cuts = _below(binder.bind(between.reshape(-1, 3)), -CUT_MM).reshape(len(quads), -1).any(axis=1)
+    cuts = np.zeros(len(quads), dtype=bool)
+    cuts[near] = _below(binder.bind(between.reshape(-1, 3)), -CUT_MM).reshape(len(near), -1).any(axis=1)
     return replace(proxy, points=points, quads=quads[~cuts], uv_quads=uv_quads[~cuts])
 
 
