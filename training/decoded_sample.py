@@ -59,7 +59,7 @@ class DecodedSample:
 
         def take(dtype: type, *shape: int) -> ndarray:
             nonlocal used
-            taken = np.frombuffer(content, dtype, int(np.prod(shape)), offset=used).reshape(shape)
+            taken: ndarray = np.frombuffer(content, dtype, int(np.prod(shape)), offset=used).reshape(shape)
             used += taken.nbytes
             return taken
 

@@ -34,7 +34,7 @@ class SampleStore:
         return {"shards": self._shards, "cut_px": self._cut_px, "cache": self._cache}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
+        self.__init__(**state)
 
     def get(self, number: int) -> DecodedSample:
         """A sample, from the cache where it is there.

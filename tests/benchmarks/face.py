@@ -70,7 +70,7 @@ def astronaut() -> UInt8[ndarray, "h w 3"]:
     """A photograph that comes with a package of the tests."""
     from skimage import data
 
-    return np.ascontiguousarray(data.astronaut())
+    return np.ascontiguousarray(data.astronaut())  # type: ignore[no-untyped-call]
 
 
 def main() -> None:
