@@ -54,8 +54,7 @@ class ResidualUNet(nn.Module):
         self.inner = nn.ModuleList(ResidualBlock(widths[-1], widths[-1], 2) for _ in range(INNER_BLOCKS))
         outwards = widths[::-1]
         self.narrow = nn.ModuleList(
-            nn.Conv2d(before, after, kernel_size=1, bias=False)
-            for before, after in pairwise(outwards)
+            nn.Conv2d(before, after, kernel_size=1, bias=False) for before, after in pairwise(outwards)
         )
         self.decoder = nn.ModuleList(
             ResidualBlock(width, width, convolutions) if convolutions else nn.Identity()
