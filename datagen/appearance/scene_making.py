@@ -48,7 +48,7 @@ class SceneMaker:
             model=self.model,
             vertices=vertices,
             normals=self._surface.normals(vertices),
-            neutral=self.model.vertices(face.identity[None], np.zeros((1, self.model.n_expression), np.float32))[0],
+            neutral=self._neutral(face, vertices),
             named_expressions=json.loads(active) if isinstance(active, str) else {},
         )
         turned = head_from_torso(appearance.torso, face.camera)
@@ -63,6 +63,11 @@ class SceneMaker:
         }
         lights = shadow_lights(appearance.light, face.camera)
         return Scene(head=head, meshes=(*grown, *worn), uniforms=uniforms, lights=lights)
+
+    def _neutral(self, face: Face, vertices: Float32[ndarray, "v 3"]) -> Float32[ndarray, "v 3"]:
+        """The face without its expression: that is taken off again, which reads a third of what identities need."""
+        basis = self.model.expression_basis.reshape(self.model.n_expression, -1)
+        return vertices - (face.expression.astype(np.float32) @ basis).reshape(vertices.shape)
 
 
 def _hair_on_skin(hair: Hair) -> dict[str, UniformValue]:

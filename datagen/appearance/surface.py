@@ -25,7 +25,7 @@ class Surface:
         n_vertices, n_triangles = len(model.mean), len(model.triangles)
         corner, triangle = model.triangles.reshape(-1), np.repeat(np.arange(n_triangles), 3)
         ones = np.ones(len(corner), dtype=np.float32)
-        self._triangles = model.triangles
+        self._corners = tuple(np.ascontiguousarray(model.triangles[:, k]) for k in range(3))
         self._incidence = sparse.csr_array((ones, (corner, triangle)), shape=(n_vertices, n_triangles))
         in_region = np.eye(len(model.region_names), dtype=np.float32)[model.triangle_regions]
         weights = self._incidence @ in_region
@@ -35,7 +35,16 @@ class Surface:
 
     def normals(self, vertices: Float32[ndarray, "v 3"]) -> Float32[ndarray, "v 3"]:
         """Unit normals, outward: the mean of the triangles around, by area. 0 at a vertex without triangles."""
-        a, b, c = (vertices[self._triangles[:, k]] for k in range(3))
-        normals = self._incidence @ np.cross(b - a, c - a)
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        return np.asarray(normals / np.where(length > 0, length, 1), dtype=np.float32)
+        # By coordinates and in place, as this is done for every picture: a third of the time of ``numpy.cross``.
+        x = np.ascontiguousarray(vertices.T)
+        a, p, q = (x.take(corner, axis=1) for corner in self._corners)
+        p -= a
+        q -= a
+        across = np.empty((p.shape[1], 3), dtype=np.float32)
+        across[:, 0] = p[1] * q[2] - p[2] * q[1]
+        across[:, 1] = p[2] * q[0] - p[0] * q[2]
+        across[:, 2] = p[0] * q[1] - p[1] * q[0]
+        normals = self._incidence @ across
+        length = np.sqrt(np.einsum("vc,vc->v", normals, normals))
+        normals /= np.where(length > 0, length, np.float32(1))[:, None]
+        return np.asarray(normals, dtype=np.float32)
