@@ -12,7 +12,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
-from scipy.spatial.transform import Rotation
 
 from pix2face.errors import DegenerateGeometryError
 
@@ -194,4 +193,11 @@ def head_pose(camera: Camera) -> HeadPose:
 def rotation_of_pose(pose: HeadPose) -> Float64[ndarray, "3 3"]:
     """The camera_from_model rotation of a head pose: R = Rx Ry Rz with 300W-LP's signs, then y down, z forward."""
     angles = [-pose.pitch_deg, -pose.yaw_deg, -pose.roll_deg]
-    return np.asarray(FRONTAL @ Rotation.from_euler("XYZ", angles, degrees=True).as_matrix(), dtype=np.float64)
+    a, b, c = (math.radians(angle) for angle in angles)
+    (ca, sa), (cb, sb), (cc, sc) = ((math.cos(angle), math.sin(angle)) for angle in (a, b, c))
+    turn = [  # Rx(a) Ry(b) Rz(c), by hand as in ``head_pose``
+        [cb * cc, -cb * sc, sb],
+        [ca * sc + sa * sb * cc, ca * cc - sa * sb * sc, -sa * cb],
+        [sa * sc - ca * sb * cc, sa * cc + ca * sb * sc, ca * cb],
+    ]
+    return np.asarray(FRONTAL @ np.array(turn), dtype=np.float64)

@@ -35,7 +35,7 @@ def light_textures() -> Mapping[str, Texture]:
 
 def light_uniforms(light: Light, camera: Camera) -> dict[str, UniformValue]:
     """Uniforms of ``light.glsl``; directions are turned from the camera into the model frame."""
-    model_from_camera = nearest_weak_perspective(camera).rotation.T
+    model_from_camera = _model_from_camera(camera)
     ambient = turned(_ambient(light), model_from_camera)
     directions, colours = np.tile([0.0, 0.0, 1.0], (MAX_LAMPS, 1)), np.zeros((MAX_LAMPS, 3))
     sizes, edges = np.zeros(MAX_LAMPS), np.full(MAX_LAMPS, _NARROWEST_EDGE_MM)
@@ -58,12 +58,19 @@ def light_uniforms(light: Light, camera: Camera) -> dict[str, UniformValue]:
 
 def shadow_lights(light: Light, camera: Camera) -> Float32[ndarray, "3 3"]:
     """Towards the two lamps and the sky, unit vectors, model frame; a row of zeros where there is no lamp."""
-    model_from_camera = nearest_weak_perspective(camera).rotation.T
+    model_from_camera = _model_from_camera(camera)
     towards = np.zeros((MAX_LAMPS + 1, 3))
     for place, lamp in enumerate(light.lamps):
         towards[place] = lamp.direction
     towards[MAX_LAMPS] = _sky(light)[0]
     return np.asarray(towards @ model_from_camera.T, dtype=np.float32)
+
+
+@lru_cache(maxsize=4)
+def _model_from_camera(camera: Camera) -> Float64[ndarray, "3 3"]:
+    turn = nearest_weak_perspective(camera).rotation.T
+    turn.setflags(write=False)
+    return turn
 
 
 def _ambient(light: Light) -> Float64[ndarray, "9 3"]:

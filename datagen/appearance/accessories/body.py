@@ -108,7 +108,7 @@ def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: f
     rings = _rings(len(rim), size, breadth) + shift
     ahead = _smoothed_around(inner - edge)
     keys = np.concatenate([(edge + ahead)[None], edge[None], rings])
-    points = np.einsum("rk,kcx->rcx", _spline_weights(), keys)
+    points = (_spline_weights() @ keys.reshape(len(keys), -1)).reshape(-1, *keys.shape[1:])
     points = _turned(points, np.asarray(head_from_torso, dtype=np.float64), _PIVOT + shift)
     points[0] = edge
     normals = grid_normals(points, is_closed=True)
@@ -121,10 +121,19 @@ def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: f
 
 def _rings(columns: int, size: float, breadth: float) -> Float64[ndarray, "k c 3"]:
     """The rings below the rim, mean head."""
+    place = _RINGS[:, :1]
+    wide = np.where(place < 0.1, size, np.where(place < 0.3, 0.5 + 0.5 * size, breadth))
+    rings = _mean_rings(columns).copy()
+    rings[..., 0] *= wide
+    return rings
+
+
+@lru_cache(maxsize=4)
+def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
+    """The same in their own width."""
     angle = np.linspace(0, 2 * np.pi, columns)
     sine, cosine = np.sin(angle), np.cos(angle)
     place, width, back, front, y_front, y_back, y_side = _RINGS.T[:, :, None]
-    width = width * np.where(place < 0.1, size, np.where(place < 0.3, 0.5 + 0.5 * size, breadth))
     boxy = 1 - 0.3 * np.clip(place / 0.6, 0, 1)
     x = -width * np.sign(sine) * np.abs(sine) ** boxy
     z = 0.5 * (front + back) - 0.5 * (front - back) * np.sign(cosine) * np.abs(cosine) ** boxy
@@ -143,7 +152,9 @@ def _spline_weights() -> Float64[ndarray, "r k"]:
 def _smoothed_around(vectors: Float64[ndarray, "c 3"]) -> Float64[ndarray, "c 3"]:
     """A mean over some columns, of a ring whose last column is its first."""
     ring = vectors[:-1]
-    smooth = np.mean([np.roll(ring, shift, axis=0) for shift in range(-4, 5)], axis=0)
+    wide = np.concatenate([ring[-5:], ring, ring[:4]])
+    summed = np.cumsum(wide, axis=0)
+    smooth = (summed[9:] - summed[:-9]) / 9
     return np.concatenate([smooth, smooth[:1]])
 
 
@@ -154,4 +165,4 @@ def _turned(
     share = np.clip(_PLACES + 1, 0, 1)
     share = share * share * (3 - 2 * share)
     turns = Rotation.from_rotvec(share[:, None] * Rotation.from_matrix(head_from_torso).as_rotvec()).as_matrix()
-    return np.einsum("rij,rcj->rci", turns, points - pivot) + pivot
+    return (points - pivot) @ turns.transpose(0, 2, 1) + pivot

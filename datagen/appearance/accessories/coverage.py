@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, UInt8
+from jaxtyping import Bool, Float32, Float64, Int, UInt8
 from numpy import ndarray
 
 from datagen.appearance.scene import PosedHead, SceneMesh
@@ -32,11 +32,13 @@ def visible_share(meshes: Sequence[SceneMesh]) -> float:
     opaque = [mesh for mesh in meshes if not _lets_through(mesh)]
     if not opaque:
         return 1.0
-    corners = np.concatenate([mesh.vertices[mesh.triangles] for mesh in opaque])
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in opaque[:-1]])
+    vertices = np.concatenate([mesh.vertices for mesh in opaque])
+    triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(opaque, starts, strict=True)])
     shares = []
     for yaw_deg in VIEWS_DEG:
         axes, face = _view(yaw_deg)
-        hidden = _drawn(corners, axes, _FACE_DEPTH_MM)
+        hidden = _drawn(vertices, triangles, axes, _FACE_DEPTH_MM)
         shares.append(1 - float((face & hidden).sum()) / float(face.sum()))
     return min(shares)
 
@@ -56,20 +58,27 @@ def _view(yaw_deg: float) -> tuple[Float64[ndarray, "3 3"], Bool[ndarray, "h w"]
     model = builtin_model()
     corners = model.mean[model.triangles[model.is_face_triangle]]
     ahead = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ axes[2]
-    return axes, _drawn(corners[ahead > 0], axes, -1e3)
+    return axes, _drawn(model.mean, model.triangles[model.is_face_triangle][ahead > 0], axes, -1e3)
 
 
 def _drawn(
-    corners: Float32[ndarray, "t 3 3"], axes: Float64[ndarray, "3 3"], nearer_than_mm: float
+    vertices: Float32[ndarray, "v 3"],
+    triangles: Int[ndarray, "t 3"],
+    axes: Float64[ndarray, "3 3"],
+    nearer_than_mm: float,
 ) -> Bool[ndarray, "h w"]:
     """Where triangles are, seen along an axis."""
-    seen = corners @ axes.T
-    seen = seen[seen[..., 2].mean(axis=1) > nearer_than_mm]
-    places = (seen[..., :2] * [1, -1] / _SPAN_MM + [0.5, 0.55]) * _PIXELS
-    places = np.concatenate([places, places.mean(axis=1, keepdims=True)], axis=1).round().astype(np.int32)
-    places = places[((places.max(axis=1) >= 0) & (places.min(axis=1) < _PIXELS)).all(axis=1)]
+    seen = vertices @ axes.T
+    depth = seen[:, 2]
+    a, b, c = triangles.T
+    triangles = triangles[depth[a] + depth[b] + depth[c] > 3 * nearer_than_mm]
+    corners = ((seen[:, :2] * [1, -1] / _SPAN_MM + [0.5, 0.55]) * _PIXELS)[triangles]
+    middles = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3
+    places = np.concatenate([corners, middles[:, None]], axis=1).round().astype(np.int32)
     picture: UInt8[ndarray, "h w"] = np.zeros((_PIXELS, _PIXELS), dtype=np.uint8)
-    is_large = (np.ptp(places, axis=1) > 2).any(axis=1)
+    a, b, c = places[:, 0], places[:, 1], places[:, 2]
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    is_large = ((high - low > 2) & (high >= 0) & (low < _PIXELS)).any(axis=1)
     for triangle in places[is_large, :3]:
         cv2.fillConvexPoly(picture, triangle, 1)
     # Small triangles by their corners and middles: several times as fast.

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Float64, Int32
 from numpy import ndarray
 
 from datagen.appearance.scene import Material, SceneMesh
@@ -92,6 +92,36 @@ def grid_triangles(rows: int, columns: int) -> Int32[ndarray, "t 3"]:
     return triangles
 
 
+@lru_cache(maxsize=256)
+def _unit_grid(rows: int, columns: int) -> Float32[ndarray, "n 2"]:
+    """Texture coordinates of a grid that the texture is on once."""
+    u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
+    uv = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float32)
+    uv.setflags(write=False)
+    return uv
+
+
+@lru_cache(maxsize=64)
+def _section(sides: int, squareness: float) -> Float64[ndarray, "c 2"]:
+    """Around a tube: sideways, upward."""
+    angle = np.linspace(0, 2 * np.pi, sides + 1) + np.pi / sides
+    across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    across /= np.abs(across).max(axis=1, keepdims=True) ** squareness
+    across.setflags(write=False)
+    return across
+
+
+@lru_cache(maxsize=64)
+def _ball(rows: int, columns: int) -> Float64[ndarray, "r c 3"]:
+    slope = np.linspace(0, np.pi, rows)[:, None]
+    angle = np.linspace(0, 2 * np.pi, columns + 1)[None]
+    around = np.stack(
+        np.broadcast_arrays(np.sin(slope) * np.sin(angle), np.cos(slope), np.sin(slope) * np.cos(angle)), -1
+    )
+    around.setflags(write=False)
+    return around
+
+
 def grid_normals(points: Float[ndarray, "r c 3"], *, is_closed: bool = False) -> Float32[ndarray, "r c 3"]:
     """Unit normals of a grid by central differences; ``is_closed``: its last column lies on its first."""
     down = np.empty(points.shape, dtype=np.float32)
@@ -119,9 +149,8 @@ def sheet(
         normals: Where they are known better.
     """
     rows, columns = points.shape[:2]
-    u, v = np.meshgrid(np.linspace(0, repeats[0], columns), np.linspace(0, repeats[1], rows))
     found = grid_normals(points, is_closed=is_closed) if normals is None else normals
-    uv = np.stack([u, v], axis=-1).reshape(-1, 2)
+    uv = _unit_grid(rows, columns) * np.asarray(repeats, dtype=np.float32)
     return solid(points.reshape(-1, 3), grid_triangles(rows, columns), uv, found.reshape(-1, 3))
 
 
@@ -152,9 +181,7 @@ def tube(
     ahead = unit(ahead)
     side = unit(cross(ahead, np.asarray(upward, dtype=np.float32)))
     up = cross(side, ahead)
-    angle = np.linspace(0, 2 * np.pi, sides + 1) + np.pi / sides
-    across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    across /= np.abs(across).max(axis=1, keepdims=True) ** squareness
+    across = _section(sides, squareness)
     points = (
         path[:, None]
         + (size[:, :1] * across[:, 0])[..., None] * side[:, None]
@@ -179,11 +206,7 @@ def lathe(profile: Float[ndarray, "n 2"], sides: int = 16) -> Solid:
 
 def ellipsoid(radii: tuple[float, float, float], rows: int = 7, columns: int = 12) -> Solid:
     """An ellipsoid about the origin, its poles on the y axis; half sizes in mm."""
-    slope = np.linspace(0, np.pi, rows)[:, None]
-    angle = np.linspace(0, 2 * np.pi, columns + 1)[None]
-    around = np.stack(
-        np.broadcast_arrays(np.sin(slope) * np.sin(angle), np.cos(slope), np.sin(slope) * np.cos(angle)), -1
-    )
+    around = _ball(rows, columns)
     size = np.asarray(radii, dtype=np.float64)
     return sheet(around * size, (size[0] / 5, size[1] / 10), is_closed=True, normals=unit(around / size))
 

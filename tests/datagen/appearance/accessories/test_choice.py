@@ -15,6 +15,7 @@ from datagen.appearance.accessories.choice import (
     accessory_textures,
     draw_accessories,
     hidden_hair,
+    most_hidden,
 )
 from datagen.appearance.accessories.coverage import mean_head, visible_share
 from datagen.appearance.person import draw_person
@@ -127,3 +128,22 @@ def test_shares_that_are_none_are_refused() -> None:
     with pytest.raises(UsageError, match="sum is at most 1"):
         AccessoriesConfig(glasses=0.8, sunglasses=0.4).check()
     HARD_ACCESSORIES.check()
+
+
+@pytest.mark.parametrize("kind", ["glasses", "goggles", "headwear", "mask", "held"])
+def test_nothing_hides_more_than_it_is_taken_to(kind: str) -> None:
+    """Where bounds leave enough, nobody measures."""
+    none = dict.fromkeys(("glasses", "sunglasses", "goggles", "headwear", "mask", "held", "hand", "thing"), 0.0)
+    shares = {"sunglasses": 1.0, "goggles": 1.0} if kind == "goggles" else {kind: 1.0}
+    config = AccessoriesConfig(**{**none, **shares, "least_visible": 0.0})
+    for seed in range(40):
+        accessories = drawn(seed, config)
+        worn = {name: getattr(accessories, name) for name in ("glasses", "headwear", "mask", "held")}
+        alone = replace(accessories, beard=None)
+        meshes = [
+            mesh
+            for mesh in accessory_meshes(alone, mean_head(), SKIN, HAIR, np.eye(3))
+            if mesh.label not in ("clothes", "jewellery")
+        ]
+        assert sum(part is not None for part in worn.values()) == 1
+        assert 1 - visible_share(meshes) <= most_hidden(alone) < 1
