@@ -52,7 +52,7 @@ def expose_through(lens: Lens, light: Float32[ndarray, "h w 3"]) -> Float32[ndar
     if lens.bloom:
         light = _with_bloom(light, lens.bloom)
     if lens.glare:
-        light = cv2.add(cv2.multiply(light, (1 - lens.glare,) * 4), tuple(lens.glare * v for v in cv2.mean(light)))
+        light = cv2.add(cv2.multiply(light, (1 - lens.glare,) * 4), tuple(lens.glare * v for v in cv2.mean(light)))  # type: ignore[call-overload] # OpenCV's stubs know no scalars
     if lens.vignetting:
         light = cv2.multiply(light, cv2.merge([_vignette(lens, light.shape[0], light.shape[1])] * 3))
     return light

@@ -95,7 +95,9 @@ def encode_jpeg(image: UInt8[ndarray, "h w 3"], quality: int, *, is_colour_halve
 
 def _through_jpeg(image: UInt8[ndarray, "h w 3"], quality: int) -> UInt8[ndarray, "h w 3"]:
     content = np.frombuffer(encode_jpeg(image, quality), dtype=np.uint8)
-    return cv2.cvtColor(cv2.imdecode(content, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    decoded = cv2.imdecode(content, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
 
 
 def _sharpened(image: UInt8[ndarray, "h w 3"], strength: float, radius_px: float) -> UInt8[ndarray, "h w 3"]:

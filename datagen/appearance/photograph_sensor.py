@@ -81,7 +81,8 @@ def sense(
     few, few_of_face = light[::4, ::4], face[::4, ::4]
     metered = few[few_of_face] if sensor.is_metered_on_face and few_of_face.any() else few.reshape(-1, 3)
     gain = _metered_gain(sensor, metered * gains)
-    exposed = cv2.multiply(light, (*(gains * np.float32(gain)).tolist(), 0.0))
+    factors = (*(gains * np.float32(gain)).tolist(), 0.0)
+    exposed = cv2.multiply(light, factors)  # type: ignore[call-overload] # OpenCV's stubs know no scalars
     return _with_noise(sensor, exposed, rng) if sensor.noise else exposed
 
 

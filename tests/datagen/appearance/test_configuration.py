@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ def test_what_the_command_prints_is_a_configuration(
 
 def test_every_number_is_explained() -> None:
     lines = to_toml(PRESETS[DEFAULT]).splitlines()
-    bare = [line for above, line in zip(lines, lines[1:], strict=False) if "=" in line and above[:1] != "#"]
+    bare = [line for above, line in pairwise(lines) if "=" in line and above[:1] != "#"]
     assert bare == []
 
 
