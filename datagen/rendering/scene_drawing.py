@@ -28,6 +28,7 @@ from datagen.rendering.scene_head import SceneHead
 from datagen.rendering.scene_meshes import ObjectMeshes, Run
 from datagen.rendering.scene_openings import Openings
 from datagen.rendering.scene_program import (
+    HEAD_KINDS,
     KINDS,
     UNITS,
     SceneProgram,
@@ -74,7 +75,9 @@ class SceneDrawer:
         context = self._context = gl.context
         self._textures = SceneTextures(textures, context)
         self._programs = {
-            "head": compile_head(context),
+            **{name: compile_head(context, name) for name in HEAD_KINDS},
+            "head depth": SceneProgram(context, "whole_vertex", ("head_depth_fragment",)),
+            "head kind": SceneProgram(context, "whole_vertex", ("head_kind_fragment",)),
             "bare": SceneProgram(context, "bare_vertex", ("bare_fragment",)),
             "seen": SceneProgram(context, "bare_vertex", ("seen_fragment",)),
             "edges": SceneProgram(context, "whole_vertex", ("visibility", "edges_fragment")),
@@ -87,7 +90,7 @@ class SceneDrawer:
         drawn = {name: program for name, program in self._programs.items() if "vertex" in program.attributes}
         self._openings = Openings(model)
         self._objects = ObjectMeshes(context, drawn)
-        whole = {name: self._programs[name] for name in ("head", "edges", *PICTURES)}
+        whole = {name: self._programs[name] for name in ("head depth", "head kind", *HEAD_KINDS, "edges", *PICTURES)}
         self._whole = {name: context.vertex_array(program.program, []) for name, program in whole.items()}
         self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
         self._targets = KeptBySize(lambda height, width: make_target(context, height, width), SceneTarget.release)
@@ -189,10 +192,12 @@ class SceneDrawer:
 
     def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
         """Steps 3 and 4."""
+        self._context.enable_only(moderngl.DEPTH_TEST)
         target.colours.use()
         target.colours.clear()
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        self._whole["head"].render(moderngl.TRIANGLES, vertices=3)
+        self._whole["head depth"].render(moderngl.TRIANGLES, vertices=3)
+        self._draw_head(target)
+        target.colours.use()
         if not self._objects.opaque:
             return
         # Depth first: what another object hides, or the front of its own, is not worth shading.
@@ -206,6 +211,20 @@ class SceneDrawer:
         for run in self._objects.opaque:
             self._draw_run(scene, run, "object")
         self._context.depth_func = "<"
+
+    def _draw_head(self, target: SceneTarget) -> None:
+        """Step 3: nothing but a test of depth spares pixels that show something else."""
+        kinds = target.kinds
+        kinds.color_mask, kinds.depth_mask = (False, False, False, False), True
+        kinds.use()
+        kinds.clear()
+        self._context.depth_func = "1"  # always: depth is what is written
+        self._whole["head kind"].render(moderngl.TRIANGLES, vertices=3)
+        kinds.color_mask, kinds.depth_mask = (True, True, True, True), False
+        kinds.use()
+        self._context.depth_func = "<"
+        for kind in HEAD_KINDS:
+            self._whole[kind].render(moderngl.TRIANGLES, vertices=3)
 
     def _draw_edges(self, target: SceneTarget) -> None:
         """Step 5."""

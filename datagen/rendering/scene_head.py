@@ -52,7 +52,9 @@ class SceneHead:
         static = {"places": home, "paint0": paint[self._source, :4], "paint1": paint[self._source, 4:]}
         self._textures = {f"head_{name}": list_texture(context, each) for name, each in static.items()}
         self._textures |= {f"head_{name}": list_texture(context, each) for name, each in self._moving.items()}
-        self._textures["head_corners"] = list_texture(context, triangles)
+        self._textures["head_corners"] = list_texture(
+            context, np.column_stack([triangles, painted_kinds(uv, triangles)])
+        )
         self._vertices = context.buffer(reserve=self._moving["positions"].nbytes, dynamic=True)
         self._buffers = [
             self._vertices,
@@ -104,6 +106,14 @@ def split_by_uv(
     uv = model.uv[split & 0xFFFFFFFF] * np.array([1, -1], dtype=np.float32) + np.array([0, 1], dtype=np.float32)
     # Vertices without a triangle are left out: nothing draws them.
     return split >> 32, uv, np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.int32)
+
+
+def painted_kinds(uv: Float32[ndarray, "s 2"], triangles: Int32[ndarray, "t 3"]) -> Int32[ndarray, " t"]:
+    """Which of ``HEAD_KINDS`` paints each triangle, by islands of MakeHuman's texture coordinates, v downward."""
+    u, v = uv[triangles].mean(axis=1).T
+    eyes = (u > 0.75) & (v < 0.075)
+    inside = ((v < 0.13) | (v > 0.86) | (u < 0.2)) & ~((u > 0.32) & (u < 0.45))
+    return np.where(eyes, 1, np.where(inside, 2, 0)).astype(np.int32)
 
 
 def coarse_triangles(model: MorphableModel, source: Int64[ndarray, " s"]) -> Int32[ndarray, "u 3"]:

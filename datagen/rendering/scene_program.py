@@ -14,6 +14,8 @@ from pix2face.errors import UsageError
 
 MaterialKind = Literal["object", "hair", "glass"]
 KINDS: tuple[MaterialKind, ...] = ("object", "hair", "glass")
+# How the head is painted; where one is seen, those before it are painted first, and painted over.
+HEAD_KINDS = ("OUTSIDE", "EYES", "MOUTH")
 
 # Where the drawer's own textures are bound, in all programs; those of the parts follow.
 UNITS = {
@@ -119,9 +121,11 @@ class SceneTextures:
             array.release()
 
 
-def compile_head(context: moderngl.Context) -> SceneProgram:
-    """The program that paints and lights the head where it is seen."""
-    return SceneProgram(context, "whole_vertex", (*_BEFORE, "light", "skin", "head_fragment"))
+def compile_head(context: moderngl.Context, kind: str) -> SceneProgram:
+    """The program that paints and lights one of ``HEAD_KINDS`` where it is seen."""
+    program = SceneProgram(context, "whole_vertex", (*_BEFORE, "light", "skin", "head_fragment"), (kind,))
+    program.set({"whole_depth": 0.5 * HEAD_KINDS.index(kind) - 0.75})  # just before that of head_kind_fragment.glsl
+    return program
 
 
 def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) -> SceneProgram:

@@ -20,6 +20,7 @@ class SceneTarget:
         seen: What the samples see: twice as fine and one more, so that one lies at the centre of each pixel and the
             others are shared by neighbours.
         colours: What is opaque, at the centre of each pixel.
+        kinds: The same colours; its depth says how the head is painted.
         edges: Where two surfaces share a pixel; its depth is that of the farther.
         blended: What is transparent, over the nearer and over the farther surface, and its label. Depth as edges.
         picture: The result, and the labels.
@@ -28,6 +29,7 @@ class SceneTarget:
 
     seen: moderngl.Framebuffer
     colours: moderngl.Framebuffer
+    kinds: moderngl.Framebuffer
     edges: moderngl.Framebuffer
     blended: moderngl.Framebuffer
     picture: moderngl.Framebuffer
@@ -48,7 +50,7 @@ class SceneTarget:
     def release(self) -> None:
         """Gives everything back to the driver."""
         attachments = {}
-        for framebuffer in (self.seen, self.colours, self.edges, self.blended, self.picture):
+        for framebuffer in (self.seen, self.colours, self.kinds, self.edges, self.blended, self.picture):
             for each in (*framebuffer.color_attachments, framebuffer.depth_attachment):
                 attachments[id(each)] = each
             framebuffer.release()
@@ -78,6 +80,7 @@ def make_target(context: moderngl.Context, height: int, width: int) -> SceneTarg
     return SceneTarget(
         seen=context.framebuffer([textures["seen"]], context.depth_renderbuffer(fine)),
         colours=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
+        kinds=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
         edges=context.framebuffer([textures["edges"]], far_depth),
         blended=context.framebuffer(blended, far_depth),
         picture=context.framebuffer(picture),

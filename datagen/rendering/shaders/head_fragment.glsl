@@ -1,4 +1,5 @@
-// The head at the centre of each pixel that shows it: one shading a pixel, however small the triangles are.
+// The head at the centre of each pixel that shows it: one shading a pixel, however small the triangles are. The test of
+// depth leaves out all other pixels (head_kind_fragment.glsl).
 
 const float INSIDE = 0.3;  // of the light that falls outside arrives inside the head, seen through the neck
 
@@ -9,7 +10,6 @@ uniform sampler2D head_normals;    // normal and v
 uniform sampler2D head_places;     // position on the mean head, and occlusion
 uniform sampler2D head_paint0, head_paint1;
 uniform mat4 clip_from_model;
-uniform vec4 depth_from_buffer;  // mm: (x d + y) / (z d + w)
 uniform vec2 half_size;   // of the picture, px
 uniform float outside;    // sign of the area in the image of triangles that show their outside
 
@@ -21,11 +21,7 @@ ivec2 texel(uint index) {
 
 void main() {
     vec2 here = texelFetch(seen, 2 * ivec2(gl_FragCoord.xy) + 1, 0).xy;
-    if (here.x <= 0.0) discard;
-    float depth = here.y;
-    gl_FragDepth = (depth_from_buffer.w * depth - depth_from_buffer.y)
-                 / (depth_from_buffer.x - depth_from_buffer.z * depth);
-    uvec3 corner = texelFetch(head_corners, texel(uint(here.x) - 1u), 0).xyz;
+    uvec3 corner = texelFetch(head_corners, texel(uint(max(here.x, 1.0)) - 1u), 0).xyz;
     ivec2 ta = texel(corner.x), tb = texel(corner.y), tc = texel(corner.z);
     vec4 a = texelFetch(head_positions, ta, 0), b = texelFetch(head_positions, tb, 0);
     vec4 c = texelFetch(head_positions, tc, 0);

@@ -1,5 +1,4 @@
-// What the head is painted with: skin, eyes, and the inside of the mouth. Software drivers work out all three for every
-// pixel, so each is cheap. Where detail is finer than a pixel, the textures' coarser levels fade it.
+// What the head is painted with: skin, EYES, or the inside of the MOUTH, a program each. Where detail is finer than a pixel, the textures' coarser levels fade it.
 
 uniform sampler2DArray skin_atlas, skin_details, skin_noise, skin_iris;
 uniform vec4 skin_atlas_box, skin_details_box;  // u and v where they begin, and 1 / their extent
@@ -261,10 +260,11 @@ Surface inside_of_mouth(Surface s, vec2 uv, vec3 place, float lips) {
 }
 
 Surface skin(Surface s, vec2 uv, vec3 place, vec4 paint0, vec4 paint1, float pixel_mm) {
-    // Islands of MakeHuman's texture coordinates, v downward.
-    bool is_eye = uv.x > 0.75 && uv.y < 0.075;
-    bool is_inside = !is_eye && (uv.y < 0.13 || uv.y > 0.86 || uv.x < 0.2) && !(uv.x > 0.32 && uv.x < 0.45);
-    if (is_eye) return eye(s, uv, place);
-    if (is_inside) return inside_of_mouth(s, uv, place, ramp(0.0, 0.6, paint0.x));
+#if defined(EYES)
+    return eye(s, uv, place);
+#elif defined(MOUTH)
+    return inside_of_mouth(s, uv, place, ramp(0.0, 0.6, paint0.x));
+#else
     return outside_of_head(s, uv, place, paint0, paint1);
+#endif
 }
