@@ -133,19 +133,9 @@ def _render(config: RenderConfig) -> int:
 def _open(config: RenderConfig, jitter: JitterBake) -> OpenedJob:
     """Opens a job; what it draws where nothing is said depends on model and faces."""
     given = None if config.appearance is None else load_configuration(config.appearance)
-    parse_layers(
-        ALL_LAYERS if config.layers is None else config.layers
-    )  # a name that is not there is found before long files are read
-    job = RenderJob(
-        config.coeffs,
-        config.model,
-        config.seed,
-        config.shard_size,
-        (),
-        config.compression,
-        jitter,
-        given or PRESETS[PLAIN],
-    )
+    # A layer that there is not is found before long files are read.
+    parse_layers(ALL_LAYERS if config.layers is None else config.layers)
+    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, (), config.compression, jitter)
     opened = open_job(job)
     has_photographs = opened.source.has_photographs
     if has_photographs and given is not None:
