@@ -1,11 +1,13 @@
 """Conditions on the attributes of samples, such as ``abs(yaw_deg) < 60 and light_kind != 'silhouette'``.
 
 The language is a small part of Python's: comparisons (also ``in``), ``and``, ``or``, ``not``, numbers, texts, lists,
-``+ - * /``, and the functions ``abs``, ``min`` and ``max``. Names are those of attributes, and ``sample_id``. Nothing
-else can be written, so a condition from anywhere can be tried without harm.
+``+ - * /``, and the functions ``abs``, ``min`` and ``max``. Names are those of attributes, with their dots
+(``light.kind``), and ``sample_id``. Nothing else can be written: a condition from anywhere can be tried without harm.
 
 A sample may lack an attribute that others have (photographs have no kind of light). What is not there equals nothing:
-``!=`` and ``not in`` hold, any other comparison does not.
+``!=`` and ``not in`` hold, any other comparison does not. But what a synthetic photograph was drawn from is stored
+without its zeros: ``skin.stubble`` is 0 for a sample that lacks it and has other attributes ``skin.``. So
+``accessories.glasses.lift < 0.5`` holds for glasses on a nose, and not for faces without glasses.
 """
 
 import ast
@@ -97,9 +99,9 @@ class SampleFilter:
         match node:
             case ast.Constant(value=str() | int() | float() as value):
                 return lambda _: value
-            case ast.Name(id=name):
-                self._used.add(name)
-                return lambda attributes: attributes.get(name)
+            case ast.Name() | ast.Attribute() if dotted := _dotted(node):
+                self._used.add(dotted)
+                return lambda attributes: _attribute(attributes, dotted)
             case ast.BoolOp(op=op, values=values):
                 return _all_or_any([self._compiled(value) for value in values], isinstance(op, ast.And))
             case ast.UnaryOp(op=ast.Not(), operand=operand):
@@ -120,6 +122,25 @@ class SampleFilter:
         raise self._error(
             f"expected comparisons, and, or, not, + - * /, {', '.join(_FUNCTIONS)} of attributes, found {found!r}"
         )
+
+
+def _dotted(node: ast.expr) -> str:
+    """``part.name``; empty for what is no name."""
+    match node:
+        case ast.Name(id=name):
+            return name
+        case ast.Attribute(value=value, attr=name) if before := _dotted(value):
+            return f"{before}.{name}"
+    return ""
+
+
+def _attribute(attributes: Attributes, name: str) -> str | float | None:
+    """An attribute; of a part that is there without it 0."""
+    found = attributes.get(name)
+    if found is not None:
+        return found
+    part = name.rpartition(".")[0] + "."
+    return 0.0 if any(other.startswith(part) for other in attributes) else None
 
 
 def _all_or_any(parts: list[Evaluate], is_all: bool) -> Evaluate:

@@ -4,9 +4,8 @@ A part that is configured otherwise, or draws one number more, changes nothing e
 differ in one ingredient differ in nothing but that ingredient.
 """
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, final
 
@@ -70,10 +69,15 @@ def draw_appearance(seed: int, sample_id: str, config: AppearanceConfig) -> Appe
 
 
 def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
-    """What is stored with a sample: ``part.name`` of everything that was drawn, lists as JSON."""
+    """What is stored with a sample, to filter by: ``part.name`` of what was drawn.
+
+    Numbers have four digits, yes and no are 1 and 0, of lists of things it is how many there are. Left out are numbers
+    that are 0 (``pix2face.sample_filter`` knows), colours, places and other lists of numbers, and seeds: the job's
+    seed, its configuration and the sample's id give all of them again.
+    """
     found: dict[str, str | float] = {}
     for part in fields(appearance):
-        _flatten(asdict(getattr(appearance, part.name)), part.name, found)
+        _describe(getattr(appearance, part.name), part.name, found)
     return found
 
 
@@ -83,13 +87,27 @@ def appearance_textures() -> Mapping[str, Texture]:
     return {**skin_textures(), **hair_textures(), **light_textures(), **accessory_textures()}
 
 
-def _flatten(values: Mapping[str, Any], prefix: str, into: dict[str, str | float]) -> None:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            _flatten(value, f"{prefix}.{name}", into)
-        elif isinstance(value, str):
-            into[f"{prefix}.{name}"] = value
-        elif isinstance(value, bool | int | float):
-            into[f"{prefix}.{name}"] = float(value)
-        elif value is not None:
-            into[f"{prefix}.{name}"] = json.dumps(value)
+# What says how something is drawn, and nothing about the picture that anybody would choose by.
+_ONLY_TO_DRAW = ("seed", "enlarged_by", "read_noise_share", "tips_from_mm", "tips_to_mm", "scale_mm", "roll_off")
+
+
+def _describe(part: Any, prefix: str, into: dict[str, str | float]) -> None:
+    """Adds a part of an appearance; at least one attribute says that it is there."""
+    n_before, zeros = len(into), []
+    for name, value in vars(part).items():
+        if name in _ONLY_TO_DRAW or value is None:
+            continue
+        stored = f"{prefix}.{name}"
+        if isinstance(value, tuple) and value and isinstance(value[0], float | int | tuple):
+            continue
+        number = len(value) if isinstance(value, tuple) else value
+        if isinstance(number, str):
+            into[stored] = number
+        elif not isinstance(number, bool | int | float):
+            _describe(number, stored, into)
+        elif number:
+            into[stored] = float(f"{number:.4g}")
+        else:
+            zeros.append(stored)
+    if len(into) == n_before and zeros:
+        into[zeros[0]] = 0.0

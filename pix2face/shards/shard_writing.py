@@ -67,7 +67,7 @@ def pack_triplet(triplet: Triplet, layers: Sequence[str]) -> PackedTriplet:
         InputFileError: It lacks a layer, or a value does not fit the format.
     """
     image = _image(triplet) if IMAGE in layers else b""
-    attributes = json.dumps(dict(triplet.attributes), sort_keys=True)
+    attributes = json.dumps(dict(triplet.attributes), sort_keys=True, separators=(",", ":"))
     texts = {
         name: bounded_utf8(text, name, LARGEST_TEXT_BYTES[name])
         for name, text in (("sample_id", triplet.sample_id), ("attributes", attributes))

@@ -51,6 +51,35 @@ def test_what_is_not_there_equals_nothing(text, expected):
     assert passes(text, {"yaw_deg": 0.0}) == expected
 
 
+LIT = {"light.kind": "studio", "light.key.share": 0.25, "skin.oil": 0.5, "yaw_deg": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("light.kind == 'studio' and light.key.share < 0.5", True),
+        ("light.kind in ('night', 'soft')", False),
+        ("skin.stubble < 0.1 and skin.stubble == 0", True),
+        ("abs(skin.stubble) > 0 or skin.stubble + 1 > 1", False),
+        ("skin.marks != 0", False),
+        ("light.key.angle <= 0", True),
+        ("light.gobo.depth < 0.5 or light.gobo.depth == 0", False),
+        ("hair.style != 'bald'", True),
+        ("hair.style == 'bald' or hair.length >= 0", False),
+        ("kind == 'studio' or ski.n >= 0", False),
+    ],
+)
+def test_what_a_part_lacks_is_0_and_parts_that_are_not_there_are_nothing(text, expected):
+    assert passes(text, LIT) == expected
+
+
+def test_names_with_dots_that_no_sample_has_are_refused():
+    found = SampleFilter("light.kind == 'studio' and skin.stubble < 0.1", "--where")
+    found.passes("a", LIT)
+    with pytest.raises(UsageError, match=r"among light\.key\.share, light\.kind, .*; found 'skin\.stubble'"):
+        found.check_names()
+
+
 def test_names_that_no_sample_has_are_refused_with_those_there_are():
     found = SampleFilter("abs(yaw) < 60 and focus_mm > 0", "--where")
     found.passes("a", ATTRIBUTES)
@@ -67,7 +96,9 @@ def test_names_that_no_sample_has_are_refused_with_those_there_are():
     [
         "__import__('os').system('x')",
         "(lambda: 1)()",
-        "yaw_deg.real > 0",
+        "yaw_deg.real() > 0",
+        "(1).real > 0",
+        "'text'.upper > 0",
         "light_kind[0] == 's'",
         "[x for x in light_kind]",
         "yaw_deg ** 9 ** 9 > 0",

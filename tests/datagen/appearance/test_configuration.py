@@ -12,6 +12,7 @@ from datagen.appearance.configuration_files import to_toml
 from datagen.appearance.whole import appearance_attributes, draw_appearance
 from datagen.cli import main
 from pix2face.errors import InputFileError, UsageError
+from pix2face.sample_filter import SampleFilter
 from pix2face.shards.shard_writing import LARGEST_TEXT_BYTES
 
 
@@ -89,6 +90,29 @@ def test_an_appearance_is_stored_with_room_to_spare() -> None:
     for number in range(50):
         attributes = appearance_attributes(draw_appearance(0, f"{number}", PRESETS[HARD]))
         assert all(isinstance(value, str | float) for value in attributes.values())
-        assert len(json.dumps(attributes)) < LARGEST_TEXT_BYTES["attributes"] / 2
+        assert len(json.dumps(attributes)) < LARGEST_TEXT_BYTES["attributes"] / 3
         assert attributes["light.kind"]
-        assert 0 <= float(attributes["person.melanin"]) <= 1
+        assert 0 <= float(attributes.get("person.melanin", 0)) <= 1
+
+
+def test_attributes_say_what_is_not_0() -> None:
+    sizes = []
+    for number in range(40):
+        appearance = draw_appearance(0, f"{number}", PRESETS[DEFAULT])
+        attributes = appearance_attributes(appearance)
+        sizes.append(len(json.dumps(attributes, separators=(",", ":"))))
+        filtered = {
+            "skin.stubble": appearance.skin.stubble,
+            "skin.marks": len(appearance.skin.marks),
+            "hair.hairdo.is_mirrored": appearance.hair.hairdo.is_mirrored,
+            "photograph.tone.contrast": appearance.photograph.tone.contrast,
+        }
+        for name, value in filtered.items():
+            assert attributes.get(name, 0) == pytest.approx(float(value), rel=1e-3)
+            assert (name in attributes) == bool(value)
+        has_glasses = any(name.startswith("accessories.glasses.") for name in attributes)
+        assert has_glasses == (appearance.accessories.glasses is not None)
+        for part in vars(appearance):
+            assert any(name.startswith(f"{part}.") for name in attributes), part
+        assert SampleFilter("skin.stubble >= 0 and skin.vitiligo < 2", "--where").passes("a", attributes)
+    assert sum(sizes) / len(sizes) < 3400
