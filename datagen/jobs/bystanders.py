@@ -1,5 +1,6 @@
 """Other people behind the one whose face a picture is about."""
 
+from dataclasses import replace
 from typing import final
 
 import cv2
@@ -10,6 +11,7 @@ from numpy import ndarray
 from datagen.appearance.backdrop import PersonPlace
 from datagen.appearance.backdrop_focus import defocused
 from datagen.appearance.configuration import AppearanceConfig
+from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.whole import Appearance, draw_appearance
 from datagen.random_streams import generator_for
@@ -18,8 +20,10 @@ from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_pe
 from pix2face.coefficients import Face
 
 # Sides of the pictures that bystanders are drawn in, before they are brought to size: few, as the drawer keeps buffers
-# for each.
-SIDES_PX = (64, 128, 256)
+# for each, and small, as they are out of focus.
+SIDES_PX = (64, 128)
+# What nobody sees of somebody out of focus.
+UNSEEN = ("brows/", "lashes/", "jewellery/")
 # What such a picture shows across, mm: head, hair and shoulders.
 ACROSS_MM = 480.0
 # How tall a head is beside a picture of its own size 1: the scale of a place is relative to the head in front, which
@@ -56,12 +60,15 @@ class Bystanders:
     def _draw_one(self, backdrop: Float32[ndarray, "h w 3"], place: PersonPlace, front: Appearance, name: str) -> None:
         height, width = backdrop.shape[:2]
         side = place.scale * FRONT_SHARE * width * ACROSS_MM / HEAD_MM
-        drawn_px = next((size for size in SIDES_PX if size >= side), SIDES_PX[-1])
+        # Pixels no wider than what one is out of focus by.
+        wanted = side / (1 + place.blur * width)
+        drawn_px = next((size for size in SIDES_PX if size >= wanted), SIDES_PX[-1])
         face = self._face(name, drawn_px)
         own = draw_appearance(self._seed, name, self._config)
         shown = Appearance(**{**vars(own), "light": front.light, "backdrop": front.backdrop})
         vertices = self._scenes.model.vertices(face.identity[None], face.expression[None])[0]
-        picture = self._drawer.draw(self._scenes.scene(shown, face, vertices), face.camera, drawn_px, drawn_px)
+        scene = plainer(self._scenes.scene(shown, face, vertices))
+        picture = self._drawer.draw(scene, face.camera, drawn_px, drawn_px)
         rgba = np.concatenate([picture.radiance, picture.coverage[..., None]], axis=2)
         placed = _placed(rgba, place, side / drawn_px, (height, width))
         soft = defocused(placed, place.blur * width)
@@ -82,6 +89,12 @@ class Bystanders:
             height_px=side_px,
             width_px=side_px,
         )
+
+
+def plainer(scene: Scene) -> Scene:
+    """A scene as it is drawn of somebody far away: without shadows and what is too small to be seen."""
+    meshes = tuple(mesh for mesh in scene.meshes if not mesh.name.startswith(UNSEEN))
+    return replace(scene, meshes=meshes, lights=np.zeros((0, 3), dtype=np.float32))
 
 
 def _placed(
