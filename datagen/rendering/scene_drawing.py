@@ -76,11 +76,11 @@ class SceneDrawer:
         self._textures = SceneTextures(textures, context)
         self._programs = {
             **{name: compile_head(context, name) for name in HEAD_KINDS},
-            "head depth": SceneProgram(context, "whole_vertex", ("head_depth_fragment",)),
-            "head kind": SceneProgram(context, "whole_vertex", ("head_kind_fragment",)),
-            "bare": SceneProgram(context, "bare_vertex", ("bare_fragment",)),
-            "seen": SceneProgram(context, "bare_vertex", ("seen_fragment",)),
-            "edges": SceneProgram(context, "whole_vertex", ("visibility", "edges_fragment")),
+            "head depth": SceneProgram(context, ("whole_vertex",), ("head_depth_fragment",)),
+            "head kind": SceneProgram(context, ("whole_vertex",), ("head_kind_fragment",)),
+            "bare": SceneProgram(context, ("bare_vertex",), ("bare_fragment",)),
+            "seen": SceneProgram(context, ("bare_vertex",), ("seen_fragment",)),
+            "edges": SceneProgram(context, ("whole_vertex",), ("visibility", "edges_fragment")),
             **{name: _compile_picture(context, name) for name in PICTURES},
         }
         for kind in KINDS:
@@ -286,4 +286,4 @@ class SceneDrawer:
 
 
 def _compile_picture(context: moderngl.Context, name: str) -> SceneProgram:
-    return SceneProgram(context, "whole_vertex", ("visibility", "resolve_fragment"), name.split())
+    return SceneProgram(context, ("whole_vertex",), ("visibility", "resolve_fragment"), name.split())

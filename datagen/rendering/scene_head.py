@@ -52,9 +52,8 @@ class SceneHead:
         static = {"places": home, "paint0": paint[self._source, :4], "paint1": paint[self._source, 4:]}
         self._textures = {f"head_{name}": list_texture(context, each) for name, each in static.items()}
         self._textures |= {f"head_{name}": list_texture(context, each) for name, each in self._moving.items()}
-        self._textures["head_corners"] = list_texture(
-            context, np.column_stack([triangles, painted_kinds(uv, triangles)])
-        )
+        corners = np.column_stack([triangles, painted_kinds(uv, triangles)])
+        self._textures["head_corners"] = list_texture(context, corners)
         self._vertices = context.buffer(reserve=self._moving["positions"].nbytes, dynamic=True)
         self._buffers = [
             self._vertices,

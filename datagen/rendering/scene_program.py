@@ -53,17 +53,17 @@ class SceneProgram:
 
     Args:
         context: Where.
-        vertex: Name of the vertex shader.
+        vertex: Names of the vertex shader's parts.
         fragment: Names of the fragment shader's parts.
-        defines: What the fragment shader's preprocessor knows.
+        defines: What the preprocessor knows.
     """
 
     def __init__(
-        self, context: moderngl.Context, vertex: str, fragment: Sequence[str], defines: Sequence[str] = ()
+        self, context: moderngl.Context, vertex: Sequence[str], fragment: Sequence[str], defines: Sequence[str] = ()
     ) -> None:
-        version, _, body = shader_source(330, *fragment).partition("\n")
-        source = "\n".join([version, *(f"#define {name}" for name in defines), body])
-        self.program = context.program(vertex_shader=shader_source(330, vertex), fragment_shader=source)
+        self.program = context.program(
+            vertex_shader=_source(vertex, defines), fragment_shader=_source(fragment, defines)
+        )
         members: dict[str, Any] = {name: self.program[name] for name in self.program}
         uniforms: dict[str, Any] = {name: each for name, each in members.items() if isinstance(each, moderngl.Uniform)}
         self._uniforms = {name: _Slot(name, each) for name, each in uniforms.items()}
@@ -123,15 +123,20 @@ class SceneTextures:
 
 def compile_head(context: moderngl.Context, kind: str) -> SceneProgram:
     """The program that paints and lights one of ``HEAD_KINDS`` where it is seen."""
-    program = SceneProgram(context, "whole_vertex", (*_BEFORE, "light", "skin", "head_fragment"), (kind,))
+    program = SceneProgram(
+        context, ("whole_vertex",), (*_BEFORE, "lamps", "light", "skin", "head_fragment"), (kind, "NO_STRANDS")
+    )
     program.set({"whole_depth": 0.5 * HEAD_KINDS.index(kind) - 0.75})  # just before that of head_kind_fragment.glsl
     return program
 
 
 def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) -> SceneProgram:
     """A program for objects of one kind: ``object`` (opaque), ``blended`` or ``object_shadow``."""
-    paint = ("object_inputs", "light", _PAINT[kind], "object_surface", f"{purpose}_fragment")
-    return SceneProgram(context, "scene_vertex", (*_BEFORE, *paint), (kind.upper(),))
+    paint = ("object_inputs", "lamps", "light", _PAINT[kind], "object_surface", f"{purpose}_fragment")
+    is_hair = kind == "hair"
+    vertex = ("colour", "shadow", "lamps", "hair_vertex") if is_hair else ("scene_vertex",)
+    defines = (kind.upper(), *(("LIT",) if purpose != "object_shadow" else ()), *(() if is_hair else ("NO_STRANDS",)))
+    return SceneProgram(context, vertex, (*_BEFORE, *paint), defines)
 
 
 @final
@@ -172,6 +177,11 @@ class _Slot:
         padded = np.zeros(self._size, dtype=self._kind)
         padded[: numbers.size] = numbers.reshape(-1)[: self._size]
         return padded.tobytes()
+
+
+def _source(parts: Sequence[str], defines: Sequence[str]) -> str:
+    version, _, body = shader_source(330, *parts).partition("\n")
+    return "\n".join([version, *(f"#define {name}" for name in defines), body])
 
 
 def _uploaded(name: str, texture: Texture, context: moderngl.Context) -> moderngl.TextureArray:

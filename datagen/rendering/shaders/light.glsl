@@ -1,28 +1,23 @@
 // Light on opaque surfaces: two lamps with shadows, everything else as nine harmonics, and environments for what
-// mirrors. Model frame. Colours of lamps are what a white surface shows that faces them (irradiance / pi).
+// mirrors. Model frame. HAIR has its shadows from its vertices.
 
-const int MAX_LAMPS = 2;
 const int MAX_PANORAMAS = 2;
 const float PI = 3.14159265;
 const float MIRRORS = 0.4;      // rougher surfaces mirror what the harmonics know
-const float NARROWEST_EDGE_MM = 1.2;
 const float BRIGHTEST = 12.0;   // of a highlight
+
+#ifdef HAIR
+in vec3 at_reached;             // of two lamps and the sky
+#endif
 
 uniform vec3 light_sh[9];       // 1, x, y, z, xy, yz, 3 z^2 - 1, xz, x^2 - y^2
 uniform float light_sky_share;  // of the ambient light that sky() takes away where it is shut
-uniform vec3 light_direction[MAX_LAMPS];
-uniform vec3 light_colour[MAX_LAMPS];
 uniform float light_size[MAX_LAMPS];     // sine of the angular radius
-uniform float light_edge_mm[MAX_LAMPS];  // of shadows
 uniform sampler2DArray light_panoramas;  // without lamps; two layers each: as it is, and soft
 uniform int light_panorama_count;
 uniform int light_panorama_layer[MAX_PANORAMAS];
 uniform mat3 light_panorama_turn[MAX_PANORAMAS];    // environment from model
 uniform mat3 light_panorama_matrix[MAX_PANORAMAS];  // of colours
-uniform int light_gobo;           // 0 none, 1 blinds, 2 leaves, 3 a window's bars
-uniform vec3 light_gobo_axes[2];  // periods per mm
-uniform vec2 light_gobo_shift;
-uniform float light_gobo_depth, light_gobo_edge;
 
 vec3 first_band(vec3 d) {
     return light_sh[1] * d.x + light_sh[2] * d.y + light_sh[3] * d.z;
@@ -41,14 +36,15 @@ vec3 ambient_light(vec3 normal) {
 // One layer of the environments in a direction.
 vec3 panorama(vec3 direction, float softness) {
     vec3 found = vec3(0.0);
-    for (int i = 0; i < light_panorama_count; ++i) {
+    int i = 0;
+    do {
         vec3 d = light_panorama_turn[i] * direction;
         vec2 place = vec2(atan(d.x, d.z) / (2.0 * PI) + 0.5, acos(clamp(-d.y, -1.0, 1.0)) / PI);
         float layer = float(light_panorama_layer[i]);
         vec3 sharp = textureLod(light_panoramas, vec3(place, layer), 0.0).rgb;
         vec3 soft = textureLod(light_panoramas, vec3(place, layer + 1.0), 0.0).rgb;
         found += max(light_panorama_matrix[i] * mix(sharp, soft, softness), vec3(0.0));
-    }
+    } while (++i < light_panorama_count);
     return found;
 }
 
@@ -77,36 +73,6 @@ vec3 mirrored(vec3 direction) {
         found += inside * min(light_colour[i] / max(light_size[i] * light_size[i], 1e-3), vec3(BRIGHTEST));
     }
     return found;
-}
-
-// What a pattern before the first lamp lets through, 0..1.
-float gobo(vec3 point) {
-    vec2 at = vec2(dot(light_gobo_axes[0], point), dot(light_gobo_axes[1], point)) + light_gobo_shift;
-    float open;
-    if (light_gobo == 1) {
-        open = smoothstep(0.5 - light_gobo_edge, 0.5 + light_gobo_edge, abs(fract(at.y) * 2.0 - 1.0));
-    } else if (light_gobo == 2) {
-        float leaves = 0.65 * noise3(vec3(2.0 * at, 7.0)) + 0.35 * noise3(vec3(5.0 * at, 19.0));
-        open = smoothstep(0.5 - 0.3 * light_gobo_edge, 0.5 + 0.3 * light_gobo_edge, leaves);
-    } else {
-        vec2 bar = abs(fract(at) * 2.0 - 1.0);
-        float edge = max(light_gobo_edge * 0.5, 0.04);
-        open = smoothstep(0.12, 0.12 + edge, bar.x) * smoothstep(0.12, 0.12 + edge, bar.y);
-    }
-    return 1.0 - light_gobo_depth * (1.0 - open);
-}
-
-// How much of a lamp reaches a point, 0..1; wide lamps have wide edges of shadows. What is thin lets light through from
-// behind, so that only what is farther shades it.
-float lamp_reaches(int i, vec3 point, vec3 normal, float thin) {
-    float radius = light_edge_mm[i] / shadow_texel_mm;
-    float cosine = dot(normal, light_direction[i]);
-    float slope = sqrt(max(1.0 - cosine * cosine, 0.0));
-    float offset = shadow_texel_mm * (0.5 + 1.5 * slope) + 0.4 * (light_edge_mm[i] - NARROWEST_EDGE_MM);
-    vec3 raised = point + normal * offset + (14.0 * thin) * light_direction[i];
-    float bias = 1.0 + 0.4 * (light_edge_mm[i] - NARROWEST_EDGE_MM);
-    float found = 0.5 * (lit_fraction(i, raised, bias, 0.45 * radius) + lit_fraction(i, raised, bias, radius));
-    return i == 0 && light_gobo > 0 ? found * gobo(point) : found;
 }
 
 vec3 fresnel(float reflectance, float cosine) {
@@ -172,7 +138,11 @@ vec3 light(Surface s, vec3 towards_camera) {
     float view_cosine = clamp(dot(s.normal, towards_camera), 0.02, 1.0);
     float thin = clamp(s.scatter - 1.0, 0.0, 1.0);
     bool is_hair = dot(s.tangent, s.tangent) > 0.0;
+#ifdef HAIR
+    float open = s.occlusion * mix(1.0, at_reached.z, light_sky_share);
+#else
     float open = s.occlusion * mix(1.0, sky(s.position, s.smooth_normal), light_sky_share);
+#endif
     vec3 soft_normal = normalize(mix(s.normal, s.smooth_normal, 0.5 * min(s.scatter, 1.0)));
     // Light that is reflected within a hollow takes on its colour. Source: Jimenez et al. 2016, Practical Real-Time
     // Strategies for Accurate Indirect Occlusion, Eq. 34.
@@ -185,12 +155,21 @@ vec3 light(Surface s, vec3 towards_camera) {
     float share = s.reflectance * (-1.04 * edge + r.z) + (1.04 * edge + r.w) * min(50.0 * s.reflectance, 1.0);
     vec3 ray = reflect(-towards_camera, s.normal);
     vec3 shine = ambient_mirrored(ray, s.roughness) * (share * clamp(open * (1.0 + view_cosine) - 0.15, 0.0, 1.0));
-    for (int i = 0; i < MAX_LAMPS; ++i) {
-        if (light_colour[i] == vec3(0.0)) continue;
-        float reaches = lamp_reaches(i, s.position, s.smooth_normal, thin);
-        matt += matt_light(s, i, reaches) + shine_through(s, i, thin, reaches);
-        if (reaches > 0.0)
-            shine += reaches * (is_hair ? strand_light(s, towards_camera, i) : highlight(s, towards_camera, i, view_cosine));
-    }
+    int lamp = 0, lamps = lamp_count();
+    do {  // a lamp that is not there is not worked out: loops end where they do, ``if`` spares nothing
+#ifdef HAIR
+        float reaches = at_reached[lamp];
+        matt += matt_light(s, lamp, reaches);
+        shine += is_hair ? reaches * strand_light(s, towards_camera, lamp) : vec3(0.0);
+#else
+        float reaches = lamp_reaches(lamp, s.position, s.smooth_normal, thin);
+        matt += matt_light(s, lamp, reaches) + shine_through(s, lamp, thin, reaches);
+#ifdef NO_STRANDS
+        shine += reaches * highlight(s, towards_camera, lamp, view_cosine);
+#else
+        shine += reaches * (is_hair ? strand_light(s, towards_camera, lamp) : highlight(s, towards_camera, lamp, view_cosine));
+#endif
+#endif
+    } while (++lamp < lamps);
     return s.albedo * matt + shine;
 }

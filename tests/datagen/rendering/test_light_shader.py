@@ -66,7 +66,7 @@ def show(gl_session: GLContext) -> Iterator[Show]:
     gl_session.make_current()
     program = context.program(
         vertex_shader=shader_source(330, "whole_vertex"),
-        fragment_shader=shader_source(330, "colour", "surface", "shadow", "light") + MAIN,
+        fragment_shader=shader_source(330, "colour", "surface", "shadow", "lamps", "light") + MAIN,
     )
     shadows, textures = ShadowMaps(context, 0), SceneTextures(light_textures(), context)
     given = context.texture((SIDE, SIDE), 4, np.c_[NORMALS, np.zeros(SIDE * SIDE)].astype(np.float32), dtype="f4")
