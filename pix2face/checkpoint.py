@@ -12,6 +12,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from pix2face.crops import INFERENCE_SCALE
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.networks.architectures import build_network
 from pix2face.networks.paper import MAP_PLANES, paper_widths
@@ -38,6 +39,7 @@ class CheckpointHeader:
         configuration: The resolved configuration of the training, as JSON.
         epoch: Complete epochs trained.
         samples: Samples seen in training.
+        crop_scale: Side of the crop that the network is given of a face, in units of the longer side of its box.
         architecture: One of ``networks.architectures.ARCHITECTURES``.
         planes: Of the output: 6, or 7 with the mask's logit after them, or 8 with that of the seen part, too.
         schema_version: Layout of the file.
@@ -54,6 +56,7 @@ class CheckpointHeader:
     configuration: str
     epoch: int
     samples: int = 0
+    crop_scale: float = INFERENCE_SCALE
     architecture: str = "paper"
     planes: int = MAP_PLANES
     schema_version: int = SCHEMA_VERSION

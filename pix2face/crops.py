@@ -13,6 +13,7 @@ from pix2face.errors import DegenerateGeometryError
 
 # The middle of the jitter's 1.0 to 1.8: what a crop at inference takes of the face box.
 INFERENCE_SCALE = 1.4
+SMALLEST_CROP_SCALE, LARGEST_CROP_SCALE = 0.5, 5.0
 
 
 @final

@@ -1,7 +1,7 @@
 """Pictures in, maps out: NumPy on both sides, torch in between."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
@@ -12,7 +12,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from pix2face.checkpoint import CheckpointHeader, load_checkpoint
-from pix2face.crops import INFERENCE_SCALE, Crop, FaceBox, crop_image, square_crop
+from pix2face.crops import Crop, FaceBox, crop_image, square_crop
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.face_maps import FaceMaps, eroded, valid_pixels
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
@@ -97,6 +97,10 @@ class Predictor:
         chosen = _device(device)
         return cls(network.to(chosen), header, chosen)
 
+    def with_crop_scale(self, crop_scale: float) -> "Predictor":
+        """The same network, given crops of another size (``CheckpointHeader.crop_scale``)."""
+        return Predictor(self._network, replace(self.header, crop_scale=crop_scale), self._device)
+
     def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> Prediction:
         """The maps of one face.
 
@@ -115,7 +119,7 @@ class Predictor:
         """
         if not faces:
             return []
-        crops = [square_crop(box, INFERENCE_SCALE, self.header.size_px) for _, box in faces]
+        crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
         pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
         planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
         found = [read_planes(own, self.header) for own in planes]

@@ -42,6 +42,7 @@ def checkpoint_header(
         samples=samples,
         architecture=recipe.architecture,
         planes=recipe.planes,
+        crop_scale=recipe.crop_scale,
     )
 
 

@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Literal, final
 
+from pix2face.crops import INFERENCE_SCALE, LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.errors import UsageError
 from pix2face.jitter import JitterRange
 from pix2face.networks.architectures import ARCHITECTURES, MOST_PLANES, ArchitectureName
@@ -45,6 +46,8 @@ class Recipe:
         jitter: How far samples are varied.
         cropping: full: crops are turned, scaled and shifted by ``jitter``. shift: squares of whole pixels are cut at
             random places, for pictures that were made as crops. none: the middle is cut, and colours stay.
+        crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
+            the face's box. What it is trained on is the jitter's.
     """
 
     architecture: ArchitectureName = "paper"
@@ -66,6 +69,7 @@ class Recipe:
     seed: int = 0
     jitter: JitterRange = field(default_factory=JitterRange)
     cropping: Cropping = "full"
+    crop_scale: float = INFERENCE_SCALE
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -91,6 +95,10 @@ class Recipe:
         for name in ("filters", "batch_size", "parts", "epochs", "epoch_size", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise UsageError(f"{_option(name)}: expected more than 0, found {getattr(self, name)}")
+        if not SMALLEST_CROP_SCALE <= self.crop_scale <= LARGEST_CROP_SCALE:
+            raise UsageError(
+                f"--crop-scale: expected {SMALLEST_CROP_SCALE:g} to {LARGEST_CROP_SCALE:g}, found {self.crop_scale}"
+            )
         for name in ("warm_up", "clip"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise UsageError(f"{_option(name)}: expected 0 or more, found {getattr(self, name)}")

@@ -20,7 +20,8 @@ from training.trainer import Surroundings
 # Options that stand in place of the preset's number of the same name.
 _OVERRIDABLE = (
     *("epochs", "epoch_size", "batch_size", "parts", "architecture", "size_px", "filters", "planes"),
-    *("learning_rate", "schedule", "warm_up", "precision", "loss_over", "clip", "ema", "cropping", "seed"),
+    *("learning_rate", "schedule", "warm_up", "precision", "loss_over", "clip", "ema"),
+    *("cropping", "crop_scale", "seed"),
 )
 _WEIGHTS = ("pncc", "offset", "mask", "seen")
 
@@ -59,6 +60,8 @@ class TrainConfig:
         ema: Decay of the running mean of the weights that the checkpoint holds; 0 for none.
         cropping: full: turned, scaled and shifted as the paper does. shift: squares of whole pixels out of pictures
             that are larger than the input; much faster. none: their middle, in their own colours.
+        crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
+            the face's box; stored in the checkpoint.
         mirror: Mirror every other sample. The paper does not; refused where the model is not symmetric.
         seed: Of the first weights, the order of the samples and their jitter.
         where: Train on samples whose attributes fulfil this alone.
@@ -100,6 +103,7 @@ class TrainConfig:
     clip: float | None = None
     ema: float | None = None
     cropping: Cropping | None = None
+    crop_scale: float | None = None
     mirror: Literal["yes", "no"] | None = None
     seed: int | None = None
     where: str = ""

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 from numpy import ndarray
 
-from pix2face.crops import INFERENCE_SCALE, Crop, FaceBox, square_crop
+from pix2face.crops import Crop, FaceBox, square_crop
 from training.batch_rows import cut, resample
 from training.batches import Batch
 from training.dataset import batch_row, empty_batch, middle_corner
@@ -54,7 +54,7 @@ class ValidationSet:
             for place, number in enumerate(numbers):
                 sample, row = self._samples.get(number), batch_row(batch, place)
                 if self._recipe.cropping == "full":
-                    resample(sample, inference_crop(sample.landmarks2d, row.size_px), row)
+                    resample(sample, inference_crop(sample.landmarks2d, self._recipe), row)
                 else:
                     cut(sample, middle_corner(sample, row.size_px), row, mirror=False)
             yield batch
@@ -66,13 +66,13 @@ class ValidationSet:
         for number in self.numbers.tolist():
             sample = self._samples.get(number)
             if self._recipe.cropping == "full":
-                crop = inference_crop(sample.landmarks2d, self._recipe.size_px)
+                crop = inference_crop(sample.landmarks2d, self._recipe)
                 found.append(crop.to_crop(sample.landmarks2d))
             else:
                 found.append(sample.landmarks2d - middle_corner(sample, self._recipe.size_px))
         return np.stack(found).astype(np.float32)
 
 
-def inference_crop(landmarks2d: Float32[ndarray, "m 2"], size_px: int) -> Crop:
+def inference_crop(landmarks2d: Float32[ndarray, "m 2"], recipe: Recipe) -> Crop:
     """The crop that a network is given of a face when it is used."""
-    return square_crop(FaceBox.around(landmarks2d), INFERENCE_SCALE, size_px)
+    return square_crop(FaceBox.around(landmarks2d), recipe.crop_scale, recipe.size_px)

@@ -19,6 +19,7 @@ from pix2face.command_line import (
     run_commands,
     say,
 )
+from pix2face.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.alignment3d import Alignment
 from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkFiles
@@ -34,6 +35,7 @@ from pix2face.evaluation.predictions_file import PixelFrame
 from pix2face.evaluation.report import report_notes, report_tables
 from pix2face.evaluation.report_files import Cases, write_report
 from pix2face.fitting.face_fit import CameraKind
+from pix2face.fitting.reprojection import MOST_ROUNDS
 from pix2face.landmark_file import open_model_with
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel
 
@@ -71,6 +73,9 @@ class EvaluateConfig:
         camera: Camera of the fit.
         regularisation: Tikhonov weight of the coefficients in mm^2; default is an estimate from each face's maps, as in
             pix2face fit.
+        reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
+        crop_scale: Side of the crop that the network is given, in units of the longer side of the face's box; default
+            is the checkpoint's own.
         batch_size: Faces that go through the network at once.
         resamples: Draws of the bootstrap that intervals come from; 0 for none.
         seed: Of the draws.
@@ -95,6 +100,8 @@ class EvaluateConfig:
     align: Alignment | None = None
     camera: CameraKind = "weak-perspective"
     regularisation: float | None = None
+    reprojection_rounds: int = 0
+    crop_scale: float | None = None
     batch_size: int = 16
     resamples: int = 1000
     seed: int = 0
@@ -144,6 +151,12 @@ def _check_numbers(config: EvaluateConfig) -> None:
     check_max_rejected(config.max_rejected)
     if config.regularisation is not None and not 0 < config.regularisation < float("inf"):
         raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
+    if not 0 <= config.reprojection_rounds <= MOST_ROUNDS:
+        raise UsageError(f"expected --reprojection-rounds from 0 to {MOST_ROUNDS}, found {config.reprojection_rounds}")
+    if config.crop_scale is not None and not SMALLEST_CROP_SCALE <= config.crop_scale <= LARGEST_CROP_SCALE:
+        raise UsageError(
+            f"expected --crop-scale from {SMALLEST_CROP_SCALE:g} to {LARGEST_CROP_SCALE:g}, found {config.crop_scale}"
+        )
     if config.threshold is not None and not 0 < config.threshold < float("inf"):
         raise UsageError(f"expected a positive --threshold as a fraction (0.08 is 8 %), found {config.threshold}")
     for name, value, least in (
@@ -168,6 +181,19 @@ def _check_numbers(config: EvaluateConfig) -> None:
         raise UsageError(f"expected one of --checkpoint, --predictions and --oracle, found {' and '.join(chosen)}")
 
 
+def _check_of_networks_alone(config: EvaluateConfig) -> None:
+    """Options that mean nothing where no network is measured."""
+    if config.predictions is None and not config.oracle:
+        return
+    given = {
+        "--regularisation": config.regularisation is not None,
+        "--reprojection-rounds": config.reprojection_rounds > 0,
+        "--crop-scale": config.crop_scale is not None,
+    }
+    for name in (name for name, is_given in given.items() if is_given):
+        raise UsageError(f"{name}: expected a checkpoint to measure; nothing else goes by it")
+
+
 def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
     """The benchmark with everything that the call changes about it."""
     manifest = manifest.with_truth(config.truth or manifest.truth)
@@ -178,8 +204,7 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
         )
     if config.contour == "2d" and config.predictions is not None:
         raise UsageError("--contour 2d: expected a fit whose jaw points can slide, found --predictions")
-    if config.regularisation is not None and (config.predictions is not None or config.oracle):
-        raise UsageError("--regularisation: expected a checkpoint to measure; nothing else goes by it")
+    _check_of_networks_alone(config)
     if config.camera != "weak-perspective" and config.predictions is not None:
         raise UsageError("--camera: expected a checkpoint or --oracle; landmarks of a file are not fitted")
     if config.align is not None and manifest.alignment is None:
@@ -214,6 +239,8 @@ def _subject_options(config: EvaluateConfig) -> SubjectOptions:
         slides_jaw=config.contour == "2d",
         camera=config.camera,
         regularisation=config.regularisation,
+        reprojection_rounds=config.reprojection_rounds,
+        crop_scale=config.crop_scale,
     )
 
 

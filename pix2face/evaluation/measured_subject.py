@@ -51,6 +51,8 @@ class SubjectOptions:
         slides_jaw: Whether jaw points slide to the visible outline.
         camera: Of the fit.
         regularisation: Tikhonov weight of the coefficients in mm^2; None estimates it for each face.
+        reprojection_rounds: Of the fit.
+        crop_scale: Of the crop that the network is given; None is the checkpoint's own.
     """
 
     checkpoint: Path | None
@@ -61,6 +63,8 @@ class SubjectOptions:
     slides_jaw: bool
     camera: CameraKind
     regularisation: float | None
+    reprojection_rounds: int = 0
+    crop_scale: float | None = None
 
 
 def open_subject(
@@ -97,6 +101,8 @@ def versions() -> dict[str, str]:
 def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, dict[str, Any]]:
     checkpoint = options.checkpoint or default_checkpoint()
     predictor = Predictor.load(checkpoint)
+    if options.crop_scale is not None:
+        predictor = predictor.with_crop_scale(options.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
     subject = NetworkSubject(
         predictor,
@@ -108,7 +114,9 @@ def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, d
     header["configuration"] = json.loads(predictor.header.configuration)
     return subject, {
         "checkpoint": f"{checkpoint} (epoch {predictor.header.epoch}, {predictor.header.size_px} px)",
-        "fit": f"{options.camera} camera, regularisation {_in_words(options.regularisation)}",
+        "crop": f"{predictor.header.crop_scale:g} of the box's longer side",
+        "fit": f"{options.camera} camera, regularisation {_in_words(options.regularisation)}, "
+        f"{options.reprojection_rounds} rounds of reprojection",
         "hashes": {"checkpoint": sha256(checkpoint.read_bytes()).hexdigest()},
         "checkpoint_header": header,
     }
@@ -136,6 +144,7 @@ def _fit(
         model,
         camera_kind=options.camera,
         regularisation=options.regularisation,
+        reprojection_rounds=options.reprojection_rounds,
         principal_point_px=image_centre,
     )
 

@@ -8,6 +8,8 @@ from pix2face.camera import Camera, nearest_weak_perspective
 from pix2face.fitting.linear_system import ImageSystem
 from pix2face.fitting.localise import VertexPixels
 
+MOST_ROUNDS = 100
+
 
 def with_reprojection(
     camera: Camera,

@@ -15,12 +15,11 @@ from pix2face.detection import DEFAULT_DETECTOR
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.fitting.picture_measurement import CameraKind
+from pix2face.fitting.reprojection import MOST_ROUNDS
 from pix2face.landmark_file import open_model_with
 from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.photographs.interface import Pix2Face
 from pix2face.predictor import Prediction
-
-MOST_ROUNDS = 100
 
 
 @final
