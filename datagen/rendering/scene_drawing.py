@@ -252,9 +252,12 @@ class SceneDrawer:
     def _draw_picture(self, target: SceneTarget) -> None:
         """Step 7."""
         target.picture.use()
-        self._context.enable_only(moderngl.NOTHING)
-        for name in PICTURES[2:] if self._objects.blended else PICTURES[:2]:
-            self._whole[name].render(moderngl.TRIANGLES, vertices=3)
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        whole, edges = PICTURES[2:] if self._objects.blended else PICTURES[:2]
+        self._context.depth_func = "1"  # always: depth says where edges are
+        self._whole[whole].render(moderngl.TRIANGLES, vertices=3)
+        self._context.depth_func = "<"
+        self._whole[edges].render(moderngl.TRIANGLES, vertices=3)
 
     def _draw_run(self, scene: Scene, run: Run, purpose: str) -> None:
         """Draws some triangles of an object in its material."""

@@ -135,7 +135,11 @@ def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) 
     paint = ("object_inputs", "lamps", "light", _PAINT[kind], "object_surface", f"{purpose}_fragment")
     is_hair = kind == "hair"
     vertex = ("colour", "shadow", "lamps", "hair_vertex") if is_hair else ("scene_vertex",)
-    defines = (kind.upper(), *(("LIT",) if purpose != "object_shadow" else ()), *(() if is_hair else ("NO_STRANDS",)))
+    defines = [kind.upper()]
+    if purpose == "object_shadow":
+        defines.append("SHADOW")
+    if not is_hair:
+        defines.append("NO_STRANDS")
     return SceneProgram(context, vertex, (*_BEFORE, *paint), defines)
 
 

@@ -83,6 +83,6 @@ def make_target(context: moderngl.Context, height: int, width: int) -> SceneTarg
         kinds=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
         edges=context.framebuffer([textures["edges"]], far_depth),
         blended=context.framebuffer(blended, far_depth),
-        picture=context.framebuffer(picture),
+        picture=context.framebuffer(picture, context.depth_renderbuffer(size)),
         textures=textures,
     )

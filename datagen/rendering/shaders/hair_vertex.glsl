@@ -19,7 +19,7 @@ void main() {
     at_position = vertex;
     at_normal = normal;
     at_uv = uv;
-#ifdef LIT
+#ifndef SHADOW
     vec3 seen_side = normal * (dot(normal, camera_place.xyz - camera_place.w * vertex) < 0.0 ? -1.0 : 1.0);
     at_reached = vec3(lamp_reaches(0, vertex, seen_side, 0.0), lamp_reaches(1, vertex, seen_side, 0.0), sky(vertex, seen_side));
 #else

@@ -1,5 +1,6 @@
 // A pixel of the picture: what is opaque, and over it what is transparent. Where surfaces meet (EDGES), each of the
-// samples around the centre has the colour of the pixel beside it that shows the same surface.
+// samples around the centre has the colour of the pixel beside it that shows the same surface. The test of depth leaves
+// out all other pixels: what draws them first leaves a depth of 1 where there is an edge, of 0 elsewhere.
 
 uniform sampler2D colours;  // of each pixel's centre
 uniform sampler2D edges;    // z: depth that parts nearer from farther, mm; w: 1 where a pixel has more than one surface
@@ -37,13 +38,13 @@ void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     farther = vec4(0.0);
 #ifdef EDGES
-    vec2 edge = texelFetch(edges, pixel, 0).zw;
-    if (edge.y < 0.5) discard;
+    float middle = texelFetch(edges, pixel, 0).z;
     ivec2 last = textureSize(colours, 0) - 1;
     nearer = vec4(0.0);
     share = 0.0;
-    for (int i = 0; i < 9; ++i) add_sample(pixel, last, ivec2(i % 3, i / 3) - 1, edge.x);
+    for (int i = 0; i < 9; ++i) add_sample(pixel, last, ivec2(i % 3, i / 3) - 1, middle);
 #else
+    gl_FragDepth = texelFetch(edges, pixel, 0).w;
     nearer = texelFetch(colours, pixel, 0);
     share = 1.0;
 #endif
