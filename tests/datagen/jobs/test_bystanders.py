@@ -9,6 +9,7 @@ import pytest
 from datagen.appearance.backdrop import PersonPlace, draw_backdrop
 from datagen.appearance.configuration import DEFAULT, HARD, PRESETS
 from datagen.appearance.head_occlusion import head_occlusion
+from datagen.appearance.scene import Scene, ScenePicture
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin_zones import head_paint
 from datagen.appearance.whole import Appearance, appearance_textures, draw_appearance
@@ -16,6 +17,7 @@ from datagen.jobs.bystanders import SIDES_PX, UNSEEN, Bystanders, plainer
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.scene_drawing import SceneDrawer
 from datagen.sampling import sample_faces
+from pix2face.camera import Camera
 from pix2face.morphable_model import builtin_model
 
 SIZE, SEED = 144, 3
@@ -110,7 +112,7 @@ def test_they_are_drawn_small(bystanders: Bystanders, drawer: SceneDrawer, monke
     sides: list[int] = []
     original = drawer.draw
 
-    def noted(scene: object, camera: object, height: int, width: int) -> object:
+    def noted(scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
         sides.append(height)
         assert height == width
         return original(scene, camera, height, width)

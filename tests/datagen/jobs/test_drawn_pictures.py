@@ -14,7 +14,7 @@ from datagen.appearance.configuration import DEFAULT, PLAIN, PRESETS
 from datagen.appearance.photograph_border import Border, beyond_border
 from datagen.appearance.plain import develop, draw_plain_appearance
 from datagen.appearance.scene import SCENE_REGIONS
-from datagen.appearance.whole import Appearance
+from datagen.appearance.whole import Appearance, draw_appearance
 from datagen.cli import main
 from datagen.jobs import drawn_pictures
 from datagen.jobs.triplets import TripletMaker
@@ -59,7 +59,7 @@ def made(maker: TripletMaker, faces: list[Face]) -> list[Triplet]:
 @pytest.fixture
 def with_change(monkeypatch: pytest.MonkeyPatch) -> Callable[[Change], None]:
     """Changes what is drawn for each sample."""
-    original = drawn_pictures.draw_appearance
+    original = draw_appearance
 
     def use(change: Change) -> None:
         def changed(*arguments: Any) -> Appearance:
@@ -72,7 +72,7 @@ def with_change(monkeypatch: pytest.MonkeyPatch) -> Callable[[Change], None]:
 
 def open_face(appearance: Appearance) -> Appearance:
     """With nothing before the face but hair, and the photograph's border far away."""
-    nothing = dict.fromkeys(("glasses", "beard", "headwear", "mask", "hand", "held", "thing"))
+    nothing: dict[str, Any] = dict.fromkeys(("glasses", "beard", "headwear", "mask", "hand", "held", "thing"))
     return replace(
         appearance,
         accessories=replace(appearance.accessories, **nothing),
