@@ -25,7 +25,7 @@ class Surface:
         n_vertices, n_triangles = len(model.mean), len(model.triangles)
         corner, triangle = model.triangles.reshape(-1), np.repeat(np.arange(n_triangles), 3)
         ones = np.ones(len(corner), dtype=np.float32)
-        self._corners = tuple(np.ascontiguousarray(model.triangles[:, k]) for k in range(3))
+        self._corners = tuple(model.triangles[:, k].astype(np.intp) for k in range(3))
         self._incidence = sparse.csr_array((ones, (corner, triangle)), shape=(n_vertices, n_triangles))
         in_region = np.eye(len(model.region_names), dtype=np.float32)[model.triangle_regions]
         weights = self._incidence @ in_region
