@@ -13,6 +13,7 @@ from datagen.appearance.scene import UniformValue
 
 MAX_SHADOWS = 3  # as in shadow.glsl
 MAP_PX = 256
+SKY, SKY_PX = 2, 128  # the third map, which is blurred; its part of a map as in shadow.glsl
 # The maps hold a sphere around the head of this part of its box's diagonal: hair, hats and shoulders nearby.
 REACH = 0.6
 # Something between light and head, but farther away, still casts its shadow: of the radius of the map.
@@ -76,7 +77,8 @@ class ShadowMaps:
             if not direction.any():
                 continue  # no such lamp: nothing asks for its shadow
             view = light_view(direction / np.linalg.norm(direction), centre, radius)
-            self._framebuffer.viewport = (place * MAP_PX, 0, MAP_PX, MAP_PX)
+            side = SKY_PX if place == SKY else MAP_PX
+            self._framebuffer.viewport = (place * MAP_PX, 0, side, side)
             casters(view, direction)
             views[place] = view.shadow_from_model
         self._maps.use(self._unit)

@@ -2,6 +2,7 @@
 
 const int MAX_SHADOWS = 3;
 const int SKY = 2;  // the third map: what is open to the sky
+const float SKY_EXTENT = 0.5;  // its side, of the others': it is blurred anyway
 
 uniform sampler2DShadow shadow_maps;
 uniform mat4 shadow_from_model[MAX_SHADOWS];  // x, y: 0..1 over the map; z: depth 0..1
@@ -14,10 +15,12 @@ uniform float shadow_depth_mm;                // of the whole range of depth
 float lit_fraction(int i, vec3 point, float depth_bias_mm, float radius_texels) {
     vec3 place = (shadow_from_model[i] * vec4(point, 1.0)).xyz;
     place.z -= depth_bias_mm / shadow_depth_mm;
-    vec2 margin = vec2((radius_texels + 1.0) * shadow_texel);
+    float extent = i == SKY ? SKY_EXTENT : 1.0;
+    vec2 margin = vec2((radius_texels + 1.0 / extent) * shadow_texel);
     vec2 within = step(margin, place.xy) * step(place.xy, 1.0 - margin);
-    vec2 across = vec2((clamp(place.x, margin.x, 1.0 - margin.x) + float(i)) / float(MAX_SHADOWS), place.y);
-    vec2 r = radius_texels * shadow_texel * vec2(1.0 / float(MAX_SHADOWS), 1.0);
+    vec2 across = vec2((extent * clamp(place.x, margin.x, 1.0 - margin.x) + float(i)) / float(MAX_SHADOWS),
+                       extent * clamp(place.y, margin.y, 1.0 - margin.y));
+    vec2 r = extent * radius_texels * shadow_texel * vec2(1.0 / float(MAX_SHADOWS), 1.0);
     // Four taps on a turned square, each of them the mean of four texels.
     float lit = texture(shadow_maps, vec3(across + r * vec2(0.92, 0.38), place.z))
               + texture(shadow_maps, vec3(across + r * vec2(-0.38, 0.92), place.z))
