@@ -109,8 +109,9 @@ def affine_camera(a: Float[ndarray, "2 4"]) -> Camera:
     Raises:
         DegenerateGeometryError: The rows are parallel.
     """
-    axis = np.cross(a[0, :3], a[1, :3])
-    length = np.linalg.norm(axis)
+    (ax, ay, az), (bx, by, bz) = a[0, :3].tolist(), a[1, :3].tolist()
+    axis = np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    length = math.sqrt(axis @ axis)
     if not length > 0:
         raise DegenerateGeometryError("an affine camera needs two independent rows, found parallel ones")
     matrix = np.zeros((4, 4))

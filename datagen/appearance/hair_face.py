@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
+from datagen.appearance.accessories.solids import cross
 from datagen.appearance.bound_meshes import BoundMesh, bound_mesh, brow_patch, read_picture
 from datagen.appearance.hair_colour import Colour, HairColour, brow_colour
 from datagen.appearance.hair_configuration import HairConfig
@@ -180,9 +181,9 @@ def turn_between(
     Source: Rodrigues' formula, with the axis before x after.
     """
     a, b = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (before, after))
-    axis, cosine = np.cross(a, b), (a * b).sum(axis=1, keepdims=True)
+    axis, cosine = cross(a, b), (a * b).sum(axis=1, keepdims=True)
     along = (axis * vectors).sum(axis=1, keepdims=True) / np.maximum(1 + cosine, 1e-6)
-    return (vectors * cosine + np.cross(axis, vectors) + axis * along).astype(np.float32)
+    return (vectors * cosine + cross(axis, vectors) + axis * along).astype(np.float32)
 
 
 @cache

@@ -122,7 +122,7 @@ def _weight(style: Style, config: HairConfig, person: Person) -> float:
     by_sex = style.male + person.femininity * (style.female - style.male)
     by_origin = 1 + person.african * (style.african - 1)
     # Old people wear their hair shorter.
-    by_age = 1 - 0.6 * np.clip((person.age_years - 50) / 30, 0, 1) * style.is_long
+    by_age = 1 - 0.6 * min(max((person.age_years - 50) / 30, 0.0), 1.0) * style.is_long
     return float(by_sex * by_origin * by_age * (config.covering_factor if style.covers else 1))
 
 

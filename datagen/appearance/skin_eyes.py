@@ -160,5 +160,5 @@ def _iris(rng: np.random.Generator, place: float) -> tuple[Colour, Colour]:
 
 
 def _rounded(colour: ndarray) -> Colour:
-    red, green, blue = (round(float(np.clip(value, 0.004, 0.95)), 4) for value in colour)
+    red, green, blue = (round(min(max(float(value), 0.004), 0.95), 4) for value in colour)
     return red, green, blue

@@ -12,6 +12,8 @@ over another: everything from albinism to the darkest skin, and pallor to sunbur
 Source: Anderson and Parrish 1981 (the optics of human skin); Chardon et al. 1991 (ITA).
 """
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
@@ -45,10 +47,15 @@ def albedo_of_skin(
 
 def density_of_melanin(melanin: float) -> float:
     """The density at a place of the scale from the lightest (0) to the darkest skin (1) that is even in lightness."""
-    densities = np.linspace(*DENSITIES, 101)
-    lightness = lab_of_linear(albedo_of_skin(densities, np.full(101, USUAL_HAEMOGLOBIN)))[:, 0]
+    densities, lightness = _lightness_by_density()
     wanted = lightness[0] + min(max(melanin, 0), 1) * (lightness[-1] - lightness[0])
     return float(np.interp(-wanted, -lightness, densities))
+
+
+@lru_cache(maxsize=1)
+def _lightness_by_density() -> tuple[Float64[ndarray, " n"], Float64[ndarray, " n"]]:
+    densities = np.linspace(*DENSITIES, 101)
+    return densities, lab_of_linear(albedo_of_skin(densities, np.full(101, USUAL_HAEMOGLOBIN)))[:, 0]
 
 
 def lab_of_linear(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:

@@ -44,9 +44,9 @@ def head_from_torso(torso: Torso, camera: Camera) -> Float64[ndarray, "3 3"]:
     """
     head = head_pose(camera)
     neck = HeadPose(
-        float(np.clip(torso.nod * head.pitch_deg, -MOST_NOD_DEG, MOST_NOD_DEG)),
-        float(np.clip(torso.turn * head.yaw_deg, -MOST_TURN_DEG, MOST_TURN_DEG)),
-        float(np.clip(torso.tilt * head.roll_deg, -MOST_TILT_DEG, MOST_TILT_DEG)),
+        min(max(torso.nod * head.pitch_deg, -MOST_NOD_DEG), MOST_NOD_DEG),
+        min(max(torso.turn * head.yaw_deg, -MOST_TURN_DEG), MOST_TURN_DEG),
+        min(max(torso.tilt * head.roll_deg, -MOST_TILT_DEG), MOST_TILT_DEG),
     )
     body = HeadPose(head.pitch_deg - neck.pitch_deg, head.yaw_deg - neck.yaw_deg, head.roll_deg - neck.roll_deg)
     return np.asarray(rotation_of_pose(head).T @ rotation_of_pose(body))

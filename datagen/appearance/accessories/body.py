@@ -1,7 +1,7 @@
 """Neck and shoulders under a head: a surface that starts at the rim of the model's neck and turns with the torso."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import final
 
 import numpy as np
@@ -72,17 +72,21 @@ class Body:
         column = np.minimum(columns.astype(np.intp), around - 1)
         down, along = (rows - row).astype(np.float32), (columns - column).astype(np.float32)
         height = np.asarray(above_mm, dtype=np.float32)[..., None]
-        points, normals = self.points.reshape(-1, 3), self.normals.reshape(-1, 3)
         first = row * (around + 1) + column
-        found = np.zeros((*rows.shape, 3), dtype=np.float32)
+        found = np.zeros((*rows.shape, 6), dtype=np.float32)
         for step, share in (
             (0, (1 - down) * (1 - along)),
             (1, (1 - down) * along),
             (around + 1, down * (1 - along)),
             (around + 2, down * along),
         ):
-            found += share[..., None] * (points[first + step] + height * normals[first + step])
-        return found
+            found += share[..., None] * self._grid.take(first + step, axis=0)
+        return found[..., :3] + height * found[..., 3:]
+
+    @cached_property
+    def _grid(self) -> Float32[ndarray, "n 6"]:
+        """Points and normals side by side."""
+        return np.concatenate([self.points, self.normals], axis=-1).reshape(-1, 6)
 
     def skin(self, down_to: float) -> Solid:
         """The bare surface from under the rim down to a place."""

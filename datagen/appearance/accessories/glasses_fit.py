@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int32
+from jaxtyping import Float, Float32, Float64, Int32, Int64
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -111,9 +111,9 @@ def _strap_path(head: PosedHead, hinges: Mapping[int, Float64[ndarray, "3"]]) ->
 def _in_front(head: PosedHead, points: Float64[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
     """How far points are before the face, mm along z, whatever its expression."""
     chosen = _front_vertices(head.model)
-    neutral, face = head.neutral[chosen], head.vertices[chosen]
+    neutral, face = head.neutral.take(chosen, axis=0), head.vertices.take(chosen, axis=0)
     face = np.where(neutral[:, 2:] > face[:, 2:], neutral, face)
-    normals = head.normals[chosen]
+    normals = head.normals.take(chosen, axis=0)
     nearest = _nearest_in_plane(face, points)
     aside = points[:, None, :2] - face[nearest, :2]
     normal = normals[nearest]
@@ -152,11 +152,11 @@ def _marks(model: MorphableModel) -> Mapping[int, Int32[ndarray, "5"]]:
 
 
 @lru_cache(maxsize=4)
-def _front_vertices(model: MorphableModel) -> Int32[ndarray, " n"]:
+def _front_vertices(model: MorphableModel) -> Int64[ndarray, " n"]:
     found = np.unique(model.triangles[triangles_of(model, (*FRONT_REGIONS, "scalp"))])
     place = model.mean[found]
     chosen = (np.abs(place[:, 0]) < 76) & (place[:, 1] > -58) & (place[:, 2] > 25)
-    return found[chosen].astype(np.int32)
+    return found[chosen].astype(np.int64)
 
 
 @lru_cache(maxsize=4)

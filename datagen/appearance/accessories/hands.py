@@ -139,6 +139,7 @@ def hand_meshes(hand: Hand, head: PosedHead, skin_rgb: Colour) -> list[SceneMesh
     return meshes
 
 
+@lru_cache(maxsize=4)
 def _shaped(hand: Hand) -> tuple[Solid, Solid]:
     """Palm and fingers, nails: x towards the little finger, fingers along y, the palm looks along z."""
     pose = POSES[hand.pose]
