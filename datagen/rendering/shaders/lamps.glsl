@@ -37,7 +37,7 @@ float lamp_reaches(int i, vec3 point, vec3 normal, float thin) {
     float offset = shadow_texel_mm * (0.5 + 1.5 * slope) + 0.4 * (light_edge_mm[i] - NARROWEST_EDGE_MM);
     vec3 raised = point + normal * offset + (14.0 * thin) * light_direction[i];
     float bias = 1.0 + 0.4 * (light_edge_mm[i] - NARROWEST_EDGE_MM);
-    float found = 0.5 * (lit_fraction(i, raised, bias, 0.45 * radius) + lit_fraction(i, raised, bias, radius));
+    float found = lit_fraction(i, raised, bias, 0.75 * radius);
     return i == 0 && light_gobo > 0 ? found * gobo(point) : found;
 }
 
