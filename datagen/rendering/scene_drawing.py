@@ -36,12 +36,14 @@ from datagen.rendering.scene_program import (
     compile_head,
     compile_object,
 )
-from datagen.rendering.scene_shadows import LightView, ShadowMaps
+from datagen.rendering.scene_shadows import SKY, LightView, ShadowMaps
 from datagen.rendering.scene_targets import SceneTarget, make_target
 from pix2face.camera import Camera
 from pix2face.errors import GLUnavailableError
 from pix2face.morphable_model import MorphableModel
 
+# Of the head's height, from below.
+NECK_MM = 50.0
 PURPOSES = ("object", "blended", "object_shadow")
 # Steps 7 in which nothing is transparent, or something is: first all pixels, then those at edges.
 PICTURES = ("PLAIN", "EDGES", "BLENDED", "EDGES BLENDED")
@@ -147,8 +149,11 @@ class SceneDrawer:
 
     def _draw_shadows(self, scene: Scene) -> dict[str, UniformValue]:
         """Step 1; what the shaders need to know of it."""
+        # What lies around the neck and lower takes the sky from little but itself.
+        chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
+        high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
 
-        def casters(view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
+        def casters(light: int, view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
             self._set({"clip_from_model": view.clip_from_model, "camera_place": np.append(towards_light, 0)})
             # What turns away from a light would only shade what turns away as well.
             self._context.front_face, self._context.cull_face = "ccw", "back"
@@ -156,7 +161,7 @@ class SceneDrawer:
             self._head.draw_shadow()
             self._context.enable_only(moderngl.DEPTH_TEST)
             for run in self._objects.opaque:
-                if scene.meshes[run.mesh].casts_shadow:
+                if scene.meshes[run.mesh].casts_shadow and (light != SKY or high[run.mesh]):
                     self._objects.draw("bare", run)
             for run in self._objects.blended:
                 if scene.meshes[run.mesh].casts_shadow:

@@ -55,14 +55,14 @@ class ShadowMaps:
         self,
         vertices: Float32[ndarray, "v 3"],
         lights: Float32[ndarray, "n 3"],
-        casters: Callable[[LightView, Float64[ndarray, "3"]], None],
+        casters: Callable[[int, LightView, Float64[ndarray, "3"]], None],
     ) -> dict[str, UniformValue]:
         """Draws a map for each light.
 
         Args:
             vertices: The head, which is in the middle of the maps, mm.
             lights: Towards each light; zeros where there is none.
-            casters: Draws what casts shadows, given the view and the direction towards the light.
+            casters: Draws what casts shadows, given which light, its view, and the direction towards it.
 
         Returns:
             What ``shadow.glsl`` needs to know.
@@ -79,7 +79,7 @@ class ShadowMaps:
             view = light_view(direction / np.linalg.norm(direction), centre, radius)
             side = SKY_PX if place == SKY else MAP_PX
             self._framebuffer.viewport = (place * MAP_PX, 0, side, side)
-            casters(view, direction)
+            casters(place, view, direction)
             views[place] = view.shadow_from_model
         self._maps.use(self._unit)
         towards = np.zeros((MAX_SHADOWS, 3))
