@@ -72,8 +72,8 @@ def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
     """What is stored with a sample, to filter by: ``part.name`` of what was drawn.
 
     Numbers have four digits, yes and no are 1 and 0, of lists of things it is how many there are. Left out are numbers
-    that are 0 (``pix2face.sample_filter`` knows), colours, places and other lists of numbers, and seeds: the job's
-    seed, its configuration and the sample's id give all of them again.
+    that are 0 (``pix2face.sample_filter`` knows), colours, places and other lists of numbers, seeds, and what says
+    nothing that anybody would choose by: the job's seed, its configuration and the sample's id give all of them again.
     """
     found: dict[str, str | float] = {}
     for part in fields(appearance):
@@ -88,7 +88,24 @@ def appearance_textures() -> Mapping[str, Texture]:
 
 
 # What says how something is drawn, and nothing about the picture that anybody would choose by.
-_ONLY_TO_DRAW = ("seed", "enlarged_by", "read_noise_share", "tips_from_mm", "tips_to_mm", "scale_mm", "roll_off")
+_ONLY_TO_DRAW = frozenset(
+    [
+        "seed",
+        "enlarged_by",
+        "read_noise_share",
+        "metering_strength",
+        "motion_bend",
+        "scale_mm",
+        "roll_off",
+        "root_darkness",
+        "tips_from_mm",
+        "tips_to_mm",
+        "sway_mm",
+        "shift_mm",
+        "apart_mm",
+        "uneven_mm",
+    ]
+)
 
 
 def _describe(part: Any, prefix: str, into: dict[str, str | float]) -> None:
