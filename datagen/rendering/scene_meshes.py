@@ -67,8 +67,10 @@ class ObjectMeshes:
         for mesh, start in zip(meshes, starts, strict=False):
             rows = vertices[start : start + len(mesh.vertices)]
             rows[:, :3], rows[:, 3:6], rows[:, 6:] = mesh.vertices, mesh.normals, mesh.uv
-        solid = [place for place, mesh in enumerate(meshes) if not mesh.material.is_blended]
-        soft = [place for place, mesh in enumerate(meshes) if mesh.material.is_blended]
+        # Under a hat nothing may be left of a head's hair.
+        drawn = [place for place, mesh in enumerate(meshes) if len(mesh.triangles)]
+        solid = [place for place in drawn if not meshes[place].material.is_blended]
+        soft = [place for place in drawn if meshes[place].material.is_blended]
         parts, first = [], 0
         for place in solid:
             parts.append(meshes[place].triangles + np.int32(starts[place]))
@@ -82,7 +84,8 @@ class ObjectMeshes:
             for which, count in turns:
                 self.blended.append(Run(soft[which], first, 3 * count))
                 first += 3 * count
-        self._upload(vertices, np.concatenate(parts))
+        if parts:
+            self._upload(vertices, np.concatenate(parts))
 
     def draw(self, name: str, run: Run) -> None:
         """Draws a run with one of the programs."""

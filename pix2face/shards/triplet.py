@@ -68,11 +68,18 @@ class Triplet:
             UsageError: The layers mask and seen are not there.
         """
         check_has_layers(self.layers, (MASK, SEEN), self.sample_id)
-        hidden = self.layers[MASK] & ~self.layers[SEEN]
-        height, width = hidden.shape
+        mask, seen = (np.pad(self.layers[name], 1) for name in (MASK, SEEN))
+        height, width = self.layers[MASK].shape
         column, row = np.floor(self.landmarks2d).astype(np.int64).T
-        # Beyond the picture none is visible; at the silhouette, where the pixel's centre may miss the face, all are.
-        return np.asarray(self.visible & ~hidden[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
+        # Between lips and at the silhouette the landmark's own pixel may miss the face: those around it decide, too.
+        places = [
+            (np.clip(row, 0, height - 1) + down, np.clip(column, 0, width - 1) + right)
+            for down in range(3)
+            for right in range(3)
+        ]
+        is_near_face = np.any([mask[place] for place in places], axis=0)
+        is_near_seen = np.any([seen[place] for place in places], axis=0)
+        return np.asarray(self.visible & (is_near_seen | ~is_near_face))
 
 
 def check_has_layers(found: Container[str], wanted: Sequence[str], where: str) -> None:

@@ -159,9 +159,10 @@ def test_landmarks_behind_a_mask_are_visible_but_not_seen(
         assert not (seen & ~sample.visible).any()
         for place in np.flatnonzero(sample.visible):
             column, row = np.floor(sample.landmarks2d[place]).astype(int)
-            if sample.layers["mask"][row, column]:  # else at the silhouette
-                assert seen[place] == sample.layers["seen"][row, column]
-                assert not (seen[place] and place in MOUTH)
+            around = np.s_[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+            if sample.layers["mask"][around].any():  # else at the silhouette
+                assert seen[place] == sample.layers["seen"][around].any()
+            assert not (seen[place] and place in MOUTH)
         n_hidden += int((sample.visible & ~seen)[MOUTH].sum())
     assert n_hidden > 10
 

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 import pytest
 
-from datagen.appearance.scene import SCENE_LABELS, Scene, SceneMesh, Texture
+from datagen.appearance.scene import SCENE_LABELS, Material, Scene, SceneMesh, Texture
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.scene_drawing import SceneDrawer
@@ -167,6 +167,19 @@ def test_release_gives_everything_back(gl: GLContext) -> None:
     assert [each for each in made if not isinstance(each.mglo, moderngl.InvalidObject)] == []
     # Whoever draws next finds a context that draws.
     assert np.isfinite(Renderer(model, SIZE, SIZE, gl).render(model.mean, camera_at(0, 0, SIZE)).depth).any()
+
+
+@pytest.mark.parametrize("is_blended", [False, True])
+def test_a_mesh_of_which_nothing_is_left_changes_nothing(gl: GLContext, is_blended: bool) -> None:
+    model = small_head_model()
+    material = Material(kind="hair", is_blended=is_blended)
+    bare = SceneMesh(**{**vars(ball((0, 0, 160), 30)), "triangles": np.zeros((0, 3), np.int32), "material": material})
+    camera = camera_at(0, 0, SIZE)
+    with plain_drawer(model, gl) as drawer:
+        expected = drawer.draw(scene_of(model), camera, SIZE, SIZE)
+        for meshes in ([bare], [bare, bare]):
+            found = drawer.draw(scene_of(model, meshes), camera, SIZE, SIZE)
+            np.testing.assert_array_equal(found.radiance, expected.radiance)
 
 
 def test_wrong_sizes_are_refused_by_name(gl: GLContext) -> None:
