@@ -17,7 +17,7 @@ from datagen.inspection.summary_cli import card, stats
 from datagen.jobs.render_cli import render
 from datagen.model_cli import model
 from datagen.opengl.doctor_cli import doctor
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import save_coefficients
 from pix2face.command_line import check_output_file, counted, run_commands, say
 from pix2face.morphable_model import BUILTIN_MODEL, open_model

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from datagen.sampling_summary import drawn_shares
+from datagen.sampling.summary import drawn_shares
 from datagen.sources import coefficient_paths
 from pix2face.annotations import picture_beside
 from pix2face.camera import Camera, head_pose

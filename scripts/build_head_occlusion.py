@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
-from datagen.appearance.light_harmonics import fibonacci_sphere
+from datagen.appearance.light.harmonics import fibonacci_sphere
 from datagen.appearance.surface import Surface
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer

@@ -16,7 +16,7 @@ from datagen.opengl.gl_context import create_gl_context
 from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.visibility import visible_landmarks
-from datagen.sampling import draw_expression
+from datagen.sampling.faces import draw_expression
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel, open_model

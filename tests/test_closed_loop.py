@@ -9,7 +9,7 @@ import pytest
 from datagen.jobs.render_job import RenderJob, shard_header
 from datagen.jobs.triplets import TripletMaker
 from datagen.opengl.gl_context import create_gl_context
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from datagen.sources import open_source
 from pix2face.camera import linearised
 from pix2face.coefficients import save_coefficients

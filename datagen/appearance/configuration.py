@@ -12,13 +12,13 @@ from types import MappingProxyType
 from typing import Any, final
 
 from datagen.appearance.accessories.configuration import HARD_ACCESSORIES, AccessoriesConfig
-from datagen.appearance.backdrop_configuration import HARD_BACKDROP, BackdropConfig
+from datagen.appearance.backdrop.configuration import HARD_BACKDROP, BackdropConfig
 from datagen.appearance.configuration_files import read_toml, replaced
-from datagen.appearance.hair_configuration import HARD_HAIR, HairConfig
-from datagen.appearance.light_configuration import HARD_LIGHT, LightConfig
-from datagen.appearance.photograph_configuration import HARD_PHOTOGRAPH, PhotographConfig
-from datagen.appearance.skin_configuration import HARD_SKIN, SkinConfig
-from datagen.sampling_configuration import HARD_GEOMETRY, PLAIN_GEOMETRY, GeometryConfig
+from datagen.appearance.hair.configuration import HARD_HAIR, HairConfig
+from datagen.appearance.light.configuration import HARD_LIGHT, LightConfig
+from datagen.appearance.photograph.configuration import HARD_PHOTOGRAPH, PhotographConfig
+from datagen.appearance.skin.configuration import HARD_SKIN, SkinConfig
+from datagen.sampling.configuration import HARD_GEOMETRY, PLAIN_GEOMETRY, GeometryConfig
 from pix2face.errors import UsageError
 
 DEFAULT, HARD, PLAIN = "default", "hard", "plain"

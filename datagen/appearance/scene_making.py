@@ -8,11 +8,11 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from datagen.appearance.accessories.choice import accessory_meshes, hidden_hair
-from datagen.appearance.hair import Hair, hair_meshes, hair_uniforms
-from datagen.appearance.light import light_uniforms, shadow_lights
+from datagen.appearance.hair.hair import Hair, hair_meshes, hair_uniforms
+from datagen.appearance.light.light import light_uniforms, shadow_lights
 from datagen.appearance.scene import PosedHead, Scene, UniformValue
-from datagen.appearance.skin import Skin, skin_uniforms
-from datagen.appearance.skin_tone import albedo_of_skin, density_of_melanin
+from datagen.appearance.skin.skin import Skin, skin_uniforms
+from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin
 from datagen.appearance.surface import Surface
 from datagen.appearance.torso import head_from_torso
 from datagen.appearance.whole import Appearance

@@ -10,14 +10,14 @@ from functools import lru_cache
 from typing import Any, final
 
 from datagen.appearance.accessories.choice import Accessories, accessory_textures, draw_accessories
-from datagen.appearance.backdrop import Backdrop, draw_backdrop
+from datagen.appearance.backdrop.backdrop import Backdrop, draw_backdrop
 from datagen.appearance.configuration import AppearanceConfig
-from datagen.appearance.hair import Hair, draw_hair, hair_textures
-from datagen.appearance.light import Light, draw_light, light_textures
+from datagen.appearance.hair.hair import Hair, draw_hair, hair_textures
+from datagen.appearance.light.light import Light, draw_light, light_textures
 from datagen.appearance.person import Person, draw_person
-from datagen.appearance.photograph import Photograph, draw_photograph
+from datagen.appearance.photograph.photograph import Photograph, draw_photograph
 from datagen.appearance.scene import Texture
-from datagen.appearance.skin import Skin, draw_skin, skin_textures
+from datagen.appearance.skin.skin import Skin, draw_skin, skin_textures
 from datagen.appearance.torso import Torso, draw_torso
 from datagen.random_streams import generator_for
 

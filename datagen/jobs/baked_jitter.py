@@ -13,8 +13,8 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.random_streams import generator_for
-from datagen.sampling_expressions import NAMED_EXPRESSIONS, mirrored_strengths, strengths_of, strengths_to_text
-from datagen.sampling_views import FOCAL_LENGTH, camera_attributes
+from datagen.sampling.expressions import NAMED_EXPRESSIONS, mirrored_strengths, strengths_of, strengths_to_text
+from datagen.sampling.views import FOCAL_LENGTH, camera_attributes
 from pix2face.camera import Camera
 from pix2face.coefficients import LARGEST_SIDE_PX, Face
 from pix2face.crops import Crop, FaceBox, crop_camera

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.appearance.backdrop import PersonPlace
-from datagen.appearance.backdrop_focus import defocused
+from datagen.appearance.backdrop.backdrop import PersonPlace
+from datagen.appearance.backdrop.focus import defocused
 from datagen.appearance.configuration import AppearanceConfig
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker

@@ -9,16 +9,16 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.appearance.backdrop import backdrop_pixels
+from datagen.appearance.backdrop.backdrop import backdrop_pixels
 from datagen.appearance.background import draw_background
 from datagen.appearance.configuration import AppearanceConfig
-from datagen.appearance.head_occlusion import head_occlusion
-from datagen.appearance.photograph import beyond_border, develop, encode
+from datagen.appearance.light.head_occlusion import head_occlusion
+from datagen.appearance.photograph.photograph import beyond_border, develop, encode
 from datagen.appearance.plain import develop as develop_plain
 from datagen.appearance.plain import draw_plain_appearance
 from datagen.appearance.scene import HEAD, ScenePicture
 from datagen.appearance.scene_making import SceneMaker
-from datagen.appearance.skin_zones import head_paint
+from datagen.appearance.skin.zones import head_paint
 from datagen.appearance.whole import Appearance, appearance_attributes, appearance_textures, draw_appearance
 from datagen.jobs.baked_jitter import View
 from datagen.jobs.bystanders import Bystanders

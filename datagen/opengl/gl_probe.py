@@ -30,7 +30,7 @@ from datagen.opengl.gl_context import (
     create_gl_context,
 )
 from datagen.rendering.renderer import Renderer
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera
 from pix2face.errors import Pix2FaceError
 from pix2face.morphable_model import MorphableModel, builtin_model

@@ -12,7 +12,7 @@ from collections import defaultdict
 import cv2
 import numpy as np
 
-from datagen.appearance.photograph import HARD_PHOTOGRAPH, PhotographConfig, develop, draw_photograph, encode
+from datagen.appearance.photograph.photograph import HARD_PHOTOGRAPH, PhotographConfig, develop, draw_photograph, encode
 
 
 def main() -> None:

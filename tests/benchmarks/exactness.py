@@ -16,7 +16,7 @@ from numpy import ndarray
 
 from datagen.opengl.gl_context import GLContext, create_gl_context
 from datagen.rendering.renderer import Renderer
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera, linearised
 from pix2face.crops import FaceBox, crop_camera
 from pix2face.face_maps import FaceMaps, fixed_point_to_maps

@@ -21,17 +21,17 @@ from unittest import mock
 import numpy as np
 
 from datagen.appearance.configuration import AppearanceConfig, load_configuration
-from datagen.appearance.head_occlusion import head_occlusion
+from datagen.appearance.light.head_occlusion import head_occlusion
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
-from datagen.appearance.skin_zones import head_paint
+from datagen.appearance.skin.zones import head_paint
 from datagen.appearance.whole import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.scene_drawing import SceneDrawer
 from datagen.rendering.scene_head import SceneHead
 from datagen.rendering.scene_meshes import ObjectMeshes
 from datagen.rendering.scene_targets import SceneTarget
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera
 from pix2face.coefficients import Face
 from pix2face.morphable_model import MorphableModel, builtin_model

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from datagen.appearance.person import draw_person
-from datagen.appearance.skin import SkinConfig, draw_skin
-from datagen.appearance.skin_tone import (
+from datagen.appearance.skin.skin import SkinConfig, draw_skin
+from datagen.appearance.skin.tone import (
     albedo_of_skin,
     density_of_melanin,
     individual_typology_angle_deg,
@@ -22,7 +22,7 @@ from datagen.appearance.skin_tone import (
 from datagen.opengl.gl_context import create_gl_context
 from pix2face.morphable_model import builtin_model
 from tests.benchmarks.surroundings import surroundings
-from tests.datagen.appearance.painted_skin import ALBEDO, PaintedSkin, painted_skin
+from tests.datagen.appearance.skin.painted_skin import ALBEDO, PaintedSkin, painted_skin
 
 RUNS = 20
 GREY = "Surface skin(Surface s, vec2 uv, vec3 place, vec4 p0, vec4 p1, float pixel_mm) { s.albedo = place; return s; }"

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import save_coefficients
 from pix2face.morphable_model import load_model
 from tests.model_files import write_small_head

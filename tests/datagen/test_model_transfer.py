@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from datagen.cli import main
 from datagen.model_transfer import find_transfer, transfer_table
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera
 from pix2face.coefficients import load_coefficients, save_coefficients
 from pix2face.errors import ModelMismatchError, UsageError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from datagen.sources import TableSource, W300LPFolder, open_source
 from pix2face.annotations import picture_beside
 from pix2face.coefficients import save_coefficients

@@ -22,7 +22,7 @@ def annotated_faces(tmp_path):
 
     Every second point is one of the face's vertices beside the landmark.
     """
-    from datagen.sampling import sample_faces
+    from datagen.sampling.faces import sample_faces
 
     model = builtin_model()
     table = sample_faces(model, N_FRAMES, 5, 256)

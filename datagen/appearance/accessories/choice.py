@@ -26,7 +26,7 @@ from datagen.appearance.accessories.jewellery import Jewellery, draw_jewellery, 
 from datagen.appearance.accessories.masks import Mask, draw_mask, mask_meshes
 from datagen.appearance.accessories.occluders import Thing, draw_thing, thing_meshes
 from datagen.appearance.accessories.weaves import weave_textures
-from datagen.appearance.hair_shape import CrownPlane
+from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.person import Person
 from datagen.appearance.scene import PosedHead, SceneMesh, Texture
 

@@ -9,7 +9,7 @@ from datagen.appearance.accessories.headwear_choice import WRAPS, Headwear
 from datagen.appearance.accessories.skull import CENTRE, fit_skull
 from datagen.appearance.accessories.solids import scene_mesh
 from datagen.appearance.accessories.wraps import wrap_pieces
-from datagen.appearance.hair_shape import CrownPlane
+from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 
 # How far below the hair line the rim is, degrees about the middle of the skull: front, sides, back.

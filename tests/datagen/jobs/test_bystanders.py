@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.appearance.backdrop import PersonPlace, draw_backdrop
+from datagen.appearance.backdrop.backdrop import PersonPlace, draw_backdrop
 from datagen.appearance.configuration import DEFAULT, HARD, PRESETS
-from datagen.appearance.head_occlusion import head_occlusion
+from datagen.appearance.light.head_occlusion import head_occlusion
 from datagen.appearance.scene import Scene, ScenePicture
 from datagen.appearance.scene_making import SceneMaker
-from datagen.appearance.skin_zones import head_paint
+from datagen.appearance.skin.zones import head_paint
 from datagen.appearance.whole import Appearance, appearance_textures, draw_appearance
 from datagen.jobs.bystanders import SIDES_PX, UNSEEN, Bystanders, plainer
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.scene_drawing import SceneDrawer
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera
 from pix2face.morphable_model import builtin_model
 

@@ -19,14 +19,14 @@ import sys
 import numpy as np
 from pathlib import Path
 from datagen.appearance.configuration import DEFAULT, PRESETS
-from datagen.appearance.head_occlusion import head_occlusion
+from datagen.appearance.light.head_occlusion import head_occlusion
 from datagen.appearance.scene_making import SceneMaker
-from datagen.appearance.skin_zones import head_paint
+from datagen.appearance.skin.zones import head_paint
 from datagen.appearance.whole import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.scene_drawing import SceneDrawer
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError
 from pix2face.morphable_model import builtin_model
 try:

@@ -11,7 +11,7 @@ import pytest
 from datagen.appearance.accessories.masks import draw_mask
 from datagen.appearance.background import draw_background
 from datagen.appearance.configuration import DEFAULT, PLAIN, PRESETS
-from datagen.appearance.photograph_border import Border, beyond_border
+from datagen.appearance.photograph.border import Border, beyond_border
 from datagen.appearance.plain import develop, draw_plain_appearance
 from datagen.appearance.scene import SCENE_REGIONS
 from datagen.appearance.whole import Appearance, draw_appearance
@@ -21,7 +21,7 @@ from datagen.jobs.triplets import TripletMaker
 from datagen.opengl.gl_context import GLContext
 from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import Face, save_coefficients
 from pix2face.errors import InputFileError, UsageError
 from pix2face.images import decode_image, encode_photograph

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from datagen.cli import main
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import save_coefficients
 from pix2face.model_file import write_stored_model
 from pix2face.morphable_model import load_model

@@ -14,7 +14,7 @@ from datagen.cli import main
 from datagen.jobs.executors import ProcessPool
 from datagen.jobs.pipeline import JobSummary, open_job, run_job
 from datagen.jobs.render_job import RenderJob
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import load_coefficients, save_coefficients
 from pix2face.errors import UsageError
 from pix2face.images import decode_image

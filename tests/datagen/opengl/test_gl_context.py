@@ -15,7 +15,7 @@ from datagen.opengl import gl_context
 from datagen.opengl.egl_devices import EGLDevice
 from datagen.opengl.gl_context import GLSettings, choose_rasteriser, create_gl_context
 from datagen.opengl.osmesa_context import load_osmesa
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import save_coefficients
 from pix2face.errors import GLUnavailableError, UsageError
 from pix2face.morphable_model import load_model
@@ -27,7 +27,7 @@ import sys
 import numpy as np
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera
 from pix2face.errors import GLUnavailableError
 from pix2face.morphable_model import builtin_model

@@ -7,10 +7,10 @@ import moderngl
 import numpy as np
 import pytest
 
-from datagen.appearance.environments import environment, environment_names
-from datagen.appearance.light import LightConfig, draw_light, light_textures, light_uniforms, shadow_lights
-from datagen.appearance.light_harmonics import fibonacci_sphere, white_surface
-from datagen.appearance.light_sources import Gobo, Lamplight, Light, PanoramaLight, environment_from_camera
+from datagen.appearance.light.environments import environment, environment_names
+from datagen.appearance.light.harmonics import fibonacci_sphere, white_surface
+from datagen.appearance.light.light import LightConfig, draw_light, light_textures, light_uniforms, shadow_lights
+from datagen.appearance.light.sources import Gobo, Lamplight, Light, PanoramaLight, environment_from_camera
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import shader_source
 from datagen.rendering.scene_program import SceneTextures

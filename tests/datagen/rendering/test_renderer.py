@@ -10,7 +10,7 @@ from scipy import ndimage
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.visibility import visible_landmarks
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera, HeadPose, WeakPerspective, linearised, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.landmarks import IBUG68

@@ -23,7 +23,7 @@ import sys
 import numpy as np
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
-from datagen.sampling import sample_faces
+from datagen.sampling.faces import sample_faces
 from pix2face.camera import Camera
 from pix2face.errors import GLUnavailableError
 from pix2face.morphable_model import builtin_model

@@ -1,0 +1,1 @@
+"""What is behind the people of synthetic photographs."""

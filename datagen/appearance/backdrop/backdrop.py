@@ -1,0 +1,231 @@
+"""What is behind the head: the environment that lights it, another one, patterns, one colour, the user's pictures."""
+
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from datagen.appearance.backdrop.configuration import HARD_BACKDROP, BackdropConfig
+from datagen.appearance.backdrop.focus import defocused
+from datagen.appearance.backdrop.folder import list_pictures, read_crop
+from datagen.appearance.backdrop.panorama import panorama_view
+from datagen.appearance.backdrop.patterns import PATTERNS, draw_pattern
+from datagen.appearance.light.colour import LUMINANCE
+from datagen.appearance.light.environment_light import scaled_panorama
+from datagen.appearance.light.environments import environment, environment_names
+from datagen.appearance.light.sources import Light, PanoramaLight, Triple
+from pix2face.camera import Camera
+from pix2face.errors import UsageError
+
+__all__ = ["HARD_BACKDROP", "Backdrop", "BackdropConfig", "PersonPlace", "backdrop_pixels", "draw_backdrop"]
+
+ENVIRONMENTS = ("environment", "other environment")
+_PLAIN = {  # sRGB
+    "white": (1.0, 1.0, 1.0),
+    "black": (0.0, 0.0, 0.0),
+    "grey": (0.5, 0.5, 0.5),
+    "green screen": (0.1, 0.69, 0.2),
+    "blue screen": (0.05, 0.2, 0.7),
+}
+_IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+# sRGB bytes to linear light.
+_LINEAR = np.array([v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in np.arange(256) / 255])
+_LINEAR = _LINEAR.astype(np.float32)
+# Mean brightness of what is behind a silhouette; how much brighter than the light says a backlit one's may be.
+_BEHIND_SILHOUETTE, _BEHIND_BACKLIT = (0.7, 2.2), (0.8, 2.2)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class PersonPlace:
+    """Where another person stands, for whoever draws one.
+
+    Attributes:
+        x: Middle of the head, as a share of the picture's width.
+        y: As a share of its height.
+        scale: Size of the head beside the one in front.
+        blur: Radius out of focus, as a share of the picture's width.
+        seed: Of who it is.
+    """
+
+    x: float
+    y: float
+    scale: float
+    blur: float
+    seed: int
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Backdrop:
+    """What is behind one head.
+
+    Attributes:
+        kind: ``environment`` (the light's), ``other environment``, ``photograph``, ``plain``, or a pattern's name.
+        seed: Of a pattern.
+        panoramas: Of environments.
+        view_deg: How much of an environment is seen across the picture; 0 is what the camera would see.
+        colour: Of a plain one, sRGB, 0..1.
+        level: Factor of the light, for what is not an environment.
+        blur: Radius out of focus, as a share of the picture's width.
+        file: Of a photograph, relative to the folder.
+        crop: As ``backdrop_folder.read_crop``.
+        is_mirrored: Of a photograph.
+        people: Others behind.
+        n_people: How many.
+    """
+
+    kind: str
+    seed: int = 0
+    panoramas: tuple[PanoramaLight, ...] = ()
+    view_deg: float = 0.0
+    colour: Triple = (0.5, 0.5, 0.5)
+    level: float = 1.0
+    blur: float = 0.0
+    file: str = ""
+    crop: Triple = (0.0, 0.0, 1.0)
+    is_mirrored: bool = False
+    people: tuple[PersonPlace, ...] = ()
+    n_people: int = 0
+
+
+def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light) -> Backdrop:
+    """Draws what is behind a head in some light.
+
+    Raises:
+        InputFileError: The folder of pictures cannot be used.
+    """
+    config.check()
+    kind = _draw_kind(rng, config, light)
+    people = _draw_people(rng, config)
+    shown: dict[str, object] = {}
+    if kind in ENVIRONMENTS:
+        shown["panoramas"] = _draw_panoramas(rng, kind, light)
+        if rng.uniform() < config.widened_share:
+            shown["view_deg"] = round(float(rng.uniform(25, max(26.0, config.widest_view_deg))), 2)
+    elif kind == "photograph":
+        names = list_pictures(config.folder)
+        shown["file"] = names[int(rng.integers(len(names)))]
+        shown["crop"] = (*rng.uniform(0, 1, size=2).round(4).tolist(), round(float(rng.uniform(0.3, 1)), 4))
+        shown["is_mirrored"] = bool(rng.uniform() < 0.5)
+    elif kind == "plain":
+        name = str(rng.choice([*_PLAIN, "any"]))
+        shown["colour"] = _PLAIN.get(name) or tuple(rng.uniform(0, 1, size=3).round(4).tolist())
+    is_sharp = rng.uniform() < config.sharp_share
+    return Backdrop(
+        kind=kind,
+        seed=int(rng.integers(2**31)),
+        level=_draw_level(rng, config, light, is_plain=kind == "plain"),
+        blur=0.0 if is_sharp else round(float(np.exp(rng.uniform(*np.log(config.blur)))), 5),
+        people=people,
+        n_people=len(people),
+        **shown,  # type: ignore[arg-type]
+    )
+
+
+def backdrop_pixels(
+    backdrop: Backdrop, camera: Camera, height: int, width: int, folder: str = ""
+) -> Float32[ndarray, "h w 3"]:
+    """Draws a backdrop: linear light, 1 is white.
+
+    Args:
+        backdrop: What.
+        camera: Through whose lens environments are seen; how the head is turned does not matter.
+        height: Rows.
+        width: Columns.
+        folder: ``BackdropConfig.folder``; samples store no more than the file's name in it.
+
+    Raises:
+        InputFileError: A photograph is gone or broken.
+        UsageError: A photograph is wanted, and no folder is named.
+    """
+    radius = backdrop.blur * width
+    if backdrop.kind in ENVIRONMENTS:
+        view = panorama_view(backdrop.panoramas, camera, (height, width), backdrop.view_deg)
+        soft = defocused(view, radius * view.shape[1] / width)
+        return np.maximum(cv2.resize(soft, (width, height), interpolation=cv2.INTER_CUBIC), 0).astype(np.float32)
+    if backdrop.kind == "plain":
+        colour = _LINEAR[np.rint(255 * np.array(backdrop.colour)).astype(int)]
+        return np.broadcast_to(colour * np.float32(backdrop.level), (height, width, 3)).copy()
+    if backdrop.kind == "photograph":
+        if not folder:
+            raise UsageError(f"backdrop: expected the folder that holds {backdrop.file!r}, found none; name it again")
+        drawn = read_crop(folder, backdrop.file, backdrop.crop, height, width)
+        drawn = drawn[:, ::-1] if backdrop.is_mirrored else drawn
+    else:
+        drawn = draw_pattern(backdrop.kind, backdrop.seed, height, width)
+    return defocused(_LINEAR[drawn] * np.float32(backdrop.level), radius)
+
+
+def _draw_kind(rng: np.random.Generator, config: BackdropConfig, light: Light) -> str:
+    if config.folder and rng.uniform() < config.folder_share:
+        return "photograph"
+    same, other = config.same_environment_weight, config.other_environment_weight
+    if not light.panoramas:  # lamps alone: the share of the environment goes to the others
+        same = 0.0
+    elif light.kind in ("backlit", "silhouette"):  # the light behind is seen
+        same *= 3
+    weights = np.array([same, other, config.plain_weight, config.pattern_weight])
+    if not weights.sum() > 0:
+        weights[1] = 1.0
+    kind = str(rng.choice([*ENVIRONMENTS, "plain", "pattern"], p=weights / weights.sum()))
+    if kind != "pattern":
+        return kind
+    if light.kind == "night" and rng.uniform() < 0.5:
+        return "lights"
+    return sorted(PATTERNS)[int(rng.integers(len(PATTERNS)))]
+
+
+def _draw_panoramas(rng: np.random.Generator, kind: str, light: Light) -> tuple[PanoramaLight, ...]:
+    if kind == "environment":
+        brightness = sum(_brightness(panorama) for panorama in light.panoramas)
+        factor = 1.0
+        if light.kind == "silhouette":
+            factor = float(rng.uniform(*_BEHIND_SILHOUETTE)) / max(brightness, 1e-6)
+        elif light.kind == "backlit":
+            factor = float(rng.uniform(*_BEHIND_BACKLIT))
+        return tuple(scaled_panorama(panorama, factor) for panorama in light.panoramas)
+    name = str(rng.choice(environment_names()))
+    heading, tilt = float(rng.uniform(0, 360)), float(np.clip(rng.normal(0, 8), -30, 30))
+    panorama = PanoramaLight(
+        name=name, heading_deg=round(heading, 2), tilt_deg=round(tilt, 2), roll_deg=0.0, colour_matrix=_IDENTITY
+    )
+    wanted = max(light.illuminance, 0.1) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.5))))
+    if light.kind == "night":
+        wanted *= 0.4
+    return (scaled_panorama(panorama, wanted / max(_brightness(panorama), 1e-6)),)
+
+
+def _brightness(panorama: PanoramaLight) -> float:
+    """Mean luminance, lamps left out: they take a small part of a picture."""
+    return float(LUMINANCE @ np.array(panorama.colour_matrix) @ environment(panorama.name).harmonics[0])
+
+
+def _draw_level(rng: np.random.Generator, config: BackdropConfig, light: Light, *, is_plain: bool) -> float:
+    low, high = np.log(config.brightness)
+    if is_plain or light.kind == "silhouette":
+        low = (low + high) / 2
+    light_there = 1.4 if light.kind == "silhouette" else max(light.illuminance, 0.08)
+    factor = float(np.exp(rng.uniform(low, high)))
+    return round(min(factor * light_there, 3.0), 4)
+
+
+def _draw_people(rng: np.random.Generator, config: BackdropConfig) -> tuple[PersonPlace, ...]:
+    """Drawn whether or not there are any, so that what follows does not depend on it."""
+    shows, count = rng.uniform() < config.people_share, int(rng.integers(1, max(config.most_people, 1) + 1))
+    numbers = rng.uniform(0, 1, size=(3, 5))
+    if not shows or config.most_people == 0:
+        return ()
+    return tuple(
+        PersonPlace(
+            x=round(float(-0.05 + 1.1 * a), 4),
+            y=round(float(0.15 + 0.5 * b), 4),
+            scale=round(float(0.18 + 0.42 * c), 4),
+            blur=round(float(0.004 + 0.02 * d), 5),
+            seed=int(e * 2**31),
+        )
+        for a, b, c, d, e in numbers[:count]
+    )

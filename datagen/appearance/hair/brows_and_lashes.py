@@ -1,0 +1,244 @@
+"""Brows and lashes: the hair that moves with the face."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int32
+from numpy import ndarray
+
+from datagen.appearance.accessories.solids import cross
+from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, brow_patch, read_picture
+from datagen.appearance.hair.colour import Colour, HairColour, brow_colour
+from datagen.appearance.hair.configuration import HairConfig
+from datagen.appearance.hair.styles import UNCUT_MM
+from datagen.appearance.person import Person
+from datagen.appearance.scene import Material, PosedHead, SceneMesh
+from pix2face.morphable_model import MorphableModel
+
+N_BROWS = 12
+LASH_STYLES = ("eyelashes01", "eyelashes02", "eyelashes03", "eyelashes04")
+# Brows lie on the skin like a film; mm.
+BROW_HEIGHT_MM = 0.8
+# One unit of the brows' texture coordinates, mm (scripts/hair_assets/brow_patch.py).
+BROW_V_MM = 36.0
+# Brows are moved this far, in pixels of their textures (4 a millimetre); bytes of alpha below count as none.
+MOVES_PX, HAIRY = 9, 24
+EYE_REGIONS = ("eyes", "iris", "pupil")
+INK = (0.008, 0.007, 0.007)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Brows:
+    """Brows of a face.
+
+    Attributes:
+        layer: Which of the twelve.
+        colour: Linear.
+        alpha: 0 none, 1 as painted.
+        density: 1 as painted.
+        thickness: Factor on their height.
+        shift_mm: Upward, of both, as far as it is not the face's.
+        apart_mm: How much farther from the middle; negative joins them.
+        uneven_mm: The subject's left higher than the right.
+    """
+
+    layer: int
+    colour: Colour
+    alpha: float
+    density: float
+    thickness: float
+    shift_mm: float
+    apart_mm: float
+    uneven_mm: float
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Lashes:
+    """Lashes of a face.
+
+    Attributes:
+        layer: Which of ``LASH_STYLES``.
+        colour: Linear.
+        alpha: 0 none to be seen, 1 full.
+        length: Factor.
+        has_mascara: Whether they are painted.
+    """
+
+    layer: int
+    colour: Colour
+    alpha: float
+    length: float
+    has_mascara: bool
+
+
+def draw_brows(rng: np.random.Generator, config: HairConfig, person: Person, hair: HairColour) -> Brows:
+    """Draws brows: thicker for men, thinner for the old."""
+    kind = rng.random()
+    is_joined = kind < config.joined_brows_share * (1.5 - person.femininity)
+    thickness = rng.uniform(*config.brow_thickness) * (1.12 - 0.24 * person.femininity)
+    age = np.clip((person.age_years - 45) / 40, 0, 1)
+    return Brows(
+        layer=int(rng.integers(N_BROWS)),
+        colour=brow_colour(rng, config, hair),
+        alpha=0.0 if kind > 1 - config.no_brows_share else round(float(rng.uniform(0.75, 1) * (1 - 0.25 * age)), 3),
+        density=round(float(rng.uniform(*config.brow_density)), 3),
+        thickness=round(float(thickness), 3),
+        shift_mm=round(float(np.clip(rng.normal(0, config.brow_shift_mm), -2.5, 4)), 2),
+        apart_mm=round(float(rng.uniform(-9, -5) if is_joined else rng.normal(0, 1)), 2),
+        uneven_mm=round(float(rng.normal(0, 0.4)), 2),
+    )
+
+
+def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, brow: Colour) -> Lashes:
+    """Draws lashes: hardly to be seen for many, black and long with mascara."""
+    share = config.mascara_share * (person.femininity + 0.05 * (1 - person.femininity))
+    has_mascara = bool(rng.random() < share)
+    return Lashes(
+        layer=int(rng.integers(len(LASH_STYLES))),
+        colour=INK if has_mascara else brow,
+        alpha=round(float(rng.uniform(0.7, 1) if has_mascara else rng.uniform(0.15, 0.7)), 3),
+        length=round(float(rng.uniform(0.85, 1.15) if has_mascara else rng.uniform(0.5, 0.95)), 3),
+        has_mascara=has_mascara,
+    )
+
+
+def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
+    """Both brows: the skin itself, lifted by less than a millimetre."""
+    vertices, triangles, uv = _both_patches(head.model)
+    n = len(vertices) // 2
+    u, v = uv[:, 0] - brows.apart_mm / 60.0, uv[:, 1].copy()
+    v[:n] += (brows.shift_mm + brows.uneven_mm / 2) / BROW_V_MM
+    v[n:] += (brows.shift_mm - brows.uneven_mm / 2) / BROW_V_MM
+    ridge = _ridges()[brows.layer]
+    middle = np.interp(u, np.linspace(0, 1, len(ridge)), ridge)
+    placed = np.column_stack([u, middle + (v - middle) / brows.thickness])
+    return SceneMesh(
+        name=f"brows/{brows.layer + 1}",
+        label="head",
+        vertices=head.vertices[vertices] + np.float32(BROW_HEIGHT_MM) * head.normals[vertices],
+        triangles=triangles,
+        uv=placed.astype(np.float32),
+        normals=head.normals[vertices],
+        material=Material(
+            kind="hair",
+            texture="hair_brows",
+            layer=brows.layer,
+            colour=brows.colour,
+            alpha=brows.alpha,
+            numbers=(1.0, brows.density, UNCUT_MM, 0.0),
+            is_blended=True,
+        ),
+        casts_shadow=False,
+    )
+
+
+def lash_mesh(lashes: Lashes, head: PosedHead) -> SceneMesh:
+    """Lashes of all four lids: their roots follow the lids, and they turn with them about the eyeball."""
+    mesh = bound_mesh(LASH_STYLES[lashes.layer])
+    points = turned_with_lids(mesh, head, lashes.length)
+    return SceneMesh(
+        name=f"lashes/{mesh.name}",
+        label="head",
+        vertices=points[mesh.point_of_vertex],
+        triangles=mesh.triangles,
+        uv=mesh.uv,
+        normals=mesh.normals[mesh.point_of_vertex],
+        material=Material(
+            kind="hair",
+            texture="hair_lashes",
+            layer=lashes.layer,
+            colour=lashes.colour,
+            alpha=lashes.alpha,
+            numbers=(1.0, 1.0, UNCUT_MM, 0.0),
+            is_blended=True,
+        ),
+        casts_shadow=False,
+    )
+
+
+def turned_with_lids(mesh: BoundMesh, head: PosedHead, length: float) -> Float32[ndarray, "p 3"]:
+    """Points of lashes: each keeps its offset from its root, turned as the root turns about the eye's middle."""
+    is_left = mesh.feet[:, :1] > 0
+    before, after = (
+        np.where(is_left, *(middle.astype(np.float32) for middle in _eye_middles(head.model, vertices)))
+        for vertices in (head.model.mean, head.vertices)
+    )
+    roots = mesh.feet + mesh.displacements(head.vertices, head.model.mean)
+    turned = turn_between(mesh.feet - before, roots - after, (mesh.mean - mesh.feet) * np.float32(length))
+    return (roots + turned).astype(np.float32)
+
+
+def turn_between(
+    before: Float32[ndarray, "n 3"], after: Float32[ndarray, "n 3"], vectors: Float32[ndarray, "n 3"]
+) -> Float32[ndarray, "n 3"]:
+    """Turns each vector by the smallest rotation that brings one direction into another (not the opposite one).
+
+    Source: Rodrigues' formula, with the axis before x after.
+    """
+    a, b = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (before, after))
+    axis, cosine = cross(a, b), (a * b).sum(axis=1, keepdims=True)
+    along = (axis * vectors).sum(axis=1, keepdims=True) / np.maximum(1 + cosine, 1e-6)
+    return (vectors * cosine + cross(axis, vectors) + axis * along).astype(np.float32)
+
+
+@cache
+def _both_patches(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray, "t 3"], Float32[ndarray, "n 2"]]:
+    """Vertices, triangles and texture coordinates of the left patch and its mirror image."""
+    assert model.symmetry is not None
+    patch = brow_patch()
+    vertices, triangles = patch["vertices"].astype(np.int32), patch["triangles"].astype(np.int32)
+    triangles = triangles[_is_hairy(patch["uv"])[triangles].any(axis=1)]
+    both = np.concatenate([vertices, model.symmetry[vertices]]).astype(np.int32)
+    right = triangles[:, [0, 2, 1]] + np.int32(len(vertices))
+    uv = patch["uv"].astype(np.float32)
+    return both, np.concatenate([triangles, right]), np.concatenate([uv, uv])
+
+
+def _is_hairy(uv: Float32[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
+    """Which places of the patch some brow reaches, wherever it may be moved to."""
+    reached = cv2.dilate(brow_pictures()[..., 1].max(axis=0), np.ones((2 * MOVES_PX + 1,) * 2, np.uint8)) > HAIRY
+    rows, columns = reached.shape
+    row, column = np.clip(uv[:, 1] * rows, 0, rows - 1), np.clip(uv[:, 0] * columns, 0, columns - 1)
+    return reached[row.astype(int), column.astype(int)]
+
+
+@cache
+def brow_pictures() -> ndarray:
+    """The twelve brows: (12, rows, columns, 2) grey and alpha, bytes."""
+    stacked = read_picture("brows.webp")[..., [0, 3]]
+    return stacked.reshape(N_BROWS, -1, *stacked.shape[1:])
+
+
+@cache
+def _ridges() -> Float64[ndarray, "n w"]:
+    """Height (v) of the middle of each brow along u; beyond its ends as at the ends."""
+    alpha = brow_pictures()[..., 1].astype(np.float64)
+    total = alpha.sum(axis=1)
+    rows = (np.arange(alpha.shape[1]) + 0.5) / alpha.shape[1]
+    columns = np.arange(alpha.shape[2])
+    ridges = []
+    for layer, weight in zip(alpha, total, strict=True):
+        known = weight > 0.1 * weight.max()
+        middle = (rows @ layer)[known] / weight[known]
+        ridges.append(
+            np.interp(columns, columns[known], np.convolve(np.pad(middle, 8, "edge"), np.full(17, 1 / 17), "valid"))
+        )
+    return np.array(ridges)
+
+
+def _eye_middles(model: MorphableModel, vertices: Float32[ndarray, "v 3"]) -> tuple[ndarray, ndarray]:
+    left, right = _eye_vertices(model)
+    return vertices[left].mean(axis=0), vertices[right].mean(axis=0)
+
+
+@cache
+def _eye_vertices(model: MorphableModel) -> tuple[ndarray, ndarray]:
+    of_eyes = np.isin(model.triangle_regions, [model.region_names.index(name) for name in EYE_REGIONS])
+    vertices = np.unique(model.triangles[of_eyes])
+    is_left = model.mean[vertices, 0] > 0
+    return vertices[is_left], vertices[~is_left]

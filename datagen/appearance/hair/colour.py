@@ -1,0 +1,143 @@
+"""Colours of hair, from the two melanins, from age, and from a bottle."""
+
+import colorsys
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy import ndarray
+
+from datagen.appearance.hair.configuration import HairConfig
+from datagen.appearance.person import Person
+
+Colour = tuple[float, float, float]
+
+# Absorption of one unit of each pigment, for red, green and blue. Source: d'Eon et al. 2011, Table 1.
+EUMELANIN, PHEOMELANIN = np.array([0.419, 0.697, 1.37]), np.array([0.187, 0.4, 1.05])
+# Light crosses many fibres before it comes back: the colour falls with the root of the absorption (Chiang et al. 2016);
+# the factor is chosen so that 0.1 units are platinum and 8 black.
+DEPTH, FLOOR = 2.6, 0.004
+WHITE_HAIR = np.array([0.60, 0.585, 0.55])
+VIVID_HUES = (0.58, 0.9, 0.4, 0.78, 0.99, 0.5)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class HairColour:
+    """What colours the hair of a head; colours are linear, 0..1.
+
+    Attributes:
+        eumelanin: Brown and black pigment, 0.05 (platinum) to 9 (black).
+        pheomelanin: Red pigment, 0 to 3.
+        base: Colour without grey.
+        tips: Colour of the ends.
+        tips_from_mm: Height in the model frame where the ends' colour begins.
+        tips_to_mm: Where it is full.
+        highlight: Colour of highlighted strands.
+        highlight_share: How many there are.
+        grey: Colour of grey strands.
+        grey_share: How many there are.
+        root_darkness: How dark the crown's roots are, 0..1.
+        is_dyed: Whether the colour is not the person's own.
+        roughness: Of strands.
+    """
+
+    eumelanin: float
+    pheomelanin: float
+    base: Colour
+    tips: Colour
+    tips_from_mm: float
+    tips_to_mm: float
+    highlight: Colour
+    highlight_share: float
+    grey: Colour
+    grey_share: float
+    root_darkness: float
+    is_dyed: bool
+    roughness: float
+
+
+def melanin_to_linear(eumelanin: float, pheomelanin: float) -> ndarray:
+    """Colour (linear) of much hair with these amounts of pigment."""
+    absorption = eumelanin * EUMELANIN + pheomelanin * PHEOMELANIN
+    return FLOOR + (1 - FLOOR) * np.exp(-DEPTH * np.sqrt(absorption))
+
+
+def draw_hair_colour(rng: np.random.Generator, config: HairConfig, person: Person) -> HairColour:
+    """Draws the colour of a person's hair."""
+    natural = _natural_pigments(rng, person)
+    kind = rng.random()
+    is_vivid, is_dyed = kind < config.vivid_share, kind < config.vivid_share + config.dyed_share
+    dyed = _any_pigments(rng) if is_dyed else natural
+    base = melanin_to_linear(*dyed)
+    own = melanin_to_linear(*natural)
+    if is_vivid:
+        base = _vivid(rng)
+    lightened = rng.random() < config.highlights_share
+    lighter = _between(base, melanin_to_linear(dyed[0] * 0.25, dyed[1] * 0.6), rng.uniform(0.4, 1))
+    if is_vivid and rng.random() < 0.5:  # a coloured lock, coloured tips
+        base, lighter, lightened = own, base, True
+    has_tips = lightened and rng.random() < 0.5
+    begins = rng.uniform(-60, 60)
+    grey_share = 0.0 if is_dyed and rng.random() < 0.8 else _grey_share(rng, config, person)
+    return HairColour(
+        eumelanin=round(float(dyed[0]), 3),
+        pheomelanin=round(float(dyed[1]), 3),
+        base=_colour(base),
+        tips=_colour(lighter if has_tips else _between(base, lighter, 0.25)),
+        tips_from_mm=round(float(begins), 1),
+        tips_to_mm=round(float(begins - rng.uniform(40, 120)), 1),
+        highlight=_colour(lighter),
+        highlight_share=round(float(rng.uniform(0.2, 0.6)) if lightened and not has_tips else 0.0, 3),
+        grey=_colour(WHITE_HAIR * rng.uniform(0.6, 1.05) * rng.normal(1, [0.01, 0.01, 0.03])),
+        grey_share=round(grey_share, 3),
+        root_darkness=round(float(rng.uniform(0.3, 1) if is_dyed or lightened else rng.uniform(0, 0.3)), 3),
+        is_dyed=bool(is_dyed),
+        roughness=round(float(rng.uniform(0.3, 0.65)), 3),
+    )
+
+
+def brow_colour(rng: np.random.Generator, config: HairConfig, hair: HairColour) -> Colour:
+    """Colour of the brows: near the hair's own, mostly darker, never very light."""
+    eumelanin, pheomelanin = hair.eumelanin, hair.pheomelanin
+    if hair.is_dyed or rng.random() < config.dyed_brows_share:
+        eumelanin, pheomelanin = _any_pigments(rng)
+    eumelanin = max(eumelanin, 0.35) * np.exp(rng.normal(0.35, 0.35))
+    base = melanin_to_linear(float(eumelanin), pheomelanin)
+    return _colour(_between(base, np.array(hair.grey), 0.7 * hair.grey_share * rng.random()))
+
+
+def _natural_pigments(rng: np.random.Generator, person: Person) -> tuple[float, float]:
+    """Black hair but for Caucasian people, of whom one in twenty-five is red."""
+    if rng.random() > person.caucasian:
+        return float(np.exp(rng.normal(np.log(5.5), 0.35))), float(rng.uniform(0, 0.5))
+    if rng.random() < 0.05:
+        return float(rng.uniform(0.05, 0.7)), float(rng.uniform(0.9, 2.8))
+    # The darker the skin, the darker the hair.
+    middle = np.log(1.1) + 3.0 * (person.melanin - 0.22)
+    return float(np.clip(np.exp(rng.normal(middle, 0.85)), 0.06, 9)), float(rng.gamma(1.5, 0.2))
+
+
+def _any_pigments(rng: np.random.Generator) -> tuple[float, float]:
+    return float(np.exp(rng.uniform(np.log(0.05), np.log(8)))), float(rng.choice([0.1, rng.uniform(0.3, 2.5)]))
+
+
+def _vivid(rng: np.random.Generator) -> ndarray:
+    hue = rng.choice(VIVID_HUES) + rng.normal(0, 0.02)
+    rgb = np.array(colorsys.hsv_to_rgb(hue % 1, rng.uniform(0.35, 0.9), rng.uniform(0.35, 0.9)))
+    return rgb**2.2
+
+
+def _grey_share(rng: np.random.Generator, config: HairConfig, person: Person) -> float:
+    half_grey_at = config.grey_age_years + rng.normal(0, 8)
+    share = 1 / (1 + np.exp(-(person.age_years - half_grey_at) / 5))
+    return float(share if share > 0.03 else 0.0)
+
+
+def _between(a: ndarray, b: ndarray, share: float) -> ndarray:
+    return a + share * (b - a)
+
+
+def _colour(linear: ndarray) -> Colour:
+    red, green, blue = (round(float(value), 4) for value in np.clip(linear, 0, 1))
+    return red, green, blue

@@ -1,0 +1,212 @@
+"""Hair of a synthetic photograph: hairdo, brows and lashes of a person, as meshes, textures and uniforms.
+
+``docs/hair.md`` says what varies and how often.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from datagen.appearance.hair.bound_meshes import bound_mesh, check_model, read_picture
+from datagen.appearance.hair.brows_and_lashes import (
+    LASH_STYLES,
+    Brows,
+    Lashes,
+    brow_mesh,
+    brow_pictures,
+    draw_brows,
+    draw_lashes,
+    lash_mesh,
+)
+from datagen.appearance.hair.colour import HairColour, draw_hair_colour
+from datagen.appearance.hair.configuration import HARD_HAIR, HairConfig
+from datagen.appearance.hair.parting import Parting, find_parting, mirrored_parting
+from datagen.appearance.hair.shape import CrownPlane, shaped, uncovered
+from datagen.appearance.hair.styles import STYLES, Hairdo, draw_hairdo
+from datagen.appearance.person import Person
+from datagen.appearance.scene import Material, PosedHead, SceneMesh, Texture, UniformValue
+
+__all__ = [
+    "HARD_HAIR",
+    "CrownPlane",
+    "Hair",
+    "HairConfig",
+    "draw_hair",
+    "hair_meshes",
+    "hair_textures",
+    "hair_uniforms",
+]
+
+LAYERS = tuple(STYLES)
+# Normals of strips are half those of a head's outline, so that crossing strips do not flicker.
+ROUND_SHARE = 0.5
+MIDDLE_MM = np.array([0.0, 40.0, 0.0], dtype=np.float32)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Hair:
+    """All hair of a head but the beard.
+
+    Attributes:
+        hairdo: What is on the scalp.
+        colour: Its colour.
+        brows: Brows.
+        lashes: Lashes.
+        seed: Of the strands' pattern, 0..100.
+    """
+
+    hairdo: Hairdo
+    colour: HairColour
+    brows: Brows
+    lashes: Lashes
+    seed: float
+
+    @property
+    def scalp_density(self) -> float:
+        """How much short hair is painted on the scalp, 0..1: ``skin_scalp_hair``."""
+        return self.hairdo.scalp_density
+
+    @property
+    def scalp_colour(self) -> tuple[float, float, float]:
+        """Its colour, linear: ``skin_hair_colour``."""
+        red, green, blue = (
+            own + self.colour.grey_share * (grey - own)
+            for own, grey in zip(self.colour.base, self.colour.grey, strict=True)
+        )
+        return red, green, blue
+
+
+def draw_hair(rng: np.random.Generator, config: HairConfig, person: Person) -> Hair:
+    """Draws the hair of a person."""
+    colour = draw_hair_colour(rng, config, person)
+    brows = draw_brows(rng, config, person, colour)
+    return Hair(
+        hairdo=draw_hairdo(rng, config, person),
+        colour=colour,
+        brows=brows,
+        lashes=draw_lashes(rng, config, person, brows.colour),
+        seed=round(float(rng.uniform(0, 100)), 2),
+    )
+
+
+def hair_meshes(hair: Hair, head: PosedHead, crown: CrownPlane | None = None) -> list[SceneMesh]:
+    """The meshes of a head's hair.
+
+    Args:
+        hair: What was drawn.
+        head: Whose it is. Hair follows it without its expression, brows and lashes with it.
+        crown: Where a hat begins: hair above is left out, hair below lies close.
+
+    Raises:
+        InputFileError: The head is not of the built-in model.
+    """
+    check_model(head.model)
+    meshes = []
+    if hair.hairdo.style in STYLES:
+        if hair.hairdo.cap:
+            meshes.append(_style_mesh(hair.hairdo.cap, hair, head, crown))
+        meshes.append(_style_mesh(hair.hairdo.style, hair, head, crown))
+    if hair.brows.alpha > 0:
+        meshes.append(brow_mesh(hair.brows, head))
+    if hair.lashes.alpha > 0:
+        meshes.append(lash_mesh(hair.lashes, head))
+    return meshes
+
+
+def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
+    """The uniforms of ``hair.glsl``."""
+    colour = hair.colour
+    return {
+        "hair_tips": colour.tips,
+        "hair_highlight": colour.highlight,
+        "hair_grey": colour.grey,
+        "hair_mix": (colour.grey_share, colour.highlight_share, colour.root_darkness, 0.85),
+        "hair_reach": (colour.tips_from_mm, colour.tips_to_mm, hair.seed, 0.0),
+    }
+
+
+@cache
+def hair_textures() -> Mapping[str, Texture]:
+    """Strands of hair, brows and lashes, and a fedora's felt, by the name of their sampler."""
+    return {
+        "hair_strands": Texture(pixels=np.stack([_with_direction(read_picture(f"{name}.webp")) for name in LAYERS])),
+        "hair_lashes": Texture(
+            pixels=np.stack([_with_direction(read_picture(f"{name}.webp")) for name in LASH_STYLES])
+        ),
+        "hair_brows": Texture(pixels=brow_pictures()),
+        "hair_fedora": Texture(pixels=_felt(read_picture("fedora.webp"))[None]),
+    }
+
+
+def _style_mesh(style: str, hair: Hair, head: PosedHead, crown: CrownPlane | None) -> SceneMesh:
+    hairdo = hair.hairdo
+    mesh = bound_mesh(style, is_mirrored=hairdo.is_mirrored)
+    worn = shaped(mesh, _parting(style, hairdo.is_mirrored), hairdo, crown)
+    points = worn + mesh.displacements(head.neutral, head.model.mean)
+    return SceneMesh(
+        name=f"hair/{style}",
+        label="hair",
+        vertices=points[mesh.point_of_vertex],
+        triangles=uncovered(mesh, worn, crown),
+        uv=mesh.uv,
+        normals=_soft_normals(style, hairdo.is_mirrored),
+        material=Material(
+            kind="hair",
+            texture="hair_strands",
+            layer=LAYERS.index(style),
+            colour=hair.colour.base,
+            roughness=hair.colour.roughness,
+            reflectance=0.045,
+            numbers=(0.0, hairdo.density, hairdo.cut_mm, hairdo.thinning),
+            is_blended=True,
+        ),
+    )
+
+
+@cache
+def _parting(style: str, is_mirrored: bool) -> Parting:
+    if is_mirrored:
+        return mirrored_parting(_parting(style, False))
+    return find_parting(bound_mesh(style), read_picture(f"{style}.webp"))
+
+
+@cache
+def _soft_normals(style: str, is_mirrored: bool) -> Float32[ndarray, "v 3"]:
+    """Normals of vertices, half of the strips and half of the outline as a whole."""
+    mesh = bound_mesh(style, is_mirrored=is_mirrored)
+    away = mesh.mean - np.minimum(MIDDLE_MM, [1e9, mesh.mean[:, 1:2].max() - 60, 1e9]).astype(np.float32)
+    away[:, 1] = np.where(mesh.mean[:, 1] < MIDDLE_MM[1], 0.3 * away[:, 1], away[:, 1])
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    normals = (1 - ROUND_SHARE) * mesh.normals + ROUND_SHARE * away
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-6)
+    return np.ascontiguousarray(normals[mesh.point_of_vertex], dtype=np.float32)
+
+
+def _with_direction(picture: UInt8[ndarray, "h w 4"]) -> UInt8[ndarray, "h w 4"]:
+    """Grey, alpha, and cosine and sine of twice the angle of the strands, as ``hair.glsl`` reads them."""
+    grey, alpha = picture[..., 0].astype(np.float32), picture[..., 3]
+    across, down = cv2.Sobel(grey, -1, 1, 0), cv2.Sobel(grey, -1, 0, 1)
+    weight = alpha.astype(np.float32) / 255
+    # Structure tensor: its smaller eigenvector runs along the strands.
+    difference = cv2.GaussianBlur((across**2 - down**2) * weight, (0, 0), 6)
+    product = cv2.GaussianBlur(2 * across * down * weight, (0, 0), 6)
+    length = np.maximum(np.hypot(difference, product), 1e-6)
+    twice = np.stack([-difference / length, -product / length], axis=2)
+    direction = np.clip(twice * 127.5 + 128, 0, 255).astype(np.uint8)
+    return np.dstack([picture[..., 0], alpha, direction])
+
+
+def _felt(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
+    """A texture as ``material.glsl`` reads it: how light, share of the second colour, how dull, opacity."""
+    light = picture.astype(np.float32).mean(axis=2)
+    light *= 255 * 0.8 / light.mean()
+    out = np.full((*light.shape, 4), 255, dtype=np.uint8)
+    out[..., 0], out[..., 1] = np.clip(light, 0, 255), 0
+    return out

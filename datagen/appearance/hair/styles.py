@@ -1,0 +1,132 @@
+"""Which hairdo a person wears: ten modelled ones, what may be changed about them, and none."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from datagen.appearance.hair.configuration import HairConfig
+from datagen.appearance.person import Person
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Style:
+    """A modelled hairdo.
+
+    Attributes:
+        female: Weight among women, against other styles.
+        male: Among men.
+        african: How much more often among African people: factor at full weight.
+        is_long: Hangs below the ears: it may be cut and lengthened.
+        covers: Hangs over cheeks, shoulders and forehead.
+        cap: Has gaps at the crown that short hair below would fill.
+        scalp_density: How much short hair the scalp itself shows between the strands, 0..1.
+    """
+
+    female: float
+    male: float
+    african: float = 1.0
+    is_long: bool = False
+    covers: bool = False
+    cap: bool = False
+    scalp_density: float = 0.7
+
+
+# Every style has a weight for everybody. African: coils and short hair more often than smooth bobs.
+STYLES = {
+    "afro01": Style(female=0.5, male=0.35, african=6.0),
+    "bob01": Style(female=1.3, male=0.12, african=0.5, is_long=True, covers=True),
+    "bob02": Style(female=1.3, male=0.2, african=0.5, is_long=True, covers=True),
+    "braid01": Style(female=1.0, male=0.03, african=1.5, is_long=True, scalp_density=0.85),
+    "long01": Style(female=1.4, male=0.25, african=0.5, is_long=True, covers=True),
+    "ponytail01": Style(female=1.5, male=0.12, is_long=True, cap=True, scalp_density=0.85),
+    "short01": Style(female=0.4, male=1.2, african=0.5),
+    "short02": Style(female=0.5, male=1.6),
+    "short03": Style(female=0.4, male=1.6),
+    "short04": Style(female=0.4, male=1.6, african=1.3),
+}
+CAPS = ("short03", "short04")
+# Without a mesh: how often, and how dark the scalp is painted, from and to.
+WITHOUT_MESH = {"bald": (0.3, (0.0, 0.06)), "shaved": (0.35, (0.15, 0.45)), "cropped": (0.35, (0.6, 0.95))}
+UNCUT_MM = -1000.0
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Hairdo:
+    """A hairdo as it was drawn for one person.
+
+    Attributes:
+        style: A key of ``STYLES`` or of ``WITHOUT_MESH``.
+        cap: A second style below, or empty.
+        is_mirrored: Turned left to right.
+        length: Factor on what hangs below the ears.
+        cut_mm: Height in the model frame at which it is cut off.
+        volume: Factor on the distance from the scalp.
+        aside: How far strands over forehead and cheeks are combed aside, 0 as modelled .. 1 none are left.
+        sway_mm: How far tips that hang 10 cm from the scalp move to the subject's left.
+        density: How full it is; 1 as modelled.
+        thinning: How much of the crown is thin, 0..1.
+        scalp_density: How much short hair the scalp itself shows, 0..1, for ``skin_scalp_hair``.
+    """
+
+    style: str
+    cap: str
+    is_mirrored: bool
+    length: float
+    cut_mm: float
+    volume: float
+    aside: float
+    sway_mm: float
+    density: float
+    thinning: float
+    scalp_density: float
+
+
+def draw_hairdo(rng: np.random.Generator, config: HairConfig, person: Person) -> Hairdo:
+    """Draws a hairdo."""
+    style, scalp_density = _draw_style(rng, config, person)
+    modelled = STYLES.get(style, Style(female=0, male=0))
+    is_capped = modelled.cap or (not modelled.covers and rng.random() < config.cap_share)
+    hangs = rng.random() < config.over_face_share
+    thinning = _draw_thinning(rng, config, person) if style in STYLES else 0.0
+    is_cut = modelled.is_long and rng.random() < config.cut_share
+    return Hairdo(
+        style=style,
+        cap=str(rng.choice(CAPS)) if is_capped and style in STYLES else "",
+        is_mirrored=bool(rng.random() < config.mirrored_share),
+        length=round(float(rng.uniform(*config.length)) if modelled.is_long else 1.0, 3),
+        cut_mm=round(float(rng.uniform(-200, -30)) if is_cut else UNCUT_MM, 1),
+        volume=round(float(rng.uniform(*config.volume)), 3),
+        aside=round(float(rng.uniform(0, 0.3) if hangs else rng.uniform(0.7, 1)), 3),
+        sway_mm=round(float(rng.normal(0, config.sway_mm)), 2),
+        density=round(float(rng.uniform(*config.density)), 3),
+        thinning=round(thinning, 3),
+        scalp_density=round(scalp_density * (1 - 0.8 * thinning), 3),
+    )
+
+
+def _draw_style(rng: np.random.Generator, config: HairConfig, person: Person) -> tuple[str, float]:
+    male = 1 - person.femininity
+    if rng.random() < config.no_mesh_share * (male + person.femininity / 3):
+        names = list(WITHOUT_MESH)
+        style = str(rng.choice(names, p=[WITHOUT_MESH[name][0] for name in names]))
+        return style, float(rng.uniform(*WITHOUT_MESH[style][1]))
+    weights = np.array([_weight(style, config, person) for style in STYLES.values()])
+    style = str(rng.choice(list(STYLES), p=weights / weights.sum()))
+    return style, float(np.clip(STYLES[style].scalp_density + rng.normal(0, 0.1), 0, 1))
+
+
+def _weight(style: Style, config: HairConfig, person: Person) -> float:
+    by_sex = style.male + person.femininity * (style.female - style.male)
+    by_origin = 1 + person.african * (style.african - 1)
+    # Old people wear their hair shorter.
+    by_age = 1 - 0.6 * min(max((person.age_years - 50) / 30, 0.0), 1.0) * style.is_long
+    return float(by_sex * by_origin * by_age * (config.covering_factor if style.covers else 1))
+
+
+def _draw_thinning(rng: np.random.Generator, config: HairConfig, person: Person) -> float:
+    by_age = np.clip((person.age_years - 20) / 40, 0, 1.4)
+    share = config.thinning_share * by_age * (1 - 0.75 * person.femininity)
+    return float(rng.beta(1.5, 1.5)) if rng.random() < share else 0.0

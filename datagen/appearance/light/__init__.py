@@ -1,0 +1,1 @@
+"""Light: environments, lamps, shadows, and where ambient light does not reach."""

@@ -1,0 +1,170 @@
+"""The environments that light faces and stand behind them: panoramas with a high dynamic range, and what they hold.
+
+Frame of an environment: x right, y down, z forward, as a camera that looks at the middle of the panorama. Column 0 is
+straight behind, columns turn to the right; rows go from the zenith down.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import as_file, files
+from typing import final
+
+import cv2
+import h5py
+import numpy as np
+from jaxtyping import Float, Float32, Float64, UInt8
+from numpy import ndarray
+
+from datagen.appearance.light.colour import LUMINANCE
+from datagen.appearance.light.harmonics import project_radiance
+
+# A lamp is what is this many times brighter than the mean, within so many degrees.
+LAMP_CONTRAST, LAMP_RADIUS_DEG = 4.0, 22.0
+N_LAMPS = 2
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """Something bright in an environment: the sun, a window, a lamp.
+
+    Attributes:
+        direction: Towards it, unit length, environment frame.
+        colour: What a white surface that faces it shows: irradiance / pi, linear.
+        radius_rad: Its size: root mean square of the angle from its middle, times the square root of 2.
+    """
+
+    direction: Float64[ndarray, "3"]
+    colour: Float64[ndarray, "3"]
+    radius_rad: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """An environment taken apart: lamps and rest make up the whole.
+
+    Attributes:
+        name: Of the file's.
+        lamps: The brightest first; black ones where there are fewer.
+        rest: The panorama without them.
+        harmonics: Of the rest.
+        mean: Of the whole panorama over the sphere.
+    """
+
+    name: str
+    lamps: tuple[Lamp, ...]
+    rest: Float32[ndarray, "h w 3"]
+    harmonics: Float64[ndarray, "9 3"]
+    mean: Float64[ndarray, "3"]
+
+
+@lru_cache(maxsize=1)
+def environment_names() -> tuple[str, ...]:
+    """All environments, sorted; a layer of a texture is a place in this list."""
+    return tuple(sorted(_light_panoramas()))
+
+
+def light_panorama(name: str) -> Float32[ndarray, "64 128 3"]:
+    """What light comes from where, linear."""
+    return _light_panoramas()[name]
+
+
+@lru_cache(maxsize=18)
+def environment(name: str) -> Environment:
+    """An environment, taken apart on first use."""
+    panorama = light_panorama(name)
+    directions, solid_angles = panorama_grid(*panorama.shape[:2])
+    rest, lamps = panorama.astype(np.float64), []
+    for _ in range(N_LAMPS):
+        rest, lamp = _take_lamp(rest, directions, solid_angles)
+        lamps.append(lamp)
+    flat = directions.reshape(-1, 3), rest.reshape(-1, 3), solid_angles.reshape(-1)
+    mean = np.tensordot(solid_angles, panorama, 2) / (4 * np.pi)
+    lamps.sort(key=lambda lamp: -float(LUMINANCE @ lamp.colour))
+    return Environment(name, tuple(lamps), rest.astype(np.float32), project_radiance(*flat), mean)
+
+
+@lru_cache(maxsize=18)
+def picture_panorama(name: str) -> Float32[ndarray, "h w 3"]:
+    """The panorama at its best resolution, linear, for looking at."""
+    with _open() as file:
+        group = file[name]
+        picture = _decoded(group["picture"], cv2.IMREAD_COLOR)[..., ::-1]
+        gain = _decoded(group["gain"], cv2.IMREAD_GRAYSCALE)
+        stops = np.float32(file.attrs["gain_stops"] / 255)
+    srgb = picture.astype(np.float32) / 255
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    # The JPEG's ringing beside bright things is below a step or two, where nothing is brighter than white.
+    bright = np.where(gain > 2, np.exp2(gain * stops), 1)
+    return (linear * bright[..., None]).astype(np.float32)
+
+
+def panorama_grid(height: int, width: int) -> tuple[Float64[ndarray, "h w 3"], Float64[ndarray, "h w"]]:
+    """Direction and solid angle (steradians) of each texel."""
+    edges = np.linspace(0, np.pi, height + 1)
+    polar = (edges[:-1] + edges[1:]) / 2
+    azimuth = (np.arange(width) + 0.5) / width * 2 * np.pi - np.pi
+    sine = np.sin(polar)[:, None]
+    up = np.broadcast_to(-np.cos(polar)[:, None], (height, width))
+    directions = np.stack([sine * np.sin(azimuth), up, sine * np.cos(azimuth)], axis=2)
+    solid_angles = (np.cos(edges[:-1]) - np.cos(edges[1:])) * (2 * np.pi / width)
+    return directions, np.repeat(solid_angles[:, None], width, axis=1)
+
+
+def panorama_place(directions: Float[ndarray, "*n 3"], height: int, width: int) -> Float[ndarray, "*n 2"]:
+    """Column and row at which a panorama shows unit vectors; texel (i, j) has its centre at (j, i), as in OpenCV."""
+    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
+    column = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * width - 0.5
+    row = np.arccos(np.clip(-y, -1, 1)) / np.pi * height - 0.5
+    return np.stack([column, row], axis=-1)
+
+
+def softened_panorama(panorama: Float32[ndarray, "h w 3"], angle_rad: float) -> Float32[ndarray, "h w 3"]:
+    """The panorama as a surface of some roughness mirrors it: blurred by a Gaussian on the sphere, nearly."""
+    height, width = panorama.shape[:2]
+    over_poles = np.concatenate([np.roll(panorama[::-1], width // 2, axis=1), panorama] * 2)[height // 2 :]
+    sigma = angle_rad / np.pi * height
+    blurred = cv2.GaussianBlur(over_poles[: 2 * height], (1, 0), sigmaX=0.01, sigmaY=sigma)
+    rows = blurred[height // 2 : height // 2 + height]
+    latitude = np.sin((np.arange(height) + 0.5) / height * np.pi)[:, None, None]
+    transfer = np.exp(-0.5 * (np.arange(width // 2 + 1)[:, None] * angle_rad / latitude) ** 2)
+    return np.maximum(np.fft.irfft(np.fft.rfft(rows, axis=1) * transfer, width, axis=1), 0).astype(np.float32)
+
+
+def _take_lamp(
+    rest: Float64[ndarray, "h w 3"], directions: Float64[ndarray, "h w 3"], solid_angles: Float64[ndarray, "h w"]
+) -> tuple[Float64[ndarray, "h w 3"], Lamp]:
+    """The brightest spot, cut down to its surroundings; what was cut off is the lamp."""
+    luminance = rest @ LUMINANCE
+    threshold = LAMP_CONTRAST * np.sum(luminance * solid_angles) / (4 * np.pi)
+    excess = np.maximum(1 - threshold / np.maximum(luminance, 1e-9), 0)
+    power = excess * luminance * solid_angles
+    brightest = directions[np.unravel_index(np.argmax(power), power.shape)]
+    for _ in range(2):  # the window moves to the middle of what it sees
+        near = directions @ brightest > np.cos(np.deg2rad(LAMP_RADIUS_DEG))
+        middle = np.tensordot(power * near, directions, 2)
+        if not np.linalg.norm(middle) > 0:
+            return rest, Lamp(np.array([0.0, -1.0, 0.0]), np.zeros(3), 0.1)
+        brightest = middle / np.linalg.norm(middle)
+    removed = rest * (excess * near)[..., None]
+    spread = np.sum(power * near * np.arccos(np.clip(directions @ brightest, -1, 1)) ** 2) / np.sum(power * near)
+    colour = np.tensordot(solid_angles, removed, 2) / np.pi
+    return rest - removed, Lamp(brightest, colour, float(np.clip(np.sqrt(2 * spread), 0.01, 0.5)))
+
+
+@lru_cache(maxsize=1)
+def _light_panoramas() -> dict[str, Float32[ndarray, "64 128 3"]]:
+    with _open() as file:
+        return {name: file[name]["light"][:].astype(np.float32) for name in file}
+
+
+def _decoded(stored: h5py.Dataset, flags: int) -> UInt8[ndarray, "..."]:
+    picture = cv2.imdecode(stored[:], flags)
+    assert picture is not None
+    return np.asarray(picture, dtype=np.uint8)
+
+
+def _open() -> h5py.File:
+    with as_file(files("datagen") / "assets" / "environments.h5") as path:
+        return h5py.File(path, "r", locking=False)

@@ -1,0 +1,189 @@
+"""Light of synthetic photographs: draws it, and gives the shader ``light.glsl`` what it needs.
+
+Two lamps cast shadows; everything else is ambient light, as spherical harmonics. Lamps are taken out of environments
+before those are projected, so that nothing counts twice.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from datagen.appearance.light.colour import LUMINANCE
+from datagen.appearance.light.configuration import HARD_LIGHT, LightConfig
+from datagen.appearance.light.environment_light import draw_environment_light, scaled_panorama
+from datagen.appearance.light.harmonics import point_light
+from datagen.appearance.light.setups import Colours, Setup, draw_setup, night_setup
+from datagen.appearance.light.shading import light_textures, light_uniforms, shadow_lights
+from datagen.appearance.light.sources import (
+    GOBOS,
+    Gobo,
+    Lamplight,
+    Light,
+    PanoramaLight,
+    angles_of,
+    seen_illuminance,
+)
+
+__all__ = [
+    "HARD_LIGHT",
+    "Light",
+    "LightConfig",
+    "draw_light",
+    "light_textures",
+    "light_uniforms",
+    "shadow_lights",
+]
+
+MAX_LAMPS = 2
+KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")
+# Of what a white ball shows on average, a lamp that gives less than this needs no shadow.
+_FAINT_LAMP = 0.03
+# In soft light lamps give at most this share.
+_SOFT_KEY_SHARE = 0.25
+
+
+def draw_light(rng: np.random.Generator, config: LightConfig) -> Light:
+    """Draws the light of one photograph."""
+    config.check()
+    weights = np.array([getattr(config, f"{kind}_weight") for kind in KINDS])
+    kind = str(rng.choice(KINDS, p=weights / weights.sum()))
+    panoramas: tuple[PanoramaLight, ...] = ()
+    if kind in ("studio", "night"):
+        low, high = config.lamp_temperature_k
+        colours = Colours(rng, low, high, camera_k=float(rng.triangular(3000, 5500, 7000)))
+        name, setup = (
+            draw_setup(rng, colours, config.harsh_setup_share) if kind == "studio" else night_setup(rng, colours)
+        )
+    else:
+        light = draw_environment_light(rng, config, kind)
+        name, setup, panoramas = light.name, light.setup, light.panoramas
+        _SHAPES[kind](rng, config, setup)
+    low, high = getattr(config, "illuminance" if kind in _ORDINARY else f"{kind}_illuminance")
+    target = math.exp(rng.uniform(math.log(low), math.log(high)))
+    gobo = _draw_gobo(rng) if kind in ("directional", "studio") and rng.uniform() < config.gobo_share else None
+    return _finished(kind, name, setup, panoramas, (target, config.largest_lamp), gobo)
+
+
+_ORDINARY = ("soft", "directional", "studio")
+
+
+def _shape_soft(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
+    """What strong lamps would give beyond a share comes from all around them, as through clouds or curtains."""
+    del config
+    ambient, by_lamps = _by_source(setup)
+    allowed = rng.uniform(0, _SOFT_KEY_SHARE)
+    share = by_lamps / max(ambient + by_lamps, 1e-9)
+    if share <= allowed:
+        return
+    kept = allowed / (1 - allowed) * ambient / by_lamps
+    for place, (direction, colour, radius) in enumerate(setup.lamps):
+        setup.ambient += (1 - kept) * 0.5 * point_light(direction, colour)
+        setup.ambient[0] += (1 - kept) * 0.5 * colour / 4  # the other half from everywhere
+        setup.lamps[place] = direction, kept * colour, max(radius, 0.2)
+
+
+def _shape_directional(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
+    """The lamps give the share that is drawn, whatever the environment's are."""
+    _light_lamp_if_dark(setup)
+    ambient, by_lamps = _by_source(setup)
+    share = rng.uniform(*config.key_share)
+    factor = share / max(1 - share, 1e-3) * ambient / max(by_lamps, 1e-3)
+    setup.lamps[:] = [(direction, factor * colour, radius) for direction, colour, radius in setup.lamps]
+
+
+def _shape_backlit(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
+    """A lamp behind, so strong that edges and ears shine."""
+    del config
+    _light_lamp_if_dark(setup)
+    direction, colour, radius = setup.lamps[0]
+    brightness = rng.uniform(1.0, 5.0) * float(LUMINANCE @ setup.ambient[0])
+    setup.lamps[0] = direction, colour * (brightness / max(float(LUMINANCE @ colour), 1e-9)), radius
+
+
+def _light_lamp_if_dark(setup: Setup) -> None:
+    """An environment without lamps gets the light of one where its brightest place is."""
+    direction, colour, radius = setup.lamps[0]
+    if LUMINANCE @ colour < 1e-3:
+        setup.lamps[0] = direction, np.maximum(setup.ambient[0], 1e-3), radius
+
+
+_SHAPES = {
+    "soft": _shape_soft,
+    "directional": _shape_directional,
+    "backlit": _shape_backlit,
+    "silhouette": _shape_backlit,
+}
+
+
+def _by_source(setup: Setup) -> tuple[float, float]:
+    """Luminance that a white ball shows by ambient light and by lamps."""
+    ambient, by_lamps = seen_illuminance(setup.ambient, tuple((lamp[0], lamp[1]) for lamp in setup.lamps))
+    return float(LUMINANCE @ ambient), float(LUMINANCE @ by_lamps)
+
+
+def _draw_gobo(rng: np.random.Generator) -> Gobo:
+    kind = GOBOS[int(rng.integers(len(GOBOS)))]
+    low, high = {"blinds": (12, 45), "leaves": (18, 60), "bars": (60, 140)}[kind]
+    turn = rng.normal(0, 0.25) + (np.pi / 2 if rng.uniform() < 0.2 else 0)
+    shift = rng.uniform(0, 1, size=2).round(3).tolist()
+    return Gobo(
+        kind=kind,
+        period_mm=round(float(rng.uniform(low, high)), 1),
+        turn_rad=round(float(turn), 3),
+        shift=(shift[0], shift[1]),
+        depth=round(float(rng.uniform(0.5, 1)), 3),
+    )
+
+
+def _finished(
+    kind: str,
+    name: str,
+    setup: Setup,
+    panoramas: tuple[PanoramaLight, ...],
+    exposure: tuple[float, float],
+    gobo: Gobo | None,
+) -> Light:
+    """Exposes, keeps two lamps, and gives the rest to the ambient light."""
+    target, largest_lamp = exposure
+    scale = target / max(sum(_by_source(setup)), 1e-9)
+    setup.ambient *= scale
+    lamps = sorted(((d, scale * c, r) for d, c, r in setup.lamps), key=lambda lamp: -float(LUMINANCE @ lamp[1]))
+    for direction, colour, _ in lamps[MAX_LAMPS:]:
+        setup.ambient += point_light(direction, colour)
+    kept = []
+    for direction, colour, radius in lamps[:MAX_LAMPS]:
+        brightness = float(LUMINANCE @ colour)
+        if brightness > _FAINT_LAMP * target:
+            kept.append((direction, colour * min(1.0, largest_lamp / brightness), radius))
+        else:
+            setup.ambient += point_light(direction, colour)
+    setup.lamps[:] = kept
+    ambient, by_lamps = _by_source(setup)
+    towards = kept[0][0] if kept else _brightest_side(setup.ambient)
+    azimuth, elevation = angles_of(towards)
+    return Light(
+        kind=kind,
+        setup=name,
+        illuminance=round(ambient + by_lamps, 4),
+        key_share=round(by_lamps / max(ambient + by_lamps, 1e-9), 4),
+        key_azimuth_deg=round(azimuth, 2),
+        key_elevation_deg=round(elevation, 2),
+        lamps=tuple(_lamplight(*lamp) for lamp in kept),
+        panoramas=tuple(scaled_panorama(panorama, scale) for panorama in panoramas),
+        ambient=tuple(round(value, 6) for value in setup.ambient.reshape(-1).tolist()),
+        gobo=gobo if kept else None,
+    )
+
+
+def _lamplight(direction: Float64[ndarray, "3"], colour: Float64[ndarray, "3"], radius_rad: float) -> Lamplight:
+    x, y, z = (direction / np.linalg.norm(direction)).tolist()
+    red, green, blue = colour.round(6).tolist()
+    return Lamplight(direction=(x, y, z), colour=(red, green, blue), radius_rad=round(radius_rad, 4))
+
+
+def _brightest_side(ambient: Float64[ndarray, "9 3"]) -> Float64[ndarray, "3"]:
+    slope = ambient[1:4] @ LUMINANCE
+    length = float(np.linalg.norm(slope))
+    return np.asarray(slope / length) if length > 1e-9 else np.array([0.0, -1.0, 0.0])

@@ -1,0 +1,1 @@
+"""What lens, sensor, processing and file make of light."""

@@ -1,0 +1,156 @@
+"""What programs, screens, prints and small files do to a picture after the camera."""
+
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from datagen.appearance.photograph.noise import noise_window
+
+INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Processing:
+    """What happened to a picture, in this order.
+
+    Attributes:
+        smoothing: How smooth a program made the skin, 0 to 1.
+        side_px: Longer side of the small picture that was enlarged; 0 where there was none.
+        enlarged_by: ``nearest``, ``linear`` or ``cubic``.
+        sharpening: Strength of the haloes, 0 none.
+        sharpening_px: How wide they are.
+        grain: Standard deviation of film grain, 0 to 255.
+        scratches: How many, from top to bottom.
+        dust: How many specks and hairs.
+        interlace_px: How far the odd lines are shifted to the side.
+        moire: Strength of the pattern of a photographed screen, 0 to 1.
+        colours: How many steps each colour has; 256 is all.
+        text: What stands over the picture: a date, a watermark; empty for none.
+        text_place: Where it begins, as shares of width and height.
+        text_size: Height of its letters, as a share of the picture's side.
+        text_opacity: 0 to 1.
+        first_quality: Of the JPEG file that the picture was in before; 0 where there was none.
+    """
+
+    smoothing: float = 0.0
+    side_px: int = 0
+    enlarged_by: str = "cubic"
+    sharpening: float = 0.0
+    sharpening_px: float = 1.0
+    grain: float = 0.0
+    scratches: int = 0
+    dust: int = 0
+    interlace_px: int = 0
+    moire: float = 0.0
+    colours: int = 256
+    text: str = ""
+    text_place: tuple[float, float] = (0.0, 0.0)
+    text_size: float = 0.0
+    text_opacity: float = 0.0
+    first_quality: int = 0
+
+
+def process(
+    processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator
+) -> UInt8[ndarray, "h w 3"]:
+    """Applies what happened to a picture after the camera."""
+    height, width = image.shape[:2]
+    if processing.smoothing:
+        smooth = cv2.bilateralFilter(image, 5, 40.0, 3.0)
+        image = cv2.addWeighted(image, 1 - processing.smoothing, smooth, processing.smoothing, 0)
+    if processing.interlace_px:
+        image = image.copy()
+        image[1::2] = np.roll(image[1::2], processing.interlace_px, axis=1)
+    is_small = 0 < processing.side_px < max(height, width)
+    if is_small:
+        scale = processing.side_px / max(height, width)
+        size = (max(round(width * scale), 1), max(round(height * scale), 1))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    if processing.sharpening:
+        image = _sharpened(image, processing.sharpening, processing.sharpening_px)
+    if processing.first_quality:
+        image = _through_jpeg(image, processing.first_quality)
+    if is_small:
+        image = cv2.resize(image, (width, height), interpolation=INTERPOLATIONS[processing.enlarged_by])
+    if processing.grain or processing.scratches or processing.dust:
+        image = _aged(processing, image, rng)
+    if processing.moire:
+        image = _photographed_screen(image, processing.moire, rng)
+    if processing.colours < 256:
+        image = _posterised(image, processing.colours)
+    return _with_text(processing, image) if processing.text else image
+
+
+def encode_jpeg(image: UInt8[ndarray, "h w 3"], quality: int, *, is_colour_halved: bool = True) -> bytes:
+    """A JPEG file of some quality, 1 to 100, with colour at half the resolution or at all of it."""
+    sampling = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420 if is_colour_halved else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
+    flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
+    return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), flags)[1])
+
+
+def _through_jpeg(image: UInt8[ndarray, "h w 3"], quality: int) -> UInt8[ndarray, "h w 3"]:
+    content = np.frombuffer(encode_jpeg(image, quality), dtype=np.uint8)
+    decoded = cv2.imdecode(content, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
+
+
+def _sharpened(image: UInt8[ndarray, "h w 3"], strength: float, radius_px: float) -> UInt8[ndarray, "h w 3"]:
+    return cv2.addWeighted(image, 1 + strength, cv2.GaussianBlur(image, (0, 0), radius_px), -strength, 0)
+
+
+def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator) -> UInt8[ndarray, "h w 3"]:
+    """Grain, scratches and dust: all of them are lighter or darker, not coloured."""
+    height, width = image.shape[:2]
+    marks = np.zeros((height, width), dtype=np.float32)
+    if processing.grain:
+        marks += cv2.GaussianBlur(noise_window(rng, height, width), (0, 0), 0.7) * np.float32(2.5 * processing.grain)
+    for _ in range(processing.scratches):
+        top, bottom = np.sort(rng.uniform(-0.3, 1.3, 2)) * height
+        x, slant = rng.uniform(0, width), rng.normal(0, 0.01) * height
+        ends = ((round(x), round(top)), (round(x + slant), round(bottom)))
+        cv2.line(marks, ends[0], ends[1], float(rng.uniform(-90, 140)), 1, cv2.LINE_AA)
+    for _ in range(processing.dust):
+        x, y, length = rng.uniform(0, width), rng.uniform(0, height), rng.exponential(0.012) * width
+        axes = (max(round(length), 1), max(round(rng.uniform(0.2, 1.0) * min(length, 3)), 1))
+        bend = float(rng.uniform(20, 360))
+        colour = float(rng.uniform(-110, 150))
+        cv2.ellipse(marks, (round(x), round(y)), axes, float(rng.uniform(0, 360)), 0, bend, colour, 1, cv2.LINE_AA)
+    return cv2.add(image, cv2.merge([marks] * 3), dtype=cv2.CV_8U)
+
+
+def _photographed_screen(
+    image: UInt8[ndarray, "h w 3"], strength: float, rng: np.random.Generator
+) -> UInt8[ndarray, "h w 3"]:
+    """Waves where the grids of screen and sensor beat, each colour's a third of a period on."""
+    height, width = image.shape[:2]
+    angle, period = rng.uniform(0, np.pi), rng.uniform(2.5, 14)
+    across = np.arange(width, dtype=np.float32) * np.float32(2 * np.pi * np.cos(angle) / period)
+    down = np.arange(height, dtype=np.float32) * np.float32(2 * np.pi * np.sin(angle) / period)
+    bend = np.float32(rng.uniform(0, 3)) * np.sin(np.arange(height, dtype=np.float32) * np.float32(3.0 / height))
+    phase = across + (down + bend)[:, None]
+    thirds = np.float32(2 * np.pi / 3) * np.arange(3, dtype=np.float32)
+    pattern: Float32[ndarray, "h w 3"] = 1 + np.float32(strength) * np.sin(phase[..., None] + thirds)
+    return np.clip(image * pattern, 0, 255).astype(np.uint8)
+
+
+def _posterised(image: UInt8[ndarray, "h w 3"], colours: int) -> UInt8[ndarray, "h w 3"]:
+    steps = np.rint(np.arange(256) * ((colours - 1) / 255)) * (255 / (colours - 1))
+    return cv2.LUT(image, np.asarray(np.rint(steps), dtype=np.uint8))
+
+
+def _with_text(processing: Processing, image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
+    height, width = image.shape[:2]
+    letters = np.zeros((height, width), dtype=np.uint8)
+    scale = max(processing.text_size * max(height, width) / 22, 0.2)  # letters of this font are 22 pixels high
+    place = (round(processing.text_place[0] * width), round(processing.text_place[1] * height))
+    thickness = max(round(1.5 * scale), 1)
+    cv2.putText(letters, processing.text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, 255, thickness, cv2.LINE_AA)
+    opacity = letters[..., None] * np.float32(processing.text_opacity / 255)
+    colour = np.array((255, 170, 60) if processing.text[0].isdigit() else (255, 255, 255), dtype=np.float32)
+    return np.clip(image * (1 - opacity) + colour * opacity + 0.5, 0, 255).astype(np.uint8)

@@ -1,0 +1,148 @@
+"""What a camera's exposure, sensor and processing make of the light: bytes that look right, more or less."""
+
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, UInt8
+from numpy import ndarray
+
+from datagen.appearance.photograph.noise import noise_window
+
+# Of the mean: what exposure aims at, linear light. Skin in good light.
+MIDDLE_GREY = 0.24
+# Cameras make dark scenes brighter and bright ones darker by at most so much.
+LARGEST_GAIN = 24.0
+# Tone curves are tabulated up to this many times white, by the square root.
+_BRIGHTEST = 4.0
+_STEPS = 4096
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """Exposure and noise.
+
+    Attributes:
+        is_metered_on_face: Exposure goes by the face, where there is one; otherwise by the whole picture.
+        metering_strength: 0 takes light as it is, 1 makes all pictures equally bright.
+        exposure_error_ev: Stops beyond what the meter says.
+        white_balance: 0 leaves the colour of the light, 1 takes the picture's mean for grey.
+        gains: Of red, green and blue, beside that: how wrong it is.
+        noise: Standard deviation at middle grey, 1 is white.
+        read_noise_share: Of the noise's variance at middle grey that is there in the dark already.
+        colour_noise: Of the noise that differs between channels, in coarse spots, relative to the common one.
+    """
+
+    is_metered_on_face: bool = True
+    metering_strength: float = 1.0
+    exposure_error_ev: float = 0.0
+    white_balance: float = 0.5
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    noise: float = 0.0
+    read_noise_share: float = 0.3
+    colour_noise: float = 0.3
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Tone:
+    """From linear light to bytes.
+
+    Attributes:
+        roll_off: 0 cuts highlights at white, 1 bends them as film does.
+        contrast: Slope at the middle of the range, relative to the sRGB curve.
+        gamma: Exponent after the sRGB curve: above 1 darker.
+        black: What becomes 0, of 0 to 1 after the sRGB curve: shadows are crushed.
+        white: What becomes 255: above it everything is burnt out.
+        lift: What 0 becomes, 0 to 1: blacks of faded prints.
+        saturation: 0 grey, 1 as it is.
+        tint: Colour of the picture where it is grey, as gains of red, green and blue; 1, 1, 1 leaves it.
+    """
+
+    roll_off: float = 0.0
+    contrast: float = 1.0
+    gamma: float = 1.0
+    black: float = 0.0
+    white: float = 1.0
+    lift: float = 0.0
+    saturation: float = 1.0
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+def sense(
+    sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"], rng: np.random.Generator
+) -> Float32[ndarray, "h w 3"]:
+    """Exposes: linear light, white at 1, with noise, its colour balanced."""
+    gains = _white_balance(sensor, light)
+    # A sixteenth of the pixels says well enough how bright a picture is.
+    few, few_of_face = light[::4, ::4], face[::4, ::4]
+    metered = few[few_of_face] if sensor.is_metered_on_face and few_of_face.any() else few.reshape(-1, 3)
+    gain = _metered_gain(sensor, metered * gains)
+    factors = (*(gains * np.float32(gain)).tolist(), 0.0)
+    exposed = cv2.multiply(light, factors)  # type: ignore[call-overload] # OpenCV's stubs know no scalars
+    return _with_noise(sensor, exposed, rng) if sensor.noise else exposed
+
+
+def tone(settings: Tone, light: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
+    """Linear light to bytes."""
+    steps = np.clip(light, 0, _BRIGHTEST)
+    cv2.sqrt(steps, dst=steps)
+    steps *= np.float32((_STEPS - 1) / np.sqrt(_BRIGHTEST))
+    image = tone_curve(settings)[steps.astype(np.uint16)]
+    if settings.saturation != 1 or settings.tint != (1.0, 1.0, 1.0):
+        grey = np.tile(_LUMINANCE, (3, 1)) * (1 - settings.saturation)
+        matrix = (grey + settings.saturation * np.eye(3)) * np.asarray(settings.tint)[:, None]
+        image = cv2.transform(image, matrix)
+    return image
+
+
+def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
+    """The curve from the square root of linear light, 0 to twice the root of white, to bytes."""
+    light = np.linspace(0, 1, _STEPS) ** 2 * _BRIGHTEST
+    # Reinhard et al. 2002, Eq. 4, scaled so that middle grey stays: white is reached at the brightest.
+    bent = light * (1 + light / _BRIGHTEST**2) / (1 + light)
+    bent *= MIDDLE_GREY / np.interp(MIDDLE_GREY, light, bent)
+    light = np.clip((1 - settings.roll_off) * light + settings.roll_off * bent, 0, 1)
+    value = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055) ** settings.gamma
+    value = np.clip((value - settings.black) / (settings.white - settings.black), 0, 1)
+    if settings.contrast != 1:
+        # An S through 0, 1/2 and 1, of the slope that is asked for in the middle.
+        value = value**settings.contrast / (value**settings.contrast + (1 - value) ** settings.contrast)
+    return np.asarray(np.rint(255 * (settings.lift + (1 - settings.lift) * value)), dtype=np.uint8)
+
+
+def _white_balance(sensor: Sensor, light: Float32[ndarray, "h w 3"]) -> Float32[ndarray, "3"]:
+    mean = np.maximum(cv2.mean(light)[:3], 1e-6)
+    gains = (mean[1] / mean) ** sensor.white_balance * np.asarray(sensor.gains)
+    # No camera takes the light of a candle for white.
+    return np.asarray(np.clip(gains, 0.4, 2.5), dtype=np.float32)
+
+
+def _metered_gain(sensor: Sensor, metered: Float32[ndarray, "n 3"]) -> float:
+    luminance = np.clip(metered @ _LUMINANCE, 1e-4, 2 * _BRIGHTEST)
+    # Between the mean of the light and that of its logarithm: lamps and the dark between things count for less.
+    brightness = float(np.sqrt(luminance.mean() * np.exp(np.log(luminance).mean())))
+    gain = (MIDDLE_GREY / brightness) ** sensor.metering_strength
+    return float(np.clip(gain, 1 / LARGEST_GAIN, LARGEST_GAIN) * 2.0**sensor.exposure_error_ev)
+
+
+def _with_noise(
+    sensor: Sensor, light: Float32[ndarray, "h w 3"], rng: np.random.Generator
+) -> Float32[ndarray, "h w 3"]:
+    height, width = light.shape[:2]
+    luminance = cv2.transform(light, _LUMINANCE[None])
+    # Shot noise grows with the root of the light, read noise is there without it.
+    shot = np.float32(sensor.noise**2 * (1 - sensor.read_noise_share) / MIDDLE_GREY)
+    deviation = cv2.sqrt(luminance * shot + np.float32(sensor.noise**2 * sensor.read_noise_share))
+    # OpenCV's own arithmetic, in place: NumPy is five times as slow along an axis of three, and fresh memory costs
+    # as much as the arithmetic.
+    noise = cv2.merge([noise_window(rng, height, width)] * 3)
+    if sensor.colour_noise:
+        coarse = cv2.merge([noise_window(rng, (height + 1) // 2, (width + 1) // 2) for _ in range(3)])
+        spots = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
+        cv2.addWeighted(noise, 1, spots, 1.5 * sensor.colour_noise, 0, dst=noise)
+    cv2.multiply(noise, cv2.merge([deviation] * 3), dst=noise)
+    return cv2.add(light, noise, dst=noise)

@@ -1,0 +1,164 @@
+"""Eyes and what a mouth shows when it opens."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy import ndarray
+
+from datagen.appearance.person import Person
+from datagen.appearance.skin.configuration import SkinConfig
+from datagen.appearance.skin.layout import IRISES
+
+Colour = tuple[float, float, float]
+
+# Linear colours of irises from the most pigment to the least: outer part and, around the pupil, inner part.
+_OUTER = np.array(
+    [
+        [0.022, 0.012, 0.008],
+        [0.050, 0.022, 0.010],
+        [0.105, 0.048, 0.018],
+        [0.150, 0.095, 0.036],
+        [0.125, 0.120, 0.055],
+        [0.120, 0.150, 0.110],
+        [0.110, 0.170, 0.210],
+        [0.200, 0.270, 0.330],
+        [0.330, 0.370, 0.390],
+    ]
+)
+_INNER = np.array(
+    [
+        [0.026, 0.014, 0.008],
+        [0.066, 0.028, 0.011],
+        [0.140, 0.062, 0.020],
+        [0.190, 0.105, 0.034],
+        [0.190, 0.120, 0.040],
+        [0.190, 0.160, 0.085],
+        [0.150, 0.190, 0.200],
+        [0.250, 0.300, 0.330],
+        [0.360, 0.390, 0.390],
+    ]
+)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Eyes:
+    """Both eyes. Colours are linear, 0..1.
+
+    Attributes:
+        left_inner: Iris of the subject's left eye around the pupil.
+        left_outer: The rest of it.
+        right_inner: Of the right eye.
+        right_outer: Likewise.
+        fibres: Whose fibres the irises have, one of ``IRISES``.
+        pupil: Radius of the pupil over that of the iris.
+        limbal_ring: How dark the rim of the iris is, 0..1.
+        iris_size: Sine of the angle between the eye's axis and the rim.
+        sclera: Colour.
+        veins: How visible they are.
+        redness: 0..1.
+    """
+
+    left_inner: Colour
+    left_outer: Colour
+    right_inner: Colour
+    right_outer: Colour
+    fibres: str
+    pupil: float
+    limbal_ring: float
+    iris_size: float
+    sclera: Colour
+    veins: float
+    redness: float
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Mouth:
+    """Teeth and tongue.
+
+    Attributes:
+        teeth: Linear colour.
+        gaps: How dark the joints between the teeth are, 0..1.
+        missing: Which upper tooth is missing, counted from the middle, negative on the subject's right; 0 none.
+        gold: Which one is gold.
+        has_braces: Whether brackets and a wire are on the teeth.
+        stain: How dark the teeth grow towards the gum.
+        tongue: Linear colour.
+    """
+
+    teeth: Colour
+    gaps: float
+    missing: int
+    gold: int
+    has_braces: bool
+    stain: float
+    tongue: Colour
+
+
+def draw_eyes(rng: np.random.Generator, config: SkinConfig, person: Person) -> Eyes:
+    """Draws a pair of eyes: brown everywhere, all colours with light skin of European origin."""
+    brown = rng.beta(1.2, 5.0) * 0.45
+    lighter = rng.uniform(0.15, 1.0)
+    is_light = rng.random() < person.caucasian * (1.15 - person.melanin)
+    place = lighter if is_light else brown
+    left = _iris(rng, place)
+    is_odd, is_lens = rng.random() < config.odd_eyes_share, rng.random() < 0.5
+    other = _iris(rng, float(rng.uniform()))
+    lens = _rounded(rng.uniform(0.03, 0.6, size=3))
+    right = left
+    if is_odd and is_lens:
+        left = right = (lens, lens)
+    elif is_odd:
+        right = other
+    yellow = rng.uniform(0, 0.10) + 0.05 * person.melanin + 0.0006 * max(person.age_years - 30, 0)
+    white = rng.uniform(0.55, 0.72) - 0.08 * person.melanin
+    return Eyes(
+        left_inner=left[0],
+        left_outer=left[1],
+        right_inner=right[0],
+        right_outer=right[1],
+        fibres=IRISES[int(rng.integers(len(IRISES)))],
+        pupil=round(float(rng.uniform(*config.pupil)), 3),
+        limbal_ring=round(float(rng.uniform(0.2, 0.9) * (1 - 0.005 * (person.age_years - 16))), 3),
+        iris_size=round(float(rng.uniform(0.372, 0.402)), 4),
+        sclera=_rounded(white * np.array([1.0, 0.965 - 0.5 * yellow, 0.93 - 1.5 * yellow])),
+        veins=round(float(rng.uniform(0.05, 0.6)), 3),
+        redness=round(float(rng.uniform(*config.redness) * rng.uniform()), 3),
+    )
+
+
+def draw_mouth(rng: np.random.Generator, config: SkinConfig, person: Person) -> Mouth:
+    """Draws teeth and tongue."""
+    yellow = np.clip(rng.uniform(*config.yellow_teeth) + 0.003 * (person.age_years - 40), 0, 1)
+    value = rng.uniform(0.52, 0.72) * (1 - 0.35 * yellow)
+    has_gap, missing, gold = rng.random(3) < [config.gap_share, config.missing_tooth_share, config.gold_tooth_share]
+    sides = rng.choice([-1, 1], size=2)
+    braces = config.braces_share * (1.0 if person.age_years < 22 else 0.2)
+    return Mouth(
+        teeth=_rounded(value * np.array([1.0, 0.95 - 0.16 * yellow, 0.84 - 0.42 * yellow])),
+        gaps=round(float(rng.uniform(0.5, 1.0) if has_gap else rng.uniform(0, 0.4)), 3),
+        missing=int(sides[0] * rng.integers(1, 5)) if missing else 0,
+        gold=int(sides[1] * rng.integers(1, 5)) if gold else 0,
+        has_braces=bool(rng.random() < braces),
+        stain=round(float(rng.uniform(0, 0.45) * (0.3 + yellow)), 3),
+        tongue=_rounded(rng.uniform(0.85, 1.15) * np.array([0.36, 0.135, 0.125])),
+    )
+
+
+def _iris(rng: np.random.Generator, place: float) -> tuple[Colour, Colour]:
+    """Inner and outer colour at a place of the scale from dark brown (0) to light grey (1)."""
+    knots = np.linspace(0, 1, len(_OUTER))
+    brightness = np.exp(rng.normal(0, 0.18))
+    inner, outer = (
+        brightness * np.array([np.interp(place, knots, ramp[:, channel]) for channel in range(3)])
+        for ramp in (_INNER, _OUTER)
+    )
+    ring = rng.uniform(0, 1.3)
+    return _rounded(outer + ring * (inner - outer)), _rounded(outer)
+
+
+def _rounded(colour: ndarray) -> Colour:
+    red, green, blue = (round(min(max(float(value), 0.004), 0.95), 4) for value in colour)
+    return red, green, blue

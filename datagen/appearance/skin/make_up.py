@@ -1,0 +1,96 @@
+"""Make-up and painted faces."""
+
+import colorsys
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from datagen.appearance.person import Person
+from datagen.appearance.skin.configuration import SkinConfig
+
+Colour = tuple[float, float, float]
+
+FACE_PAINTS = ("none", "stripes", "half", "full", "band", "cheek")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class MakeUp:
+    """What is put on a face. Colours are linear, 0..1; a strength of 0 is none of it.
+
+    Attributes:
+        lipstick: Colour.
+        lipstick_strength: How opaque it is.
+        lip_gloss: 0..1.
+        eye_shadow: Colour.
+        eye_shadow_strength: How opaque it is.
+        eyeliner: How black the edges of the lids are.
+        blusher: Colour.
+        blusher_strength: How opaque it is.
+        foundation: How much of the skin's unevenness it takes away, 0..1.
+        face_paint: One of ``FACE_PAINTS``.
+        face_paint_colours: Colour, and a second one for the eyes of a full paint.
+        face_paint_strength: How opaque it is.
+    """
+
+    lipstick: Colour = (0.0, 0.0, 0.0)
+    lipstick_strength: float = 0.0
+    lip_gloss: float = 0.0
+    eye_shadow: Colour = (0.0, 0.0, 0.0)
+    eye_shadow_strength: float = 0.0
+    eyeliner: float = 0.0
+    blusher: Colour = (0.0, 0.0, 0.0)
+    blusher_strength: float = 0.0
+    foundation: float = 0.0
+    face_paint: str = "none"
+    face_paint_colours: tuple[Colour, Colour] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    face_paint_strength: float = 0.0
+
+
+def draw_make_up(rng: np.random.Generator, config: SkinConfig, person: Person) -> MakeUp:
+    """Draws the make-up of one person; the face paint as well, rarely."""
+    share = config.make_up_share * (1.0 / 12 + 11.0 / 12 * person.femininity**2)
+    is_worn, is_vivid = rng.random() < share, rng.random() < config.vivid_make_up_share
+    worn = _draw_worn(rng, person, is_vivid)
+    is_painted = rng.random() < config.face_paint_share
+    pattern = FACE_PAINTS[int(rng.integers(1, len(FACE_PAINTS)))]
+    paints = (_vivid(rng), _vivid(rng))
+    opacity = round(float(rng.uniform(0.6, 0.95)), 3)
+    painted = {"face_paint": pattern, "face_paint_colours": paints, "face_paint_strength": opacity}
+    return MakeUp(**({**worn} if is_worn else {}), **(painted if is_painted else {}))  # type: ignore[arg-type]
+
+
+def _draw_worn(rng: np.random.Generator, person: Person, is_vivid: bool) -> dict[str, object]:
+    """Each product on its own: many wear one or two of them."""
+    wears = rng.random(5) < [0.7, 0.45, 0.6, 0.5, 0.6]
+    light = 1.0 - 0.7 * person.melanin
+    lipstick = (
+        _vivid(rng) if is_vivid else _rgb(rng.uniform(-0.09, 0.045), rng.uniform(0.45, 0.95), rng.uniform(0.3, 0.8))
+    )
+    shadow = _vivid(rng) if is_vivid else _rgb(rng.uniform(-0.08, 0.11), rng.uniform(0.1, 0.6), rng.uniform(0.15, 0.6))
+    blush = _rgb(rng.uniform(-0.04, 0.04), rng.uniform(0.45, 0.7), 0.25 + 0.65 * light)
+    strength = rng.uniform(0.15, 1.0, size=5) * wears
+    return {
+        "lipstick": lipstick,
+        "lipstick_strength": round(float(0.9 * strength[0]), 3),
+        "lip_gloss": round(float(rng.uniform(0, 1) * wears[0]), 3),
+        "eye_shadow": shadow,
+        "eye_shadow_strength": round(float(0.75 * strength[1]), 3),
+        "eyeliner": round(float(strength[2]), 3),
+        "blusher": blush,
+        "blusher_strength": round(float(0.4 * strength[3]), 3),
+        "foundation": round(float(0.8 * strength[4]), 3),
+    }
+
+
+def _vivid(rng: np.random.Generator) -> Colour:
+    """Any colour, black and white among them."""
+    return _rgb(rng.uniform(), rng.choice([0.0, 0.6, 0.95], p=[0.25, 0.25, 0.5]), rng.choice([0.08, 0.6, 0.95]))
+
+
+def _rgb(hue: float, saturation: float, value: float) -> Colour:
+    red, green, blue = (
+        round(channel**2.2, 4) for channel in colorsys.hsv_to_rgb(float(hue) % 1.0, float(saturation), float(value))
+    )
+    return red, green, blue

@@ -1,0 +1,1 @@
+"""Drawing faces: poses, cameras, crops, expressions, identities."""

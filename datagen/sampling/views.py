@@ -1,0 +1,130 @@
+"""Poses, cameras and crops: how a face comes into a picture.
+
+A picture of a face is nearly always a part of a larger photograph, so the optical axis passes it by, and the principal
+point of its camera lies somewhere, often outside. The pose that is drawn is how the camera sees the head: along
+the ray to it, not along the optical axis.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from datagen.sampling.configuration import GeometryConfig
+from pix2face.camera import Camera, HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
+from pix2face.crops import FaceBox
+
+# The attribute of a sample that says that the camera's others are there too.
+FOCAL_LENGTH = "focal_px"
+
+
+@final
+@dataclass(frozen=True)
+class PhotographedView:
+    """How a face is photographed.
+
+    Attributes:
+        pose: Of the head, as seen along the ray from the camera to it, before the picture is turned.
+        turn_deg: How far the whole picture is turned, clockwise as seen: people who lie, cameras held askew.
+        distance_mm: From the camera to the centre of the landmarks.
+        off_axis_deg: Angle between that ray and the optical axis, to the right and downward.
+        picture_per_box: Side of the picture as a multiple of the longer side of the box of the landmarks.
+        shift: The picture's centre from the box's, (right, down), as a share of the longer side.
+    """
+
+    pose: HeadPose
+    turn_deg: float
+    distance_mm: float
+    off_axis_deg: tuple[float, float]
+    picture_per_box: float
+    shift: tuple[float, float]
+
+
+def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> PhotographedView:
+    """Draws how a face is photographed."""
+    roll = float(_cut_normal(rng, config.roll_deg, 90, 1)[0])
+    pose = HeadPose(_draw_pitch(rng, config), _draw_yaw(rng, config), roll)
+    # A head that is rolled far about its own axis and seen from the side would show its crown; a turned picture of it
+    # is what there is.
+    turn_deg = float(rng.uniform(-180, 180)) if rng.random() < config.turned_share else 0.0
+    which = int(rng.choice(3, p=np.asarray(config.distance_shares) / sum(config.distance_shares)))
+    nearest, farthest = np.log(config.distances_mm[which : which + 2])
+    off_axis = _cut_normal(rng, config.off_axis_deg, config.largest_off_axis_deg, 2)
+    if rng.random() < config.off_centre_share:
+        shift = rng.uniform(-config.off_centre_shift, config.off_centre_shift, 2)
+    else:
+        shift = _cut_normal(rng, config.shift, config.largest_shift, 2)
+    return PhotographedView(
+        pose=pose,
+        turn_deg=turn_deg,
+        distance_mm=float(np.exp(rng.uniform(nearest, farthest))),
+        off_axis_deg=(float(off_axis[0]), float(off_axis[1])),
+        picture_per_box=float(rng.uniform(*config.picture_per_box)),
+        shift=(float(shift[0]), float(shift[1])),
+    )
+
+
+def photograph_face(landmarks_mm: Float64[ndarray, "m 3"], view: PhotographedView, size_px: int) -> Camera:
+    """A pinhole camera that sees a face as a view says; the box of the landmarks is that of the finished picture.
+
+    Args:
+        landmarks_mm: The face's landmarks, model frame.
+        view: How it is photographed.
+        size_px: Side of the picture.
+    """
+    ray = np.append(np.tan(np.deg2rad(view.off_axis_deg)), 1)
+    ray /= np.linalg.norm(ray)
+    turn = np.asarray(Rotation.from_euler("z", view.turn_deg, degrees=True).as_matrix())
+    rotation = _turned_onto(ray) @ turn @ rotation_of_pose(view.pose)
+    translation = view.distance_mm * ray - rotation @ landmarks_mm.mean(axis=0)
+    seen = landmarks_mm @ rotation.T + translation
+    box = FaceBox.around(seen[:, :2] / seen[:, 2:])
+    focal_px = size_px / (view.picture_per_box * box.longer_side)
+    centre = box.centre + np.asarray(view.shift) * box.longer_side
+    return pinhole_camera(Pinhole(float(focal_px), size_px / 2 - focal_px * centre, rotation, translation))
+
+
+def camera_attributes(camera: Camera) -> dict[str, str | float]:
+    """Focal length and principal point of a camera in pixels of its picture; nothing of one without perspective."""
+    if camera.is_affine:
+        return {}
+    pinhole = pinhole_of(camera)
+    x, y = pinhole.principal_point_px
+    return {
+        FOCAL_LENGTH: round(pinhole.focal_px, 2),
+        "principal_x_px": round(float(x), 2),
+        "principal_y_px": round(float(y), 2),
+    }
+
+
+def _turned_onto(ray: Float64[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
+    """The smallest rotation that takes the optical axis to a unit vector."""
+    axis = np.array([-ray[1], ray[0], 0.0])  # of z x ray
+    sine = np.linalg.norm(axis)
+    if not sine > 0:
+        return np.eye(3)
+    return np.asarray(Rotation.from_rotvec(axis / sine * np.arctan2(sine, ray[2])).as_matrix(), dtype=np.float64)
+
+
+def _draw_yaw(rng: np.random.Generator, config: GeometryConfig) -> float:
+    kind = rng.random()
+    if kind < config.wide_yaw_share:
+        yaw = rng.uniform(*config.wide_yaw_deg) * rng.choice([-1.0, 1.0])
+    elif kind < config.wide_yaw_share + config.any_yaw_share:
+        yaw = rng.uniform(-config.largest_yaw_deg, config.largest_yaw_deg)
+    else:
+        yaw = rng.normal(0, config.frontal_yaw_deg)
+    return float(np.clip(yaw, -config.largest_yaw_deg, config.largest_yaw_deg))
+
+
+def _draw_pitch(rng: np.random.Generator, config: GeometryConfig) -> float:
+    if rng.random() < config.wide_pitch_share:
+        return float(rng.uniform(-config.largest_pitch_deg, config.largest_pitch_deg))
+    return float(_cut_normal(rng, config.pitch_deg, config.largest_pitch_deg, 1)[0])
+
+
+def _cut_normal(rng: np.random.Generator, deviation: float, largest: float, n: int) -> Float64[ndarray, " n"]:
+    return np.clip(rng.normal(0, deviation, n), -largest, largest)

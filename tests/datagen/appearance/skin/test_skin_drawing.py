@@ -1,0 +1,141 @@
+"""What the shader paints on heads."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datagen.appearance.person import Person, draw_person
+from datagen.appearance.skin.skin import HARD_SKIN, SkinConfig, draw_skin
+from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
+from datagen.opengl.gl_context import GLContext
+from pix2face.morphable_model import builtin_model
+from tests.datagen.appearance.skin.painted_skin import RELIEF, PaintedSkin, painted_skin
+
+PLAIN = SkinConfig(make_up_share=0.0, face_paint_share=0.0, vitiligo_share=0.0, moles=0.0, acne_share=0.0)
+PERSON = Person(age_years=30.0, femininity=1.0, african=0.0, asian=0.0, caucasian=1.0, melanin=0.25)
+SKIN = draw_skin(np.random.default_rng(3), PLAIN, PERSON)
+SCALE = 128 / 110
+
+
+@pytest.fixture(scope="module")
+def paint(gl_session: GLContext) -> Iterator[PaintedSkin]:
+    with painted_skin(builtin_model(), gl_session) as found:
+        yield found
+
+
+def _zone(picture, x: float, y: float, radius_mm: float = 5.0):
+    """Mean around a place of the front (mm)."""
+    column, row, reach = (int(v) for v in (128 + SCALE * x, 128 - SCALE * (y - 10), max(SCALE * radius_mm, 1)))
+    return picture[row - reach : row + reach + 1, column - reach : column + reach + 1].reshape(-1, 3).mean(axis=0)
+
+
+def test_the_tone_is_that_of_melanin_and_blood(paint: PaintedSkin):
+    for melanin in (0.05, 0.4, 0.9):
+        picture, _ = paint.draw(replace(SKIN, melanin=melanin))
+        zones = np.array([_zone(picture, *place) for place in ((-42, -25), (42, -25), (0, 78), (25, 75))]).mean(axis=0)
+        expected = albedo_of_skin(density_of_melanin(melanin), SKIN.haemoglobin)
+        assert zones == pytest.approx(expected, rel=0.25)
+
+
+def test_luminance_falls_with_melanin_everywhere_on_the_skin(paint: PaintedSkin):
+    pictures = [paint.draw(replace(SKIN, melanin=melanin))[0] for melanin in np.linspace(0, 1, 6)]
+    for place in ((-42, -20), (0, 78), (0, -5), (0, -72), (0, -50)):
+        luminance = [_zone(picture, *place, radius_mm=3) @ [0.2126, 0.7152, 0.0722] for picture in pictures]
+        assert (np.diff(luminance) < 0).all(), place
+
+
+@pytest.mark.parametrize(
+    "config", [replace(SkinConfig(), face_paint_share=0.0), replace(HARD_SKIN, face_paint_share=0.0)]
+)
+def test_no_skin_is_blue_green_or_grey(paint: PaintedSkin, config: SkinConfig):
+    rng = np.random.default_rng(11)
+    for _ in range(12):
+        person = draw_person(rng)
+        skin = draw_skin(rng, replace(config, make_up_share=0.0), person)
+        picture, _ = paint.draw(skin)
+        for place in ((-42, -12), (42, -12), (0, 70), (0, -8), (25, 65)):
+            lab = lab_of_linear(_zone(picture, *place))
+            assert 1 < lab[1] < 30, (place, skin)
+            assert 3 < lab[2] < 30, (place, skin)
+
+
+def test_lips_are_redder_than_the_skin_around_and_follow_the_lipstick(paint: PaintedSkin):
+    picture, _ = paint.draw(SKIN)
+    lips, chin = (lab_of_linear(_zone(picture, 0, y, 2)) for y in (-49, -72))
+    assert lips[1] > chin[1] + 4
+    green = replace(SKIN.make_up, lipstick=(0.02, 0.5, 0.05), lipstick_strength=0.9)
+    painted, _ = paint.draw(replace(SKIN, make_up=green))
+    assert lab_of_linear(_zone(painted, 0, -49, 2))[1] < -20
+    assert _zone(painted, 0, -72, 2) == pytest.approx(_zone(picture, 0, -72, 2), rel=0.01)
+
+
+def test_nothing_of_an_eye_is_seen_between_closed_lids(paint: PaintedSkin):
+    shut = {f"eyeBlink{side}": 1.0 for side in ("Left", "Right")}
+    marked = {"skin_sclera": (0.0, 0.9, 0.0, 0.0), "skin_eye_inner": np.full((2, 3), [0, 0.9, 0.0])}
+    marked["skin_eye_outer"] = marked["skin_eye_inner"]
+    shares = []
+    for expression in ({}, shut):
+        picture, _ = paint.draw(SKIN, expression, window_mm=(0.0, 27.0, 50.0), changed=marked)
+        shares.append((picture[..., 1] > 1.5 * picture[..., 0]).mean())
+    assert shares[0] > 0.01
+    assert shares[1] < 0.02 * shares[0]
+
+
+def test_the_iris_moves_with_the_gaze(paint: PaintedSkin):
+    marked = {"skin_eye_inner": np.full((2, 3), [0.0, 0.9, 0.0]), "skin_eye_outer": np.full((2, 3), [0.0, 0.9, 0.0])}
+
+    def middle(expression) -> float:
+        picture, _ = paint.draw(SKIN, expression, window_mm=(0.0, 27.0, 50.0), changed=marked)
+        return float(np.nonzero(picture[..., 1] > 2.5 * picture[..., 0])[1].mean())
+
+    left = {"eyeLookOutLeft": 0.7, "eyeLookInRight": 0.7}
+    right = {"eyeLookInLeft": 0.7, "eyeLookOutRight": 0.7}
+    assert middle(left) - middle({}) > 4
+    assert middle({}) - middle(right) > 4
+    assert middle({}) == pytest.approx(128, abs=2)
+
+
+def test_age_and_expressions_fold_the_skin(gl_session: GLContext):
+    smooth = replace(SKIN, wrinkles=(0.0,) * 5, pores=0.0, marks=(), expression_folds=1.0)
+    with painted_skin(builtin_model(), gl_session, RELIEF) as paint:
+        relief = paint.draw(smooth)[0][..., 0]
+        old = paint.draw(replace(smooth, wrinkles=(0.9,) * 5))[0][..., 0]
+        raised = paint.draw(smooth, {"browInnerUp": 1.0, "browOuterUpLeft": 1.0, "browOuterUpRight": 1.0})[0][..., 0]
+        half = paint.draw(smooth, {"mouthSmileLeft": 1.0})[0][..., 0]
+    sides = [half[140:175, columns].mean() for columns in (slice(85, 122), slice(134, 171))]
+    assert sides[1] > 3 * sides[0]  # the subject's left is the picture's right
+    forehead = (slice(25, 70), slice(85, 170))
+    cheek = (slice(140, 190), slice(60, 110))
+    assert relief[forehead].mean() < 0.01
+    assert old[forehead].mean() > 0.05
+    assert old[cheek].mean() > relief[cheek].mean() + 0.003
+    assert raised[forehead].mean() > 0.03
+    assert abs(raised[cheek].mean() - relief[cheek].mean()) < 0.01
+
+
+def test_a_bald_head_is_skin_and_a_cropped_one_hair(paint: PaintedSkin):
+    black = {"skin_hair_colour": (0.01, 0.01, 0.01), "skin_hairline": 0.0}
+    crown, brow = (128, 18), (128, 70)
+    bald, cropped = (paint.draw(SKIN, changed={**black, "skin_scalp_hair": value})[0] for value in (0.0, 1.0))
+    assert bald[crown[1] - 10, crown[0]].mean() > 0.2
+    assert cropped[crown[1] - 10, crown[0]].mean() < 0.05
+    assert cropped[brow[1], brow[0]] == pytest.approx(bald[brow[1], brow[0]], rel=0.05)
+
+
+def test_the_inside_of_an_open_mouth_is_dark(paint: PaintedSkin):
+    picture, _ = paint.draw(SKIN, {"jawOpen": 0.9}, window_mm=(0.0, -50.0, 50.0))
+    inside = picture[100:150, 110:146].mean(axis=2)
+    assert np.percentile(inside, 20) < 0.06
+    assert picture[20:60, 40:80].mean() > 0.2
+
+
+def test_nothing_is_black_white_or_unknown(paint: PaintedSkin):
+    rng = np.random.default_rng(19)
+    for yaw_deg in (-90.0, -45.0, 0.0, 60.0):
+        picture, coverage = paint.draw(draw_skin(rng, HARD_SKIN, draw_person(rng)), {"jawOpen": 0.5}, yaw_deg)
+        head = picture[coverage > 0.99]
+        assert np.isfinite(head).all()
+        assert head.min() >= 0.002
+        assert head.max() <= 0.96
