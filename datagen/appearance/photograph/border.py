@@ -76,8 +76,10 @@ def draw_border(rng: np.random.Generator, largest: float) -> Border:
     chosen = rng.choice(4, n_sides, replace=False)
     # Four borders at once are those of a small picture in a large frame.
     sides[chosen] = rng.uniform(0.02, largest * (0.5 if n_sides == 4 else 1.0), n_sides)
-    left, top, right, bottom = (round(float(share), 4) for share in sides)
     filling = str(rng.choice(FILLINGS, p=[0.5, 0.18, 0.12, 0.10, 0.07, 0.03]))
+    if filling == "reflected":
+        sides *= 0.4  # or half of a second face would appear
+    left, top, right, bottom = (round(float(share), 4) for share in sides)
     return Border(left=left, top=top, right=right, bottom=bottom, filling=filling)
 
 

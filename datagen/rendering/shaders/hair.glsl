@@ -44,10 +44,11 @@ Surface hair_material(Surface s, vec2 uv) {
     float roots = hair_mix.z * smoothstep(105.0, 140.0, s.position.y);
     float lights = hair_mix.y * 1.2 - (0.35 * (1.0 - grey) + 0.65 * streak_noise);
     vec3 colour = mix(material_colour, hair_tips, tips);
-    colour = mix(colour, hair_highlight, smoothstep(-0.12, 0.12, lights));
+    colour = mix(colour, hair_highlight, smoothstep(-0.3, 0.3, lights));
     colour = is_hair ? mix(colour, material_colour * 0.55, roots) : material_colour;
-    float greying = hair_mix.x - (0.6 * (1.0 - grey) + 0.4 * patch_noise);
-    colour = mix(colour, hair_grey, smoothstep(-0.2, 0.2, greying) * smoothstep(0.0, 0.05, hair_mix.x));
+    // Strand by strand: in broad patches grey hair looks like snow.
+    float greying = hair_mix.x - (0.75 * (1.0 - grey) + 0.25 * patch_noise);
+    colour = mix(colour, hair_grey, smoothstep(-0.45, 0.45, greying) * smoothstep(0.0, 0.05, hair_mix.x));
     s.albedo = colour * mix(1.0, 2.0 * grey, hair_mix.w);
 
     float density = material_numbers.y;

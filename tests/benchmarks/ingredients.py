@@ -1,0 +1,104 @@
+"""What the ingredients of synthetic photographs are worth: trainings without each, measured on photographs.
+
+    python -m tests.benchmarks.ingredients --shards shards/ --data AFLW2000/ [--seeds 0 1] [--samples 300000]
+
+Each row is a training on as many pictures as the others, of those that pass its condition, with the same options, and
+``evaluate --split aflw2000-3d`` after it. So an ingredient is left out without rendering anything again. Prints and
+writes JSON. Run again, it goes on where it was: a training that is done is not done again.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+from pix2face.errors import UsageError
+from pix2face.sample_filter import SAMPLE_ID, SampleFilter
+from pix2face.shards.shard_reader import ShardReader, shard_paths
+from tests.benchmarks.surroundings import surroundings
+
+# What a sample fulfils where the ingredient is not in it.
+INGREDIENTS: Mapping[str, str] = MappingProxyType(
+    {
+        "everything": "",
+        "no light and shadow": "light.kind == 'soft'",
+        "no occluders and hair": "seen_share > 0.9",
+        "no wide pose": "abs(yaw_deg) < 45",
+        "no borders": "photograph.border.left + photograph.border.top + photograph.border.right "
+        "+ photograph.border.bottom == 0",
+    }
+)
+
+
+def main() -> int:
+    """Trains, evaluates, prints."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--shards", type=Path, required=True, help="synthetic photographs of preset default")
+    parser.add_argument("--data", type=Path, required=True, help="folder of AFLW2000-3D")
+    parser.add_argument("--out", type=Path, default=Path("out/ingredients"))
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    parser.add_argument("--samples", type=int, default=300_000)
+    parser.add_argument("--size", type=int, default=64)
+    parser.add_argument("--train-options", default="--batch-size 48 --learning-rate 0.0015 --workers 0 --cache-gb 8")
+    parser.add_argument("--only", nargs="+", choices=INGREDIENTS, default=list(INGREDIENTS))
+    options = parser.parse_args()
+    conditions = equal_conditions(options.shards)
+    rows = {}
+    for seed in options.seeds:
+        for name in options.only:
+            out = options.out / f"{name.replace(' ', '-')}-{seed}"
+            rows[f"{name}, seed {seed}"] = measured(options, conditions[name], seed, out)
+            summary = {"samples": options.samples, "size_px": options.size, "conditions": conditions, "rows": rows}
+            options.out.mkdir(parents=True, exist_ok=True)
+            text = json.dumps({**summary, "measured_on": surroundings()}, indent=2)
+            (options.out / "ingredients.json").write_text(text + "\n", encoding="utf-8")
+            sys.stdout.write(json.dumps({f"{name}, seed {seed}": rows[f"{name}, seed {seed}"]}) + "\n")
+            sys.stdout.flush()
+    return 0
+
+
+def equal_conditions(shards: Path) -> dict[str, str]:
+    """The condition of each ingredient, cut to as many samples as the strictest of them leaves."""
+    passing: dict[str, list[str]] = {name: [] for name in INGREDIENTS}
+    filters = {name: SampleFilter(text or "1 == 1", "INGREDIENTS") for name, text in INGREDIENTS.items()}
+    for path in shard_paths(shards):
+        with ShardReader(path) as reader:
+            for sample_id, attributes in zip(reader.sample_ids, reader.attributes(), strict=True):
+                for name, condition in filters.items():
+                    if condition.passes(sample_id, attributes):
+                        passing[name].append(sample_id)
+    fewest = min(map(len, passing.values()))
+    if not fewest:
+        raise UsageError(f"{shards}: expected samples without each ingredient, found none without one of them")
+    return {
+        name: " and ".join(filter(None, [INGREDIENTS[name], f"{SAMPLE_ID} <= {sorted(found)[fewest - 1]!r}"]))
+        for name, found in passing.items()
+    }
+
+
+def measured(options: argparse.Namespace, condition: str, seed: int, out: Path) -> dict[str, float]:
+    """Trains with a condition and a seed, and measures."""
+    report = out / "evaluation" / "report.json"
+    if not report.exists():
+        training = ["--shards", options.shards, "--preset", "cpu", "--size-px", options.size, "--cropping", "shift"]
+        length = ["--samples", options.samples, "--seed", seed, "--out", out, "--where", condition]
+        run("training.cli", [*training, *length, *options.train_options.split()])
+        where = ["--split", "aflw2000-3d", "--data", options.data, "--checkpoint", out / "checkpoint.safetensors"]
+        run("pix2face.evaluation.evaluate_cli", [*where, "--resamples", 0, "--out", out / "evaluation"])
+    rows = json.loads(report.read_text(encoding="utf-8"))["table"]
+    (row,) = (row for row in rows if (row["method"], row["points"]) == ("network", "68"))
+    per_cent = {name: group["mean"] for name, group in row["groups"].items()}
+    per_cent["mean of bins"] = row["mean_of_groups"]
+    return {name: round(100 * value, 3) for name, value in per_cent.items()}
+
+
+def run(module: str, arguments: Sequence[object]) -> None:
+    """Runs one of the project's commands."""
+    subprocess.run([sys.executable, "-m", module, *map(str, arguments)], check=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
