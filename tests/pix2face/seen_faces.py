@@ -87,7 +87,8 @@ def header_of(model: MorphableModel, size_px: int = SIZE_PX) -> CheckpointHeader
         model_name=model.name,
         model_sha256=model.sha256,
         size_px=size_px,
-        widths=paper_widths(size_px, 4),
+        # Networks that stand for others are of any size; those that are built, of powers of two.
+        widths=paper_widths(size_px, 4) if size_px.bit_count() == 1 else (4,),
         pncc_scale_mm=PNCC_SCALE_MM,
         offset_scale_mm=OFFSET_SCALE_MM,
         smallest_radius_mm=model.smallest_radius_mm,

@@ -87,7 +87,9 @@ def test_an_error_of_ours_is_one_line_and_status_2(
 
 
 def test_every_error_of_ours_is_tested() -> None:
-    assert set(OUR_ERRORS) == set(Pix2FaceError.__subclasses__())
+    # Programs may have more: which modules were loaded before decides what is there.
+    known = {error for error in Pix2FaceError.__subclasses__() if error.__module__.startswith("pix2face.")}
+    assert set(OUR_ERRORS) == known
 
 
 def test_an_error_of_ours_cannot_grow_beyond_its_line(capsys: pytest.CaptureFixture[str]) -> None:
