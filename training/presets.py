@@ -12,6 +12,7 @@ network, which also answers where the face is and where it is seen.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -27,6 +28,24 @@ _WITH_MASKS = LossWeights(pncc=1.0, offset=4.0, mask=0.2, seen=0.2)
 _MIRRORED = JitterRange(mirror=True)
 _PAPER_JITTER = JitterRange()
 _BFLOAT16: Precision = "bfloat16"
+
+_CPU = Recipe(
+    architecture="residual",
+    size_px=128,
+    filters=32,
+    planes=8,
+    batch_size=24,
+    epochs=30,
+    epoch_size=9_600,
+    learning_rate=1e-3,
+    schedule="cosine",
+    warm_up=9_600,
+    precision=_BFLOAT16,
+    weights=_WITH_MASKS,
+    clip=1.0,
+    ema=0.999,
+    jitter=_MIRRORED,
+)
 
 PRESETS: Mapping[PresetName, Recipe] = MappingProxyType(
     {
@@ -51,39 +70,7 @@ PRESETS: Mapping[PresetName, Recipe] = MappingProxyType(
             precision=_BFLOAT16,
             jitter=_PAPER_JITTER,
         ),
-        "cpu": Recipe(
-            architecture="residual",
-            size_px=128,
-            filters=32,
-            planes=8,
-            batch_size=24,
-            epochs=30,
-            epoch_size=9_600,
-            learning_rate=1e-3,
-            schedule="cosine",
-            warm_up=9_600,
-            precision=_BFLOAT16,
-            weights=_WITH_MASKS,
-            clip=1.0,
-            ema=0.999,
-            jitter=_MIRRORED,
-        ),
-        "gpu": Recipe(
-            architecture="residual",
-            size_px=256,
-            filters=32,
-            planes=8,
-            batch_size=48,
-            epochs=42,
-            epoch_size=48_000,
-            learning_rate=1e-3,
-            schedule="cosine",
-            warm_up=48_000,
-            precision=_BFLOAT16,
-            weights=_WITH_MASKS,
-            clip=1.0,
-            ema=0.999,
-            jitter=_MIRRORED,
-        ),
+        "cpu": _CPU,
+        "gpu": replace(_CPU, size_px=256, batch_size=48, epochs=42, epoch_size=48_000, warm_up=48_000),
     }
 )

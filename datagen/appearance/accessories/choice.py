@@ -1,7 +1,7 @@
 """Who wears what, and what stands before whom: draws it, stores it, makes its meshes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, final
 
@@ -34,7 +34,6 @@ __all__ = [
     "HARD_ACCESSORIES",
     "Accessories",
     "AccessoriesConfig",
-    "accessories_from_values",
     "accessory_meshes",
     "accessory_textures",
     "draw_accessories",
@@ -159,20 +158,6 @@ def hidden_hair(accessories: Accessories) -> CrownPlane | None:
 def accessory_textures() -> Mapping[str, Texture]:
     """Textures of all materials here, by name."""
     return {**weave_textures(), **beard_textures()}
-
-
-def accessories_from_values(values: Mapping[str, Any]) -> Accessories:
-    """What ``dataclasses.asdict`` made, after JSON: lists become tuples again."""
-    found = {name: values.get(name) for name in _KINDS}
-    parts: dict[str, Any] = {}
-    for name, part in found.items():
-        parts[name] = None if part is None else _restored(_KINDS[name], part)
-    return Accessories(**parts)
-
-
-def _restored(kind: type, values: Mapping[str, Any]) -> Any:
-    given = {field.name: values[field.name] for field in fields(kind)}
-    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in given.items()})
 
 
 def _before_the_face(accessories: Accessories, head: PosedHead, body: Body, skin_rgb: Colour) -> list[SceneMesh]:

@@ -9,6 +9,7 @@ from datagen.appearance.accessories.headwear_choice import WRAPS, Headwear
 from datagen.appearance.accessories.skull import CENTRE, fit_skull
 from datagen.appearance.accessories.solids import scene_mesh
 from datagen.appearance.accessories.wraps import wrap_pieces
+from datagen.appearance.hair.fedora import FEDORA_CROWN, LARGEST_TILT_DEG, fedora_mesh
 from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 
@@ -28,6 +29,9 @@ _RIMS = {
 
 def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMesh]:
     """The pieces of a hat on a head."""
+    if hat.kind == "fedora":
+        forward_deg = float(np.clip(hat.lift_deg, -LARGEST_TILT_DEG, LARGEST_TILT_DEG))
+        return [fedora_mesh(head, hat.colour, -forward_deg)]
     if hat.kind in WRAPS:
         pieces = wrap_pieces(hat.kind, fit_skull(head, with_expression=True), body, hat)
     else:
@@ -39,6 +43,8 @@ def crown_plane(hat: Headwear) -> CrownPlane | None:
     """Above which hair is hidden; None where a hat lies on top of all hair."""
     if hat.kind in WRAPS:
         return CrownPlane((0.0, -400.0, 0.0), (0.0, 1.0, 0.0))
+    if hat.kind == "fedora":
+        return FEDORA_CROWN
     if hat.kind in ("headband", "crown", "party"):
         return None
     fit = _fit(hat)

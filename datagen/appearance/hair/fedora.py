@@ -7,6 +7,8 @@ from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 
 FEDORA_CROWN = CrownPlane((0.0, 79.0, 0.0), (0.0, 0.9998, -0.02))
+# Tilted farther, it cuts into the head or floats.
+LARGEST_TILT_DEG = 6.0
 # The band lies upon the skin as it was modelled; hair takes this much room in addition.
 ROOM = 1.035
 AXIS_MM = np.array([0.0, 79.0, 5.0], dtype=np.float32)
@@ -18,7 +20,7 @@ def fedora_mesh(head: PosedHead, colour: tuple[float, float, float], tilt_deg: f
     Args:
         head: Whose it is; the hat follows it without its expression.
         colour: Linear, of the felt.
-        tilt_deg: Forward, over the brows; within -6..6 it neither cuts into the head nor floats.
+        tilt_deg: Forward, over the brows; within ``LARGEST_TILT_DEG`` both ways.
 
     Raises:
         InputFileError: The head is not of the built-in model.
@@ -30,7 +32,7 @@ def fedora_mesh(head: PosedHead, colour: tuple[float, float, float], tilt_deg: f
     points = (mesh.mean - AXIS_MM) * np.float32(ROOM) @ turn.T.astype(np.float32) + AXIS_MM
     points += mesh.displacements(head.neutral, head.model.mean)
     return SceneMesh(
-        name="hat/fedora",
+        name="headwear/fedora",
         label="headwear",
         vertices=points[mesh.point_of_vertex],
         triangles=mesh.triangles,

@@ -4,7 +4,7 @@ The order is that of a camera: in linear light vignetting, blur and noise; then 
 sharpening and what else programs do; then the border that a crop reaches beyond; then the file.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -101,8 +101,3 @@ def develop(
 def encode(image: UInt8[ndarray, "h w 3"], photograph: Photograph) -> bytes:
     """The file of a developed picture: JPEG of the photograph's quality."""
     return encode_jpeg(image, photograph.quality, is_colour_halved=photograph.is_colour_halved)
-
-
-def without_border(photograph: Photograph) -> Photograph:
-    """The same photograph where the crop stays within it."""
-    return replace(photograph, border=Border())

@@ -1,6 +1,5 @@
-import json
 from collections import Counter
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from datagen.appearance.accessories.choice import (
     HARD_ACCESSORIES,
     Accessories,
     AccessoriesConfig,
-    accessories_from_values,
     accessory_meshes,
     accessory_textures,
     draw_accessories,
@@ -61,12 +59,6 @@ def test_the_same_seed_gives_the_same() -> None:
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a.vertices, b.vertices)
     assert drawn(4) != drawn(5)
-
-
-@pytest.mark.parametrize("seed", range(30))
-def test_survives_json(seed: int) -> None:
-    accessories = drawn(seed, HARD_ACCESSORIES)
-    assert accessories_from_values(json.loads(json.dumps(asdict(accessories)))) == accessories
 
 
 def test_shares_are_those_of_the_configuration() -> None:

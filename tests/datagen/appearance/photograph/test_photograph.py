@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datagen.appearance.photograph.border import FILLINGS
+from datagen.appearance.photograph.border import FILLINGS, Border
 from datagen.appearance.photograph.configuration import FAULTS
 from datagen.appearance.photograph.lens import Lens, expose_through
 from datagen.appearance.photograph.noise import noise_window
@@ -20,7 +20,6 @@ from datagen.appearance.photograph.photograph import (
     develop,
     draw_photograph,
     encode,
-    without_border,
 )
 from datagen.appearance.photograph.sensor import MIDDLE_GREY, Sensor, Tone, sense, tone, tone_curve
 from pix2face.errors import UsageError
@@ -90,7 +89,7 @@ def test_decent_photographs_show_what_was_there() -> None:
     correlations = []
     for photograph in drawn(300):
         if not photograph.faults:
-            image = linear(develop(light, without_border(photograph), face_of(light))) @ [0.2, 0.7, 0.1]
+            image = linear(develop(light, replace(photograph, border=Border()), face_of(light))) @ [0.2, 0.7, 0.1]
             correlations.append(np.corrcoef(wanted.ravel(), image.ravel())[0, 1])
     assert len(correlations) > 200
     assert np.percentile(correlations, 2) > 0.8
