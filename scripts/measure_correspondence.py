@@ -1,5 +1,7 @@
 """How far landmarks found by correspondence lie from published ones: prints the table of docs/models.md.
 
+Of BFM 2009 also which way it looks in the built-in model's frame (``pix2face.evaluation.pose_frame``).
+
 python -m scripts.measure_correspondence [--shared ../shared]
 """
 
@@ -10,12 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import scipy.io
+from scipy.spatial.transform import Rotation
 
 from pix2face.landmarks import IBUG68
 from pix2face.model_file import StoredModel
 from pix2face.model_formats import read_model
 from pix2face.model_formats.tables import ibug68_vertices
 from pix2face.model_import import lay_by_surface
+from pix2face.morphable_model import builtin_model
+from pix2face.rigid_alignment import fit_rigid
 
 JAW = np.arange(68) < 17
 
@@ -41,6 +46,12 @@ def main() -> int:
         known = published >= 0
         inner, jaw = errors[known & ~JAW].mean(), errors[known & JAW].mean()
         print(f"{name}: {laid.alignment.residual_mm:.1f}, {inner:.1f}, {jaw:.1f}")
+    own = builtin_model()
+    places = own.mean[own.landmarks[IBUG68]]
+    bfm = sources["BFM 2009, mean"]
+    by_landmarks = fit_rigid(bfm.mean[bfm.landmarks[IBUG68]], places)[0].rotation
+    angles = [round(float(angle), 2) for angle in Rotation.from_matrix(by_landmarks).as_euler("xyz", degrees=True)]
+    print(f"BFM 2009 in the built-in model's frame, by 68 landmarks: turned about x, y, z by {angles} degrees")
     return 0
 
 

@@ -21,6 +21,7 @@ from pix2face.evaluation.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.detection_boxes import DetectedBox
 from pix2face.evaluation.face_names import match_names
 from pix2face.evaluation.manifest import Manifest
+from pix2face.evaluation.pose_frame import model_from_stated
 from pix2face.evaluation.predictions_file import PixelFrame, read_predictions
 from pix2face.evaluation.subjects import (
     NetworkSubject,
@@ -83,9 +84,9 @@ def open_subject(
         maps = f"true maps (camera: {options.camera})"
         landmarks = "true 2D landmarks (camera: weak-perspective)"
         what = maps if manifest.kind == "shards" else landmarks
-        subject = OracleSubject(model, options.slides_jaw, options.camera)
+        subject = OracleSubject(model, options.slides_jaw, options.camera, model_from_stated(model, manifest))
         return subject, {"oracle": f"the model fitted to the {what} of each face"}
-    return _network(options, model)
+    return _network(options, model, manifest)
 
 
 def versions() -> dict[str, str]:
@@ -98,7 +99,7 @@ def versions() -> dict[str, str]:
     }
 
 
-def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, dict[str, Any]]:
+def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest) -> tuple[Subject, dict[str, Any]]:
     checkpoint = options.checkpoint or default_checkpoint()
     predictor = Predictor.load(checkpoint)
     if options.crop_scale is not None:
@@ -109,6 +110,7 @@ def _network(options: SubjectOptions, model: MorphableModel) -> tuple[Subject, d
         partial(_fit, model, options),
         true_box if options.boxes == "truth" else DetectedBox(open_detector(options.boxes), options.boxes),
         partial(contour_landmarks2d, model=model) if options.slides_jaw else fitted_landmarks,
+        model_from_stated(model, manifest),
     )
     header = asdict(predictor.header)
     header["configuration"] = json.loads(predictor.header.configuration)

@@ -1,7 +1,7 @@
 """What an evaluation can measure: a network with a fit, another system's file, or the model fitted to the truth."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, Protocol, final, runtime_checkable
 
@@ -125,6 +125,9 @@ BoxRule = Callable[[BenchmarkFace], FaceBox]
 # Which landmarks of a fit are compared: fixed points of the model, or jaw points on the visible outline.
 LandmarksOf = Callable[[Any], Float64[ndarray, "68 2"]]
 
+# A benchmark states the poses of the very model that is fitted.
+OWN_FRAME = np.eye(3)
+
 
 def true_box(face: BenchmarkFace) -> FaceBox:
     """The tight box of the true landmarks: the rule of the benchmarks here."""
@@ -146,12 +149,14 @@ class NetworkSubject:
         fit: Maps to a fitted face; raises DegenerateGeometryError where they hold none.
         box_rule: Where it looks.
         landmarks_of: The landmarks of a fit, in the picture.
+        model_from_stated: As ``pose_of``: what face the benchmark's poses are of.
     """
 
     predictor: MapPredictor
     fit: Fit
     box_rule: BoxRule = true_box
     landmarks_of: LandmarksOf = fitted_landmarks
+    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
     method = "network"
     needs_images = True
 
@@ -178,7 +183,7 @@ class NetworkSubject:
             fitted = self.fit(prediction.maps, image_centre).in_image(prediction.crop)
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error), maps=prediction.maps, crop=prediction.crop)
-        return _found(fitted, self.landmarks_of, prediction)
+        return _found(fitted, self.landmarks_of, self.model_from_stated, prediction)
 
 
 @final
@@ -224,11 +229,13 @@ class OracleSubject:
         model: What is fitted.
         slides_jaw: Whether jaw points slide to the visible outline.
         camera: Of the fit to maps; landmarks are fitted by weak perspective.
+        model_from_stated: As ``pose_of``.
     """
 
     model: MorphableModel
     slides_jaw: bool = False
     camera: CameraKind = "weak-perspective"
+    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
     method = "oracle"
     needs_images = False
 
@@ -247,7 +254,7 @@ class OracleSubject:
                 fitted_maps = fit_face(
                     face.maps, self.model, camera_kind=self.camera, regularisation=EXACT_MAPS_REGULARISATION
                 )
-                return _found(fitted_maps, landmarks_of)
+                return _found(fitted_maps, landmarks_of, self.model_from_stated)
             fitted = fit_landmarks(self.model, face.landmarks2d, contour=self._contour)
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error))
@@ -255,23 +262,35 @@ class OracleSubject:
         return FoundFace(
             landmarks2d=fitted.matched2d,
             landmarks3d=vertices[self.model.landmarks[IBUG68]].astype(np.float64),
-            pose_deg=pose_of(fitted.camera),
+            pose_deg=pose_of(fitted.camera, self.model_from_stated),
             identity=fitted.identity,
             expression=fitted.expression,
         )
 
 
-def pose_of(camera: Camera) -> Float64[ndarray, "3"]:
-    """Pitch, yaw, roll in degrees with the signs of 300W-LP."""
-    pose = head_pose(camera)
+def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRAME) -> Float64[ndarray, "3"]:
+    """Pitch, yaw, roll in degrees with the signs of 300W-LP.
+
+    Args:
+        camera: From the model frame to any pixels.
+        model_from_stated: Rotation to the model frame from the frame of the face that the poses shall be of.
+    """
+    turn = np.eye(4)
+    turn[:3, :3] = model_from_stated
+    pose = head_pose(Camera(camera.matrix @ turn))
     return np.array([pose.pitch_deg, pose.yaw_deg, pose.roll_deg])
 
 
-def _found(fitted: FittedFace, landmarks_of: LandmarksOf, prediction: PredictedMaps | None = None) -> FoundFace:
+def _found(
+    fitted: FittedFace,
+    landmarks_of: LandmarksOf,
+    model_from_stated: Float64[ndarray, "3 3"],
+    prediction: PredictedMaps | None = None,
+) -> FoundFace:
     return FoundFace(
         landmarks2d=landmarks_of(fitted),
         landmarks3d=np.asarray(fitted.landmarks3d, dtype=np.float64),
-        pose_deg=pose_of(fitted.camera),
+        pose_deg=pose_of(fitted.camera, model_from_stated),
         maps=None if prediction is None else prediction.maps,
         crop=None if prediction is None else prediction.crop,
         identity=fitted.identity,
