@@ -37,7 +37,7 @@ class TripletDataset(Dataset[Batch]):
     def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
         self._recipe = recipe
         self._order = DrawOrder(shards.sets, recipe.seed)
-        self._samples = SampleStore(shards, 0 if recipe.cropping == "full" else recipe.size_px, cache)
+        self._samples = SampleStore(shards, recipe, cache)
         self._has_seen = shards.knows_seen
         self._n_samples = len(shards)
 
@@ -70,7 +70,7 @@ class TripletDataset(Dataset[Batch]):
             resample(sample, crop, row)
         else:
             corner = middle_corner(sample, row.size_px)
-            if recipe.cropping == "shift":
+            if recipe.cropping != "none":
                 height, width = sample.image.shape[:2]
                 corner = int(rng.integers(width - row.size_px + 1)), int(rng.integers(height - row.size_px + 1))
             cut(sample, corner, row, mirror=jitter.mirror)

@@ -13,7 +13,7 @@ from training.losses import LossOver, LossWeights
 from training.schedule import ScheduleName
 
 Precision = Literal["float32", "bfloat16"]
-Cropping = Literal["full", "shift", "none"]
+Cropping = Literal["full", "box", "shift", "none"]
 
 # Eight times the paper's side and sixteen times its filters: beyond that no machine holds the network.
 LARGEST_SIZE_PX, MOST_FILTERS = 2048, 1024
@@ -44,10 +44,11 @@ class Recipe:
         ema: Decay a step of the running mean of the weights that the checkpoint holds; 0 keeps none.
         seed: Of the initial weights, the order of the samples and the jitter.
         jitter: How far samples are varied.
-        cropping: full: crops are turned, scaled and shifted by ``jitter``. shift: squares of whole pixels are cut at
-            random places, for pictures that were made as crops. none: the middle is cut, and colours stay.
+        cropping: full: crops are turned, scaled and shifted by ``jitter``. box: squares of ``crop_scale`` around the
+            face's box, a few percent off (``box_cut``). shift: squares of whole pixels are cut at random places, for
+            pictures that were made as crops. none: the middle is cut, and colours stay.
         crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
-            the face's box. What it is trained on is the jitter's.
+            the face's box. What it is trained on is the jitter's, except by ``cropping`` box.
     """
 
     architecture: ArchitectureName = "paper"

@@ -5,8 +5,10 @@ from typing import Any, final
 
 from pix2face.crops import FaceBox
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from training.box_cut import cut_around_box
 from training.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
 from training.halving import halved
+from training.recipe import Recipe
 from training.sample_files import SampleFiles
 from training.shard_index import ShardIndex
 from training.shared_cache import SharedCache
@@ -18,20 +20,20 @@ class SampleStore:
 
     Args:
         shards: Where they are.
-        cut_px: Side of the squares that are to be cut from them: they are halved while they are twice as large as
-            that, or more. 0 leaves them as they are.
+        recipe: What is done with them: ``cropping`` full wants them as they are, box a square around each face; the
+            others cut squares of ``size_px`` from them, so they are halved while they are twice as large, or more.
         cache: Keeps what was decoded, for this process and others; None keeps nothing.
     """
 
-    def __init__(self, shards: ShardIndex, cut_px: int, cache: SharedCache | None = None) -> None:
+    def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
         self._shards = shards
-        self._cut_px = cut_px
+        self._recipe = recipe
         self._cache = cache
         self._forget()
 
     def __getstate__(self) -> dict[str, Any]:
         """Another process gets the plan, not the open files."""
-        return {"shards": self._shards, "cut_px": self._cut_px, "cache": self._cache}
+        return {"shards": self._shards, "recipe": self._recipe, "cache": self._cache}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)
@@ -46,25 +48,28 @@ class SampleStore:
         piece = None if self._cache is None else self._cache.get(number)
         if piece is not None:
             return DecodedSample.from_bytes(piece)
-        sample = self._decode(int(self._shards.shard[number]), int(self._shards.position[number]))
+        sample = self._decode(number)
         if self._cache is not None:
             self._cache.put(number, sample.to_bytes())
         return sample
 
-    def _decode(self, shard: int, position: int) -> DecodedSample:
+    def _decode(self, number: int) -> DecodedSample:
         if os.getpid() != self._process:
             self._forget()  # a forked HDF5 handle would share its file position with the parent
+        shard, position = int(self._shards.shard[number]), int(self._shards.position[number])
         where = f"{self._shards.paths[shard]}, sample {position}"
-        sample = decode_sample(self._files.read(shard, position), where)
-        height, width = sample.image.shape[:2]
-        if min(height, width) < self._cut_px:
-            raise UsageError(
-                f"{where}: expected a picture of at least {self._cut_px} x {self._cut_px} pixels to cut from, found "
-                f"{width} x {height}; give --cropping full, which scales, or a smaller --size-px"
-            )
-        if not self._cut_px:
+        sample, size_px = decode_sample(self._files.read(shard, position), where), self._recipe.size_px
+        if self._recipe.cropping in ("full", "box"):
             _check_has_box(sample, where)
-        while self._cut_px and min(sample.image.shape[:2]) >= 2 * self._cut_px:
+            is_whole = self._recipe.cropping == "full"
+            return sample if is_whole else cut_around_box(sample, number, size_px, self._recipe.crop_scale)
+        height, width = sample.image.shape[:2]
+        if min(height, width) < size_px:
+            raise UsageError(
+                f"{where}: expected a picture of at least {size_px} x {size_px} pixels to cut from, found "
+                f"{width} x {height}; give --cropping full or box, which scale, or a smaller --size-px"
+            )
+        while min(sample.image.shape[:2]) >= 2 * size_px:
             sample = halved(sample)
         return sample
 

@@ -58,8 +58,9 @@ class TrainConfig:
         loss_over: Pixels over which errors of maps are averaged: all of them, the mask, or its seen part.
         clip: Largest norm of the gradient; 0 for any.
         ema: Decay of the running mean of the weights that the checkpoint holds; 0 for none.
-        cropping: full: turned, scaled and shifted as the paper does. shift: squares of whole pixels out of pictures
-            that are larger than the input; much faster. none: their middle, in their own colours.
+        cropping: full: turned, scaled and shifted as the paper does. box: --crop-scale boxes of the face, a few percent
+            off, as when the network is used; much faster. shift: squares of whole pixels out of pictures that are
+            larger than the input, wherever faces are in them; as fast. none: their middle, in their own colours.
         crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
             the face's box; stored in the checkpoint.
         mirror: Mirror every other sample. The paper does not; refused where the model is not symmetric.

@@ -35,7 +35,7 @@ class ValidationSet:
     def __init__(self, shards: ShardIndex, recipe: Recipe, most: int = MOST_SAMPLES) -> None:
         self._shards = shards
         self._recipe = recipe
-        self._samples = SampleStore(shards, 0 if recipe.cropping == "full" else recipe.size_px)
+        self._samples = SampleStore(shards, recipe)
         by_person = shards.samples[np.argsort(shards.person[shards.samples], kind="stable")]
         self.numbers: Int64[ndarray, " n"] = np.sort(by_person[:most])
 

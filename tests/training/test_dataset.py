@@ -34,7 +34,7 @@ def assert_same(first, second):
         assert torch.equal(getattr(first, name), getattr(second, name)), name
 
 
-@pytest.mark.parametrize("cropping", ["full", "shift", "none"])
+@pytest.mark.parametrize("cropping", ["full", "box", "shift", "none"])
 def test_a_draw_is_the_same_whoever_computes_it(shards, cropping):
     recipe = replace(RECIPE, cropping=cropping)
     dataset, other = TripletDataset(shards, recipe), TripletDataset(shards, recipe, SharedCache(5, 10**7))
@@ -45,7 +45,7 @@ def test_a_draw_is_the_same_whoever_computes_it(shards, cropping):
     assert len(together) == 3
 
 
-@pytest.mark.parametrize("cropping", ["full", "shift"])
+@pytest.mark.parametrize("cropping", ["full", "box", "shift"])
 def test_each_pass_takes_every_sample_once_with_new_jitter(shards, cropping):
     still = TripletDataset(shards, replace(RECIPE, jitter=STILL, cropping="full" if cropping == "full" else "none"))
     pictures = [still[draw].image.numpy().tobytes() for draw in range(15)]
@@ -163,7 +163,7 @@ def test_a_dataset_travels_to_other_processes_without_its_open_files(shards):
     assert_same(copy[3], expected)
 
 
-@pytest.mark.parametrize("cropping", ["full", "shift"])
+@pytest.mark.parametrize("cropping", ["full", "box", "shift"])
 def test_a_sample_without_a_face_has_targets_of_background(tmp_path, cropping):
     model = small_head_model()
     seen = head_triplet(model, 0)
@@ -176,7 +176,7 @@ def test_a_sample_without_a_face_has_targets_of_background(tmp_path, cropping):
     assert batch.seen is None
 
 
-@pytest.mark.parametrize("cropping", ["full", "shift", "none"])
+@pytest.mark.parametrize("cropping", ["full", "box", "shift", "none"])
 def test_where_the_face_is_seen_comes_along(tmp_path, cropping):
     model = small_head_model()
     triplet = head_triplet(model, 0)

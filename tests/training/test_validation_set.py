@@ -14,7 +14,7 @@ def shards(shards_dir):
     return index_shards([shards_dir])
 
 
-@pytest.mark.parametrize("cropping", ["full", "shift", "none"])
+@pytest.mark.parametrize("cropping", ["full", "box", "shift", "none"])
 def test_it_is_the_same_list_however_it_is_batched(shards, cropping):
     recipe = replace(RECIPE, cropping=cropping)
     by_two, at_once = (
@@ -25,7 +25,7 @@ def test_it_is_the_same_list_however_it_is_batched(shards, cropping):
     assert torch.equal(torch.cat([batch.pncc for batch in by_two]), at_once[0].pncc)
 
 
-@pytest.mark.parametrize(("cropping", "size_px"), [("full", 64), ("shift", 64), ("none", 32)])
+@pytest.mark.parametrize(("cropping", "size_px"), [("full", 64), ("box", 64), ("shift", 64), ("none", 32)])
 def test_landmarks_lie_where_the_network_sees_them(shards, cropping, size_px):
     """The tip of the nose is where PNCC reaches furthest out of the face, in each crop."""
     found = ValidationSet(shards, replace(RECIPE, cropping=cropping, size_px=size_px))

@@ -1,0 +1,70 @@
+"""A sample cut once around its face's box: what ``--cropping box`` keeps, and cuts its squares of whole pixels from.
+
+Boxes that a network is given lie close to those of the landmarks (``pix2face.refined_detection`` sees to it), so how
+large a face is in its crop, and where, is known to a few percent. A network that has seen nothing else need not find
+it out.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy import ndarray
+
+from pix2face.crops import FaceBox, square_crop
+from training.batch_rows import BatchRow, resample
+from training.decoded_sample import DecodedSample
+
+# Room for the squares: they lie within half of it around the middle, 5 % of the face's box for a crop of 1.5 boxes.
+MARGIN_SHARE = 1 / 16
+# Boxes are larger or smaller by as much, evenly; a sample's own box is always so by the same factor.
+SIZE_SPREAD = 0.08
+_SIZE_STREAM = 0xB0C5
+
+
+def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale: float) -> DecodedSample:
+    """Resamples a sample to a square around its face.
+
+    Args:
+        sample: Of any size; its landmarks have a box.
+        number: Of the sample in its set, which decides by how much its box is changed.
+        size_px: Side of the squares to be cut from it; that of the result is larger by ``MARGIN_SHARE``.
+        crop_scale: Side of those, in units of the longer side of the box.
+    """
+    side_px = size_px + round(size_px * MARGIN_SHARE)
+    change = np.random.default_rng([_SIZE_STREAM, number]).uniform(1 - SIZE_SPREAD, 1 + SIZE_SPREAD)
+    crop = square_crop(FaceBox.around(sample.landmarks2d), crop_scale * change * side_px / size_px, side_px)
+    row = _empty_row(side_px, has_seen=sample.seen is not None)
+    resample(sample, crop, row)
+    top, bottom, left, right = _bounds(row.mask)
+    face = (slice(top, bottom), slice(left, right))
+    return replace(
+        sample,
+        image=row.image,
+        pncc=np.ascontiguousarray(row.pncc[face]),
+        offset=np.ascontiguousarray(row.offset[face]),
+        mask=np.ascontiguousarray(row.mask[face]),
+        seen=None if row.seen is None else np.ascontiguousarray(row.seen[face]),
+        corner=(left, top),
+        landmarks2d=crop.to_crop(sample.landmarks2d).astype(np.float32),
+    )
+
+
+def _empty_row(side_px: int, *, has_seen: bool) -> BatchRow:
+    def plane(dtype: type, *channels: int) -> ndarray:
+        return np.zeros((side_px, side_px, *channels), dtype)
+
+    return BatchRow(
+        image=plane(np.uint8, 3),
+        pncc=plane(np.int16, 3),
+        offset=plane(np.int16, 3),
+        mask=plane(np.uint8),
+        seen=plane(np.uint8) if has_seen else None,
+    )
+
+
+def _bounds(mask: ndarray) -> tuple[int, int, int, int]:
+    """First and last (exclusive) row and column of a mask; all 0 where it is empty."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return 0, 0, 0, 0
+    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
