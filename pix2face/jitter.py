@@ -13,7 +13,7 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int64, UInt8
+from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 from numpy import ndarray
 
 from pix2face.crops import Crop, FaceBox, centres_to_integers, crop_image, square_crop
@@ -25,6 +25,9 @@ from pix2face.face_maps import FaceMaps
 # edge it jumps by 3 mm. Ratios of 2 to 4 and limits of 1 and 2 mm differ by less than a tenth in the mean error.
 STEP_MM = 1.0
 STEP_RATIO = 3.0
+
+# Skin is about as bright, so a face stays as bright as it was while its contrast changes.
+CONTRAST_PIVOT = 0.45
 
 
 @final
@@ -38,6 +41,7 @@ class JitterRange:
         rotation_deg: Largest turn either way.
         gamma: Least and largest exponent on [0, 1].
         gain: Least gain of a channel relative to the strongest one.
+        contrast: Least and largest factor of a picture's distance from ``CONTRAST_PIVOT``. The paper has none.
         mirror: Whether every other sample is mirrored (``mirror_obstacle`` tells whether a model allows it). The
             paper does not.
     """
@@ -47,6 +51,7 @@ class JitterRange:
     rotation_deg: float = 20.0
     gamma: tuple[float, float] = (0.8, 1.2)
     gain: float = 0.8
+    contrast: tuple[float, float] = (1.0, 1.0)
     mirror: bool = False
 
 
@@ -61,6 +66,7 @@ class JitterParameters:
         rotation: Radians; positive turns the content anticlockwise as seen.
         gamma: Exponent on [0, 1].
         gains: Factors of red, green and blue, the largest of them 1.
+        contrast: Factor of the distance from ``CONTRAST_PIVOT``, before the gains.
         mirror: Whether left and right change places.
     """
 
@@ -69,11 +75,19 @@ class JitterParameters:
     rotation: float
     gamma: float
     gains: tuple[float, float, float]
+    contrast: float = 1.0
     mirror: bool = False
+
+    @property
+    def colour_table(self) -> Float64[ndarray, "256 3"]:
+        """What each byte of red, green and blue becomes, in [0, 1]."""
+        levels = np.linspace(0, 1, 256) ** self.gamma
+        levels = np.clip(CONTRAST_PIVOT + self.contrast * (levels - CONTRAST_PIVOT), 0, 1)
+        return np.outer(levels, self.gains)
 
 
 def draw_jitter(rng: np.random.Generator, limits: JitterRange) -> JitterParameters:
-    """Draws each quantity evenly from its range."""
+    """Draws each quantity evenly from its range (contrast: its logarithm)."""
     gains = rng.uniform(limits.gain, 1, 3)
     shift = rng.uniform(-limits.shift, limits.shift, 2)
     red, green, blue = (float(gain) for gain in gains / gains.max())
@@ -84,6 +98,8 @@ def draw_jitter(rng: np.random.Generator, limits: JitterRange) -> JitterParamete
         gamma=float(rng.uniform(*limits.gamma)),
         gains=(red, green, blue),
         mirror=limits.mirror and bool(rng.random() < 0.5),
+        # Last, so that sets without it are drawn as they always were.
+        contrast=1.0 if limits.contrast == (1.0, 1.0) else float(np.exp(rng.uniform(*np.log(limits.contrast)))),
     )
 
 
@@ -103,8 +119,7 @@ def jitter_image(image: UInt8[ndarray, "h w 3"], crop: Crop, jitter: JitterParam
     Returns:
         RGB in [0, 1].
     """
-    levels = np.linspace(0, 1, 256) ** jitter.gamma
-    table = np.outer(levels, jitter.gains).astype(np.float32)
+    table = jitter.colour_table.astype(np.float32)
     return np.asarray(cv2.LUT(crop_image(image, crop), table[None]), dtype=np.float32)
 
 

@@ -89,8 +89,7 @@ def resample(sample: DecodedSample, crop: Crop, row: BatchRow) -> None:
 
 def vary_colours(image: UInt8[ndarray, "s s 3"], jitter: JitterParameters) -> None:
     """Applies the gamma and gains of a draw to a picture in place: a look-up for each byte."""
-    levels = np.linspace(0, 1, LARGEST_BYTE + 1) ** jitter.gamma
-    table = np.rint(np.outer(levels, jitter.gains) * LARGEST_BYTE).astype(np.uint8)
+    table = np.rint(jitter.colour_table * LARGEST_BYTE).astype(np.uint8)
     cv2.LUT(image, table[None], dst=image)
 
 

@@ -25,7 +25,8 @@ PresetName = Literal["paper", "tiny", "cpu", "gpu"]
 # With equal weights offsets, whose scale is small beside PNCC's, stay at zero for 84,000 samples; from 4 on they move.
 # Masks are near their best within minutes, and need little.
 _WITH_MASKS = LossWeights(pncc=1.0, offset=4.0, mask=0.2, seen=0.2)
-_MIRRORED = JitterRange(mirror=True)
+# Real photographs differ more in contrast and brightness than renders do, and a look-up costs nothing.
+_PHOTOGRAPHS = JitterRange(gamma=(0.65, 1.5), gain=0.75, contrast=(0.75, 1.8), mirror=True)
 _PAPER_JITTER = JitterRange()
 _BFLOAT16: Precision = "bfloat16"
 
@@ -44,7 +45,7 @@ _CPU = Recipe(
     weights=_WITH_MASKS,
     clip=1.0,
     ema=0.999,
-    jitter=_MIRRORED,
+    jitter=_PHOTOGRAPHS,
 )
 
 PRESETS: Mapping[PresetName, Recipe] = MappingProxyType(
