@@ -43,6 +43,7 @@ class GeometryConfig:
         off_centre_shift: As a share of the longer side: at half the picture's border runs through the face.
         neutral_share: Of faces at rest (gaze and lids apart).
         emotion_share: Of faces that show one of ten emotions.
+        smile_share: Of those that smile, show joy or laugh, as people do before cameras.
         speech_share: Of faces that speak.
         extreme_share: Of grimaces: yawns, shouts, puffed cheeks, tongues. All others have a random small mixture.
         one_sided_share: Of emotions and grimaces that one half of the face shows much more than the other.
@@ -77,9 +78,10 @@ class GeometryConfig:
     off_centre_share: float = 0.05
     off_centre_shift: float = 0.5
     neutral_share: float = 0.15
-    emotion_share: float = 0.35
-    speech_share: float = 0.25
-    extreme_share: float = 0.08
+    emotion_share: float = 0.45
+    smile_share: float = 0.6
+    speech_share: float = 0.20
+    extreme_share: float = 0.06
     one_sided_share: float = 0.08
     asymmetry: float = 0.10
     gaze_share: float = 0.60
@@ -155,6 +157,7 @@ HARD_GEOMETRY = GeometryConfig(
     off_centre_share=0.2,
     neutral_share=0.05,
     emotion_share=0.35,
+    smile_share=0.3,
     speech_share=0.15,
     extreme_share=0.30,
     one_sided_share=0.2,

@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from datagen.sampling.configuration import GeometryConfig
 from datagen.sampling.limits import SIDES, limited
-from datagen.sampling.recipes import EMOTIONS, EXTREMES, MAYBE, SPEECH, Recipe
+from datagen.sampling.recipes import EMOTIONS, EXTREMES, MAYBE, SMILES, SPEECH, Recipe
 from pix2face.morphable_model import MorphableModel
 
 # The attribute of a sample that holds the strengths, as JSON.
@@ -94,7 +94,8 @@ def _draw_face(rng: np.random.Generator, config: GeometryConfig, names: Sequence
     if place == 0:
         return "neutral", {}
     if place == 1:
-        kind = str(rng.choice(list(EMOTIONS)))
+        is_smile = rng.random() < config.smile_share
+        kind = str(rng.choice([name for name in EMOTIONS if (name in SMILES) == is_smile]))
         recipe = dict(EMOTIONS[kind])
         for name, value in MAYBE[kind].items():
             if rng.random() < 0.5:

@@ -13,8 +13,15 @@ Recipe = Mapping[str, float]
 
 EMOTIONS: Mapping[str, Recipe] = {
     "smile": {"mouthSmile": 0.8, "cheekSquint": 0.4, "eyeSquint": 0.3, "mouthDimple": 0.25},
-    "joy": {"mouthSmile": 1.0, "cheekSquint": 0.8, "eyeSquint": 0.5, "mouthUpperUp": 0.35, "jawOpen": 0.15},
-    "laughter": {"mouthSmile": 1.0, "cheekSquint": 1.0, "eyeSquint": 0.7, "jawOpen": 0.5, "mouthUpperUp": 0.5},
+    "joy": {
+        "mouthSmile": 1.0,
+        "mouthUpperUp": 0.7,
+        "mouthLowerDown": 0.5,
+        "cheekSquint": 0.8,
+        "eyeSquint": 0.5,
+        "jawOpen": 0.2,
+    },
+    "laughter": {"mouthSmile": 1.0, "mouthUpperUp": 0.8, "cheekSquint": 1.0, "eyeSquint": 0.7, "jawOpen": 0.5},
     "anger": {"browDown": 1.0, "eyeSquint": 0.4, "noseSneer": 0.5, "mouthPress": 0.6, "mouthFrown": 0.4},
     "disgust": {"noseSneer": 1.0, "mouthUpperUp": 0.6, "browDown": 0.6, "cheekSquint": 0.5, "mouthFrown": 0.35},
     "fear": {"browInnerUp": 0.9, "browOuterUp": 0.5, "eyeWide": 0.8, "mouthStretch": 0.6, "jawOpen": 0.25},
@@ -24,10 +31,12 @@ EMOTIONS: Mapping[str, Recipe] = {
     "pain": {"browDown": 0.8, "cheekSquint": 0.9, "eyeSquint": 0.8, "noseSneer": 0.5, "mouthStretch": 0.45},
 }
 
+SMILES = ("smile", "joy", "laughter")
+
 # Shapes that are there as often as not, beside those above.
 MAYBE: Mapping[str, Recipe] = {
-    "smile": {"browOuterUp": 0.2, "mouthUpperUp": 0.2, "mouthStretch": 0.2},
-    "joy": {"mouthLowerDown": 0.3, "browInnerUp": 0.3, "mouthStretch": 0.25, "noseSneer": 0.15},
+    "smile": {"browOuterUp": 0.2, "mouthUpperUp": 0.6, "mouthLowerDown": 0.35, "jawOpen": 0.12, "mouthStretch": 0.2},
+    "joy": {"mouthLowerDown": 0.2, "browInnerUp": 0.3, "mouthStretch": 0.25, "noseSneer": 0.15},
     "laughter": {"mouthLowerDown": 0.45, "browDown": 0.3, "noseSneer": 0.3, "mouthStretch": 0.3},
     "anger": {"jawForward": 0.4, "mouthRollLower": 0.4, "mouthShrugLower": 0.5, "eyeWide": 0.3},
     "disgust": {"mouthShrugUpper": 0.3, "mouthLowerDown": 0.3, "eyeSquint": 0.5, "jawOpen": 0.2},

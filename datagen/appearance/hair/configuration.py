@@ -53,7 +53,7 @@ class HairConfig:
     vivid_share: float = 0.03
     highlights_share: float = 0.10
     grey_age_years: float = 58.0
-    brow_density: tuple[float, float] = (0.6, 1.2)
+    brow_density: tuple[float, float] = (0.75, 1.3)
     brow_thickness: tuple[float, float] = (0.75, 1.25)
     brow_shift_mm: float = 1.0
     no_brows_share: float = 0.01

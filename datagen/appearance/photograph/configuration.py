@@ -36,6 +36,8 @@ class PhotographConfig:
         white_balance: From and to: 0 leaves the colour of the light, 1 takes all of it for grey.
         white_balance_error: Standard deviation of the logarithm of the colour channels' gains.
         film_curve_share: Of pictures whose highlights roll off; in the others they are cut.
+        warmth: Median gain of red, and loss of blue: cameras and people keep skin warm.
+        median_contrast: Of the slope at middle grey beside that of the sRGB curve.
         contrast: Deviation of the logarithm of the contrast.
         gamma: Deviation of the logarithm of the exponent after the sRGB curve.
         saturation: Deviation of the logarithm of the saturation.
@@ -75,14 +77,16 @@ class PhotographConfig:
     bad_interlace: float = 0.25
     bad_posterised: float = 0.2
     bad_glare: float = 0.6
-    face_metering_share: float = 0.7
+    face_metering_share: float = 0.6
     metering_strength: tuple[float, float] = (0.65, 1.0)
-    exposure_error_ev: float = 0.35
+    exposure_error_ev: float = 0.45
     largest_exposure_error_ev: float = 1.6
     white_balance: tuple[float, float] = (0.2, 0.8)
     white_balance_error: float = 0.04
+    warmth: float = 0.05
     film_curve_share: float = 0.6
-    contrast: float = 0.12
+    median_contrast: float = 1.3
+    contrast: float = 0.18
     gamma: float = 0.08
     saturation: float = 0.15
     vignetting_share: float = 0.25
@@ -158,6 +162,8 @@ _LIMITS = (
     ("bad_defocus", 0.0, 0.1),
     ("bad_motion_length", 0.0, 0.3),
     ("largest_exposure_error_ev", 0.0, 4.0),
+    ("warmth", 0.0, 0.5),
+    ("median_contrast", 0.2, 5.0),
 )
 
 DEFAULT_PHOTOGRAPH = PhotographConfig()
@@ -169,7 +175,7 @@ HARD_PHOTOGRAPH = PhotographConfig(
     largest_exposure_error_ev=2.2,
     white_balance=(0.0, 0.9),
     white_balance_error=0.1,
-    contrast=0.22,
+    contrast=0.28,
     gamma=0.15,
     saturation=0.3,
     vignetting_share=0.4,

@@ -62,7 +62,7 @@ def _draw_lens(rng: np.random.Generator, config: PhotographConfig) -> Lens:
 
 
 def _draw_sensor(rng: np.random.Generator, config: PhotographConfig) -> Sensor:
-    red, blue = np.exp(rng.normal(0, config.white_balance_error, 2))
+    red, blue = np.exp(rng.normal((config.warmth, -config.warmth), config.white_balance_error))
     error = np.clip(rng.normal(0, config.exposure_error_ev), -1.2, 1.2)
     return Sensor(
         is_metered_on_face=bool(rng.random() < config.face_metering_share),
@@ -79,7 +79,7 @@ def _draw_sensor(rng: np.random.Generator, config: PhotographConfig) -> Sensor:
 def _draw_tone(rng: np.random.Generator, config: PhotographConfig) -> Tone:
     drawn = Tone(
         roll_off=_round(rng.uniform(0.4, 1.0)) if rng.random() < config.film_curve_share else 0.0,
-        contrast=_round(np.exp(np.clip(rng.normal(0.05, config.contrast), -0.5, 0.6))),
+        contrast=_round(config.median_contrast * np.exp(np.clip(rng.normal(0, config.contrast), -0.5, 0.5))),
         gamma=_round(np.exp(np.clip(rng.normal(0, config.gamma), -0.35, 0.4))),
         saturation=_round(np.exp(np.clip(rng.normal(0, config.saturation), -1.0, 0.7))),
     )

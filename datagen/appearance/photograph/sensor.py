@@ -14,6 +14,10 @@ from datagen.appearance.photograph.noise import noise_window
 MIDDLE_GREY = 0.24
 # Cameras make dark scenes brighter and bright ones darker by at most so much.
 LARGEST_GAIN = 24.0
+# Brightest channel over darkest one, linear light, of what may be a grey thing in coloured light.
+LARGEST_RATIO_OF_GREY = 2.5
+# Of the picture: less of it says nothing about the light.
+LEAST_GREY = 0.03
 # Tone curves are tabulated up to this many times white, by the square root.
 _BRIGHTEST = 4.0
 _STEPS = 4096
@@ -29,7 +33,7 @@ class Sensor:
         is_metered_on_face: Exposure goes by the face, where there is one; otherwise by the whole picture.
         metering_strength: 0 takes light as it is, 1 makes all pictures equally bright.
         exposure_error_ev: Stops beyond what the meter says.
-        white_balance: 0 leaves the colour of the light, 1 takes the picture's mean for grey.
+        white_balance: 0 leaves the colour of the light, 1 takes the mean of what may be grey for grey.
         gains: Of red, green and blue, beside that: how wrong it is.
         noise: Standard deviation at middle grey, 1 is white.
         read_noise_share: Of the noise's variance at middle grey that is there in the dark already.
@@ -76,7 +80,7 @@ def sense(
     sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"], rng: np.random.Generator
 ) -> Float32[ndarray, "h w 3"]:
     """Exposes: linear light, white at 1, with noise, its colour balanced."""
-    gains = _white_balance(sensor, light)
+    gains = _white_balance(sensor, light, face)
     # A sixteenth of the pixels says well enough how bright a picture is.
     few, few_of_face = light[::4, ::4], face[::4, ::4]
     metered = few[few_of_face] if sensor.is_metered_on_face and few_of_face.any() else few.reshape(-1, 3)
@@ -114,11 +118,18 @@ def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
     return np.asarray(np.rint(255 * (settings.lift + (1 - settings.lift) * value)), dtype=np.uint8)
 
 
-def _white_balance(sensor: Sensor, light: Float32[ndarray, "h w 3"]) -> Float32[ndarray, "3"]:
-    mean = np.maximum(cv2.mean(light)[:3], 1e-6)
+def _white_balance(
+    sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"]
+) -> Float32[ndarray, "3"]:
+    # Skin, foliage and a green wall are no grey: taken for grey, they turn faces blue and purple.
+    few = light[::4, ::4]
+    is_grey = ~face[::4, ::4] & (few.max(axis=2) < LARGEST_RATIO_OF_GREY * few.min(axis=2))
+    if np.count_nonzero(is_grey) < LEAST_GREY * is_grey.size:
+        return np.asarray(sensor.gains, dtype=np.float32)
+    mean = np.maximum(few[is_grey].mean(axis=0), 1e-6)
     gains = (mean[1] / mean) ** sensor.white_balance * np.asarray(sensor.gains)
     # No camera takes the light of a candle for white.
-    return np.asarray(np.clip(gains, 0.4, 2.5), dtype=np.float32)
+    return np.asarray(np.clip(gains, 0.5, 2.0), dtype=np.float32)
 
 
 def _metered_gain(sensor: Sensor, metered: Float32[ndarray, "n 3"]) -> float:

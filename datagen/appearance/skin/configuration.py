@@ -73,7 +73,7 @@ class SkinConfig:
     pupil: Range = (0.2, 0.5)
     odd_eyes_share: float = 0.012
     redness: Range = (0.0, 0.35)
-    yellow_teeth: Range = (0.0, 0.75)
+    yellow_teeth: Range = (0.0, 0.55)
     gap_share: float = 0.12
     missing_tooth_share: float = 0.015
     gold_tooth_share: float = 0.012

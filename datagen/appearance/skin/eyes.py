@@ -132,7 +132,7 @@ def draw_eyes(rng: np.random.Generator, config: SkinConfig, person: Person) -> E
 def draw_mouth(rng: np.random.Generator, config: SkinConfig, person: Person) -> Mouth:
     """Draws teeth and tongue."""
     yellow = np.clip(rng.uniform(*config.yellow_teeth) + 0.003 * (person.age_years - 40), 0, 1)
-    value = rng.uniform(0.52, 0.72) * (1 - 0.35 * yellow)
+    value = rng.uniform(0.6, 0.82) * (1 - 0.35 * yellow)
     has_gap, missing, gold = rng.random(3) < [config.gap_share, config.missing_tooth_share, config.gold_tooth_share]
     sides = rng.choice([-1, 1], size=2)
     braces = config.braces_share * (1.0 if person.age_years < 22 else 0.2)

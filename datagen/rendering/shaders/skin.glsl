@@ -250,9 +250,10 @@ Surface inside_of_mouth(Surface s, vec2 uv, vec3 place, float lips) {
     // Lips go on inside; behind them it grows dark.
     vec3 lip = skin_colour(0.8 * skin_tone.x, skin_tone.y + 0.35);
     albedo = is_teeth || is_tongue ? albedo : mix(albedo, lip, lips * 0.8);
-    float light = is_socket ? 0.7 : exp(-depth / mix(10.0, 22.0, skin_mouth_open)) * mix(0.9, 1.0, lips);
+    float light = is_socket ? 0.7 : exp(-depth / mix(14.0, 26.0, skin_mouth_open)) * mix(0.9, 1.0, lips);
     s.albedo = clamp(albedo * mix(0.06, 1.0, light), 0.003, 0.9);
-    s.occlusion *= mix(0.1, 1.0, light);
+    // The occlusion is that of shut lips; a smile leaves the front teeth in the open.
+    s.occlusion = is_teeth ? mix(s.occlusion, 1.0, 0.8) * mix(0.2, 1.0, light) : s.occlusion * mix(0.1, 1.0, light);
     s.roughness = (is_gold || metal > 0.5) && is_teeth ? 0.25 : rough;
     s.reflectance = (is_gold || metal > 0.5) && is_teeth ? 0.4 * light : 0.04 * light;
     s.scatter = is_teeth ? 0.3 : 0.7;

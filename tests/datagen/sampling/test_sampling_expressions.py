@@ -57,7 +57,7 @@ def test_models_whose_shapes_have_other_names_get_random_mixtures_of_them() -> N
 
 def test_kinds_have_their_shares() -> None:
     kinds = Counter(expression.kind.partition("/")[0] for expression in drawn(1500))
-    expected = {"neutral": 0.15, "emotion": 0.35, "speech": 0.25, "extreme": 0.08, "mixture": 0.17}
+    expected = {"neutral": 0.15, "emotion": 0.45, "speech": 0.20, "extreme": 0.06, "mixture": 0.14}
     assert kinds.keys() == expected.keys()
     for kind, share in expected.items():
         assert abs(kinds[kind] / 1500 - share) < 0.04

@@ -113,18 +113,40 @@ def test_cameras_expose_for_the_face_where_there_is_one() -> None:
         assert abs(brightness.mean() - MIDDLE_GREY) < tolerance
     on_all = sense(Sensor(is_metered_on_face=False), light, face, rng())
     on_face = sense(Sensor(is_metered_on_face=True), light, face, rng())
-    nowhere = sense(Sensor(is_metered_on_face=True), light, np.zeros_like(face), rng())
+    blind = Sensor(is_metered_on_face=True, white_balance=0.0)
+    nowhere = sense(blind, light, np.zeros_like(face), rng())
     assert on_all[face].mean() < 0.5 * on_face[face].mean()
-    np.testing.assert_allclose(nowhere, on_all, rtol=1e-5)
+    np.testing.assert_allclose(nowhere, sense(replace(blind, is_metered_on_face=False), light, face, rng()), rtol=1e-5)
     one_stop = sense(Sensor(is_metered_on_face=False, exposure_error_ev=1.0), light, face, rng())
     np.testing.assert_allclose(one_stop, 2 * on_all, rtol=1e-5)
 
 
 def test_white_balance_takes_the_colour_of_the_light_away() -> None:
-    light = scene() * np.array([1.3, 1.0, 0.5], dtype=np.float32)
+    grey = np.repeat(scene()[..., :1], 3, axis=-1)
+    light = grey * np.array([1.3, 1.0, 0.7], dtype=np.float32)
     balanced = sense(Sensor(metering_strength=0.0, white_balance=1.0), light, face_of(light), rng())
-    mean = balanced.mean(axis=(0, 1))
-    np.testing.assert_allclose(mean, mean[1], rtol=1e-4)
+    np.testing.assert_allclose(balanced, balanced[..., 1:2].repeat(3, axis=-1), rtol=1e-4)
+
+
+@pytest.mark.parametrize("wall", [(0.05, 0.6, 0.1), (0.7, 0.5, 0.02)])
+def test_a_coloured_wall_is_not_taken_for_grey(wall: tuple[float, float, float]) -> None:
+    light = np.full((HEIGHT, WIDTH, 3), wall, dtype=np.float32)
+    face = face_of(light)
+    light[face] = (0.5, 0.3, 0.2)
+    light[:10] = 0.3
+    balanced = sense(Sensor(metering_strength=0.0, white_balance=1.0), light, face, rng())
+    np.testing.assert_allclose(balanced[face].mean(axis=0), (0.5, 0.3, 0.2), rtol=1e-4)
+
+
+def test_skin_is_not_taken_for_grey() -> None:
+    """A face that fills most of the picture keeps its colour, whatever the balance."""
+    light = scene()
+    face = np.zeros(light.shape[:2], dtype=bool)
+    face[4:-4, 4:-4] = True
+    light[face] = (0.5, 0.3, 0.2)
+    light[~face] = 0.3
+    balanced = sense(Sensor(metering_strength=0.0, white_balance=1.0), light, face, rng())
+    np.testing.assert_allclose(balanced[face].mean(axis=0), (0.5, 0.3, 0.2), rtol=1e-4)
 
 
 @given(
