@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, final
 
@@ -14,6 +14,8 @@ from torch import Tensor, nn
 
 from pix2face.crops import INFERENCE_SCALE
 from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.landmark_file import with_vertices
+from pix2face.morphable_model import MorphableModel
 from pix2face.networks.architectures import build_network
 from pix2face.networks.paper import MAP_PLANES, paper_widths
 from pix2face.runs import CHECKPOINT_NAME
@@ -42,6 +44,7 @@ class CheckpointHeader:
         crop_scale: Side of the crop that the network is given of a face, in units of the longer side of its box.
         architecture: One of ``networks.architectures.ARCHITECTURES``.
         planes: Of the output: 6, or 7 with the mask's logit after them, or 8 with that of the seen part, too.
+        landmarks: For schemes whose vertices were chosen on fits to this network's own maps, those vertices.
         schema_version: Layout of the file.
     """
 
@@ -59,6 +62,7 @@ class CheckpointHeader:
     crop_scale: float = INFERENCE_SCALE
     architecture: str = "paper"
     planes: int = MAP_PLANES
+    landmarks: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
 
     @property
@@ -78,6 +82,8 @@ class CheckpointHeader:
         if known["schema_version"] == 1:  # the paper's network was the only one, told by its first level
             known |= {"widths": paper_widths(known["size_px"], known.pop("filters")), "schema_version": SCHEMA_VERSION}
         known["widths"] = tuple(int(width) for width in known.get("widths", ()))
+        chosen = dict(known.get("landmarks", {}))
+        known["landmarks"] = {str(scheme): tuple(map(int, vertices)) for scheme, vertices in chosen.items()}
         return cls(**known)
 
     def check_model(self, name: str, sha256: str) -> None:
@@ -92,6 +98,18 @@ class CheckpointHeader:
                 f"({self.model_sha256[:12]}), the one in use is {name!r} ({sha256[:12]}); "
                 "choose the former with --model, or another checkpoint with --checkpoint"
             )
+
+    def with_own_landmarks(self, model: MorphableModel) -> MorphableModel:
+        """The model with the network's own choice of landmarks in place of the model's, where it has one.
+
+        Raises:
+            ModelMismatchError: The network was trained for another model.
+            UsageError: The model has no such vertex.
+        """
+        self.check_model(model.name, model.sha256)
+        for scheme, vertices in self.landmarks.items():
+            model = with_vertices(model, scheme, vertices)
+        return model
 
 
 def save_checkpoint(

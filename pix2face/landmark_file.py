@@ -1,6 +1,7 @@
 """Landmarks of a model chosen by the user: a JSON file that says which vertex is which (docs/file_formats.md)."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -8,7 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
-from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.images import read_bytes
 from pix2face.landmark_selection import LandmarkSelection
 from pix2face.landmarks import SCHEMES
@@ -113,8 +114,19 @@ def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
             f"{path}: landmarks of the model {choice.model_name} ({choice.model_sha256[:12]}), found "
             f"{model.name} ({model.sha256[:12]}); choose them again with `pix2face landmarks select`"
         )
-    vertices = np.array(choice.vertices)
-    if not ((vertices >= 0) & (vertices < len(model.mean))).all():
-        raise InputFileError(f"{path}: expected vertices of 0 to {len(model.mean) - 1}, found {vertices.max()}")
-    landmarks = MappingProxyType({**model.landmarks, choice.scheme: vertices.astype(np.int32)})
-    return replace(model, landmarks=landmarks)
+    try:
+        return with_vertices(model, choice.scheme, choice.vertices)
+    except UsageError as error:
+        raise InputFileError(f"{path}: {error}") from error
+
+
+def with_vertices(model: MorphableModel, scheme: str, vertices: Sequence[int]) -> MorphableModel:
+    """The model with other vertices for the landmarks of a scheme.
+
+    Raises:
+        UsageError: It has no such vertex.
+    """
+    chosen = np.array(vertices)
+    if not ((chosen >= 0) & (chosen < len(model.mean))).all():
+        raise UsageError(f"expected vertices of 0 to {len(model.mean) - 1}, found {chosen.max()}")
+    return replace(model, landmarks=MappingProxyType({**model.landmarks, scheme: chosen.astype(np.int32)}))

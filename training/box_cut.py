@@ -1,8 +1,8 @@
 """A sample cut once around its face's box: what ``--cropping box`` keeps, and cuts its squares of whole pixels from.
 
 Boxes that a network is given lie close to those of the landmarks (``pix2face.refined_detection`` sees to it), so how
-large a face is in its crop, and where, is known to a few percent. A network that has seen nothing else need not find
-it out.
+large a face is in its crop, and where, is known to a few percent. A network that has seen little else need not find
+it out. The rest of the samples teach it what to make of the first box, which a detector drew.
 """
 
 from dataclasses import replace
@@ -18,7 +18,9 @@ from training.decoded_sample import DecodedSample
 MARGIN_SHARE = 1 / 16
 # Boxes are larger or smaller by as much, evenly; a sample's own box is always so by the same factor.
 SIZE_SPREAD = 0.08
-_SIZE_STREAM = 0xB0C5
+# A first box by a detector is farther off: of so many samples by as much in size, and in place in units of the box.
+ROUGH_SHARE, ROUGH_SIZE_SPREAD, ROUGH_SHIFT = 0.25, 0.30, 0.15
+_BOX_STREAM = 0xB0C5
 
 
 def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale: float) -> DecodedSample:
@@ -31,8 +33,12 @@ def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale:
         crop_scale: Side of those, in units of the longer side of the box.
     """
     side_px = size_px + round(size_px * MARGIN_SHARE)
-    change = np.random.default_rng([_SIZE_STREAM, number]).uniform(1 - SIZE_SPREAD, 1 + SIZE_SPREAD)
-    crop = square_crop(FaceBox.around(sample.landmarks2d), crop_scale * change * side_px / size_px, side_px)
+    rng = np.random.default_rng([_BOX_STREAM, number])
+    is_rough = rng.random() < ROUGH_SHARE
+    spread = ROUGH_SIZE_SPREAD if is_rough else SIZE_SPREAD
+    scale = crop_scale * rng.uniform(1 - spread, 1 + spread) * side_px / size_px
+    right, down = rng.uniform(-ROUGH_SHIFT, ROUGH_SHIFT, 2) if is_rough else (0.0, 0.0)
+    crop = square_crop(FaceBox.around(sample.landmarks2d), scale, side_px, shift=(float(right), float(down)))
     row = _empty_row(side_px, has_seen=sample.seen is not None)
     resample(sample, crop, row)
     top, bottom, left, right = _bounds(row.mask)

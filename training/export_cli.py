@@ -1,7 +1,7 @@
 """The command ``train export``: a checkpoint in, a release out."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, final
 
@@ -11,6 +11,7 @@ from rich.console import Console
 
 from pix2face.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.command_line import prepare_output_folder, say
+from pix2face.landmark_file import load_landmarks
 from training.model_card import model_card
 
 WEIGHTS_NAME, CARD_NAME, ONNX_NAME = "checkpoint.safetensors", "README.md", "network.onnx"
@@ -27,6 +28,8 @@ class ExportConfig:
     """Folder of the release."""
     report: tuple[Path, ...] = ()
     """Reports of `evaluate` (JSON), whose errors the model card quotes."""
+    landmarks: Path | None = None
+    """Landmarks that `pix2face landmarks select` chose on this network's fits: the release brings them along."""
     onnx: bool = True
     """Write the network as ONNX, too (extra: onnx)."""
 
@@ -35,6 +38,10 @@ def export(config: Annotated[ExportConfig, tyro.conf.arg(name="")]) -> int:
     """Write the weights as float16 safetensors, a model card, and the same weights as ONNX."""
     console = Console(stderr=True)
     header, network = load_checkpoint(config.checkpoint)
+    if config.landmarks is not None:
+        choice = load_landmarks(config.landmarks)
+        header.check_model(choice.model_name, choice.model_sha256)
+        header = replace(header, landmarks={**header.landmarks, choice.scheme: choice.vertices})
     prepare_output_folder(config.out)
     weights = config.out / WEIGHTS_NAME
     save_checkpoint(weights, header, network, torch.float16)

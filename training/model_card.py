@@ -59,6 +59,8 @@ def _what_it_is(header: CheckpointHeader, weights: Path) -> str:
         "architecture": f"{header.architecture}, filters {'-'.join(str(width) for width in header.widths)}",
         "morphable model": f"{header.model_name}, SHA-256 {header.model_sha256}",
         "scales": f"PNCC {header.pncc_scale_mm:g} mm, offset {header.offset_scale_mm:g} mm",
+        "landmarks": ", ".join(f"{scheme}: vertices chosen on its fits" for scheme in header.landmarks)
+        or "those of the morphable model",
         "trained on": f"{header.samples:,} pictures, {header.epoch} epochs",
         "weights": f"{weights.name}, {weights.stat().st_size / 1e6:.1f} MB, SHA-256 {_sha256(weights)}",
     }

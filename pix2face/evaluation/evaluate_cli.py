@@ -62,7 +62,8 @@ class EvaluateConfig:
         oracle: Measure the model fitted to the truth instead: how much of an error is the model's.
         out: Folder for the report; default is out/evaluate-SPLIT.
         model: "builtin" or a model file: the one that the checkpoint was trained for.
-        landmarks: Which vertices the landmarks are: a file of pix2face landmarks select in place of the model's own.
+        landmarks: Which vertices the landmarks are: a file of pix2face landmarks select. Without it those that the
+            checkpoint chooses, or else the model's own.
         truth: Which of several truths is meant (aflw2000-3d: original or reannotated); default is the benchmark's own.
         reannotated: File of re-annotated landmarks; default is one beside the pictures.
         boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face.
@@ -241,6 +242,7 @@ def _subject_options(config: EvaluateConfig) -> SubjectOptions:
         regularisation=config.regularisation,
         reprojection_rounds=config.reprojection_rounds,
         crop_scale=config.crop_scale,
+        has_landmarks=config.landmarks is not None,
     )
 
 

@@ -54,6 +54,7 @@ class SubjectOptions:
         regularisation: Tikhonov weight of the coefficients in mm^2; None estimates it for each face.
         reprojection_rounds: Of the fit.
         crop_scale: Of the crop that the network is given; None is the checkpoint's own.
+        has_landmarks: Whether the model's landmarks were asked for; otherwise a checkpoint may bring its own.
     """
 
     checkpoint: Path | None
@@ -66,6 +67,7 @@ class SubjectOptions:
     regularisation: float | None
     reprojection_rounds: int = 0
     crop_scale: float | None = None
+    has_landmarks: bool = False
 
 
 def open_subject(
@@ -105,6 +107,8 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
     if options.crop_scale is not None:
         predictor = predictor.with_crop_scale(options.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
+    if not options.has_landmarks:
+        model = predictor.header.with_own_landmarks(model)
     subject = NetworkSubject(
         predictor,
         partial(_fit, model, options),
@@ -119,6 +123,9 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         "crop": f"{predictor.header.crop_scale:g} of the box's longer side",
         "fit": f"{options.camera} camera, regularisation {_in_words(options.regularisation)}, "
         f"{options.reprojection_rounds} rounds of reprojection",
+        "landmarks": "vertices that the checkpoint brings along"
+        if predictor.header.landmarks and not options.has_landmarks
+        else "vertices of the model",
         "hashes": {"checkpoint": sha256(checkpoint.read_bytes()).hexdigest()},
         "checkpoint_header": header,
     }

@@ -17,7 +17,7 @@ from pix2face.fitting.face_fit import FaceFit
 from pix2face.fitting.picture_measurement import CameraKind
 from pix2face.fitting.reprojection import MOST_ROUNDS
 from pix2face.landmark_file import open_model_with
-from pix2face.morphable_model import BUILTIN_MODEL
+from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel
 from pix2face.photographs.interface import Pix2Face
 from pix2face.predictor import Prediction
 
@@ -32,7 +32,8 @@ class FaceOptions:
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
     landmarks: Path | None = None
-    """Which vertices the landmarks are: a file of ``pix2face landmarks select`` in place of the model's own."""
+    """Which vertices the landmarks are: a file of ``pix2face landmarks select``. Without it those that the checkpoint
+    chooses, or else the model's own."""
     device: str | None = None
     """Torch device, such as cpu or cuda; default is a GPU where there is one."""
     box: tuple[float, float, float, float] | None = None
@@ -70,7 +71,9 @@ class FaceOptions:
             Pix2FaceError: As ``Pix2Face.load`` and ``read_box_file``.
         """
         detects = self.box is None and self.boxes is None
-        model = open_model_with(self.model, self.landmarks) if needs_model or (detects and self.refine) else None
+        model: MorphableModel | str | None = None
+        if needs_model or (detects and self.refine):
+            model = self.model if self.landmarks is None else open_model_with(self.model, self.landmarks)
         box_file = None if self.boxes is None else read_box_file(self.boxes)
         try:
             pix2face = Pix2Face.load(self.checkpoint, model, self.device, self.detector, self.refine)

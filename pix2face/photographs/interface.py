@@ -75,7 +75,8 @@ class Pix2Face:
 
         Args:
             checkpoint: What training wrote; None takes the packaged one, or else the last below ``runs/``.
-            model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
+            model: ``builtin``, or the path of a model file, with the landmarks that the checkpoint chooses, if it does;
+                or a model, as it is; None where maps are all that is wanted.
             device: Name of a torch device; None takes a GPU where there is one.
             detector: Name of a face detector, one of ``pix2face.detection.DETECTORS``.
             refine: As in the class.
@@ -86,8 +87,9 @@ class Pix2Face:
             UsageError: No checkpoint was named, and there is none to take instead; or no such detector or device.
         """
         path = default_checkpoint() if checkpoint is None else Path(checkpoint)
-        opened = open_model(model) if isinstance(model, str) else model
-        return cls(Predictor.load(path, device), opened, open_detector(detector), refine)
+        predictor = Predictor.load(path, device)
+        opened = predictor.header.with_own_landmarks(open_model(model)) if isinstance(model, str) else model
+        return cls(predictor, opened, open_detector(detector), refine)
 
     def find_faces(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
         """The boxes of the faces in a photograph, largest first; empty where there is none.

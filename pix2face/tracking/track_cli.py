@@ -68,7 +68,8 @@ class TrackConfig:
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
     landmarks: Path | None = None
-    """Which vertices the landmarks are: a file of ``pix2face landmarks select`` in place of the model's own."""
+    """Which vertices the landmarks are: a file of ``pix2face landmarks select``. Without it those that the checkpoint
+    chooses, or else the model's own."""
     device: str | None = None
     """Torch device, such as cpu or cuda; default is a GPU where there is one."""
     detector: str = "lbp-quick"
@@ -105,6 +106,8 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     source = open_frames(config.video)
     model = open_model_with(config.model, config.landmarks)
     predictor = Predictor.load(config.checkpoint or default_checkpoint(), config.device)
+    if config.landmarks is None:
+        model = predictor.header.with_own_landmarks(model)
     predictor.header.check_model(model.name, model.sha256)
     slides_jaw = config.contour == "2d"
     fitter = FrameFitter(predictor, model, config.camera, config.regularisation, config.refine, slides_jaw)

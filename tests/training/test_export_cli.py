@@ -1,6 +1,7 @@
 """A trained checkpoint becomes a release: half the size, the same maps, a card with the figures of a report."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,9 @@ import torch
 
 from pix2face.checkpoint import CheckpointHeader, load_checkpoint, save_checkpoint
 from pix2face.crops import FaceBox
+from pix2face.errors import UsageError
+from pix2face.landmark_file import save_landmarks
+from pix2face.landmark_selection import LandmarkSelection
 from pix2face.networks.residual import ResidualUNet, residual_widths
 from pix2face.predictor import Predictor
 from tests.pix2face.evaluation_calls import MODEL, run, stored_report, write_ibug
@@ -51,6 +55,20 @@ def test_weights_of_half_the_size_predict_the_same(checkpoint, tmp_path):
     both = whole.maps.mask & half.maps.mask
     assert (whole.maps.mask ^ half.maps.mask).mean() < 0.02
     np.testing.assert_allclose(half.maps.pncc[both], whole.maps.pncc[both], atol=2.0)
+
+
+def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
+    chosen = (MODEL.landmarks["ibug68"].astype(int) + 1) % len(MODEL.mean)
+    selection = LandmarkSelection(chosen, *(np.zeros(68) for _ in range(2)), np.ones(68, int), chosen[None])
+    save_landmarks(tmp_path / "landmarks.json", MODEL, "ibug68", selection, {})
+    landmarks = ["--landmarks", str(tmp_path / "landmarks.json")]
+    assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx", *landmarks]) == 0
+    header, _ = load_checkpoint(tmp_path / "release" / "checkpoint.safetensors")
+    np.testing.assert_array_equal(header.with_own_landmarks(MODEL).landmarks["ibug68"], chosen)
+    np.testing.assert_array_equal(HEADER.with_own_landmarks(MODEL).landmarks["ibug68"], MODEL.landmarks["ibug68"])
+    assert "chosen on its fits" in (tmp_path / "release" / "README.md").read_text()
+    with pytest.raises(UsageError, match="expected vertices of 0 to"):
+        replace(header, landmarks={"ibug68": (10**6,)}).with_own_landmarks(MODEL)
 
 
 def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path):
