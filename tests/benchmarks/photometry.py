@@ -1,0 +1,85 @@
+"""Brightness, contrast and colour of faces in pictures: of synthetic ones beside those of photographs.
+
+    python -m tests.benchmarks.photometry SHARDS... [--where CONDITION] [--most 1000] [--out photometry.json]
+
+Shards of photographs are what `datagen render` makes of coefficients with their pictures. A face is its mask, where it
+is seen if the shards say so (of photographs, hair over the forehead counts as face). Faces of fewer than 200 pixels are
+left out, and pictures without colour from the figures of colour.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from pix2face.sample_filter import SampleFilter
+from pix2face.shards.shard_reader import ShardReader, shard_paths
+from tests.benchmarks.surroundings import surroundings
+
+LEAST_PIXELS = 200
+# Bytes by which a channel must lead.
+LEAD = 2
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+def face_colours(folder: Path, where: str, most: int) -> Float64[ndarray, "n 4"]:
+    """Mean red, green and blue of each face, and the deviation of its pixels (the mean over the channels), bytes."""
+    chosen, found = SampleFilter(where, "--where") if where else None, []
+    for path in shard_paths(folder):
+        with ShardReader(path) as reader:
+            for index, attributes in enumerate(reader.attributes()):
+                if chosen is not None and not chosen.passes(reader.sample_ids[index], attributes):
+                    continue
+                layers = reader.triplet(index).layers
+                face = layers["mask"].astype(bool) & (layers.get("seen", layers["mask"]) > 0)
+                if np.count_nonzero(face) < LEAST_PIXELS:
+                    continue
+                pixels = reader.image(index)[face].astype(np.float64)
+                found.append([*pixels.mean(axis=0), pixels.std(axis=0).mean()])
+                if len(found) == most:
+                    return np.array(found)
+    return np.array(found).reshape(-1, 4)
+
+
+def summarise(faces: Float64[ndarray, "n 4"]) -> dict[str, Any]:
+    """Quantiles of brightness, contrast and warmth, and the shares of odd colours."""
+    red, green, blue, deviation = faces.T
+    coloured = np.abs(red - blue) >= LEAD
+
+    def quantiles(values: Float64[ndarray, " n"]) -> list[float]:
+        return [round(float(value), 2) for value in np.quantile(values, QUANTILES)]
+
+    return {
+        "faces": len(faces),
+        "without colour": round(1 - float(coloured.mean()), 4),
+        "brightness": quantiles(faces[:, :3].mean(axis=1)),
+        "deviation within the face": quantiles(deviation),
+        "red over blue": quantiles((red / np.maximum(blue, 1))[coloured]),
+        "more blue than red": round(float((blue > red + LEAD).mean()), 4),
+        "more blue than green": round(float((blue > green + LEAD).mean()), 4),
+        "more green than red": round(float((green > red + LEAD).mean()), 4),
+    }
+
+
+def main() -> None:
+    """Measures each folder and writes the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("shards", type=Path, nargs="+")
+    parser.add_argument("--where", default="")
+    parser.add_argument("--most", type=int, default=1000)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    measured = {str(folder): summarise(face_colours(folder, options.where, options.most)) for folder in options.shards}
+    text = json.dumps({"quantiles": QUANTILES, "sets": measured, **surroundings()}, indent=1)
+    sys.stdout.write(text + "\n")
+    if options.out:
+        options.out.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
