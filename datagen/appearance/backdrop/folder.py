@@ -10,6 +10,7 @@ from numpy import ndarray
 from PIL import Image, UnidentifiedImageError
 
 from pix2face.errors import InputFileError
+from pix2face.images import read_bytes
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 # A picture is read at a half, a quarter or an eighth of its size where that is still fine enough.
@@ -52,7 +53,7 @@ def read_crop(
         width: Columns wanted.
 
     Raises:
-        InputFileError: The picture is gone, or its end cannot be read.
+        InputFileError: The picture is gone, or breaks off.
     """
     path = Path(folder) / name
     picture = _read(path, min(side * crop[2] for side in _size(path)) / max(height, width))
@@ -79,7 +80,8 @@ def _size(path: Path) -> tuple[int, int]:
 def _read(path: Path, finer: float) -> UInt8[ndarray, "h w 3"]:
     """Reads a picture that is so many times finer than what is wanted."""
     flags = next((flag for factor, flag in _REDUCED.items() if finer >= factor), cv2.IMREAD_COLOR)
-    picture = cv2.imread(str(path), flags)
+    # Not by imread, which fills up with grey what is missing of a JPEG.
+    picture = cv2.imdecode(np.frombuffer(read_bytes(path), dtype=np.uint8), flags)
     if picture is None:
         raise InputFileError(
             f"{path}: expected a picture for backdrops, found one that breaks off; take it out of the folder"

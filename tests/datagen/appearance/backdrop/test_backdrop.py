@@ -214,13 +214,23 @@ def test_folders_and_files_that_cannot_be_used_are_named(tmp_path: Path) -> None
         drawn(0, BackdropConfig(folder=str(broken), folder_share=1.0))
 
 
-def test_a_file_that_breaks_off_is_named_when_it_is_read(tmp_path: Path) -> None:
-    noise = np.random.default_rng(0).integers(0, 255, (80, 80, 3)).astype(np.uint8)
-    whole = cv2.imencode(".png", noise)[1].tobytes()
-    (tmp_path / "half.png").write_bytes(whole[: len(whole) // 2])
-    assert list_pictures(str(tmp_path)) == ("half.png",)
-    with pytest.raises(InputFileError, match=r"half\.png"):
-        read_crop(str(tmp_path), "half.png", (0.0, 0.0, 1.0), 20, 20)
+@pytest.mark.parametrize("side", [20, 400])  # read at an eighth of its size, and whole
+@pytest.mark.parametrize(
+    ("name", "flags"),
+    [("half.png", []), ("half.jpg", []), ("half.jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])],
+    ids=["png", "jpeg", "progressive jpeg"],
+)
+def test_a_file_that_breaks_off_is_named_when_it_is_read(
+    name: str, flags: list[int], side: int, tmp_path: Path
+) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (480, 480, 3)).astype(np.uint8)
+    whole = cv2.imencode(Path(name).suffix, noise, flags)[1].tobytes()
+    (tmp_path / name).write_bytes(whole)
+    assert read_crop(str(tmp_path), name, (0.0, 0.0, 1.0), side, side).shape == (side, side, 3)
+    (tmp_path / name).write_bytes(whole[: len(whole) // 2])
+    assert list_pictures(str(tmp_path)) == (name,)
+    with pytest.raises(InputFileError, match=rf"{name}: expected a picture for backdrops, found one that breaks off"):
+        read_crop(str(tmp_path), name, (0.0, 0.0, 1.0), side, side)
 
 
 def test_what_is_behind_fits_the_light() -> None:
