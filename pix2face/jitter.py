@@ -114,7 +114,7 @@ def jitter_image(image: UInt8[ndarray, "h w 3"], crop: Crop, jitter: JitterParam
     Args:
         image: RGB.
         crop: Where to look; beyond the border it is black.
-        jitter: Gamma and gains; its scale, shift and rotation are already in ``crop``.
+        jitter: Gamma, contrast and gains; its scale, shift and rotation are already in ``crop``.
 
     Returns:
         RGB in [0, 1].

@@ -1,8 +1,8 @@
 """A sample into its place of a batch: the part of it that is taken, mirrored or not, its colours varied.
 
 Two ways. ``resample`` turns and scales as the paper does, a sample at a time with linear interpolation; for sets of
-whole photographs. ``cut`` takes a square of whole pixels out of pictures that were made as crops of faces, and moves
-bytes only: fifteen times as fast.
+whole photographs. ``cut`` takes a square of whole pixels out of pictures that were made as crops of faces, or cut to
+one (``box_cut``), and moves bytes only: fifteen times as fast.
 """
 
 from dataclasses import dataclass

@@ -7,8 +7,8 @@ optimiser, jitter and schedule. It differs in size (64 px, so two levels less, a
 pictures, in larger batches (fewer, cheaper steps) and in bfloat16 arithmetic. In equal time 64 px come out well ahead
 of 128 px, because so short a training is limited by the number of pictures seen (docs/training.md).
 
-``cpu`` trains a network worth having on two CPU cores, in hours; ``gpu`` a sharper one on a GPU. Both take the residual
-network, which also answers where the face is and where it is seen.
+``cpu`` trains a network worth having on two CPU cores, in half an hour or, with more ``--samples``, in hours; ``gpu`` a
+sharper one on a GPU. Both take the residual network, which also answers where the face is and where it is seen.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ PresetName = Literal["paper", "tiny", "cpu", "gpu"]
 # With equal weights offsets, whose scale is small beside PNCC's, stay at zero for 84,000 samples; from 4 on they move.
 # Masks are near their best within minutes, and need little.
 _WITH_MASKS = LossWeights(pncc=1.0, offset=4.0, mask=0.2, seen=0.2)
-# Real photographs differ more in contrast and brightness than renders do, and a look-up costs nothing.
+# Faces in photographs have more contrast than in renders (docs/picture_defects.md), and a look-up costs nothing.
 _PHOTOGRAPHS = JitterRange(gamma=(0.65, 1.5), gain=0.75, contrast=(0.75, 1.8), mirror=True)
 _PAPER_JITTER = JitterRange()
 _BFLOAT16: Precision = "bfloat16"

@@ -38,7 +38,7 @@ class TrainConfig:
             cpu: 128 px, residual network, half an hour on two idle cores. gpu: the same network at 256 px.
         init: A checkpoint whose weights are started from. Fully convolutional networks (residual) go on at any size:
             most pictures can be seen small first.
-        epochs: Passes after each of which a checkpoint is written.
+        epochs: Of --epoch-size pictures each; a checkpoint is written after each.
         epoch_size: Pictures an epoch, drawn over and over with ever new jitter; whole batches, rounded up.
         samples: Pictures of the whole training, instead of epochs; rounded up to whole epochs of the same size.
         batch_size: Pictures a step, over all processes.

@@ -24,7 +24,8 @@ MOST_SAMPLES = 512
 class ValidationSet:
     """Samples of persons that are not trained on (``shard_index.split_off``).
 
-    They are cut as at inference where the recipe resamples crops, else from the middle of the picture.
+    They are cut as at inference where the recipe crops in full, else from the middle: of the square around their boxes
+    (``box_cut``), or of the picture.
 
     Args:
         shards: The samples held out.
