@@ -44,7 +44,7 @@ class SubjectOptions:
     """What to measure.
 
     Attributes:
-        checkpoint: What training wrote; None takes the last one.
+        checkpoint: What training wrote; None takes the packaged one, or else the last below runs/.
         predictions: File of another system's landmarks instead.
         frame: Where that has its pixel centres.
         oracle: Fit the model to the truth instead.

@@ -72,7 +72,7 @@ class Backdrop:
         level: Factor of the light, for what is not an environment.
         blur: Radius out of focus, as a share of the picture's width.
         file: Of a photograph, relative to the folder.
-        crop: As ``backdrop_folder.read_crop``.
+        crop: As ``folder.read_crop``.
         is_mirrored: Of a photograph.
         people: Others behind.
         n_people: How many.
