@@ -5,6 +5,7 @@ are in the model frame and keep their values. Only a mirrored crop changes them:
 
 Source: Crispell and Bazik 2017, Sec. 3.2; ranges of the authors' code.
 Deviation from the authors' code: gamma acts on [0, 1]; there it acted on 0 to 255.
+Deviation from the paper: contrast, and mirrored samples, where a range asks for them.
 """
 
 from collections.abc import Sequence

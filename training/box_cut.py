@@ -3,6 +3,8 @@
 Boxes that a network is given lie close to those of the landmarks (``pix2face.refined_detection`` sees to it), so how
 large a face is in its crop, and where, is known to a few percent. A network that has seen little else need not find
 it out. The rest of the samples teach it what to make of the first box, which a detector drew.
+
+Deviation from the paper: which takes a crop of another scale, place and turn for each draw.
 """
 
 from dataclasses import replace
