@@ -1,4 +1,4 @@
-"""Random variation of a training sample: crop, gamma and colour balance, the same for picture and maps.
+"""Random variation of a training sample: crop, gamma, contrast and colour balance, the same for picture and maps.
 
 One implementation for render time and training time. The turned or enlarged crop moves pixels only: PNCC and offset
 are in the model frame and keep their values. Only a mirrored crop changes them: it shows the mirrored face.
