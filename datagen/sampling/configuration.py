@@ -3,12 +3,10 @@
 docs/sampling.md says what comes of them.
 """
 
-import math
-from dataclasses import dataclass, fields
-from itertools import pairwise
-from typing import final
+from dataclasses import dataclass
+from typing import Annotated, final
 
-from pix2face.errors import UsageError
+from datagen.configuration_limits import FromZero, Limits, Range, Share, check_limits, check_parts
 
 
 @final
@@ -55,86 +53,52 @@ class GeometryConfig:
     """
 
     is_plain: bool = False
-    extreme_identity_share: float = 0.12
-    extreme_identity: tuple[float, float] = (1.8, 2.7)
-    identity_spread: float = 1.0
-    wide_yaw_share: float = 0.40
-    wide_yaw_deg: tuple[float, float] = (25.0, 95.0)
-    any_yaw_share: float = 0.10
-    largest_yaw_deg: float = 110.0
-    frontal_yaw_deg: float = 20.0
-    pitch_deg: float = 14.0
-    wide_pitch_share: float = 0.08
-    largest_pitch_deg: float = 60.0
-    roll_deg: float = 12.0
-    turned_share: float = 0.03
-    distances_mm: tuple[float, float, float, float] = (250.0, 600.0, 2500.0, 8000.0)
-    distance_shares: tuple[float, float, float] = (0.25, 0.50, 0.25)
-    off_axis_deg: float = 6.0
-    largest_off_axis_deg: float = 20.0
-    picture_per_box: tuple[float, float] = (1.2, 2.0)
-    shift: float = 0.06
-    largest_shift: float = 0.2
-    off_centre_share: float = 0.05
-    off_centre_shift: float = 0.5
-    neutral_share: float = 0.15
-    emotion_share: float = 0.45
-    smile_share: float = 0.6
-    speech_share: float = 0.20
-    extreme_share: float = 0.06
-    one_sided_share: float = 0.08
-    asymmetry: float = 0.10
-    gaze_share: float = 0.60
-    shut_share: float = 0.06
-    wink_share: float = 0.015
-    half_shut_share: float = 0.10
+    extreme_identity_share: Share = 0.12
+    extreme_identity: Annotated[Range, Limits(0, 5)] = (1.8, 2.7)
+    identity_spread: Annotated[float, Limits(0, 1.3)] = 1.0
+    wide_yaw_share: Share = 0.40
+    wide_yaw_deg: Annotated[Range, Limits(0, 120)] = (25.0, 95.0)
+    any_yaw_share: Share = 0.10
+    largest_yaw_deg: Annotated[float, Limits(0, 120)] = 110.0
+    frontal_yaw_deg: FromZero = 20.0
+    pitch_deg: FromZero = 14.0
+    wide_pitch_share: Share = 0.08
+    largest_pitch_deg: Annotated[float, Limits(0, 80)] = 60.0
+    roll_deg: FromZero = 12.0
+    turned_share: Share = 0.03
+    # Nearer, hair would reach behind the camera.
+    distances_mm: Annotated[tuple[float, float, float, float], Limits(250, 100_000)] = (250.0, 600.0, 2500.0, 8000.0)
+    distance_shares: Annotated[tuple[float, float, float], Limits(0, 1, is_whole=True)] = (0.25, 0.50, 0.25)
+    off_axis_deg: FromZero = 6.0
+    largest_off_axis_deg: Annotated[float, Limits(0, 40)] = 20.0
+    picture_per_box: Annotated[Range, Limits(0.5, 10)] = (1.2, 2.0)
+    shift: FromZero = 0.06
+    largest_shift: Annotated[float, Limits(0, 1)] = 0.2
+    off_centre_share: Share = 0.05
+    off_centre_shift: Annotated[float, Limits(0, 1)] = 0.5
+    neutral_share: Share = 0.15
+    emotion_share: Share = 0.45
+    smile_share: Share = 0.6
+    speech_share: Share = 0.20
+    extreme_share: Share = 0.06
+    one_sided_share: Share = 0.08
+    asymmetry: Annotated[float, Limits(0, 0.5)] = 0.10
+    gaze_share: Share = 0.60
+    shut_share: Share = 0.06
+    wink_share: Share = 0.015
+    half_shut_share: Share = 0.10
 
     def check(self) -> None:
-        """Refuses values that nothing can be drawn from.
+        """Refuses numbers that nothing can be drawn from.
 
         Raises:
             UsageError: Names the first field that is wrong, what was expected of it and what was found.
         """
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name.endswith("_share"):
-                _expect(0 <= value <= 1, field.name, "a share, 0 to 1", value)
-            elif isinstance(value, float):
-                _expect(math.isfinite(value) and value >= 0, field.name, "a number from 0", value)
-        for name, low, high in _RANGES:
-            _check_range(name, getattr(self, name), low, high)
-        for name, low, high in _LIMITS:
-            value = getattr(self, name)
-            _expect(low <= value <= high, name, f"{low:g} to {high:g}", value)
-        shares = self.distance_shares
-        is_whole = len(shares) == 3 and min(shares) >= 0 and math.isclose(sum(shares), 1, abs_tol=1e-6)
-        _expect(is_whole, "distance_shares", "three shares that sum to 1", shares)
-        for names in _PARTS_OF_A_WHOLE:
-            total = sum(getattr(self, name) for name in names)
-            _expect(total <= 1 + 1e-9, names[0], f"at most 1 together with {', '.join(names[1:])}", round(total, 6))
+        check_limits("geometry", self)
+        check_parts("geometry", self, "wide_yaw_share", "any_yaw_share")
+        check_parts("geometry", self, "neutral_share", "emotion_share", "speech_share", "extreme_share")
+        check_parts("geometry", self, "shut_share", "wink_share", "half_shut_share")
 
-
-# Fields that are ascending numbers, and what they may reach.
-_RANGES = (
-    ("extreme_identity", 0.0, 5.0),
-    ("wide_yaw_deg", 0.0, 120.0),
-    ("distances_mm", 250.0, 100_000.0),  # nearer, hair would reach behind the camera
-    ("picture_per_box", 0.5, 10.0),
-)
-_LIMITS = (
-    ("identity_spread", 0.0, 1.3),
-    ("largest_yaw_deg", 0.0, 120.0),
-    ("largest_pitch_deg", 0.0, 80.0),
-    ("largest_off_axis_deg", 0.0, 40.0),
-    ("largest_shift", 0.0, 1.0),
-    ("off_centre_shift", 0.0, 1.0),
-    ("asymmetry", 0.0, 0.5),
-)
-_PARTS_OF_A_WHOLE = (
-    ("wide_yaw_share", "any_yaw_share"),
-    ("neutral_share", "emotion_share", "speech_share", "extreme_share"),
-    ("shut_share", "wink_share", "half_shut_share"),
-)
 
 DEFAULT_GEOMETRY = GeometryConfig()
 PLAIN_GEOMETRY = GeometryConfig(is_plain=True)
@@ -166,14 +130,3 @@ HARD_GEOMETRY = GeometryConfig(
     wink_share=0.05,
     half_shut_share=0.15,
 )
-
-
-def _check_range(name: str, values: tuple[float, ...], low: float, high: float) -> None:
-    is_ascending = all(a <= b for a, b in pairwise(values))
-    wanted = f"ascending numbers from {low:g} to {high:g}"
-    _expect(is_ascending and low <= values[0] and values[-1] <= high, name, wanted, values)
-
-
-def _expect(is_so: bool, name: str, wanted: str, found: object) -> None:
-    if not is_so:
-        raise UsageError(f"geometry: {name}: expected {wanted}, found {found}")

@@ -1,9 +1,9 @@
 """How often people wear what."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import final
 
-from pix2face.errors import UsageError
+from datagen.configuration_limits import Share, check_limits, check_parts
 
 
 @final
@@ -28,36 +28,29 @@ class AccessoriesConfig:
         least_visible: Share of the face that stays visible at least, 0..1, seen from ahead and from 45° to both sides.
     """
 
-    glasses: float = 0.20
-    sunglasses: float = 0.04
-    goggles: float = 0.01
-    beard: float = 0.30
-    headwear: float = 0.10
-    mask: float = 0.03
-    hand: float = 0.07
-    held: float = 0.03
-    thing: float = 0.05
-    jewellery: float = 0.35
-    sound: float = 0.04
-    scarf: float = 0.06
-    pattern: float = 0.25
-    least_visible: float = 0.40
+    glasses: Share = 0.20
+    sunglasses: Share = 0.04
+    goggles: Share = 0.01
+    beard: Share = 0.30
+    headwear: Share = 0.10
+    mask: Share = 0.03
+    hand: Share = 0.07
+    held: Share = 0.03
+    thing: Share = 0.05
+    jewellery: Share = 0.35
+    sound: Share = 0.04
+    scarf: Share = 0.06
+    pattern: Share = 0.25
+    least_visible: Share = 0.40
 
     def check(self) -> None:
-        """Checks every share.
+        """Refuses numbers that nothing can be drawn from.
 
         Raises:
-            UsageError: One is no share, or those of glasses exceed 1 together.
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
         """
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not 0 <= value <= 1:
-                raise UsageError(f"accessories.{field.name}: expected a share from 0 to 1, found {value}")
-        if self.glasses + self.sunglasses > 1:
-            raise UsageError(
-                "accessories.glasses, accessories.sunglasses: expected shares whose sum is at most 1, "
-                f"found {self.glasses} and {self.sunglasses}"
-            )
+        check_limits("accessories", self)
+        check_parts("accessories", self, "glasses", "sunglasses")
 
 
 # The preset ``hard``: what hides faces, often.

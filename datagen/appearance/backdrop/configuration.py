@@ -1,11 +1,9 @@
 """What stands behind heads, and how often."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
-from pix2face.errors import UsageError
-
-Range = tuple[float, float]
+from datagen.configuration_limits import FromZero, Limits, Range, Share, check_limits, check_weights
 
 
 @final
@@ -29,37 +27,30 @@ class BackdropConfig:
         most_people: How many at most; 0 for none.
     """
 
-    same_environment_weight: float = 0.45
-    other_environment_weight: float = 0.15
-    pattern_weight: float = 0.32
-    plain_weight: float = 0.08
+    same_environment_weight: FromZero = 0.45
+    other_environment_weight: FromZero = 0.15
+    pattern_weight: FromZero = 0.32
+    plain_weight: FromZero = 0.08
     folder: str = ""
-    folder_share: float = 0.6
-    widened_share: float = 0.6
-    widest_view_deg: float = 100.0
-    blur: Range = (0.002, 0.05)
-    sharp_share: float = 0.3
-    brightness: Range = (0.4, 2.2)
-    people_share: float = 0.06
-    most_people: int = 3
+    folder_share: Share = 0.6
+    widened_share: Share = 0.6
+    widest_view_deg: Annotated[float, Limits(10, 150)] = 100.0
+    blur: Annotated[Range, Limits(0, 0.5, is_open=True)] = (0.002, 0.05)
+    sharp_share: Share = 0.3
+    brightness: Annotated[Range, Limits(0, 10, is_open=True)] = (0.4, 2.2)
+    people_share: Share = 0.06
+    most_people: Annotated[int, Limits(0, 3)] = 3
 
     def check(self) -> None:
-        """Raises UsageError where a number makes no sense, naming it."""
-        weights = [getattr(self, name) for name in _WEIGHTS]
-        for name, weight in zip(_WEIGHTS, weights, strict=True):
-            _expect(name, weight >= 0, "0 or more", weight)
-        _expect("same_environment_weight to plain_weight", sum(weights) > 0, "one above 0", weights)
-        for name in ("folder_share", "widened_share", "sharp_share", "people_share"):
-            value = getattr(self, name)
-            _expect(name, 0 <= value <= 1, "0 to 1", value)
-        _expect("widest_view_deg", 10 <= self.widest_view_deg <= 150, "10 to 150", self.widest_view_deg)
-        for name, largest in (("blur", 0.5), ("brightness", 10.0)):
-            low, high = getattr(self, name)
-            _expect(name, 0 < low <= high <= largest, f"0 < low <= high <= {largest}", [low, high])
-        _expect("most_people", 0 <= self.most_people <= 3, "0 to 3", self.most_people)
+        """Refuses numbers that nothing can be drawn from.
 
+        Raises:
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
+        """
+        check_limits("backdrop", self)
+        kinds = ("same_environment", "other_environment", "pattern", "plain")
+        check_weights("backdrop", self, *(f"{kind}_weight" for kind in kinds))
 
-_WEIGHTS = ("same_environment_weight", "other_environment_weight", "pattern_weight", "plain_weight")
 
 # Seldom calm, seldom out of focus.
 HARD_BACKDROP = BackdropConfig(
@@ -71,10 +62,3 @@ HARD_BACKDROP = BackdropConfig(
     brightness=(0.1, 3.0),
     people_share=0.2,
 )
-
-
-def _expect(name: str, holds: bool, expected: str, found: object) -> None:
-    if not holds:
-        raise UsageError(
-            f"backdrop.{name}: expected {expected}, found {found}; change it in the file of the appearance"
-        )

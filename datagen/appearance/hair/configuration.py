@@ -1,9 +1,9 @@
 """How often which hair, brows and lashes are drawn."""
 
-from dataclasses import dataclass, fields
-from typing import final
+from dataclasses import dataclass
+from typing import Annotated, final
 
-from pix2face.errors import UsageError
+from datagen.configuration_limits import FromZero, Limits, Range, Share, check_limits
 
 
 @final
@@ -38,43 +38,36 @@ class HairConfig:
         mascara_share: Of women; a twentieth of it for men.
     """
 
-    no_mesh_share: float = 0.24
-    over_face_share: float = 0.15
-    covering_factor: float = 0.6
-    mirrored_share: float = 0.5
-    cap_share: float = 0.15
-    cut_share: float = 0.4
-    length: tuple[float, float] = (0.6, 1.1)
-    volume: tuple[float, float] = (0.75, 1.25)
-    sway_mm: float = 6.0
-    density: tuple[float, float] = (0.8, 1.15)
-    thinning_share: float = 0.4
-    dyed_share: float = 0.12
-    vivid_share: float = 0.03
-    highlights_share: float = 0.10
-    grey_age_years: float = 58.0
-    brow_density: tuple[float, float] = (0.75, 1.3)
-    brow_thickness: tuple[float, float] = (0.75, 1.25)
-    brow_shift_mm: float = 1.0
-    no_brows_share: float = 0.01
-    joined_brows_share: float = 0.04
-    dyed_brows_share: float = 0.08
-    mascara_share: float = 0.5
+    no_mesh_share: Share = 0.24
+    over_face_share: Share = 0.15
+    covering_factor: FromZero = 0.6
+    mirrored_share: Share = 0.5
+    cap_share: Share = 0.15
+    cut_share: Share = 0.4
+    length: Annotated[Range, Limits(0, is_open=True)] = (0.6, 1.1)
+    volume: Annotated[Range, Limits(0, is_open=True)] = (0.75, 1.25)
+    sway_mm: FromZero = 6.0
+    density: Annotated[Range, Limits(0, is_open=True)] = (0.8, 1.15)
+    thinning_share: Share = 0.4
+    dyed_share: Share = 0.12
+    vivid_share: Share = 0.03
+    highlights_share: Share = 0.10
+    grey_age_years: FromZero = 58.0
+    brow_density: Annotated[Range, Limits(0, is_open=True)] = (0.75, 1.3)
+    brow_thickness: Annotated[Range, Limits(0, is_open=True)] = (0.75, 1.25)
+    brow_shift_mm: FromZero = 1.0
+    no_brows_share: Share = 0.01
+    joined_brows_share: Share = 0.04
+    dyed_brows_share: Share = 0.08
+    mascara_share: Share = 0.5
 
     def check(self) -> None:
-        """Refuses shares outside 0..1, ranges that run backward and factors below 0.
+        """Refuses numbers that nothing can be drawn from.
 
         Raises:
-            UsageError: Naming the first such field.
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
         """
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, tuple):
-                if not 0 < value[0] <= value[1]:
-                    raise UsageError(f"hair.{field.name}: expected two rising numbers above 0, found {list(value)}")
-            elif not 0 <= value <= (1 if field.name.endswith("_share") else float("inf")):
-                wanted = "a share from 0 to 1" if field.name.endswith("_share") else "a number from 0"
-                raise UsageError(f"hair.{field.name}: expected {wanted}, found {value}")
+        check_limits("hair", self)
 
 
 HARD_HAIR = HairConfig(

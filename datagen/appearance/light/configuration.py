@@ -1,11 +1,9 @@
 """What kinds of light there are, and how often."""
 
-from dataclasses import dataclass, fields
-from typing import final
+from dataclasses import dataclass
+from typing import Annotated, final
 
-from pix2face.errors import UsageError
-
-Range = tuple[float, float]
+from datagen.configuration_limits import FromZero, Limits, Range, Share, check_limits, check_weights
 
 
 @final
@@ -35,54 +33,36 @@ class LightConfig:
         gobo_share: How often a lamp before the face shines through blinds, leaves or a window's bars.
     """
 
-    soft_weight: float = 0.55
-    directional_weight: float = 0.25
-    studio_weight: float = 0.10
-    backlit_weight: float = 0.04
-    silhouette_weight: float = 0.015
-    night_weight: float = 0.045
-    harsh_setup_share: float = 0.35
-    mixture_share: float = 0.3
-    illuminance: Range = (0.45, 1.5)
-    backlit_illuminance: Range = (0.2, 0.6)
-    silhouette_illuminance: Range = (0.06, 0.18)
-    night_illuminance: Range = (0.15, 0.45)
-    key_share: Range = (0.35, 0.9)
-    largest_lamp: float = 6.0
-    saturation: Range = (0.3, 1.2)
-    white_balance: Range = (0.3, 1.0)
-    lamp_temperature_k: Range = (2500.0, 10000.0)
-    tilt_deg: float = 7.0
-    gobo_share: float = 0.03
+    soft_weight: FromZero = 0.55
+    directional_weight: FromZero = 0.25
+    studio_weight: FromZero = 0.10
+    backlit_weight: FromZero = 0.04
+    silhouette_weight: FromZero = 0.015
+    night_weight: FromZero = 0.045
+    harsh_setup_share: Share = 0.35
+    mixture_share: Share = 0.3
+    illuminance: Annotated[Range, Limits(0, 8, is_open=True)] = (0.45, 1.5)
+    backlit_illuminance: Annotated[Range, Limits(0, 8, is_open=True)] = (0.2, 0.6)
+    silhouette_illuminance: Annotated[Range, Limits(0, 8, is_open=True)] = (0.06, 0.18)
+    night_illuminance: Annotated[Range, Limits(0, 8, is_open=True)] = (0.15, 0.45)
+    key_share: Annotated[Range, Limits(0, 1)] = (0.35, 0.9)
+    largest_lamp: FromZero = 6.0
+    saturation: Annotated[Range, Limits(0, 3)] = (0.3, 1.2)
+    white_balance: Annotated[Range, Limits(0, 1)] = (0.3, 1.0)
+    lamp_temperature_k: Annotated[Range, Limits(1000, 40000)] = (2500.0, 10000.0)
+    tilt_deg: FromZero = 7.0
+    gobo_share: Share = 0.03
 
     def check(self) -> None:
-        """Raises UsageError where a number makes no sense, naming it."""
-        weights = [field.name for field in fields(self) if field.name.endswith("_weight")]
-        for name in [*weights, "tilt_deg", "largest_lamp"]:
-            _expect(name, getattr(self, name) >= 0, "0 or more", getattr(self, name))
-        _expect("soft_weight to night_weight", sum(getattr(self, name) for name in weights) > 0, "one above 0", "none")
-        for name in ("harsh_setup_share", "mixture_share", "gobo_share"):
-            value = getattr(self, name)
-            _expect(name, 0 <= value <= 1, "0 to 1", value)
-        for name, largest in _RANGES.items():
-            low, high = getattr(self, name)
-            _expect(name, 0 <= low <= high <= largest, f"[low, high] in 0 to {largest:g}", [low, high])
-        for name in ("illuminance", "backlit_illuminance", "silhouette_illuminance", "night_illuminance"):
-            _expect(name, getattr(self, name)[0] > 0, "more than 0", getattr(self, name))
-        low, high = self.lamp_temperature_k
-        _expect("lamp_temperature_k", 1000 <= low <= high, "[low, high] from 1000", [low, high])
+        """Refuses numbers that nothing can be drawn from.
 
+        Raises:
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
+        """
+        check_limits("light", self)
+        weights = ("soft", "directional", "studio", "backlit", "silhouette", "night")
+        check_weights("light", self, *(f"{kind}_weight" for kind in weights))
 
-_RANGES = {
-    "illuminance": 8.0,
-    "backlit_illuminance": 8.0,
-    "silhouette_illuminance": 8.0,
-    "night_illuminance": 8.0,
-    "key_share": 1.0,
-    "saturation": 3.0,
-    "white_balance": 1.0,
-    "lamp_temperature_k": 40000.0,
-}
 
 # Rarer things more often, extremes wider.
 HARD_LIGHT = LightConfig(
@@ -105,8 +85,3 @@ HARD_LIGHT = LightConfig(
     tilt_deg=12.0,
     gobo_share=0.2,
 )
-
-
-def _expect(name: str, holds: bool, expected: str, found: object) -> None:
-    if not holds:
-        raise UsageError(f"light.{name}: expected {expected}, found {found}; change it in the file of the appearance")

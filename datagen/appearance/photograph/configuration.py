@@ -1,10 +1,9 @@
 """How often lens, sensor, processing and file do what to a synthetic photograph."""
 
-import math
-from dataclasses import dataclass, fields
-from typing import final
+from dataclasses import dataclass
+from typing import Annotated, final
 
-from pix2face.errors import UsageError
+from datagen.configuration_limits import FromZero, Limits, Range, Share, check_limits, check_parts, check_weights
 
 
 @final
@@ -63,78 +62,63 @@ class PhotographConfig:
         letterbox_share: Of pictures in a frame: bars on two opposite sides.
     """
 
-    bad_share: float = 0.2
-    second_fault_share: float = 0.2
-    bad_exposure: float = 1.0
-    bad_colour: float = 0.8
-    bad_focus: float = 1.0
-    bad_motion: float = 1.0
-    bad_noise: float = 1.0
-    bad_resolution: float = 1.8
-    bad_file: float = 1.0
-    bad_film: float = 0.7
-    bad_screen: float = 0.25
-    bad_interlace: float = 0.25
-    bad_posterised: float = 0.2
-    bad_glare: float = 0.6
-    face_metering_share: float = 0.6
-    metering_strength: tuple[float, float] = (0.65, 1.0)
-    exposure_error_ev: float = 0.45
-    largest_exposure_error_ev: float = 1.6
-    white_balance: tuple[float, float] = (0.2, 0.8)
-    white_balance_error: float = 0.04
-    warmth: float = 0.05
-    film_curve_share: float = 0.6
-    median_contrast: float = 1.3
-    contrast: float = 0.18
-    gamma: float = 0.08
-    saturation: float = 0.15
-    vignetting_share: float = 0.25
-    defocus: float = 0.0015
-    bad_defocus: tuple[float, float] = (0.006, 0.020)
-    bad_motion_length: tuple[float, float] = (0.02, 0.07)
-    chromatic_aberration_share: float = 0.10
-    bloom_share: float = 0.12
-    noise: float = 0.006
-    bad_noise_deviation: tuple[float, float] = (0.025, 0.09)
-    resolution_px: tuple[float, float] = (38.0, 120.0)
-    monochrome_share: float = 0.06
-    toned_share: float = 0.25
-    smoothed_share: float = 0.04
-    sharpened_share: float = 0.25
-    overlay_share: float = 0.03
-    jpeg_quality: tuple[float, float] = (65.0, 98.0)
-    bad_jpeg_quality: tuple[float, float] = (30.0, 50.0)
-    twice_jpeg_share: float = 0.25
-    border_share: float = 0.25
-    largest_border: float = 0.4
-    letterbox_share: float = 0.02
+    bad_share: Share = 0.2
+    second_fault_share: Share = 0.2
+    bad_exposure: FromZero = 1.0
+    bad_colour: FromZero = 0.8
+    bad_focus: FromZero = 1.0
+    bad_motion: FromZero = 1.0
+    bad_noise: FromZero = 1.0
+    bad_resolution: FromZero = 1.8
+    bad_file: FromZero = 1.0
+    bad_film: FromZero = 0.7
+    bad_screen: FromZero = 0.25
+    bad_interlace: FromZero = 0.25
+    bad_posterised: FromZero = 0.2
+    bad_glare: FromZero = 0.6
+    face_metering_share: Share = 0.6
+    metering_strength: Annotated[Range, Limits(0, 1)] = (0.65, 1.0)
+    exposure_error_ev: FromZero = 0.45
+    largest_exposure_error_ev: Annotated[float, Limits(0, 4)] = 1.6
+    white_balance: Annotated[Range, Limits(0, 1)] = (0.2, 0.8)
+    white_balance_error: FromZero = 0.04
+    warmth: Annotated[float, Limits(0, 0.5)] = 0.05
+    film_curve_share: Share = 0.6
+    median_contrast: Annotated[float, Limits(0.2, 5)] = 1.3
+    contrast: FromZero = 0.18
+    gamma: FromZero = 0.08
+    saturation: FromZero = 0.15
+    vignetting_share: Share = 0.25
+    defocus: FromZero = 0.0015
+    bad_defocus: Annotated[Range, Limits(0, 0.1)] = (0.006, 0.020)
+    bad_motion_length: Annotated[Range, Limits(0, 0.3)] = (0.02, 0.07)
+    chromatic_aberration_share: Share = 0.10
+    bloom_share: Share = 0.12
+    noise: FromZero = 0.006
+    bad_noise_deviation: Annotated[Range, Limits(0)] = (0.025, 0.09)
+    resolution_px: Annotated[Range, Limits(8, 16384)] = (38.0, 120.0)
+    monochrome_share: Share = 0.06
+    toned_share: Share = 0.25
+    smoothed_share: Share = 0.04
+    sharpened_share: Share = 0.25
+    overlay_share: Share = 0.03
+    jpeg_quality: Annotated[Range, Limits(1, 100)] = (65.0, 98.0)
+    bad_jpeg_quality: Annotated[Range, Limits(1, 100)] = (30.0, 50.0)
+    twice_jpeg_share: Share = 0.25
+    border_share: Share = 0.25
+    largest_border: Annotated[float, Limits(0, 0.45)] = 0.4
+    letterbox_share: Share = 0.02
 
     def check(self) -> None:
-        """Refuses values that nothing can be drawn from.
+        """Refuses numbers that nothing can be drawn from.
 
         Raises:
             UsageError: Names the first field that is wrong, what was expected of it and what was found.
         """
-        for field in fields(self):
-            value = getattr(self, field.name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            if not all(math.isfinite(number) and number >= 0 for number in numbers):
-                raise UsageError(f"photograph: {field.name}: expected numbers from 0, found {value}")
-            if isinstance(value, tuple) and (len(value) != 2 or value[0] > value[1]):
-                raise UsageError(f"photograph: {field.name}: expected two ascending numbers, found {value}")
-            if field.name.endswith("_share") and value > 1:
-                raise UsageError(f"photograph: {field.name}: expected a share, 0 to 1, found {value}")
-        for name, low, high in _LIMITS:
-            value = getattr(self, name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            if not (low <= min(numbers) and max(numbers) <= high):
-                raise UsageError(f"photograph: {name}: expected {low:g} to {high:g}, found {value}")
-        if self.border_share + self.letterbox_share > 1:
-            total = self.border_share + self.letterbox_share
-            raise UsageError(f"photograph: border_share: expected at most 1 with letterbox_share, found {total:g}")
-        if self.bad_share and not any(getattr(self, f"bad_{name}") for name in FAULTS):
-            raise UsageError("photograph: bad_share: expected a fault with a weight above 0, found none")
+        check_limits("photograph", self)
+        check_parts("photograph", self, "border_share", "letterbox_share")
+        if self.bad_share:
+            check_weights("photograph", self, *(f"bad_{name}" for name in FAULTS))
 
 
 # What a bad picture can be bad in: ``bad_NAME`` is its weight.
@@ -151,19 +135,6 @@ FAULTS = (
     "interlace",
     "posterised",
     "glare",
-)
-_LIMITS = (
-    ("jpeg_quality", 1.0, 100.0),
-    ("bad_jpeg_quality", 1.0, 100.0),
-    ("resolution_px", 8.0, 16384.0),
-    ("largest_border", 0.0, 0.45),
-    ("metering_strength", 0.0, 1.0),
-    ("white_balance", 0.0, 1.0),
-    ("bad_defocus", 0.0, 0.1),
-    ("bad_motion_length", 0.0, 0.3),
-    ("largest_exposure_error_ev", 0.0, 4.0),
-    ("warmth", 0.0, 0.5),
-    ("median_contrast", 0.2, 5.0),
 )
 
 DEFAULT_PHOTOGRAPH = PhotographConfig()

@@ -1,11 +1,9 @@
 """What skins, eyes and mouths are drawn from."""
 
-from dataclasses import dataclass, fields
-from typing import final
+from dataclasses import dataclass
+from typing import Annotated, final
 
-from pix2face.errors import UsageError
-
-Range = tuple[float, float]
+from datagen.configuration_limits import Limits, Range, Share, check_limits
 
 
 @final
@@ -47,54 +45,46 @@ class SkinConfig:
         braces_share: Share among people under 22; a fifth of it above.
     """
 
-    melanin_contrast: float = 1.3
-    melanin_spread: float = 0.05
-    haemoglobin: Range = (0.07, 0.27)
-    flush: Range = (0.02, 0.22)
-    sunburn_share: float = 0.04
-    blotches: Range = (0.04, 0.22)
-    texture: Range = (0.55, 1.0)
-    freckles_share: float = 0.4
-    moles: float = 2.0
-    acne_share: float = 0.22
-    scar_share: float = 0.04
-    vitiligo_share: float = 0.006
-    tan_share: float = 0.08
-    wrinkles: float = 1.0
-    expression_folds: float = 1.0
-    oil: Range = (0.05, 1.0)
-    roughness: Range = (0.42, 0.62)
-    make_up_share: float = 0.5
-    vivid_make_up_share: float = 0.12
-    face_paint_share: float = 0.004
-    shaved_shadow: Range = (0.0, 0.6)
-    stubble_share: float = 0.35
-    stubble: Range = (0.1, 0.75)
-    pupil: Range = (0.2, 0.5)
-    odd_eyes_share: float = 0.012
-    redness: Range = (0.0, 0.35)
-    yellow_teeth: Range = (0.0, 0.55)
-    gap_share: float = 0.12
-    missing_tooth_share: float = 0.015
-    gold_tooth_share: float = 0.012
-    braces_share: float = 0.1
+    melanin_contrast: Annotated[float, Limits(0, 4)] = 1.3
+    melanin_spread: Annotated[float, Limits(0, 0.5)] = 0.05
+    haemoglobin: Annotated[Range, Limits(0, 0.8)] = (0.07, 0.27)
+    flush: Annotated[Range, Limits(0, 0.8)] = (0.02, 0.22)
+    sunburn_share: Share = 0.04
+    blotches: Annotated[Range, Limits(0, 2)] = (0.04, 0.22)
+    texture: Annotated[Range, Limits(0, 2)] = (0.55, 1.0)
+    freckles_share: Share = 0.4
+    moles: Annotated[float, Limits(0, 12)] = 2.0
+    acne_share: Share = 0.22
+    scar_share: Share = 0.04
+    vitiligo_share: Share = 0.006
+    tan_share: Share = 0.08
+    wrinkles: Annotated[float, Limits(0, 4)] = 1.0
+    expression_folds: Annotated[float, Limits(0, 4)] = 1.0
+    oil: Annotated[Range, Limits(0, 2)] = (0.05, 1.0)
+    roughness: Annotated[Range, Limits(0.1, 1)] = (0.42, 0.62)
+    make_up_share: Share = 0.5
+    vivid_make_up_share: Share = 0.12
+    face_paint_share: Share = 0.004
+    shaved_shadow: Annotated[Range, Limits(0, 2)] = (0.0, 0.6)
+    stubble_share: Share = 0.35
+    stubble: Annotated[Range, Limits(0, 2)] = (0.1, 0.75)
+    pupil: Annotated[Range, Limits(0.1, 0.85)] = (0.2, 0.5)
+    odd_eyes_share: Share = 0.012
+    redness: Annotated[Range, Limits(0, 2)] = (0.0, 0.35)
+    yellow_teeth: Annotated[Range, Limits(0, 2)] = (0.0, 0.55)
+    gap_share: Share = 0.12
+    missing_tooth_share: Share = 0.015
+    gold_tooth_share: Share = 0.012
+    braces_share: Share = 0.1
 
     def check(self) -> None:
-        """Raises UsageError where a share is none, or a range is empty or outside what the shader takes."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, tuple):
-                _check_range(field.name, value)
-            elif field.name.endswith("_share"):
-                if not 0 <= value <= 1:
-                    raise UsageError(f"skin.{field.name}: expected a share from 0 to 1, found {value}")
-            elif not 0 <= value < _MOST.get(field.name, 4.0):
-                raise UsageError(f"skin.{field.name}: expected 0 to {_MOST.get(field.name, 4.0)}, found {value}")
+        """Refuses numbers that nothing can be drawn from.
 
+        Raises:
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
+        """
+        check_limits("skin", self)
 
-# Beyond these numbers and ranges it is no longer a human head.
-_MOST = {"melanin_spread": 0.5, "moles": 12.0}
-_LIMITS = {"haemoglobin": (0.0, 0.8), "flush": (0.0, 0.8), "roughness": (0.1, 1.0), "pupil": (0.1, 0.85)}
 
 HARD_SKIN = SkinConfig(
     melanin_contrast=1.5,
@@ -129,9 +119,3 @@ HARD_SKIN = SkinConfig(
     gold_tooth_share=0.05,
     braces_share=0.2,
 )
-
-
-def _check_range(name: str, value: Range) -> None:
-    low, high = _LIMITS.get(name, (0.0, 2.0))
-    if not low <= value[0] <= value[1] <= high:
-        raise UsageError(f"skin.{name}: expected two numbers from {low} to {high}, the smaller first, found {value}")

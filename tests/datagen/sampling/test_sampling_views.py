@@ -155,13 +155,13 @@ def test_presets_are_sound(geometry: GeometryConfig) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"wide_yaw_share": 1.5}, "wide_yaw_share: expected a share, 0 to 1, found 1.5"),
+        ({"wide_yaw_share": 1.5}, "wide_yaw_share: expected a number from 0 to 1, found 1.5"),
         ({"wide_yaw_share": 0.8, "any_yaw_share": 0.4}, "wide_yaw_share: expected at most 1 together with any_yaw"),
-        ({"distance_shares": (0.5, 0.6, 0.1)}, "distance_shares: expected three shares that sum to 1"),
-        ({"distances_mm": (100.0, 600.0, 2500.0, 8000.0)}, "distances_mm: expected ascending numbers from 250"),
-        ({"picture_per_box": (2.0, 1.0)}, "picture_per_box: expected ascending"),
+        ({"distance_shares": (0.5, 0.6, 0.1)}, "distance_shares: expected 3 numbers from 0 to 1 that sum to 1"),
+        ({"distances_mm": (100.0, 600.0, 2500.0, 8000.0)}, "distances_mm: expected 4 ascending numbers from 250"),
+        ({"picture_per_box": (2.0, 1.0)}, "picture_per_box: expected 2 ascending"),
         ({"pitch_deg": float("nan")}, "pitch_deg: expected a number from 0, found nan"),
-        ({"identity_spread": 2.0}, "identity_spread: expected 0 to 1.3, found 2"),
+        ({"identity_spread": 2.0}, "identity_spread: expected a number from 0 to 1.3, found 2"),
     ],
 )
 def test_configurations_that_cannot_be_drawn_are_refused(changes: dict[str, object], message: str) -> None:
@@ -188,4 +188,4 @@ def test_the_command_draws_what_a_file_says(tmp_path: Path, capsys: pytest.Captu
     appearance.write_text("[geometry]\nwide_yaw_share = 5.0\n", encoding="utf-8")
     capsys.readouterr()
     assert main([*command, str(appearance)]) == 2
-    assert "wide_yaw_share: expected a share, 0 to 1, found 5.0" in capsys.readouterr().err
+    assert "geometry.wide_yaw_share: expected a number from 0 to 1, found 5.0" in capsys.readouterr().err

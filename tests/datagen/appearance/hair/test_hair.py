@@ -69,8 +69,8 @@ def test_presets_are_valid_and_what_is_drawn_is_json(config: HairConfig) -> None
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("cap_share", 1.5, r"hair\.cap_share: expected a share from 0 to 1, found 1\.5"),
-        ("length", (1.0, 0.5), r"hair\.length: expected two rising numbers above 0, found \[1\.0, 0\.5\]"),
+        ("cap_share", 1.5, r"hair\.cap_share: expected a number from 0 to 1, found 1\.5"),
+        ("length", (1.0, 0.5), r"hair\.length: expected 2 ascending numbers above 0, found \[1\.0, 0\.5\]"),
         ("sway_mm", -1.0, r"hair\.sway_mm: expected a number from 0, found -1\.0"),
     ],
 )

@@ -282,13 +282,19 @@ def test_night_and_glare_are_developed_without_warning(value: float) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"bad_share": 2.0}, "bad_share: expected a share, 0 to 1, found 2.0"),
-        ({"noise": -1.0}, "noise: expected numbers from 0, found -1.0"),
-        ({"jpeg_quality": (0.0, 90.0)}, r"jpeg_quality: expected 1 to 100, found \(0.0, 90.0\)"),
-        ({"jpeg_quality": (90.0, 60.0)}, "jpeg_quality: expected two ascending numbers"),
-        ({"largest_border": 0.6}, "largest_border: expected 0 to 0.45"),
-        ({"border_share": 0.8, "letterbox_share": 0.3}, "border_share: expected at most 1 with letterbox_share"),
-        ({f"bad_{name}": 0.0 for name in FAULTS}, "bad_share: expected a fault with a weight above 0"),
+        ({"bad_share": 2.0}, "bad_share: expected a number from 0 to 1, found 2.0"),
+        ({"noise": -1.0}, "noise: expected a number from 0, found -1.0"),
+        (
+            {"jpeg_quality": (0.0, 90.0)},
+            r"jpeg_quality: expected 2 ascending numbers from 1 to 100, found \[0.0, 90.0\]",
+        ),
+        ({"jpeg_quality": (90.0, 60.0)}, "jpeg_quality: expected 2 ascending numbers"),
+        ({"largest_border": 0.6}, "largest_border: expected a number from 0 to 0.45"),
+        (
+            {"border_share": 0.8, "letterbox_share": 0.3},
+            "border_share: expected at most 1 together with letterbox_share",
+        ),
+        ({f"bad_{name}": 0.0 for name in FAULTS}, "bad_exposure: expected a number above 0 here or for bad_colour"),
     ],
 )
 def test_configurations_that_cannot_be_drawn_are_refused(changes: dict[str, object], message: str) -> None:
