@@ -28,13 +28,14 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputFileError(f"{path}: expected a TOML file, found one that cannot be read ({error})") from error
 
 
-def replaced(base: T, given: Mapping[str, Any], where: str) -> T:
+def replaced(base: T, given: Mapping[str, Any], where: str, table: str = "") -> T:
     """A configuration with some of its fields replaced, tables by tables.
 
     Args:
         base: A frozen dataclass of numbers, texts, tuples and such dataclasses.
         given: By name, as TOML has them.
-        where: For messages.
+        where: For messages: the file.
+        table: For messages: the name of the table with a dot behind it, none at the top.
 
     Raises:
         InputFileError: A name is unknown, or a value is of another kind than the one that it replaces.
@@ -42,8 +43,9 @@ def replaced(base: T, given: Mapping[str, Any], where: str) -> T:
     known = {field.name: getattr(base, field.name) for field in fields(base)}  # type: ignore[arg-type]
     unknown = sorted(given.keys() - known.keys())
     if unknown:
-        raise InputFileError(f"{where}: expected names among {', '.join(known)}, found {unknown[0]!r}")
-    return replace(base, **{name: _value(known[name], value, f"{where}: {name}") for name, value in given.items()})  # type: ignore[type-var]
+        raise InputFileError(f"{where}: {table}{unknown[0]}: expected one of {', '.join(known)}, found {unknown[0]!r}")
+    changed = {name: _value(known[name], value, where, table + name) for name, value in given.items()}
+    return replace(base, **changed)  # type: ignore[type-var]
 
 
 def to_toml(configuration: Any, table: str = "") -> str:
@@ -61,19 +63,19 @@ def to_toml(configuration: Any, table: str = "") -> str:
     return "\n".join(["\n".join(lines) + "\n", *tables])
 
 
-def _value(old: Any, new: Any, where: str) -> Any:
+def _value(old: Any, new: Any, where: str, option: str) -> Any:
     if is_dataclass(old):
         if not isinstance(new, dict):
-            raise InputFileError(f"{where}: expected a table, found {new!r}")
-        return replaced(old, new, where)
+            raise InputFileError(f"{where}: {option}: expected a table, found {new!r}")
+        return replaced(old, new, where, f"{option}.")
     if isinstance(old, tuple) and isinstance(new, list):
         if old and len(old) != len(new):
-            raise InputFileError(f"{where}: expected {len(old)} values, found {len(new)}")
-        return tuple(_value(own, value, where) for own, value in zip(old, new, strict=True)) if old else tuple(new)
+            raise InputFileError(f"{where}: {option}: expected {len(old)} values, found {new}")
+        return tuple(_value(*pair, where, option) for pair in zip(old, new, strict=True)) if old else tuple(new)
     if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
         return float(new)
     if type(old) is not type(new):
-        raise InputFileError(f"{where}: expected {_kind(old)} such as {old!r}, found {new!r}")
+        raise InputFileError(f"{where}: {option}: expected {_kind(old)} such as {old!r}, found {new!r}")
     return new
 
 
