@@ -32,7 +32,7 @@ def open_detector(name: str = DEFAULT_DETECTOR) -> Detector:
     """A detector by its name; the same one for the same name.
 
     Args:
-        name: "lbp" (the default), "lbp-quick" (a quarter of its time, fewer faces), or "dlib" (the paper's; extra
+        name: "lbp" (the default), "lbp-quick" (a fifth of its time, fewer faces), or "dlib" (the paper's; extra
             ``dlib``).
 
     Raises:

@@ -73,7 +73,7 @@ class TrackConfig:
     device: str | None = None
     """Torch device, such as cpu or cuda; default is a GPU where there is one."""
     detector: str = "lbp-quick"
-    """What finds faces: lbp-quick, lbp (finds more, takes four times as long), dlib (the paper's; pip install
+    """What finds faces: lbp-quick, lbp (finds more, takes five times as long), dlib (the paper's; pip install
     'pix2face[dlib]')."""
     detect_every: int = 1
     """Detect in each so-manieth frame only; boxes between are interpolated."""
