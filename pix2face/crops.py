@@ -11,7 +11,8 @@ from numpy import ndarray
 from pix2face.camera import Camera
 from pix2face.errors import DegenerateGeometryError
 
-# The middle of the jitter's 1.0 to 1.8: what a crop at inference takes of the face box, unless the checkpoint says otherwise.
+# The middle of the jitter's 1.0 to 1.8: what a crop at inference takes of the face box, unless the checkpoint says
+# otherwise.
 INFERENCE_SCALE = 1.4
 SMALLEST_CROP_SCALE, LARGEST_CROP_SCALE = 0.5, 5.0
 
