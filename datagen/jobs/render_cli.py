@@ -1,14 +1,15 @@
 """The command ``datagen render``."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
 
-from datagen.appearance.configuration import DEFAULT, PLAIN, PRESETS, load_configuration
+from datagen.appearance.backdrop.folder import list_pictures
+from datagen.appearance.configuration import DEFAULT, PLAIN, PRESETS, AppearanceConfig, load_configuration
 from datagen.jobs.baked_jitter import JitterBake, ViewMaker
 from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.jobs.folder_lock import UNFINISHED_SHARDS
@@ -51,6 +52,9 @@ class RenderConfig:
     appearance: str | None = None
     """How faces without photographs are drawn: plain, default, hard, or a TOML file as `datagen appearance` prints it
     (docs/appearance.md). Without it default for the built-in model, plain for all others, which can have no other."""
+    backgrounds: Path | None = None
+    """Folder of pictures of your own (with subfolders) to stand behind faces, in the share of synthetic photographs
+    that `folder_share` of the appearance says."""
     layers: str | None = None
     """What each sample has: ``all``, or any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks with
     commas between; of synthetic photographs also seen and seen_regions: what of the face they show, and what stands
@@ -141,8 +145,18 @@ def _open(config: RenderConfig, jitter: JitterBake) -> OpenedJob:
     if has_photographs and given is not None:
         raise UsageError(f"--appearance: expected faces without photographs, found photographs in {config.coeffs}")
     appearance = given or PRESETS[PLAIN if has_photographs or config.model != BUILTIN_MODEL else DEFAULT]
+    appearance = _with_backgrounds(appearance, config.backgrounds)
     layers = _layers(config.layers, has_scene=not appearance.is_plain)
     return reopened(opened, appearance, layers)
+
+
+def _with_backgrounds(appearance: AppearanceConfig, folder: Path | None) -> AppearanceConfig:
+    if folder is None:
+        return appearance
+    if appearance.is_plain:
+        raise UsageError(f"--backgrounds: expected synthetic photographs, found the appearance {PLAIN}")
+    list_pictures(str(folder))  # what is no picture is found before anything is drawn
+    return replace(appearance, backdrop=replace(appearance.backdrop, folder=str(folder)))
 
 
 def _layers(text: str | None, *, has_scene: bool) -> tuple[str, ...]:

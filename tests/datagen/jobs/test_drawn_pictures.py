@@ -248,3 +248,28 @@ def test_all_layers_are_those_that_the_appearance_has(gl: GLContext, tmp_path: P
             else:
                 with pytest.raises(UsageError, match="found no seen; render with --layers that name it"):
                     _ = sample.seen_landmarks
+
+
+def test_your_own_pictures_stand_behind_faces(
+    gl: GLContext, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    del gl  # skips where there is none
+    faces, pictures = tmp_path / "faces.h5", tmp_path / "pictures"
+    save_coefficients(sample_faces(builtin_model(), 6, 3, 48, PRESETS[DEFAULT].geometry), faces)
+    pictures.mkdir()
+
+    def render(*options: str) -> int:
+        command = ["render", "--coeffs", str(faces), "--out", str(tmp_path / "out"), "--workers", "1", *options]
+        return main([*command, "--backgrounds", str(pictures)])
+
+    assert render() == 2  # no picture in it
+    assert "expected pictures" in capsys.readouterr().err
+    (pictures / "wall.jpg").write_bytes(encode_photograph(np.full((60, 80, 3), (200, 30, 200), np.uint8)))
+    assert render("--appearance", "plain") == 2
+    assert "--backgrounds: expected synthetic photographs" in capsys.readouterr().err
+    assert render() == 0
+    with ShardReader(tmp_path / "out" / "shard-00000.h5") as reader:
+        shown = [attributes.get("backdrop.file") for attributes in reader.attributes()]
+        kinds = [attributes["backdrop.kind"] for attributes in reader.attributes()]
+    assert "photograph" in kinds
+    assert {file for file, kind in zip(shown, kinds, strict=True) if kind == "photograph"} <= {"wall.jpg", None}
