@@ -28,6 +28,10 @@ from pix2face.predictor import Prediction, Predictor
 PLAUSIBLE_MM = 8.0
 CONFIRMED_MM = 5.5
 REFUTED_MM = 12.0
+# How much of the face the network sees, where it says so: it finds a face in anything, but sees little of those that
+# are not there. Faces in photographs are seen by 0.77 and more, behind masks and hands by half, and still fit well then.
+CONFIRMED_SEEN = 0.6
+REFUTED_SEEN, REFUTED_UNSEEN_MM = 0.55, 3.5
 # Overlap of the refined box with the detector's: a true one is corrected by little.
 PLAUSIBLE_OVERLAP = 0.5
 CONFIRMED_OVERLAP = 0.65
@@ -46,11 +50,13 @@ class RefinedBox:
         box: Around the landmarks of the face that was fitted to the maps, pixels of the picture.
         residual_mm: How badly the maps fit a face; see above.
         overlap: Intersection over union with the box that the prediction was made in.
+        seen_share: Of the face, as far as the network says what of it the picture shows; else None.
     """
 
     box: FaceBox
     residual_mm: float
     overlap: float
+    seen_share: float | None = None
 
     @property
     def is_plausible(self) -> bool:
@@ -60,11 +66,15 @@ class RefinedBox:
     @property
     def is_confirmed(self) -> bool:
         """Whether this is a face, even if the detector was in doubt."""
-        return self.residual_mm <= CONFIRMED_MM and self.overlap >= CONFIRMED_OVERLAP
+        is_seen = self.seen_share is None or self.seen_share >= CONFIRMED_SEEN
+        return is_seen and self.residual_mm <= CONFIRMED_MM and self.overlap >= CONFIRMED_OVERLAP
 
     @property
     def is_refuted(self) -> bool:
         """Whether this is no face, even if the detector stands by it."""
+        is_seen = self.seen_share is None or self.seen_share >= REFUTED_SEEN
+        if not is_seen and self.residual_mm > REFUTED_UNSEEN_MM:
+            return True
         return self.residual_mm > REFUTED_MM and self.overlap < PLAUSIBLE_OVERLAP
 
 
@@ -101,7 +111,8 @@ def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> 
     except DegenerateGeometryError:
         return None
     residual_mm = _residual_px(prediction.maps, fit.camera) / nearest_weak_perspective(fit.camera).scale
-    return RefinedBox(better, residual_mm, overlap(better, box))
+    seen_share = None if prediction.seen is None else float(prediction.seen[prediction.maps.mask].mean())
+    return RefinedBox(better, residual_mm, overlap(better, box), seen_share)
 
 
 def _residual_px(maps: FaceMaps, camera: Camera) -> float:

@@ -33,7 +33,7 @@ def find_shards(manifest: Manifest, data: Path, model: MorphableModel) -> Benchm
             continue
         _check_samples(path, sample_ids, manifest)
         items += [
-            BenchmarkItem(sample_id, partial(_read_shard_face, path, index))
+            BenchmarkItem(sample_id, partial(read_shard_face, path, index))
             for index, sample_id in enumerate(sample_ids)
         ]
     there = {item.name for item in items}
@@ -60,7 +60,12 @@ def _check_model(path: Path, reader: ShardReader, model: MorphableModel) -> None
         )
 
 
-def _read_shard_face(path: Path, index: int) -> BenchmarkFace:
+def read_shard_face(path: Path, index: int) -> BenchmarkFace:
+    """A sample of a shard with its truth.
+
+    Raises:
+        InputFileError: It is damaged, or has no picture.
+    """
     with ShardReader(path) as reader:
         triplet, image = reader.triplet(index), reader.image(index)
     pose = head_pose(triplet.camera)

@@ -6,7 +6,7 @@ import pytest
 from pix2face.crops import FaceBox
 from pix2face.detectors.protocol import DetectedFace, overlap
 from pix2face.predictor import FACES_AT_A_TIME, Predictor
-from pix2face.refined_detection import confirm_faces, find_faces, refine_box, refine_boxes
+from pix2face.refined_detection import RefinedBox, confirm_faces, find_faces, refine_box, refine_boxes
 from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces, true_box
 from tests.synthetic_models import small_head_model
 
@@ -94,3 +94,20 @@ def test_find_faces_runs_the_chain(scene):
     assert len(found) == 2
     assert all(max(overlap(box, own) for own in found) > 0.9 for box in boxes)
     assert find_faces(np.zeros_like(image), BlobDetector(), colour_predictor(model), model) == []
+
+
+@pytest.mark.parametrize(
+    ("residual_mm", "seen_share", "is_refuted", "is_confirmed"),
+    [
+        (2.4, 0.9, False, True),
+        (3.0, 0.5, False, False),  # behind a mask or a hand: the detector decides
+        (4.9, 0.4, True, False),  # a network finds a face in anything, but does not see it
+        (4.9, None, False, True),
+    ],
+)
+def test_what_is_hardly_seen_is_no_face(
+    residual_mm: float, seen_share: float | None, is_refuted: bool, is_confirmed: bool
+) -> None:
+    refined = RefinedBox(FaceBox(0, 0, 10, 10), residual_mm, 0.8, seen_share)
+    assert refined.is_refuted is is_refuted
+    assert refined.is_confirmed is is_confirmed

@@ -1,0 +1,86 @@
+"""Landmark errors of the packaged network on any annotated photographs: 300-W's, dlib's, your own.
+
+    python -m tests.benchmarks.annotated FOLDER [--checkpoint C] [--boxes truth|refined] [--overlays DIR]
+
+FOLDER is searched with all below it (.pts beside the picture, .mat of AFLW2000-3D, dlib's .xml). Errors are % of the
+distance of the outer eye corners; the 51 inner points, since jaw points of such annotations follow the outline in the
+picture. ``refined`` starts from a box that is a fifth too large and a tenth aside, and takes the landmarks of the first
+fit for the second box, as after a detector.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from pix2face import Pix2Face
+from pix2face.annotations import find_annotations
+from pix2face.crops import FaceBox
+from pix2face.evaluation.metrics import landmark_errors
+from pix2face.images import read_photograph
+from pix2face.landmarks import IBUG68, INNER51
+from tests.benchmarks.surroundings import surroundings
+
+OVERLAY_PX = 320
+
+
+def main() -> None:
+    """Measures every face and writes the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--checkpoint", type=Path)
+    parser.add_argument("--boxes", choices=("truth", "refined"), default="truth")
+    parser.add_argument("--overlays", type=Path)
+    options = parser.parse_args()
+    faces, errors = Pix2Face.load(options.checkpoint, device="cpu"), {}
+    for annotation in find_annotations(options.folder, IBUG68):
+        annotated = annotation.load()
+        true, image = annotated.landmarks2d, read_photograph(annotated.image_path)
+        if not np.isfinite(true).all():
+            continue
+        box = FaceBox.around(true)
+        if options.boxes == "refined":
+            (first,) = faces.fit(image, [_rough(box)])
+            box = FaceBox.around(first.landmarks2d)
+        (fit,) = faces.fit(image, [box])
+        own = landmark_errors(fit.landmarks2d, true, "outer-eye")
+        errors[annotation.name] = float(own[list(INNER51)].mean())
+        if options.overlays:
+            options.overlays.mkdir(parents=True, exist_ok=True)
+            _write_overlay(options.overlays / f"{annotation.name.replace('/', '_')}.jpg", image, fit.landmarks2d, true)
+    found = 100 * np.array(list(errors.values()))
+    report = {
+        "faces": len(found),
+        "median": round(float(np.median(found)), 2),
+        "mean": round(float(found.mean()), 2),
+        "above 10 %": round(100 * float((found > 10).mean()), 1),
+        "each": {name: round(100 * error, 2) for name, error in sorted(errors.items(), key=lambda item: -item[1])},
+        "surroundings": surroundings(),
+    }
+    sys.stdout.write(json.dumps(report, indent=1) + "\n")
+
+
+def _rough(box: FaceBox) -> FaceBox:
+    """A fifth too large, a tenth to the right and down."""
+    half, centre = 0.6 * np.array([box.width, box.height]), box.centre + 0.1 * box.longer_side
+    return FaceBox(*(centre - half).tolist(), *(centre + half).tolist())
+
+
+def _write_overlay(path: Path, image: ndarray, found: Float64[ndarray, "68 2"], true: Float64[ndarray, "68 2"]) -> None:
+    box = FaceBox.around(true)
+    scale = OVERLAY_PX / (1.6 * box.longer_side)
+    shift = OVERLAY_PX / 2 - scale * box.centre
+    picture = cv2.warpAffine(image, np.column_stack([scale * np.eye(2), shift]), (OVERLAY_PX, OVERLAY_PX))
+    for points, colour in ((true, (60, 220, 60)), (found, (255, 40, 40))):
+        for x, y in scale * points + shift:
+            cv2.circle(picture, (round(x), round(y)), 2, colour, -1)
+    cv2.imwrite(str(path), picture[..., ::-1])
+
+
+if __name__ == "__main__":
+    main()
