@@ -17,7 +17,7 @@ from pix2face.fitting.face_fit import FaceFit
 from pix2face.fitting.picture_measurement import CameraKind
 from pix2face.fitting.reprojection import MOST_ROUNDS
 from pix2face.landmark_file import open_model_with
-from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel
+from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.photographs.interface import Pix2Face
 from pix2face.predictor import Prediction
 
@@ -71,12 +71,17 @@ class FaceOptions:
             Pix2FaceError: As ``Pix2Face.load`` and ``read_box_file``.
         """
         detects = self.box is None and self.boxes is None
-        model: MorphableModel | str | None = None
-        if needs_model or (detects and self.refine):
-            model = self.model if self.landmarks is None else open_model_with(self.model, self.landmarks)
+        model = open_model_with(self.model, self.landmarks) if needs_model or (detects and self.refine) else None
         box_file = None if self.boxes is None else read_box_file(self.boxes)
         try:
-            pix2face = Pix2Face.load(self.checkpoint, model, self.device, self.detector, self.refine)
+            pix2face = Pix2Face.load(
+                self.checkpoint,
+                model,
+                self.device,
+                self.detector,
+                self.refine,
+                own_landmarks=self.landmarks is None,
+            )
         except ModelMismatchError as error:
             if needs_model:
                 raise

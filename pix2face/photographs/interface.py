@@ -70,16 +70,19 @@ class Pix2Face:
         device: str | None = None,
         detector: str = DEFAULT_DETECTOR,
         refine: bool = True,
+        *,
+        own_landmarks: bool | None = None,
     ) -> "Pix2Face":
         """Opens a checkpoint and the model that it was trained for.
 
         Args:
             checkpoint: What training wrote; None takes the packaged one, or else the last below ``runs/``.
-            model: ``builtin``, or the path of a model file, with the landmarks that the checkpoint chooses, if it does;
-                or a model, as it is; None where maps are all that is wanted.
+            model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
             device: Name of a torch device; None takes a GPU where there is one.
             detector: Name of a face detector, one of ``pix2face.detection.DETECTORS``.
             refine: As in the class.
+            own_landmarks: Whether landmarks that the checkpoint brings along take the place of the model's; None means
+                that they do unless a model is given, not the name of one.
 
         Raises:
             InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
@@ -88,7 +91,9 @@ class Pix2Face:
         """
         path = default_checkpoint() if checkpoint is None else Path(checkpoint)
         predictor = Predictor.load(path, device)
-        opened = predictor.header.with_own_landmarks(open_model(model)) if isinstance(model, str) else model
+        opened = open_model(model) if isinstance(model, str) else model
+        if opened is not None and (isinstance(model, str) if own_landmarks is None else own_landmarks):
+            opened = predictor.header.with_own_landmarks(opened)
         return cls(predictor, opened, open_detector(detector), refine)
 
     def find_faces(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
