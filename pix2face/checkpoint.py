@@ -14,8 +14,6 @@ from torch import Tensor, nn
 
 from pix2face.crops import INFERENCE_SCALE
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.landmark_file import with_vertices
-from pix2face.morphable_model import MorphableModel
 from pix2face.networks.architectures import build_network
 from pix2face.networks.paper import MAP_PLANES, paper_widths
 from pix2face.runs import CHECKPOINT_NAME
@@ -98,18 +96,6 @@ class CheckpointHeader:
                 f"({self.model_sha256[:12]}), the one in use is {name!r} ({sha256[:12]}); "
                 "choose the former with --model, or another checkpoint with --checkpoint"
             )
-
-    def with_own_landmarks(self, model: MorphableModel) -> MorphableModel:
-        """The model with the network's own choice of landmarks in place of the model's, where it has one.
-
-        Raises:
-            ModelMismatchError: The network was trained for another model.
-            UsageError: The model has no such vertex.
-        """
-        self.check_model(model.name, model.sha256)
-        for scheme, vertices in self.landmarks.items():
-            model = with_vertices(model, scheme, vertices)
-        return model
 
 
 def save_checkpoint(

@@ -9,6 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
+from pix2face.checkpoint import CheckpointHeader
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.images import read_bytes
 from pix2face.landmark_selection import LandmarkSelection
@@ -130,3 +131,16 @@ def with_vertices(model: MorphableModel, scheme: str, vertices: Sequence[int]) -
     if not ((chosen >= 0) & (chosen < len(model.mean))).all():
         raise UsageError(f"expected vertices of 0 to {len(model.mean) - 1}, found {chosen.max()}")
     return replace(model, landmarks=MappingProxyType({**model.landmarks, scheme: chosen.astype(np.int32)}))
+
+
+def with_own_landmarks(model: MorphableModel, header: CheckpointHeader) -> MorphableModel:
+    """The model with a network's own choice of landmarks in place of the model's, where it has one.
+
+    Raises:
+        ModelMismatchError: The network was trained for another model.
+        UsageError: The model has no such vertex.
+    """
+    header.check_model(model.name, model.sha256)
+    for scheme, vertices in header.landmarks.items():
+        model = with_vertices(model, scheme, vertices)
+    return model

@@ -34,6 +34,7 @@ from pix2face.evaluation.subjects import (
 from pix2face.evaluation.tracks_as_predictions import read_tracks
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.landmark_file import with_own_landmarks
 from pix2face.morphable_model import MorphableModel
 from pix2face.predictor import Predictor
 
@@ -108,7 +109,7 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         predictor = predictor.with_crop_scale(options.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
     if not options.has_landmarks:
-        model = predictor.header.with_own_landmarks(model)
+        model = with_own_landmarks(model, predictor.header)
     subject = NetworkSubject(
         predictor,
         partial(_fit, model, options),

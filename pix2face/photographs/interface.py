@@ -14,6 +14,7 @@ from pix2face.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
 from pix2face.fitting.joint_fit import fit_joint
+from pix2face.landmark_file import with_own_landmarks
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.photographs.interface_checks import check_box, check_photograph
 from pix2face.predictor import Prediction, Predictor
@@ -93,7 +94,7 @@ class Pix2Face:
         predictor = Predictor.load(path, device)
         opened = open_model(model) if isinstance(model, str) else model
         if opened is not None and (isinstance(model, str) if own_landmarks is None else own_landmarks):
-            opened = predictor.header.with_own_landmarks(opened)
+            opened = with_own_landmarks(opened, predictor.header)
         return cls(predictor, opened, open_detector(detector), refine)
 
     def find_faces(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:

@@ -21,7 +21,7 @@ from pix2face.default_checkpoint import default_checkpoint
 from pix2face.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.fitting.picture_measurement import CameraKind
-from pix2face.landmark_file import open_model_with
+from pix2face.landmark_file import open_model_with, with_own_landmarks
 from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.predictor import Predictor
 from pix2face.tracking.clip_fit import FrameFitter
@@ -107,7 +107,7 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     model = open_model_with(config.model, config.landmarks)
     predictor = Predictor.load(config.checkpoint or default_checkpoint(), config.device)
     if config.landmarks is None:
-        model = predictor.header.with_own_landmarks(model)
+        model = with_own_landmarks(model, predictor.header)
     predictor.header.check_model(model.name, model.sha256)
     slides_jaw = config.contour == "2d"
     fitter = FrameFitter(predictor, model, config.camera, config.regularisation, config.refine, slides_jaw)

@@ -25,6 +25,7 @@ from pix2face.evaluation.evaluator import Evaluator
 from pix2face.evaluation.subjects import NetworkSubject
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.landmark_file import with_own_landmarks
 from pix2face.morphable_model import MorphableModel, builtin_model
 from pix2face.predictor import Predictor
 from pix2face.shards.shard_reader import ShardReader, shard_paths
@@ -37,7 +38,7 @@ RESAMPLES = 1000
 def measured(folder: Path, checkpoint: Path) -> Iterator[tuple[dict[str, Any], float]]:
     """Attributes and error of each sample; NaN where nothing was found."""
     predictor = Predictor.load(checkpoint)
-    model = predictor.header.with_own_landmarks(builtin_model())
+    model = with_own_landmarks(builtin_model(), predictor.header)
     evaluator = Evaluator(model, NetworkSubject(predictor, partial(_fit, model)), "box-sqrt")
     for path in shard_paths(folder):
         with ShardReader(path) as reader:

@@ -10,7 +10,7 @@ import torch
 from pix2face.checkpoint import CheckpointHeader, load_checkpoint, save_checkpoint
 from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
-from pix2face.landmark_file import save_landmarks
+from pix2face.landmark_file import save_landmarks, with_own_landmarks
 from pix2face.landmark_selection import LandmarkSelection
 from pix2face.networks.residual import ResidualUNet, residual_widths
 from pix2face.predictor import Predictor
@@ -64,11 +64,11 @@ def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
     landmarks = ["--landmarks", str(tmp_path / "landmarks.json")]
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx", *landmarks]) == 0
     header, _ = load_checkpoint(tmp_path / "release" / "checkpoint.safetensors")
-    np.testing.assert_array_equal(header.with_own_landmarks(MODEL).landmarks["ibug68"], chosen)
-    np.testing.assert_array_equal(HEADER.with_own_landmarks(MODEL).landmarks["ibug68"], MODEL.landmarks["ibug68"])
+    np.testing.assert_array_equal(with_own_landmarks(MODEL, header).landmarks["ibug68"], chosen)
+    np.testing.assert_array_equal(with_own_landmarks(MODEL, HEADER).landmarks["ibug68"], MODEL.landmarks["ibug68"])
     assert "chosen on its fits" in (tmp_path / "release" / "README.md").read_text()
     with pytest.raises(UsageError, match="expected vertices of 0 to"):
-        replace(header, landmarks={"ibug68": (10**6,)}).with_own_landmarks(MODEL)
+        with_own_landmarks(MODEL, replace(header, landmarks={"ibug68": (10**6,)}))
 
 
 def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path):
