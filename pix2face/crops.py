@@ -5,7 +5,7 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float64, Shaped
+from jaxtyping import Bool, Float, Float64, Shaped
 from numpy import ndarray
 
 from pix2face.camera import Camera
@@ -129,6 +129,17 @@ def image_centre_in_crop(crop: Crop, image_size_px: tuple[int, int]) -> Float64[
     """The centre of an image of some height and width, in the pixels of a crop: the principal point of its camera."""
     height, width = image_size_px
     return crop.to_crop(np.array([width, height]) / 2)
+
+
+def pixels_in_image(crop: Crop, image_size_px: tuple[int, int]) -> Bool[ndarray, "s s"] | None:
+    """Which pixels of a crop lie in the image of some height and width; None where all do."""
+    limits, side = np.array(image_size_px[::-1]), crop.size_px
+    corners = crop.to_image(np.array([[0, 0], [0, side], [side, 0], [side, side]], dtype=np.float64))
+    if ((corners >= 0) & (corners <= limits)).all():
+        return None
+    centres = np.arange(side) + 0.5
+    places = crop.to_image(np.stack(np.meshgrid(centres, centres), axis=-1))
+    return np.asarray(((places >= 0) & (places <= limits)).all(axis=2))
 
 
 def crop_image(image: Shaped[ndarray, "h w *c"], crop: Crop, *, nearest: bool = False) -> Shaped[ndarray, "s s *c"]:

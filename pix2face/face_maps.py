@@ -21,11 +21,17 @@ class FaceMaps:
         pncc: For each pixel the matching point of the mean face, mm, model frame; 0 outside the mask.
         offset: What leads from there to the same point of this face, mm, model frame; 0 outside the mask.
         mask: Where both hold.
+        seen: The part of the mask where the picture shows the face itself and not what stands before it; None where
+            nobody knows.
+        in_photograph: Where the picture that they belong to shows the photograph that it is a crop of, and is not empty
+            beside it; None where all of it does.
     """
 
     pncc: Float32[ndarray, "h w 3"]
     offset: Float32[ndarray, "h w 3"]
     mask: Bool[ndarray, "h w"]
+    seen: Bool[ndarray, "h w"] | None = None
+    in_photograph: Bool[ndarray, "h w"] | None = None
 
     def layers(self) -> dict[str, ndarray]:
         """By the names that a shard knows them by."""

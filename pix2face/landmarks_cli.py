@@ -20,6 +20,7 @@ from pix2face.crops import FaceBox
 from pix2face.default_checkpoint import default_checkpoint
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.images import read_photograph
 from pix2face.landmark_file import load_landmarks, save_landmarks, with_landmarks
 from pix2face.landmark_pictures import draw_model_landmarks
@@ -180,7 +181,13 @@ def _predicted_fits(model: MorphableModel, checkpoint: Path) -> FitFrame:
         # Points of another scheme have another box: the landmarks of a first fit give the one that crops go by.
         for _turn in range(1 if len(annotated.landmarks2d) == SCHEMES[IBUG68] else 2):
             prediction = predictor.predict(image, box)
-            fitted = fit_face(prediction.maps, model, scheme=framing).in_image(prediction.crop)
+            fitted = fit_face(
+                prediction.maps,
+                model,
+                regularisation=PREDICTED_MAPS_REGULARISATION,
+                scheme=framing,
+                silhouette=True,
+            ).in_image(prediction.crop)
             box = FaceBox.around(fitted.landmarks2d)
         return fitted.camera, fitted.vertices.astype(np.float64)
 

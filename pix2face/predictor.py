@@ -7,12 +7,12 @@ from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from torch import Tensor
 
 from pix2face.checkpoint import CheckpointHeader, load_checkpoint
-from pix2face.crops import Crop, FaceBox, crop_image, square_crop
+from pix2face.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.face_maps import FaceMaps, eroded, valid_pixels
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
@@ -31,14 +31,11 @@ class Prediction:
         maps: In the pixels of the crop.
         crop: Leads back to the pixels of the picture.
         n_undefined: Pixels where the network's output is not finite; they are outside the mask.
-        seen: The part of the mask where the picture shows the face itself and not what stands before it; None where
-            the network does not know.
     """
 
     maps: FaceMaps
     crop: Crop
     n_undefined: int = 0
-    seen: Bool[ndarray, "s s"] | None = None
 
     def check_finite(self) -> None:
         """Makes sure that the network's output was finite.
@@ -123,7 +120,10 @@ class Predictor:
         pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
         planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
         found = [read_planes(own, self.header) for own in planes]
-        return [Prediction(own.maps, crop, own.n_undefined, own.seen) for own, crop in zip(found, crops, strict=True)]
+        return [
+            Prediction(replace(own.maps, in_photograph=pixels_in_image(crop, image.shape[:2])), crop, own.n_undefined)
+            for own, crop, (image, _) in zip(found, crops, faces, strict=True)
+        ]
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
         """As ``predict_batch`` for any number of faces, in as many passes as it takes to keep memory small."""
@@ -144,7 +144,6 @@ class ReadPlanes:
 
     maps: FaceMaps
     n_undefined: int
-    seen: Bool[ndarray, "s s"] | None
 
 
 def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> ReadPlanes:
@@ -165,7 +164,7 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
     pncc[~mask] = 0
     offset[~mask] = 0
     seen = mask & (planes[..., SEEN_PLANE] > 0) if header.planes > SEEN_PLANE else None
-    return ReadPlanes(FaceMaps(pncc, offset, mask), int(undefined.sum()), seen)
+    return ReadPlanes(FaceMaps(pncc, offset, mask, seen), int(undefined.sum()))
 
 
 def _device(name: str | None) -> torch.device:

@@ -18,8 +18,8 @@ from pix2face.crops import FaceBox
 from pix2face.detectors.protocol import DetectedFace, Detector, overlap, without_doubles
 from pix2face.errors import DegenerateGeometryError
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.morphable_model import MorphableModel
 from pix2face.predictor import Prediction, Predictor
 
@@ -107,12 +107,13 @@ def refine_boxes(
 def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:
     """What a prediction in a box says of it; None where its maps determine no face."""
     try:
-        fit = fit_face(prediction.maps, model, regularisation=PREDICTED_MAPS_REGULARISATION)
+        fit = fit_face(prediction.maps, model, regularisation=PREDICTED_MAPS_REGULARISATION, silhouette=True)
         better = FaceBox.around(prediction.crop.to_image(fit.landmarks2d))
     except DegenerateGeometryError:
         return None
     residual_mm = _residual_px(prediction.maps, fit.camera) / nearest_weak_perspective(fit.camera).scale
-    seen_share = None if prediction.seen is None else float(prediction.seen[prediction.maps.mask].mean())
+    seen, mask = prediction.maps.seen, prediction.maps.mask
+    seen_share = None if seen is None else float(seen[mask].mean())
     return RefinedBox(better, residual_mm, overlap(better, box), seen_share)
 
 

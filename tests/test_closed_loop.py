@@ -14,8 +14,8 @@ from datagen.sources import open_source
 from pix2face.camera import linearised
 from pix2face.coefficients import save_coefficients
 from pix2face.errors import GLUnavailableError
-from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind, fit_face
+from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import builtin_model
 from pix2face.shards.shard_reader import ShardReader

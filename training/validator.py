@@ -14,8 +14,8 @@ from pix2face.checkpoint import CheckpointHeader
 from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.metrics import nme
 from pix2face.face_maps import FIXED_POINT_STEPS_PER_MM
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel, builtin_model
 from pix2face.networks.paper import MAP_PLANES

@@ -35,6 +35,12 @@ from pix2face.evaluation.predictions_file import PixelFrame
 from pix2face.evaluation.report import report_notes, report_tables
 from pix2face.evaluation.report_files import Cases, write_report
 from pix2face.fitting.face_fit import CameraKind
+from pix2face.fitting.regularisation import (
+    PREDICTED_MAPS_REGULARISATION,
+    Regularisation,
+    check_regularisation,
+    lambda_or_none,
+)
 from pix2face.fitting.reprojection import MOST_ROUNDS
 from pix2face.landmark_file import open_model_with
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel
@@ -72,8 +78,10 @@ class EvaluateConfig:
         contour: 2d lets jaw points slide to the visible outline, as the truth of 300-W and 300-VW does.
         align: How 3D landmarks are laid onto the true ones (menpo3d-tracking); default is the benchmark's own.
         camera: Camera of the fit.
-        regularisation: Tikhonov weight of the coefficients in mm^2; default is an estimate from each face's maps, as in
+        regularisation: Tikhonov weight of the coefficients in mm^2; estimate takes one from each face's maps. As in
             pix2face fit.
+        silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of
+            weak-perspective cameras.
         reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
         crop_scale: Side of the crop that the network is given, in units of the longer side of the face's box; default
             is the checkpoint's own.
@@ -100,7 +108,8 @@ class EvaluateConfig:
     contour: Literal["off", "2d"] = "off"
     align: Alignment | None = None
     camera: CameraKind = "weak-perspective"
-    regularisation: float | None = None
+    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
+    silhouette: bool = True
     reprojection_rounds: int = 0
     crop_scale: float | None = None
     batch_size: int = 16
@@ -150,8 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _check_numbers(config: EvaluateConfig) -> None:
     check_max_rejected(config.max_rejected)
-    if config.regularisation is not None and not 0 < config.regularisation < float("inf"):
-        raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
+    check_regularisation(config.regularisation)
     if not 0 <= config.reprojection_rounds <= MOST_ROUNDS:
         raise UsageError(f"expected --reprojection-rounds from 0 to {MOST_ROUNDS}, found {config.reprojection_rounds}")
     if config.crop_scale is not None and not SMALLEST_CROP_SCALE <= config.crop_scale <= LARGEST_CROP_SCALE:
@@ -187,7 +195,8 @@ def _check_of_networks_alone(config: EvaluateConfig) -> None:
     if config.predictions is None and not config.oracle:
         return
     given = {
-        "--regularisation": config.regularisation is not None,
+        "--regularisation": config.regularisation != PREDICTED_MAPS_REGULARISATION,
+        "--no-silhouette": not config.silhouette,
         "--reprojection-rounds": config.reprojection_rounds > 0,
         "--crop-scale": config.crop_scale is not None,
     }
@@ -239,7 +248,8 @@ def _subject_options(config: EvaluateConfig) -> SubjectOptions:
         boxes=config.boxes,
         slides_jaw=config.contour == "2d",
         camera=config.camera,
-        regularisation=config.regularisation,
+        regularisation=lambda_or_none(config.regularisation),
+        silhouette=config.silhouette,
         reprojection_rounds=config.reprojection_rounds,
         crop_scale=config.crop_scale,
         has_landmarks=config.landmarks is not None,

@@ -53,6 +53,7 @@ class SubjectOptions:
         slides_jaw: Whether jaw points slide to the visible outline.
         camera: Of the fit.
         regularisation: Tikhonov weight of the coefficients in mm^2; None estimates it for each face.
+        silhouette: Whether the fit is held to it.
         reprojection_rounds: Of the fit.
         crop_scale: Of the crop that the network is given; None is the checkpoint's own.
         has_landmarks: Whether the model's landmarks were asked for; otherwise a checkpoint may bring its own.
@@ -66,6 +67,7 @@ class SubjectOptions:
     slides_jaw: bool
     camera: CameraKind
     regularisation: float | None
+    silhouette: bool = True
     reprojection_rounds: int = 0
     crop_scale: float | None = None
     has_landmarks: bool = False
@@ -123,6 +125,7 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         "checkpoint": f"{checkpoint} (epoch {predictor.header.epoch}, {predictor.header.size_px} px)",
         "crop": f"{predictor.header.crop_scale:g} of the box's longer side",
         "fit": f"{options.camera} camera, regularisation {_in_words(options.regularisation)}, "
+        f"{'held to the silhouette' if options.silhouette else 'not held to the silhouette'}, "
         f"{options.reprojection_rounds} rounds of reprojection",
         "landmarks": "vertices that the checkpoint brings along"
         if predictor.header.landmarks and not options.has_landmarks
@@ -154,6 +157,7 @@ def _fit(
         model,
         camera_kind=options.camera,
         regularisation=options.regularisation,
+        silhouette=options.silhouette,
         reprojection_rounds=options.reprojection_rounds,
         principal_point_px=image_centre,
     )

@@ -16,10 +16,10 @@ from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmark_data import BenchmarkFace
 from pix2face.evaluation.predictions_file import PredictedLandmarks
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import CameraKind, fit_face
 from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
+from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
 

@@ -17,15 +17,6 @@ from pix2face.fitting.linear_system import ImageSystem, cholesky, image_system
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.morphable_model import MorphableModel
 
-# The penalty is lambda |c|^2 with coefficients in standard deviations, so the best lambda is the variance (mm^2) of the
-# error of one coordinate of one offset, where the errors of the constraints are independent. Errors of a network are
-# alike over patches of the face: where n constraints share one error, lambda is n times the variance.
-#
-# Exact maps: rounding to 1/128 mm and the mesh's kinks between pixels leave 0.01 mm.
-EXACT_MAPS_REGULARISATION = 1e-4
-# Predicted maps: 1 to 1.5 mm at some 1,500 vertices found, with some 30 independent patches.
-PREDICTED_MAPS_REGULARISATION = 80.0
-
 
 @final
 @dataclass(eq=False)

@@ -12,8 +12,8 @@ from pix2face.camera import Camera
 from pix2face.crops import Crop
 from pix2face.errors import UsageError
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES, Constraints, measure_picture
 from pix2face.fitting.picture_measurement import CameraKind as CameraKind
+from pix2face.fitting.picture_measurement import Constraints, measure_picture
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.landmarks import IBUG68
 from pix2face.morphable_model import MorphableModel
@@ -60,13 +60,14 @@ def fit_face(
     principal_point_px: Float[ndarray, "2"] | None = None,
     scheme: str = IBUG68,
     reprojection_rounds: int = 0,
-    n_vertices: int = COEFFICIENT_VERTICES,
+    n_vertices: int | None = None,
     constraints: Constraints = "vertices",
+    silhouette: bool = False,
 ) -> FaceFit:
     """Fits camera and coefficients to the maps of one picture.
 
     Args:
-        maps: PNCC, offset and mask.
+        maps: PNCC, offset and mask; where they know which part of it is seen, the camera goes by that.
         model: The model that the maps are of.
         camera_kind: "affine" (Eq. 1), "weak-perspective" (the default: predicted maps of profiles tilt and stretch an
             unconstrained affine camera), "pinhole", or "auto": a pinhole where ``camera_choice`` finds it warranted,
@@ -77,9 +78,12 @@ def fit_face(
         scheme: Which landmarks of the model.
         reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients to where its
             vertices were found; 0 is the paper's way.
-        n_vertices: How many vertices of the face to look for, evenly spread (docs/fitting.md: time against error).
+        n_vertices: How many vertices of the face to look for, evenly spread (docs/fitting.md: time against error). None
+            are 1,200 where lambda is given as that of predicted maps (0.5 mm^2 and more), else 2,500.
         constraints: "vertices" as in the paper, or "surface": pixels inside the triangles of the mean face. On exact
             maps ten times as accurate, and ten times as slow; of noisy maps hardly a pixel lies on the surface.
+        silhouette: Hold camera and mesh to the mask (``silhouette.py``): better on predicted maps, where PNCC alone
+            tells the turn of a head badly; of weak-perspective cameras only, others are not changed.
 
     Raises:
         DegenerateGeometryError: Fewer than 50 valid pixels, values that are not finite, or none of the vertices found.
@@ -97,6 +101,7 @@ def fit_face(
         reprojection_rounds=reprojection_rounds,
         n_vertices=n_vertices,
         constraints=constraints,
+        silhouette=silhouette,
     )
     coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]

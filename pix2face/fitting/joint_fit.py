@@ -38,6 +38,7 @@ def fit_joint(
     regularisation: float | None = None,
     principal_points_px: Sequence[Float[ndarray, "2"] | None] | None = None,
     scheme: str = IBUG68,
+    silhouette: bool = False,
 ) -> JointFit:
     """Fits pictures of one person together: the identity is shared, cameras and expressions are not.
 
@@ -52,6 +53,7 @@ def fit_joint(
             pays the penalty once, whatever the number of pictures.
         principal_points_px: As ``fit_face``, one for each picture.
         scheme: As ``fit_face``.
+        silhouette: As ``fit_face``.
 
     Raises:
         DegenerateGeometryError: As ``fit_face``, or there is no picture.
@@ -68,6 +70,7 @@ def fit_joint(
             camera_kind=camera_kind,
             regularisation=regularisation,
             principal_point_px=None if principal_points_px is None else principal_points_px[index],
+            silhouette=silhouette,
         )
         joint.add(measured.system, measured.regularisation)
         cameras.append(measured.camera)

@@ -54,7 +54,8 @@ def without_white_noise(maps: FaceMaps) -> FaceMaps:
         np.asarray(cv2.medianBlur(np.ascontiguousarray(values), FILTER_PX) * eroded[:, :, None], dtype=np.float32)
         for values in (maps.pncc, maps.offset)
     )
-    return FaceMaps(pncc, offset, eroded)
+    seen = None if maps.seen is None else maps.seen & eroded
+    return FaceMaps(pncc, offset, eroded, seen, maps.in_photograph)
 
 
 def estimated_regularisation(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
 
 from pix2face.camera import Camera
@@ -17,7 +17,9 @@ from pix2face.fitting.localise import ValidPixels, VertexPixels, localise_prepar
 from pix2face.fitting.noise import FIRST_REGULARISATION, estimated_regularisation, without_white_noise
 from pix2face.fitting.pinhole_fit import fit_pinhole_camera
 from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepared_model
+from pix2face.fitting.regularisation import IS_OF_PREDICTED_MAPS_FROM
 from pix2face.fitting.reprojection import with_reprojection
+from pix2face.fitting.silhouette import FaceSurface, OutsideDistance, fit_camera_to_silhouette, with_silhouette
 from pix2face.fitting.surface_pixels import surface_rows
 from pix2face.morphable_model import MorphableModel
 
@@ -30,14 +32,18 @@ CAMERA_PIXELS = 2000
 # The distance hangs on small differences: it takes more.
 PERSPECTIVE_PIXELS = 8000
 COEFFICIENT_VERTICES = 2500
+# Errors that are alike over patches are told as well by half of them (docs/fitting.md).
+PREDICTED_MAPS_VERTICES = 1200
 _CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
 
 # Pixels of the surface that are looked at, and the variance of their rounding to 1/128 mm, twice: of both maps.
 SURFACE_PIXELS = 4000
 EXACT_SURFACE_REGULARISATION = 1e-5
 
-# Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda from here on.
-SINGLE_PRECISION_FROM = 0.5
+# Where less than this of the mask is seen, what is hidden counts as well.
+LEAST_SEEN_SHARE = 0.3
+# The camera that is held to the silhouette goes by so many pixels, and vertices of the whole face.
+SILHOUETTE_PIXELS = SILHOUETTE_VERTICES = 400
 
 # Fewer valid pixels are noise at the edge of a picture without a face.
 LEAST_PIXELS = 50
@@ -67,8 +73,9 @@ def measure_picture(
     regularisation: float | None,
     principal_point_px: Float[ndarray, "2"] | None,
     reprojection_rounds: int = 0,
-    n_vertices: int = COEFFICIENT_VERTICES,
+    n_vertices: int | None = None,
     constraints: Constraints = "vertices",
+    silhouette: bool = False,
 ) -> PictureMeasurement:
     """Finds camera and system; the arguments are those of ``fit_face``.
 
@@ -80,18 +87,22 @@ def measure_picture(
         raise UsageError("expected vertices as constraints for reprojection rounds, found pixels of the surface")
     maps = without_white_noise(maps)
     pixels = valid_pixel_values(maps)
-    prepared = prepared_model(model, n_vertices)
+    is_predicted = regularisation is not None and regularisation >= IS_OF_PREDICTED_MAPS_FROM
+    prepared = prepared_model(model, n_vertices or (PREDICTED_MAPS_VERTICES if is_predicted else COEFFICIENT_VERTICES))
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
-    eye = _CameraFit(camera_kind, principal_point_px, float(np.ptp(prepared.mean[:, 0])))
-    camera = eye.fit(*correspondences(pixels, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS)))
+    is_held = silhouette and camera_kind == "weak-perspective" and constraints == "vertices"
+    width_mm = float(np.ptp(prepared.mean[:, 0]))
+    eye = _CameraFit(camera_kind, principal_point_px, width_mm, is_robust=not is_held)
+    clear = _clear_pixels(maps, pixels)
+    camera = eye.fit(*correspondences(clear, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS)))
     if constraints == "surface":
         regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
         surface = image_system(*surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust=True)
         return PictureMeasurement(camera, surface, regularisation)
     found = localise_prepared(maps, pixels, prepared)
-    is_exact = regularisation is None or regularisation < SINGLE_PRECISION_FROM
-    basis = prepared.basis[found.places].astype(np.float64 if is_exact else np.float32, copy=False)
+    # Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda of predicted maps.
+    basis = prepared.basis[found.places].astype(np.float32 if is_predicted else np.float64, copy=False)
     if regularisation is None:
         regularisation = _estimated(basis, found, prepared)
     system = image_system(basis, found.offsets, regularisation, robust=True)
@@ -99,7 +110,43 @@ def measure_picture(
         vertices = prepared.mean[found.places] + basis @ system.solve(regularisation)
         camera = eye.fit(vertices.astype(np.float64), found.points2d)
         system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)
-    return PictureMeasurement(camera, system, regularisation)
+    measured = PictureMeasurement(camera, system, regularisation)
+    return _inside_mask(measured, maps, clear, prepared, found) if is_held else measured
+
+
+def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> ValidPixels:
+    """The pixels that show the face itself; all where these are too few, or not known."""
+    if maps.seen is None:
+        return pixels
+    clear = maps.seen.reshape(-1)[pixels.places]
+    if clear.mean() < LEAST_SEEN_SHARE or clear.sum() < LEAST_PIXELS:
+        return pixels
+    return ValidPixels(pixels.places[clear], pixels.pncc[clear], pixels.offset[clear])
+
+
+def _inside_mask(
+    measured: PictureMeasurement, maps: FaceMaps, clear: ValidPixels, prepared: PreparedModel, found: VertexPixels
+) -> PictureMeasurement:
+    """Camera, then coefficients, then the camera again, with the mesh held to the mask."""
+    outside = OutsideDistance.of(maps)
+    points3d, points2d = correspondences(clear, maps.mask.shape[1], SILHOUETTE_PIXELS)
+    some = evenly_spread(len(prepared.mean), SILHOUETTE_VERTICES)
+    basis = prepared.basis.astype(np.float32, copy=False)
+
+    def mesh(system: ImageSystem) -> Float32[ndarray, "n 3"]:
+        coefficients = system.solve(measured.regularisation).astype(np.float32)
+        return np.asarray(prepared.mean + basis @ coefficients, dtype=np.float32)
+
+    def camera_of(start: Camera, vertices: Float32[ndarray, "n 3"]) -> Camera:
+        face = FaceSurface(vertices[some], prepared.outward[some])
+        return fit_camera_to_silhouette(start, points3d, points2d, face, outside)
+
+    face = FaceSurface(mesh(measured.system), prepared.outward)
+    camera = camera_of(measured.camera, face.vertices)
+    system = with_reprojection(camera, prepared.mean[found.places], basis[found.places], found, measured.system)
+    system = with_silhouette(camera, face, prepared.mean, basis, outside, system)
+    camera = camera_of(camera, mesh(system))
+    return PictureMeasurement(camera, system, measured.regularisation)
 
 
 @final
@@ -111,11 +158,13 @@ class _CameraFit:
         kind: As ``fit_face``.
         principal_point_px: As ``fit_face``.
         face_width_mm: Of the mean face.
+        is_robust: Whether a weak-perspective camera must be robust: not if it is only a start.
     """
 
     kind: str
     principal_point_px: Float[ndarray, "2"]
     face_width_mm: float
+    is_robust: bool
 
     def fit(self, points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]) -> Camera:
         """Fits it to points.
@@ -127,7 +176,7 @@ class _CameraFit:
         if self.kind == "affine":
             return fit_affine_camera(points3d, points2d, robust=True)
         if self.kind == "weak-perspective":
-            return fit_weak_perspective_camera(points3d, points2d, robust=True)
+            return fit_weak_perspective_camera(points3d, points2d, robust=self.is_robust)
         if self.kind == "pinhole":
             initial = fit_affine_camera(points3d, points2d, robust=True)
             return fit_pinhole_camera(points3d, points2d, self.principal_point_px, initial, robust=True)

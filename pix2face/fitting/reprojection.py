@@ -37,8 +37,9 @@ def with_reprojection(
     derivative, images = _projection(camera, mean.astype(np.float64))
     scale = nearest_weak_perspective(camera).scale
     roots = np.sqrt(system.weights)[:, None]
-    rows = np.einsum("nak,nkc->nac", derivative * (roots / scale)[:, :, None], basis).reshape(-1, basis.shape[2])
-    targets = ((found.points2d - images) * (roots / scale)).reshape(-1)
+    weighted = (derivative * (roots / scale)[:, :, None]).astype(basis.dtype)
+    rows = (weighted @ basis).reshape(-1, basis.shape[2])
+    targets = ((found.points2d - images) * (roots / scale)).reshape(-1).astype(basis.dtype)
     offsets = system.offsets_only or system
     return ImageSystem(
         offsets.normal + rows.T @ rows, offsets.right + targets @ rows, system.weights, offsets_only=offsets

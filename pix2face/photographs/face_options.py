@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, final
 
-import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
@@ -15,6 +14,12 @@ from pix2face.detection import DEFAULT_DETECTOR
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.fitting.picture_measurement import CameraKind
+from pix2face.fitting.regularisation import (
+    PREDICTED_MAPS_REGULARISATION,
+    Regularisation,
+    check_regularisation,
+    lambda_or_none,
+)
 from pix2face.fitting.reprojection import MOST_ROUNDS
 from pix2face.landmark_file import open_model_with
 from pix2face.morphable_model import BUILTIN_MODEL
@@ -97,10 +102,12 @@ class FitOptions:
     camera: CameraKind = "weak-perspective"
     """Camera of the fit: affine, weak-perspective, pinhole (its principal point is the centre of the photograph), or
     auto: a pinhole where perspective shows, else weak-perspective."""
-    regularisation: float | None = None
-    """Tikhonov weight of the coefficients, in mm^2; default is an estimate from each face's maps."""
+    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
+    """Tikhonov weight of the coefficients, in mm^2; ``estimate`` takes one from each face's maps, in twice the time."""
     contour: Literal["off", "2d"] = "off"
     """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
+    silhouette: bool = True
+    """Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of weak-perspective cameras."""
     reprojection_rounds: int = 0
     """How often the camera is fitted again to the fitted mesh, and the coefficients after it."""
 
@@ -110,8 +117,7 @@ class FitOptions:
         Raises:
             UsageError: A regularisation that is not positive, or a negative number of rounds.
         """
-        if self.regularisation is not None and not 0 < self.regularisation < np.inf:
-            raise UsageError(f"expected a positive --regularisation in mm^2, found {self.regularisation}")
+        check_regularisation(self.regularisation)
         if not 0 <= self.reprojection_rounds <= MOST_ROUNDS:
             raise UsageError(
                 f"expected --reprojection-rounds from 0 to {MOST_ROUNDS}, found {self.reprojection_rounds}"
@@ -123,8 +129,9 @@ class FitOptions:
             prediction,
             image_size_px,
             camera=self.camera,
-            regularisation=self.regularisation,
+            regularisation=lambda_or_none(self.regularisation),
             reprojection_rounds=self.reprojection_rounds,
+            silhouette=self.silhouette,
         )
         return self.with_landmarks(fitted)
 

@@ -11,6 +11,7 @@ from pix2face.command_line import prepare_output_folder
 from pix2face.crops import crop_image
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.fitting.face_fit import FaceFit
+from pix2face.fitting.regularisation import lambda_or_none
 from pix2face.morphable_model import MorphableModel
 from pix2face.photographs.face_options import FaceFinder, FaceOptions, FitOptions
 from pix2face.photographs.fit_files import write_fit
@@ -99,7 +100,8 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
         [face.prediction for face in seen],
         [face.size_px for face in seen],
         camera=config.how.camera,
-        regularisation=config.how.regularisation,
+        regularisation=lambda_or_none(config.how.regularisation),
+        silhouette=config.how.silhouette,
     )
     for face, fitted in zip(seen, fits, strict=True):
         try:

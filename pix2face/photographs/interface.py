@@ -14,6 +14,7 @@ from pix2face.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
 from pix2face.fitting.joint_fit import fit_joint
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.landmark_file import with_own_landmarks
 from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.photographs.interface_checks import check_box, check_photograph
@@ -158,8 +159,9 @@ class Pix2Face:
         boxes: Sequence[FaceBox] | None = None,
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float | None = None,
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
         reprojection_rounds: int = 0,
+        silhouette: bool = True,
     ) -> list[FaceFit]:
         """Camera, coefficients, mesh and landmarks of every face of one photograph, in its pixels.
 
@@ -168,8 +170,11 @@ class Pix2Face:
             boxes: As in ``predict``.
             camera: "affine", "weak-perspective", "pinhole" (its principal point is the centre of the photograph), or
                 "auto": a pinhole where perspective shows, else weak perspective.
-            regularisation: Tikhonov weight of the coefficients, in mm^2; None estimates it from the maps.
+            regularisation: Tikhonov weight of the coefficients, in mm^2; None estimates it from the maps, in
+                twice the time.
             reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
+            silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of
+                weak-perspective cameras.
 
         Raises:
             DegenerateGeometryError: As ``predict``, or the maps of a face do not determine it.
@@ -182,6 +187,7 @@ class Pix2Face:
                 camera=camera,
                 regularisation=regularisation,
                 reprojection_rounds=reprojection_rounds,
+                silhouette=silhouette,
             )
             for prediction in self.predict(image, boxes)
         ]
@@ -192,8 +198,9 @@ class Pix2Face:
         image_size_px: tuple[int, int],
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float | None = None,
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
         reprojection_rounds: int = 0,
+        silhouette: bool = True,
     ) -> FaceFit:
         """As ``fit``, from maps that are there already.
 
@@ -203,6 +210,7 @@ class Pix2Face:
             camera: As in ``fit``.
             regularisation: As in ``fit``.
             reprojection_rounds: As in ``fit``.
+            silhouette: As in ``fit``.
 
         Raises:
             DegenerateGeometryError: The maps do not determine camera and coefficients, or are not finite.
@@ -215,6 +223,7 @@ class Pix2Face:
             regularisation=regularisation,
             principal_point_px=image_centre_in_crop(prediction.crop, image_size_px),
             reprojection_rounds=reprojection_rounds,
+            silhouette=silhouette,
         ).in_image(prediction.crop)
 
     def fit_joint(
@@ -223,7 +232,8 @@ class Pix2Face:
         boxes: Sequence[FaceBox] | None = None,
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float | None = None,
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
+        silhouette: bool = True,
     ) -> list[FaceFit]:
         """Fits photographs of one person: one identity, and for each photograph its camera and expression (Eq. 5).
 
@@ -232,6 +242,7 @@ class Pix2Face:
             boxes: For each photograph where the person is; None takes the largest face.
             camera: As in ``fit``.
             regularisation: As in ``fit``.
+            silhouette: As in ``fit``.
 
         Returns:
             One fit for each photograph, in its pixels; all have the same identity.
@@ -244,7 +255,9 @@ class Pix2Face:
             boxes = [self._largest_face(image, index) for index, image in enumerate(images)]
         predictions = [prediction for (prediction,) in self.predict_batch(images, [[box] for box in boxes])]
         sizes = [(image.shape[0], image.shape[1]) for image in images]
-        return self.fit_predictions_joint(predictions, sizes, camera=camera, regularisation=regularisation)
+        return self.fit_predictions_joint(
+            predictions, sizes, camera=camera, regularisation=regularisation, silhouette=silhouette
+        )
 
     def fit_predictions_joint(
         self,
@@ -252,7 +265,8 @@ class Pix2Face:
         image_sizes_px: Sequence[tuple[int, int]],
         *,
         camera: CameraKind = "weak-perspective",
-        regularisation: float | None = None,
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
+        silhouette: bool = True,
     ) -> list[FaceFit]:
         """As ``fit_joint``, from maps that are there already.
 
@@ -261,6 +275,7 @@ class Pix2Face:
             image_sizes_px: Height and width of each.
             camera: As in ``fit``.
             regularisation: As in ``fit``.
+            silhouette: As in ``fit``.
 
         Raises:
             DegenerateGeometryError: As ``fit_prediction``, or there is no photograph.
@@ -277,6 +292,7 @@ class Pix2Face:
             camera_kind=camera,
             regularisation=regularisation,
             principal_points_px=principal_points,
+            silhouette=silhouette,
         )
         return [fit.in_image(prediction.crop) for fit, prediction in zip(joint.fits, predictions, strict=True)]
 

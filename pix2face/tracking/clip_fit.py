@@ -48,6 +48,7 @@ class FrameFitter:
         model: The one that it was trained for.
         camera: Kind of camera.
         regularisation: Tikhonov's lambda in mm^2; None estimates it for each frame.
+        silhouette: Hold camera and mesh to the silhouette.
         refine: Whether a first prediction refines each box.
         slides_jaw: Whether jaw landmarks slide to the visible outline.
     """
@@ -56,6 +57,7 @@ class FrameFitter:
     model: MorphableModel
     camera: CameraKind = "weak-perspective"
     regularisation: float | None = None
+    silhouette: bool = False
     refine: bool = True
     slides_jaw: bool = False
 
@@ -83,6 +85,7 @@ class FrameFitter:
                 camera_kind=self.camera,
                 regularisation=self.regularisation,
                 principal_point_px=middle,
+                silhouette=self.silhouette,
             )
         except DegenerateGeometryError:
             return None

@@ -21,6 +21,12 @@ from pix2face.default_checkpoint import default_checkpoint
 from pix2face.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.fitting.picture_measurement import CameraKind
+from pix2face.fitting.regularisation import (
+    PREDICTED_MAPS_REGULARISATION,
+    Regularisation,
+    check_regularisation,
+    lambda_or_none,
+)
 from pix2face.landmark_file import open_model_with, with_own_landmarks
 from pix2face.morphable_model import BUILTIN_MODEL
 from pix2face.predictor import Predictor
@@ -88,8 +94,10 @@ class TrackConfig:
     """none, mean3 (mean of three frames, the paper's), one-euro (looks at no frame ahead), spline (smoothest)."""
     camera: CameraKind = "weak-perspective"
     """Camera of the fits; the principal point of a pinhole is the centre of the frame."""
-    regularisation: float | None = None
-    """Tikhonov weight of the coefficients, in mm^2; without it each frame's own noise sets it."""
+    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
+    """Tikhonov weight of the coefficients, in mm^2; with ``estimate`` each frame's own noise sets it."""
+    silhouette: bool = True
+    """Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of weak-perspective cameras."""
     contour: Literal["off", "2d"] = "off"
     """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
     identity_frames: int = IDENTITY_FRAMES
@@ -110,7 +118,8 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
         model = with_own_landmarks(model, predictor.header)
     predictor.header.check_model(model.name, model.sha256)
     slides_jaw = config.contour == "2d"
-    fitter = FrameFitter(predictor, model, config.camera, config.regularisation, config.refine, slides_jaw)
+    regularisation = lambda_or_none(config.regularisation)
+    fitter = FrameFitter(predictor, model, config.camera, regularisation, config.silhouette, config.refine, slides_jaw)
     find = _finder(config, source)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"
@@ -156,8 +165,7 @@ def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
         raise UsageError(f"expected --detect-every of 1 or more, found {config.detect_every}")
     if config.identity_frames < 1:
         raise UsageError(f"expected --identity-frames of 1 or more, found {config.identity_frames}")
-    if config.regularisation is not None and not 0 < config.regularisation < float("inf"):
-        raise UsageError(f"expected a positive --regularisation in mm^2, found {config.regularisation}")
+    check_regularisation(config.regularisation)
     return tuple(own for own in known if own in formats)
 
 
@@ -262,6 +270,13 @@ def _follow(
             advance()
 
 
+def _landmarks_of(config: TrackConfig, fitter: FrameFitter) -> str:
+    """Who chose which vertices the landmarks are: a file, the checkpoint or the model."""
+    if config.landmarks is not None:
+        return str(config.landmarks)
+    return "checkpoint" if fitter.predictor.header.landmarks else "model"
+
+
 def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, n_frames: int) -> dict[str, object]:
     return {
         "video": str(config.video),
@@ -272,8 +287,9 @@ def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, 
         "smoothing": config.smoothing,
         "camera": config.camera,
         "regularisation": config.regularisation,
+        "silhouette": config.silhouette,
         "contour": config.contour,
-        "landmarks": None if config.landmarks is None else str(config.landmarks),
+        "landmarks": _landmarks_of(config, fitter),
         "refine": config.refine,
         "detect_every": config.detect_every,
         "model": {"name": fitter.model.name, "sha256": fitter.model.sha256},

@@ -25,6 +25,7 @@ from pix2face.evaluation.evaluator import Evaluator
 from pix2face.evaluation.subjects import NetworkSubject
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.landmark_file import with_own_landmarks
 from pix2face.morphable_model import MorphableModel, builtin_model
 from pix2face.predictor import Predictor
@@ -50,7 +51,9 @@ def measured(folder: Path, checkpoint: Path) -> Iterator[tuple[dict[str, Any], f
 
 
 def _fit(model: MorphableModel, maps: FaceMaps, image_centre: Float64[ndarray, "2"]) -> FaceFit:
-    return fit_face(maps, model, principal_point_px=image_centre)
+    return fit_face(
+        maps, model, regularisation=PREDICTED_MAPS_REGULARISATION, principal_point_px=image_centre, silhouette=True
+    )
 
 
 def binned(values: Sequence[str | float], n_bins: int) -> list[str]:

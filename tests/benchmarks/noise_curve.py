@@ -11,8 +11,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
 from pix2face.morphable_model import builtin_model
 from tests.benchmarks.closed_loop import measure, summary
 from tests.benchmarks.surroundings import surroundings

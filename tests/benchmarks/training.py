@@ -22,8 +22,8 @@ from torch import Tensor
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.checkpoint import CheckpointHeader
 from pix2face.crops import FaceBox
-from pix2face.fitting.coefficient_fit import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.morphable_model import builtin_model
 from pix2face.networks.architectures import build_network
 from pix2face.predictor import Predictor

@@ -132,7 +132,7 @@ def test_a_fit_is_what_the_documentation_says(
     found = json.loads((out / "person.json").read_text())
     assert set(found) == documented_fields("Fit")
     assert found["model"] == {"name": model.name, "sha256": model.sha256}
-    np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
+    np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.25)
     np.testing.assert_allclose(found["identity"], face.identity, atol=0.1)
     np.testing.assert_allclose(found["expression"], face.expression, atol=0.1)
     for name, angle_deg in zip(
@@ -232,7 +232,7 @@ def test_several_faces_are_numbered(
     assert len(written(tmp_path / "out")) == 4 * len(FIT_FILES)
     for index, face in enumerate(two_faces):
         found = json.loads((tmp_path / "out" / f"person-{index}.json").read_text())
-        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
+        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.25)
 
 
 def test_the_largest_face_alone_keeps_the_name(

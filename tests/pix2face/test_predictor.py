@@ -75,11 +75,11 @@ def test_a_network_that_knows_its_masks_is_believed():
     prediction = predict(picture(), BOX)
     columns = np.flatnonzero(prediction.maps.mask.any(axis=0))
     assert (columns.min(), columns.max()) == (1, 18)  # below 20, eroded by one pixel at each side
-    assert prediction.seen is not None
-    columns = np.flatnonzero(prediction.seen.any(axis=0))
+    assert prediction.maps.seen is not None
+    columns = np.flatnonzero(prediction.maps.seen.any(axis=0))
     assert (columns.min(), columns.max()) == (10, 18)
     assert (
-        Predictor(lambda image: with_masks(image)[:, :7], replace(HEADER, planes=7)).predict(picture(), BOX).seen
+        Predictor(lambda image: with_masks(image)[:, :7], replace(HEADER, planes=7)).predict(picture(), BOX).maps.seen
         is None
     )
 

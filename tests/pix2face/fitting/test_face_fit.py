@@ -9,9 +9,9 @@ from pix2face.camera import HeadPose, head_pose, pinhole_of
 from pix2face.crops import FaceBox, square_crop
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.face_maps import FaceMaps
-from pix2face.fitting.coefficient_fit import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.prepared_model import evenly_spread
+from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
 from pix2face.morphable_model import builtin_model
 from pix2face.rasterise import rasterise
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, render_known_face

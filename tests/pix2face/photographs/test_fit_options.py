@@ -156,7 +156,7 @@ def test_boxes_from_a_file(plain: PhotographedFace, tmp_path: Path, capsys: pyte
     options = ("--boxes", boxes, "--checkpoint", "any", "--regularisation", "1e-3", "--out", tmp_path / "out")
     assert call("fit", photograph, other, *options) == 3
     found = json.loads((tmp_path / "out" / "person.json").read_text())
-    np.testing.assert_allclose(found["landmarks2d_px"], plain.landmarks2d, atol=0.1)
+    np.testing.assert_allclose(found["landmarks2d_px"], plain.landmarks2d, atol=0.25)
     assert f"{other}: no box in {boxes}; add a line for this photograph" in capsys.readouterr().err
     assert call("fit", photograph, *where(plain), "--boxes", boxes) == 2
     assert "expected --box or --boxes, found both" in capsys.readouterr().err

@@ -48,7 +48,7 @@ def seeing(*faces: PhotographedFace, refine: bool = False) -> Pix2Face:
 
 def test_a_fit_is_in_the_pixels_of_the_photograph(face: PhotographedFace) -> None:
     (fit,) = seeing(face).fit(face.photograph(), regularisation=EXACT)
-    np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.1)
+    np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.25)
     np.testing.assert_allclose(fit.identity, face.identity, atol=0.1)
     np.testing.assert_allclose(fit.camera.project(fit.landmarks3d), fit.landmarks2d, atol=1e-6)
     assert np.linalg.norm(fit.vertices - face.vertices, axis=1).max() < 0.5
@@ -59,7 +59,7 @@ def test_boxes_say_where_the_faces_are(face: PhotographedFace) -> None:
     assert blind.fit(face.photograph()) == []
     assert blind.predict(face.photograph()) == []
     (fit,) = blind.fit(face.photograph(), [face.box], regularisation=EXACT)
-    np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.1)
+    np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.25)
 
 
 def test_a_batch_is_its_photographs_one_by_one() -> None:
@@ -108,14 +108,14 @@ def test_a_joint_fit_has_one_identity_and_an_expression_for_each_photograph() ->
     for fit, face in zip(fits, (first, second), strict=True):
         np.testing.assert_allclose(fit.identity, face.identity, atol=0.1)
         np.testing.assert_allclose(fit.expression, face.expression, atol=0.1)
-        np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.15)
+        np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.25)
 
 
 def test_a_joint_fit_takes_the_largest_face_and_names_the_photograph_without_one(face: PhotographedFace) -> None:
     small = FaceBox(5, 5, 20, 20)
     found = Pix2Face(exact_predictor(MODEL, [face.maps()]), MODEL, SureDetector([face.box, small]), refine=False)
     (fit,) = found.fit_joint([face.photograph()], regularisation=EXACT)
-    np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.1)
+    np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.25)
     with pytest.raises(DegenerateGeometryError, match="no face found in photograph 0"):
         Pix2Face(exact_predictor(MODEL, [face.maps()]), MODEL, SureDetector([])).fit_joint([face.photograph()])
 

@@ -1,0 +1,188 @@
+"""Camera and mesh held to the silhouette: whatever the face is, it projects into its mask.
+
+From predicted PNCC alone the turn of a head is known badly. The visible side of a turned head is nearly flat, so what
+tells its turn are small differences across it, and a network's errors there are alike over patches: in photographs
+heads came out turned 10 to 20 degrees too little, with a far cheek that lay beside the head. The predicted mask ends
+where the head does. Only one direction counts, that nothing of the face lies outside: pulling the mesh out to the
+mask's border as well did harm (docs/fitting.md), perhaps since it is a guess where hair and hands hide it.
+
+Deviation from the paper: whose camera goes by PNCC alone (Eq. 1).
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64
+from numpy import ndarray
+
+from pix2face.camera import Camera, nearest_weak_perspective
+from pix2face.face_maps import FaceMaps
+from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise
+from pix2face.fitting.linear_system import ImageSystem
+from pix2face.fitting.moments import Moments
+from pix2face.fitting.similarity import Similarity
+
+# A vertex on the silhouette lies up to a pixel beyond the centre of the last pixel that shows the face.
+SLACK_PX = 1.0
+# The field reaches so far around the maps, as a share of their side; beyond, its border's value holds.
+REACH_SHARE = 0.5
+# So much farther than the middle of the head a vertex is on its far side. Some room is left for faces whose turn is
+# underestimated.
+FAR_SIDE_MM = 20.0
+# Both terms of the camera's cost are mean distances, rounded off below this share of the maps' side (half a pixel of
+# 128): in pixels of the correspondences, and of the vertices beyond the mask. They weigh alike; from 0.7 to 1.5 times
+# as much for the mask makes no difference (docs/fitting.md).
+ROUNDED_SHARE = 1 / 256
+RELATIVE_DECREASE = 1e-3
+MAX_ITERATIONS = 15
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FaceSurface:
+    """Vertices of the whole face, seen or not.
+
+    Attributes:
+        vertices: mm, model frame.
+        outward: From the middle of the head to them; of the mean face will do.
+    """
+
+    vertices: Float32[ndarray, "n 3"]
+    outward: Float32[ndarray, "n 3"]
+
+    def facing(self, rotation: Float[ndarray, "3 3"]) -> Bool[ndarray, " n"]:
+        """Which are not on the far side for a camera of this rotation (camera_from_model).
+
+        Neck and scalp may hide those that are: the far ear of a profile lies beyond the mask, and rightly.
+        """
+        return np.asarray(self.outward @ rotation[2] < FAR_SIDE_MM)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OutsideDistance:
+    """How far beyond the mask a place in the picture is.
+
+    Attributes:
+        distance_px: 0 inside, and within ``SLACK_PX``; of the centres of the pixels of the enlarged picture.
+        reach_px: By how much it is enlarged on each side.
+        side_px: The longer side of the mask.
+    """
+
+    distance_px: Float32[ndarray, "y x"]
+    reach_px: int
+    side_px: int
+
+    @classmethod
+    def of(cls, maps: FaceMaps) -> "OutsideDistance":
+        """Of maps whose mask has at least one pixel. What a border cuts off may go on beyond it."""
+        outside = ~maps.mask if maps.in_photograph is None else ~maps.mask & maps.in_photograph
+        side_px = max(outside.shape)
+        reach_px = max(1, round(REACH_SHARE * side_px))
+        outside = np.pad(outside.astype(np.uint8), reach_px, mode="edge")
+        distance = cv2.distanceTransform(outside, cv2.DIST_L2, 5)
+        return cls(np.maximum(distance - np.float32(SLACK_PX), 0, dtype=np.float32), reach_px, side_px)
+
+    def at(self, points2d: Float64[ndarray, "n 2"]) -> tuple[Float64[ndarray, " n"], Float64[ndarray, "n 2"]]:
+        """Distance and its slope at places (pixels, centres at +0.5), linear between the centres of four pixels."""
+        height, width = self.distance_px.shape
+        limits = np.array([width, height]) - 1.001
+        place = np.clip(points2d + (self.reach_px - 0.5), 0.0, limits)
+        corner = place.astype(np.intp)
+        right, down = (place - corner).T
+        flat = corner[:, 1] * width + corner[:, 0]
+        field = self.distance_px.reshape(-1)
+        a, b, c, d = (field[flat + step].astype(np.float64) for step in (0, 1, width, width + 1))
+        distance = (a * (1 - right) + b * right) * (1 - down) + (c * (1 - right) + d * right) * down
+        slope = np.column_stack([(b - a) * (1 - down) + (d - c) * down, (c - a) * (1 - right) + (d - b) * right])
+        return distance, slope
+
+
+def fit_camera_to_silhouette(
+    start: Camera,
+    points3d: Float[ndarray, "n 3"],
+    points2d: Float[ndarray, "n 2"],
+    face: FaceSurface,
+    outside: OutsideDistance,
+) -> Camera:
+    """The weak-perspective camera with the least mean distance of correspondences and of vertices beyond the mask.
+
+    Args:
+        start: Near it.
+        points3d: Points of the face that pixels show, mm, model frame.
+        points2d: Where: pixels, centres at +0.5.
+        face: Of the coefficients so far.
+        outside: The mask.
+    """
+    origin, centre2d = points3d.mean(axis=0), points2d.mean(axis=0)
+    x, u, v = points3d - origin, points2d - centre2d, face.vertices - origin
+    rounding = ROUNDED_SHARE * outside.side_px
+
+    def local_quadratic(state: Similarity) -> LocalQuadratic:
+        lengths = _rounded(np.sqrt(((state.apply(x) - u) ** 2).sum(axis=1)), rounding)
+        weights = 1 / (len(x) * lengths)
+        of_pixels = Moments.of(x, u, weights).quadratic()(state)
+        images = state.apply(v)
+        distance, slope = outside.at(images + centre2d)
+        beyond = np.flatnonzero((distance > 0) & face.facing(state.rotation))
+        to_border = _rounded(distance[beyond], rounding)
+        jacobian = np.einsum("nk,nkp->np", slope[beyond], state.jacobian(v[beyond]))
+        weighted = jacobian / (len(v) * to_border)[:, None]
+        cost = lengths.mean() - rounding + (to_border - rounding).sum() / len(v)
+        return LocalQuadratic(
+            float(cost), of_pixels.gradient + distance[beyond] @ weighted, of_pixels.hessian + jacobian.T @ weighted
+        )
+
+    nearest = nearest_weak_perspective(start)
+    shift = start.project(origin[None])[0] - centre2d
+    found, _ = minimise(
+        Similarity(float(np.log(nearest.scale)), nearest.rotation, shift),
+        local_quadratic,
+        Similarity.moved,
+        relative_decrease=RELATIVE_DECREASE,
+        max_iterations=MAX_ITERATIONS,
+    )
+    return found.shifted(centre2d).camera(origin)
+
+
+def _rounded(distances: Float64[ndarray, " n"], rounding: float) -> Float64[ndarray, " n"]:
+    return np.asarray(np.sqrt(distances**2 + rounding**2), dtype=np.float64)
+
+
+def with_silhouette(
+    camera: Camera,
+    face: FaceSurface,
+    mean: Float[ndarray, "n 3"],
+    basis: Float[ndarray, "n 3 c"],
+    outside: OutsideDistance,
+    system: ImageSystem,
+) -> ImageSystem:
+    """Adds a row for each vertex that lies beyond the mask: it should move to its border, along the shortest way.
+
+    Args:
+        camera: Weak-perspective.
+        face: Of the coefficients so far.
+        mean: Its vertices in the mean face, mm.
+        basis: There, mm per standard deviation.
+        outside: The mask.
+        system: What the rows are added to.
+    """
+    nearest = nearest_weak_perspective(camera)
+    distance, slope = outside.at(camera.project(face.vertices.astype(np.float64)))
+    beyond = np.flatnonzero((distance > 0) & face.facing(nearest.rotation))
+    if not len(beyond):
+        return system
+    scale = nearest.scale
+    # Millimetres, as the other rows are, and as heavy.
+    away = (slope[beyond] @ camera.matrix[:2, :3] / scale).astype(basis.dtype)
+    rows = (away[:, None] @ basis[beyond])[:, 0]
+    moved_so_far = (away * (face.vertices[beyond] - mean[beyond])).sum(axis=1)
+    targets = (moved_so_far - distance[beyond] / scale).astype(basis.dtype)
+    return ImageSystem(
+        system.normal + rows.T @ rows,
+        system.right + targets @ rows,
+        system.weights,
+        offsets_only=system.offsets_only or system,
+    )
