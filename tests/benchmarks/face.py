@@ -4,7 +4,7 @@
 
 Processor time of one thread, the least and the median of all repeats. The face is the largest that the detector finds
 in the photograph (scikit-image's astronaut unless another is given); to find it is not in the figures. The fits are
-those of `pix2face fit`: with the regularisation given (as for many faces of one network), and estimated (the default).
+those of `pix2face fit`: as it is, not held to the silhouette, and with the regularisation estimated.
 """
 
 import argparse
@@ -28,9 +28,6 @@ from pix2face.images import read_photograph
 from pix2face.photographs.interface import Pix2Face
 from tests.benchmarks.surroundings import surroundings
 
-# About what estimating it finds for the maps of a trained network.
-REGULARISATION = 30.0
-
 
 def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callable[[], object]]:
     """The ways of one face, and the first step of them alone."""
@@ -39,19 +36,16 @@ def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callabl
     (prediction,) = faces.predict(image, [box])
     size_px = faces.predictor.header.size_px
 
-    def fit(regularisation: float | None, rounds: int) -> Callable[[], object]:
-        return lambda: faces.fit_prediction(
-            prediction, (height, width), regularisation=regularisation, reprojection_rounds=rounds
-        )
+    def fit(**options: Any) -> Callable[[], object]:
+        return lambda: faces.fit_prediction(prediction, (height, width), **options)
 
     return {
         "crop": lambda: crop_image(image, square_crop(box, INFERENCE_SCALE, size_px)),
         "crop and network": lambda: faces.predict(image, [box]),
-        "fit, regularisation given": fit(REGULARISATION, 0),
-        "fit, regularisation given, two reprojections": fit(REGULARISATION, 2),
-        "fit, regularisation estimated": fit(None, 0),
-        "all of it, regularisation given": lambda: faces.fit(image, [box], regularisation=REGULARISATION),
-        "all of it, regularisation estimated": lambda: faces.fit(image, [box]),
+        "fit": fit(),
+        "fit, not held to the silhouette": fit(silhouette=False),
+        "fit, regularisation estimated": fit(regularisation=None),
+        "all of it": lambda: faces.fit(image, [box]),
     }
 
 

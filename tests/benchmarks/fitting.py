@@ -22,21 +22,27 @@ from pix2face.fitting.face_fit import face_of_coefficients, fit_face
 from pix2face.fitting.linear_system import image_system
 from pix2face.fitting.localise import localise_prepared, valid_pixel_values
 from pix2face.fitting.noise import estimated_regularisation, white_noise_mm
-from pix2face.fitting.picture_measurement import CAMERA_PIXELS, COEFFICIENT_VERTICES, correspondences
+from pix2face.fitting.picture_measurement import (
+    CAMERA_PIXELS,
+    COEFFICIENT_VERTICES,
+    PREDICTED_MAPS_VERTICES,
+    correspondences,
+)
 from pix2face.fitting.prepared_model import prepared_model
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.morphable_model import MorphableModel
 from tests.benchmarks.closed_loop import MODELS, known_face, measure, summary
 from tests.benchmarks.surroundings import surroundings
 
 VERTEX_COUNTS = (600, 1250, COEFFICIENT_VERTICES, 5000, 10_000)
-REGULARISATION = 80.0
+REGULARISATION = PREDICTED_MAPS_REGULARISATION
 
 
 def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
-    """The steps of ``fit_face`` on one face (lambda given), each on what the one before found."""
+    """The steps of ``fit_face`` on one face (lambda given, as of predicted maps), each on what the one before found."""
     maps = known_face(model, 3, perspective=False).maps
     width = maps.mask.shape[1]
-    prepared, pixels = prepared_model(model, COEFFICIENT_VERTICES), valid_pixel_values(maps)
+    prepared, pixels = prepared_model(model, PREDICTED_MAPS_VERTICES), valid_pixel_values(maps)
     points3d, points2d = correspondences(pixels, width, CAMERA_PIXELS)
     camera = fit_weak_perspective_camera(points3d, points2d, robust=True)
     found = localise_prepared(maps, pixels, prepared)
@@ -54,6 +60,9 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
         ).solve(REGULARISATION),
         "landmarks": lambda: face_of_coefficients(model, camera, c[:k], c[k:]),
         "together (fit_face)": lambda: fit_face(maps, model, regularisation=REGULARISATION),
+        "the same, held to the silhouette": lambda: fit_face(
+            maps, model, regularisation=REGULARISATION, silhouette=True
+        ),
         "not in it: estimating lambda": lambda: estimated_regularisation(
             system, exact, found.offsets, prepared.patches[found.places]
         ),

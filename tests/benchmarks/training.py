@@ -190,13 +190,13 @@ def inference(options: Options) -> dict[str, Any]:
     ways = {
         "network": lambda: predictor.predict(image, box),
         "fit": lambda: fit_face(maps, model, regularisation=PREDICTED_MAPS_REGULARISATION),
-        "fit, two reprojections": lambda: fit_face(
-            maps, model, regularisation=PREDICTED_MAPS_REGULARISATION, reprojection_rounds=2
+        "fit, held to the silhouette": lambda: fit_face(
+            maps, model, regularisation=PREDICTED_MAPS_REGULARISATION, silhouette=True
         ),
     }
     found = {name: round(1000 * median_seconds(way), 1) for name, way in ways.items()}
     torch.set_num_threads(options.threads)
-    return found | {"network and fit": round(found["network"] + found["fit, two reprojections"], 1)}
+    return found | {"network and fit": round(found["network"] + found["fit, held to the silhouette"], 1)}
 
 
 def new_learner(recipe: Recipe) -> Learner:

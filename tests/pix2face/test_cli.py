@@ -232,7 +232,7 @@ def test_several_faces_are_numbered(
     assert len(written(tmp_path / "out")) == 4 * len(FIT_FILES)
     for index, face in enumerate(two_faces):
         found = json.loads((tmp_path / "out" / f"person-{index}.json").read_text())
-        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.25)
+        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.4)
 
 
 def test_the_largest_face_alone_keeps_the_name(

@@ -1,0 +1,140 @@
+"""What the options of the fit are worth on the maps that a network predicts: error and time, variant by variant.
+
+    python -m tests.benchmarks.predicted_fits AFLW2000/ [--checkpoint C] [--every 1] [--out FILE.json]
+
+Each photograph of the folder goes through the network once, at its true box; then each variant fits the same maps. A
+row has the mean error of the 68 points by bin of yaw (of the model fitted to the true points) and the mean of the bins,
+in % of sqrt(w h); how many are above 10 %; the median of found over true extent of the landmarks, and the error that is
+left where size and place are put right; and milliseconds of processor time a face, one core.
+"""
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import process_time
+from typing import final
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray
+from threadpoolctl import threadpool_limits
+
+from pix2face.annotations import find_annotations
+from pix2face.camera import head_pose
+from pix2face.crops import FaceBox
+from pix2face.default_checkpoint import default_checkpoint
+from pix2face.evaluation.benchmark_data import YAW_BINS, yaw_bin
+from pix2face.evaluation.metrics import nme
+from pix2face.face_maps import FaceMaps
+from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.fitting.from_landmarks import fit_landmarks
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
+from pix2face.images import read_photograph
+from pix2face.landmark_file import with_own_landmarks
+from pix2face.landmarks import IBUG68
+from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.predictor import Predictor
+from tests.benchmarks.surroundings import surroundings
+
+Fit = Callable[[FaceMaps], FaceFit]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SeenFace:
+    """What the network says of a face, and the truth in the same pixels."""
+
+    maps: FaceMaps
+    true2d: Float64[ndarray, "68 2"]
+    yaw_bin: str
+
+
+def variants(model: MorphableModel) -> dict[str, Fit]:
+    """By name; each differs from the first in what the name says."""
+
+    def fit(maps: FaceMaps, **options: object) -> FaceFit:
+        chosen = {"regularisation": PREDICTED_MAPS_REGULARISATION, "silhouette": True} | options
+        return fit_face(maps, model, **chosen)  # type: ignore[arg-type]
+
+    return {
+        "held to the silhouette (the default)": fit,
+        "not held": lambda maps: fit(maps, silhouette=False),
+        "not held, camera by all pixels of the mask": lambda maps: fit(replace(maps, seen=None), silhouette=False),
+        "held, camera by all pixels of the mask": lambda maps: fit(replace(maps, seen=None)),
+        "not held, two reprojections": lambda maps: fit(maps, silhouette=False, reprojection_rounds=2),
+        "not held, affine camera": lambda maps: fit(maps, silhouette=False, camera_kind="affine"),
+        "held, lambda 5": lambda maps: fit(maps, regularisation=5.0),
+        "held, lambda 80": lambda maps: fit(maps, regularisation=80.0),
+        "held, lambda estimated": lambda maps: fit(maps, regularisation=None),
+        "held, 600 vertices": lambda maps: fit(maps, n_vertices=600),
+        "held, 2,500 vertices": lambda maps: fit(maps, n_vertices=2500),
+    }
+
+
+def seen_faces(folder: Path, predictor: Predictor, model: MorphableModel, every: int) -> list[SeenFace]:
+    """Every so-manieth annotated photograph."""
+    found = []
+    for annotation in find_annotations(folder, IBUG68)[::every]:
+        annotated = annotation.load()
+        prediction = predictor.predict(read_photograph(annotated.image_path), FaceBox.around(annotated.landmarks2d))
+        yaw = head_pose(fit_landmarks(model, annotated.landmarks2d).camera).yaw_deg
+        found.append(SeenFace(prediction.maps, prediction.crop.to_crop(annotated.landmarks2d), yaw_bin(yaw)))
+    return found
+
+
+def row(faces: Sequence[SeenFace], fit: Fit) -> dict[str, float]:
+    """Fits all and measures."""
+    errors, shapes, sizes, seconds = defaultdict(list), [], [], 0.0
+    for face in faces:
+        began = process_time()
+        found = fit(face.maps).landmarks2d
+        seconds += process_time() - began
+        errors[face.yaw_bin].append(100 * nme(found, face.true2d, "box-sqrt"))
+        centred, true = (points - points.mean(axis=0) for points in (found, face.true2d))
+        sizes.append(float(np.linalg.norm(centred) / np.linalg.norm(true)))
+        shapes.append(100 * nme(centred / sizes[-1], true, "box-sqrt"))
+    means = {name: float(np.mean(errors[name])) for name in YAW_BINS if errors[name]}
+    each = np.concatenate(list(errors.values()))
+    return {
+        **means,
+        "mean of bins": float(np.mean(list(means.values()))),
+        "above 10 %": 100 * float((each > 10).mean()),
+        "found over true size": float(np.median(sizes)),
+        "error with size and place put right": float(np.mean(shapes)),
+        "ms": 1e3 * seconds / len(faces),
+    }
+
+
+def main() -> int:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--checkpoint", type=Path)
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("out/predicted_fits.json"))
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
+    predictor = Predictor.load(options.checkpoint or default_checkpoint(), "cpu")
+    model = with_own_landmarks(builtin_model(), predictor.header)
+    with threadpool_limits(1):
+        faces = seen_faces(options.folder, predictor, model, options.every)
+        rows = {}
+        for name, fit in variants(model).items():
+            rows[name] = {key: round(value, 3) for key, value in row(faces, fit).items()}
+            sys.stderr.write(f"{name}: {rows[name]}\n")
+    text = json.dumps({"faces": len(faces), "rows": rows, "measured_on": surroundings()}, indent=2, ensure_ascii=False)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(text + "\n", encoding="utf-8")
+    sys.stdout.write(text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
