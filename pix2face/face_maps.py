@@ -78,9 +78,12 @@ def valid_pixels(pncc: Float32[ndarray, "h w 3"], smallest_radius_mm: float) -> 
 
 
 def eroded(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
-    """A mask without its outermost pixel, where a network's maps lie between face and background."""
+    """A mask without its outermost pixel, where a network's maps lie between face and background.
+
+    The border of the picture is no border of the face.
+    """
     kernel = np.ones((3, 3), dtype=np.uint8)
-    return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
+    return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)
 
 
 def point_cloud(

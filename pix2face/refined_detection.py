@@ -107,7 +107,7 @@ def refine_boxes(
 def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:
     """What a prediction in a box says of it; None where its maps determine no face."""
     try:
-        fit = fit_face(prediction.maps, model, regularisation=PREDICTED_MAPS_REGULARISATION, silhouette=True)
+        fit = fit_face(prediction.maps, model, regularisation=PREDICTED_MAPS_REGULARISATION)
         better = FaceBox.around(prediction.crop.to_image(fit.landmarks2d))
     except DegenerateGeometryError:
         return None

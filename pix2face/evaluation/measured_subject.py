@@ -34,6 +34,7 @@ from pix2face.evaluation.subjects import (
 from pix2face.evaluation.tracks_as_predictions import read_tracks
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.fitting.picture_measurement import HELD_CAMERAS
 from pix2face.landmark_file import with_own_landmarks
 from pix2face.morphable_model import MorphableModel
 from pix2face.predictor import Predictor
@@ -125,7 +126,7 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         "checkpoint": f"{checkpoint} (epoch {predictor.header.epoch}, {predictor.header.size_px} px)",
         "crop": f"{predictor.header.crop_scale:g} of the box's longer side",
         "fit": f"{options.camera} camera, regularisation {_in_words(options.regularisation)}, "
-        f"{'held to the silhouette' if options.silhouette else 'not held to the silhouette'}, "
+        f"{'' if options.silhouette and options.camera in HELD_CAMERAS else 'not '}held to the silhouette, "
         f"{options.reprojection_rounds} rounds of reprojection",
         "landmarks": "vertices that the checkpoint brings along"
         if predictor.header.landmarks and not options.has_landmarks

@@ -90,7 +90,7 @@ def fit_coefficients(
         model: Its bases, in mm per standard deviation, are the a_j and b_j.
         vertex_indices: The localised vertices j.
         offsets: What leads from the mean face to this face there: s_j, in mm.
-        regularisation: lambda in mm^2; see the constants of this module for how to choose it.
+        regularisation: lambda in mm^2; ``regularisation`` says how to choose it.
         robust: Solve again with smaller weights for the vertices that disagree.
 
     Returns:

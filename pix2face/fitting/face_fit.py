@@ -77,13 +77,14 @@ def fit_face(
             centre where the maps are those of a crop off the image's centre.
         scheme: Which landmarks of the model.
         reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients to where its
-            vertices were found; 0 is the paper's way.
+            vertices were found; 0 is the paper's way. With the silhouette at least once.
         n_vertices: How many vertices of the face to look for, evenly spread (docs/fitting.md: time against error). None
             are 1,200 where lambda is given as that of predicted maps (0.5 mm^2 and more), else 2,500.
         constraints: "vertices" as in the paper, or "surface": pixels inside the triangles of the mean face. On exact
             maps ten times as accurate, and ten times as slow; of noisy maps hardly a pixel lies on the surface.
         silhouette: Hold camera and mesh to the mask (``silhouette.py``): better on predicted maps, where PNCC alone
-            tells the turn of a head badly; of weak-perspective cameras only, others are not changed.
+            tells the turn of a head badly. Of weak-perspective cameras and with constraints of vertices; others are
+            not changed.
 
     Raises:
         DegenerateGeometryError: Fewer than 50 valid pixels, values that are not finite, or none of the vertices found.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.camera import Camera
@@ -25,6 +25,8 @@ from pix2face.morphable_model import MorphableModel
 
 CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
 Constraints = Literal["vertices", "surface"]
+# Cameras that can be held to the silhouette; of "auto" those that it finds to be weak-perspective.
+HELD_CAMERAS = ("weak-perspective", "auto")
 
 # Section 3.4.1: "only a small subset of the correspondences" is needed for the camera. Of vertices, as many tell some
 # hundred coefficients as well as all of them do, at a fraction of the time.
@@ -32,7 +34,7 @@ CAMERA_PIXELS = 2000
 # The distance hangs on small differences: it takes more.
 PERSPECTIVE_PIXELS = 8000
 COEFFICIENT_VERTICES = 2500
-# Errors that are alike over patches are told as well by half of them (docs/fitting.md).
+# Errors of a network are alike over patches: half of them tell as much of its maps (docs/fitting.md).
 PREDICTED_MAPS_VERTICES = 1200
 _CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
 
@@ -85,15 +87,19 @@ def measure_picture(
     """
     if constraints == "surface" and reprojection_rounds:
         raise UsageError("expected vertices as constraints for reprojection rounds, found pixels of the surface")
-    maps = without_white_noise(maps)
+    whole, maps = maps, without_white_noise(maps)
     pixels = valid_pixel_values(maps)
     is_predicted = regularisation is not None and regularisation >= IS_OF_PREDICTED_MAPS_FROM
-    prepared = prepared_model(model, n_vertices or (PREDICTED_MAPS_VERTICES if is_predicted else COEFFICIENT_VERTICES))
+    if n_vertices is None:
+        n_vertices = PREDICTED_MAPS_VERTICES if is_predicted else COEFFICIENT_VERTICES
+    prepared = prepared_model(model, n_vertices)
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
-    is_held = silhouette and camera_kind == "weak-perspective" and constraints == "vertices"
+    can_hold = silhouette and constraints == "vertices" and camera_kind in HELD_CAMERAS
     width_mm = float(np.ptp(prepared.mean[:, 0]))
-    eye = _CameraFit(camera_kind, principal_point_px, width_mm, is_robust=not is_held)
+    # What the silhouette refines need not be robust, for the refinement is.
+    is_start = can_hold and camera_kind == "weak-perspective"
+    eye = _CameraFit(camera_kind, principal_point_px, width_mm, is_robust=not is_start)
     clear = _clear_pixels(maps, pixels)
     camera = eye.fit(*correspondences(clear, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS)))
     if constraints == "surface":
@@ -102,16 +108,19 @@ def measure_picture(
         return PictureMeasurement(camera, surface, regularisation)
     found = localise_prepared(maps, pixels, prepared)
     # Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda of predicted maps.
-    basis = prepared.basis[found.places].astype(np.float32 if is_predicted else np.float64, copy=False)
+    precision = np.float32 if is_predicted else np.float64
+    basis = prepared.basis[found.places].astype(precision, copy=False)
     if regularisation is None:
         regularisation = _estimated(basis, found, prepared)
     system = image_system(basis, found.offsets, regularisation, robust=True)
+    if can_hold and camera.is_affine:
+        measured = PictureMeasurement(camera, system, regularisation)
+        return _inside_mask(measured, whole, clear, prepared, found, basis, max(1, reprojection_rounds))
     for _ in range(reprojection_rounds):
         vertices = prepared.mean[found.places] + basis @ system.solve(regularisation)
         camera = eye.fit(vertices.astype(np.float64), found.points2d)
         system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)
-    measured = PictureMeasurement(camera, system, regularisation)
-    return _inside_mask(measured, maps, clear, prepared, found) if is_held else measured
+    return PictureMeasurement(camera, system, regularisation)
 
 
 def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> ValidPixels:
@@ -125,28 +134,36 @@ def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> ValidPixels:
 
 
 def _inside_mask(
-    measured: PictureMeasurement, maps: FaceMaps, clear: ValidPixels, prepared: PreparedModel, found: VertexPixels
+    start: PictureMeasurement,
+    maps: FaceMaps,
+    clear: ValidPixels,
+    prepared: PreparedModel,
+    found: VertexPixels,
+    basis: Float[ndarray, "n 3 c"],
+    rounds: int,
 ) -> PictureMeasurement:
-    """Camera, then coefficients, then the camera again, with the mesh held to the mask."""
+    """The camera with the mesh held to the mask, then so many rounds of coefficients and camera."""
     outside = OutsideDistance.of(maps)
     points3d, points2d = correspondences(clear, maps.mask.shape[1], SILHOUETTE_PIXELS)
     some = evenly_spread(len(prepared.mean), SILHOUETTE_VERTICES)
-    basis = prepared.basis.astype(np.float32, copy=False)
+    whole_basis = prepared.basis.astype(basis.dtype, copy=False)
 
-    def mesh(system: ImageSystem) -> Float32[ndarray, "n 3"]:
-        coefficients = system.solve(measured.regularisation).astype(np.float32)
-        return np.asarray(prepared.mean + basis @ coefficients, dtype=np.float32)
+    def face_of(system: ImageSystem) -> FaceSurface:
+        coefficients = system.solve(start.regularisation).astype(basis.dtype)
+        return FaceSurface(prepared.mean + whole_basis @ coefficients, prepared.mean)
 
-    def camera_of(start: Camera, vertices: Float32[ndarray, "n 3"]) -> Camera:
-        face = FaceSurface(vertices[some], prepared.outward[some])
-        return fit_camera_to_silhouette(start, points3d, points2d, face, outside)
+    def camera_of(before: Camera, face: FaceSurface) -> Camera:
+        few = FaceSurface(face.vertices[some], face.mean[some])
+        return fit_camera_to_silhouette(before, points3d, points2d, few, outside)
 
-    face = FaceSurface(mesh(measured.system), prepared.outward)
-    camera = camera_of(measured.camera, face.vertices)
-    system = with_reprojection(camera, prepared.mean[found.places], basis[found.places], found, measured.system)
-    system = with_silhouette(camera, face, prepared.mean, basis, outside, system)
-    camera = camera_of(camera, mesh(system))
-    return PictureMeasurement(camera, system, measured.regularisation)
+    face = face_of(start.system)
+    camera, system = camera_of(start.camera, face), start.system
+    for _ in range(rounds):
+        system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)
+        system = with_silhouette(camera, face, whole_basis, outside, system)
+        face = face_of(system)
+        camera = camera_of(camera, face)
+    return PictureMeasurement(camera, system, start.regularisation)
 
 
 @final
@@ -158,7 +175,7 @@ class _CameraFit:
         kind: As ``fit_face``.
         principal_point_px: As ``fit_face``.
         face_width_mm: Of the mean face.
-        is_robust: Whether a weak-perspective camera must be robust: not if it is only a start.
+        is_robust: Whether a weak-perspective camera must be.
     """
 
     kind: str

@@ -69,7 +69,6 @@ class PreparedModel:
             memory.
         n_identity: How many components are identity.
         grid: Finds the vertex for a PNCC value.
-        outward: From the middle of the mesh to them, mm.
         patches: For each vertex the number of the patch of the face that it lies in.
     """
 
@@ -78,7 +77,6 @@ class PreparedModel:
     basis: Float32[ndarray, "n 3 c"]
     n_identity: int
     grid: VertexGrid
-    outward: Float32[ndarray, "n 3"]
     patches: Int[ndarray, " n"]
 
 
@@ -93,7 +91,6 @@ def prepared_model(model: MorphableModel, at_most: int) -> PreparedModel:
         vertex_basis(model, vertex_indices),
         model.n_identity,
         VertexGrid.of(mean),
-        mean - (model.mean.min(axis=0) + model.mean.max(axis=0)) / 2,
         patches_of(mean, N_PATCHES),
     )
 

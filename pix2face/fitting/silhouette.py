@@ -18,22 +18,26 @@ from jaxtyping import Bool, Float, Float32, Float64
 from numpy import ndarray
 
 from pix2face.camera import Camera, nearest_weak_perspective
-from pix2face.face_maps import FaceMaps
+from pix2face.face_maps import FaceMaps, face_box
 from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise
 from pix2face.fitting.linear_system import ImageSystem
 from pix2face.fitting.moments import Moments
 from pix2face.fitting.similarity import Similarity
 
-# A vertex on the silhouette lies up to a pixel beyond the centre of the last pixel that shows the face.
+# A vertex on the silhouette lies up to a pixel beyond the centre of the last pixel that shows the face. Predicted masks
+# lack one pixel more; to allow for that as well made photographs slightly worse.
 SLACK_PX = 1.0
+# So many pixels before the photograph ends its mask is taken to go on: it lacks its outermost pixels there as well.
+END_PX = 2
 # The field reaches so far around the maps, as a share of their side; beyond, its border's value holds.
 REACH_SHARE = 0.5
-# So much farther than the middle of the head a vertex is on its far side. Some room is left for faces whose turn is
-# underestimated.
+# So much farther than the model's origin, which is inside the head, a vertex is on its far side. Some room is left for
+# faces whose turn is underestimated.
 FAR_SIDE_MM = 20.0
+# A vertex farther beyond the mask than this share of the maps' side pulls as one there: the mask may be wrong.
+FARTHEST_SHARE = 1 / 16
 # Both terms of the camera's cost are mean distances, rounded off below this share of the maps' side (half a pixel of
-# 128): in pixels of the correspondences, and of the vertices beyond the mask. They weigh alike; from 0.7 to 1.5 times
-# as much for the mask makes no difference (docs/fitting.md).
+# 128): of pixels from where their points project to, and of vertices beyond the mask. They weigh alike.
 ROUNDED_SHARE = 1 / 256
 RELATIVE_DECREASE = 1e-3
 MAX_ITERATIONS = 15
@@ -46,18 +50,18 @@ class FaceSurface:
 
     Attributes:
         vertices: mm, model frame.
-        outward: From the middle of the head to them; of the mean face will do.
+        mean: The same in the mean face.
     """
 
-    vertices: Float32[ndarray, "n 3"]
-    outward: Float32[ndarray, "n 3"]
+    vertices: Float[ndarray, "n 3"]
+    mean: Float32[ndarray, "n 3"]
 
-    def facing(self, rotation: Float[ndarray, "3 3"]) -> Bool[ndarray, " n"]:
+    def on_near_side(self, rotation: Float[ndarray, "3 3"]) -> Bool[ndarray, " n"]:
         """Which are not on the far side for a camera of this rotation (camera_from_model).
 
         Neck and scalp may hide those that are: the far ear of a profile lies beyond the mask, and rightly.
         """
-        return np.asarray(self.outward @ rotation[2] < FAR_SIDE_MM)
+        return np.asarray(self.mean @ rotation[2] < FAR_SIDE_MM)
 
 
 @final
@@ -77,19 +81,27 @@ class OutsideDistance:
 
     @classmethod
     def of(cls, maps: FaceMaps) -> "OutsideDistance":
-        """Of maps whose mask has at least one pixel. What a border cuts off may go on beyond it."""
-        outside = ~maps.mask if maps.in_photograph is None else ~maps.mask & maps.in_photograph
-        side_px = max(outside.shape)
+        """Of maps whose mask has at least one pixel.
+
+        Holes, such as an open mouth, belong to it. What the end of the photograph or of the crop cuts off goes on.
+        """
+        whole = np.zeros(maps.mask.shape, np.uint8)
+        outlines, _ = cv2.findContours(maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(whole, outlines, -1, 1, cv2.FILLED)
+        side_px = max(whole.shape)
         reach_px = max(1, round(REACH_SHARE * side_px))
-        outside = np.pad(outside.astype(np.uint8), reach_px, mode="edge")
-        distance = cv2.distanceTransform(outside, cv2.DIST_L2, 5)
+        kept = _in_photograph(maps)
+        beyond = [
+            (reach_px + part.start, reach_px + side - part.stop) for part, side in zip(kept, whole.shape, strict=True)
+        ]
+        distance = cv2.distanceTransform(1 - np.pad(whole[kept], beyond, mode="edge"), cv2.DIST_L2, 5)
         return cls(np.maximum(distance - np.float32(SLACK_PX), 0, dtype=np.float32), reach_px, side_px)
 
     def at(self, points2d: Float64[ndarray, "n 2"]) -> tuple[Float64[ndarray, " n"], Float64[ndarray, "n 2"]]:
         """Distance and its slope at places (pixels, centres at +0.5), linear between the centres of four pixels."""
         height, width = self.distance_px.shape
         limits = np.array([width, height]) - 1.001
-        place = np.clip(points2d + (self.reach_px - 0.5), 0.0, limits)
+        place = np.clip(np.nan_to_num(points2d) + (self.reach_px - 0.5), 0.0, limits)
         corner = place.astype(np.intp)
         right, down = (place - corner).T
         flat = corner[:, 1] * width + corner[:, 0]
@@ -126,7 +138,7 @@ def fit_camera_to_silhouette(
         of_pixels = Moments.of(x, u, weights).quadratic()(state)
         images = state.apply(v)
         distance, slope = outside.at(images + centre2d)
-        beyond = np.flatnonzero((distance > 0) & face.facing(state.rotation))
+        beyond = np.flatnonzero((distance > 0) & face.on_near_side(state.rotation))
         to_border = _rounded(distance[beyond], rounding)
         jacobian = np.einsum("nk,nkp->np", slope[beyond], state.jacobian(v[beyond]))
         weighted = jacobian / (len(v) * to_border)[:, None]
@@ -147,6 +159,17 @@ def fit_camera_to_silhouette(
     return found.shifted(centre2d).camera(origin)
 
 
+def _in_photograph(maps: FaceMaps) -> tuple[slice, slice]:
+    """Rows and columns that show the photograph, without the last ones before it ends within the crop."""
+    if maps.in_photograph is None or not maps.in_photograph.any():
+        return slice(0, maps.mask.shape[0]), slice(0, maps.mask.shape[1])
+    rows, columns = (
+        slice(part.start + END_PX * (part.start > 0), part.stop - END_PX * (part.stop < side))
+        for part, side in zip(face_box(maps.in_photograph), maps.mask.shape, strict=True)
+    )
+    return (rows, columns) if maps.mask[rows, columns].size else face_box(maps.in_photograph)
+
+
 def _rounded(distances: Float64[ndarray, " n"], rounding: float) -> Float64[ndarray, " n"]:
     return np.asarray(np.sqrt(distances**2 + rounding**2), dtype=np.float64)
 
@@ -154,7 +177,6 @@ def _rounded(distances: Float64[ndarray, " n"], rounding: float) -> Float64[ndar
 def with_silhouette(
     camera: Camera,
     face: FaceSurface,
-    mean: Float[ndarray, "n 3"],
     basis: Float[ndarray, "n 3 c"],
     outside: OutsideDistance,
     system: ImageSystem,
@@ -164,22 +186,22 @@ def with_silhouette(
     Args:
         camera: Weak-perspective.
         face: Of the coefficients so far.
-        mean: Its vertices in the mean face, mm.
-        basis: There, mm per standard deviation.
+        basis: At its vertices, mm per standard deviation.
         outside: The mask.
         system: What the rows are added to.
     """
     nearest = nearest_weak_perspective(camera)
     distance, slope = outside.at(camera.project(face.vertices.astype(np.float64)))
-    beyond = np.flatnonzero((distance > 0) & face.facing(nearest.rotation))
+    beyond = np.flatnonzero((distance > 0) & face.on_near_side(nearest.rotation))
     if not len(beyond):
         return system
     scale = nearest.scale
     # Millimetres, as the other rows are, and as heavy.
     away = (slope[beyond] @ camera.matrix[:2, :3] / scale).astype(basis.dtype)
     rows = (away[:, None] @ basis[beyond])[:, 0]
-    moved_so_far = (away * (face.vertices[beyond] - mean[beyond])).sum(axis=1)
-    targets = (moved_so_far - distance[beyond] / scale).astype(basis.dtype)
+    moved_so_far = (away * (face.vertices[beyond] - face.mean[beyond])).sum(axis=1)
+    inwards = np.minimum(distance[beyond], FARTHEST_SHARE * outside.side_px) / scale
+    targets = (moved_so_far - inwards).astype(basis.dtype)
     return ImageSystem(
         system.normal + rows.T @ rows,
         system.right + targets @ rows,

@@ -103,7 +103,7 @@ class FitOptions:
     """Camera of the fit: affine, weak-perspective, pinhole (its principal point is the centre of the photograph), or
     auto: a pinhole where perspective shows, else weak-perspective."""
     regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
-    """Tikhonov weight of the coefficients, in mm^2; ``estimate`` takes one from each face's maps, in twice the time."""
+    """Tikhonov weight of the coefficients, in mm^2; ``estimate`` takes one from each face's maps, and longer."""
     contour: Literal["off", "2d"] = "off"
     """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
     silhouette: bool = True
@@ -115,7 +115,7 @@ class FitOptions:
         """Refuses what can never work, before anything takes time.
 
         Raises:
-            UsageError: A regularisation that is not positive, or a negative number of rounds.
+            UsageError: A regularisation that is neither positive nor ``estimate``, or a negative number of rounds.
         """
         check_regularisation(self.regularisation)
         if not 0 <= self.reprojection_rounds <= MOST_ROUNDS:

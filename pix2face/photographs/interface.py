@@ -170,8 +170,8 @@ class Pix2Face:
             boxes: As in ``predict``.
             camera: "affine", "weak-perspective", "pinhole" (its principal point is the centre of the photograph), or
                 "auto": a pinhole where perspective shows, else weak perspective.
-            regularisation: Tikhonov weight of the coefficients, in mm^2; None estimates it from the maps, in
-                twice the time.
+            regularisation: Tikhonov weight of the coefficients, in mm^2; None estimates it from the maps, which
+                takes longer.
             reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
             silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of
                 weak-perspective cameras.

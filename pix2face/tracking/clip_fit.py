@@ -16,6 +16,7 @@ from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
 from pix2face.fitting.linear_system import cholesky
 from pix2face.fitting.picture_measurement import CameraKind, PictureMeasurement, measure_picture
+from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.landmarks import OUTER_EYE_CORNERS
 from pix2face.morphable_model import MorphableModel
 from pix2face.predictor import Prediction, Predictor
@@ -48,18 +49,18 @@ class FrameFitter:
         model: The one that it was trained for.
         camera: Kind of camera.
         regularisation: Tikhonov's lambda in mm^2; None estimates it for each frame.
-        silhouette: Hold camera and mesh to the silhouette.
         refine: Whether a first prediction refines each box.
         slides_jaw: Whether jaw landmarks slide to the visible outline.
+        silhouette: Whether camera and mesh are held to it.
     """
 
     predictor: Predictor
     model: MorphableModel
     camera: CameraKind = "weak-perspective"
-    regularisation: float | None = None
-    silhouette: bool = False
+    regularisation: float | None = PREDICTED_MAPS_REGULARISATION
     refine: bool = True
     slides_jaw: bool = False
+    silhouette: bool = True
 
     def measure(self, faces: Sequence[tuple[Photograph, FaceBox]]) -> list[MeasuredFace | None]:
         """Predicts and measures faces of one frame or of several; None where the maps hold no face.

@@ -20,7 +20,7 @@ from pix2face.crops import FaceBox
 from pix2face.default_checkpoint import default_checkpoint
 from pix2face.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
-from pix2face.fitting.picture_measurement import CameraKind
+from pix2face.fitting.picture_measurement import HELD_CAMERAS, CameraKind
 from pix2face.fitting.regularisation import (
     PREDICTED_MAPS_REGULARISATION,
     Regularisation,
@@ -119,7 +119,7 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     predictor.header.check_model(model.name, model.sha256)
     slides_jaw = config.contour == "2d"
     regularisation = lambda_or_none(config.regularisation)
-    fitter = FrameFitter(predictor, model, config.camera, regularisation, config.silhouette, config.refine, slides_jaw)
+    fitter = FrameFitter(predictor, model, config.camera, regularisation, config.refine, slides_jaw, config.silhouette)
     find = _finder(config, source)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"
@@ -287,7 +287,7 @@ def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, 
         "smoothing": config.smoothing,
         "camera": config.camera,
         "regularisation": config.regularisation,
-        "silhouette": config.silhouette,
+        "silhouette": config.silhouette and config.camera in HELD_CAMERAS,
         "contour": config.contour,
         "landmarks": _landmarks_of(config, fitter),
         "refine": config.refine,

@@ -1,6 +1,6 @@
 """What the ingredients of synthetic photographs are worth: trainings without each, measured on photographs.
 
-    python -m tests.benchmarks.ingredients --shards shards/ --data AFLW2000/ [--seeds 0 1] [--samples 300000]
+    python -m tests.benchmarks.ingredients --shards shards/ --data AFLW2000/ [--seeds 0 1] [--at-once 2]
 
 Each row is a training on as many pictures as the others, of those that pass its condition, with the same options, and
 ``evaluate --split aflw2000-3d`` after it. So an ingredient is left out without rendering anything again. Prints and
@@ -9,9 +9,11 @@ writes JSON. Run again, it goes on where it was: a training that is done is not 
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import MappingProxyType
 
@@ -42,21 +44,26 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--samples", type=int, default=300_000)
     parser.add_argument("--size", type=int, default=64)
-    parser.add_argument("--train-options", default="--batch-size 48 --learning-rate 0.0015 --workers 0 --cache-gb 8")
+    parser.add_argument("--train-options", default="--batch-size 48 --learning-rate 0.0015 --workers 0 --cache-gb 5")
     parser.add_argument("--only", nargs="+", choices=INGREDIENTS, default=list(INGREDIENTS))
+    parser.add_argument("--at-once", type=int, default=1, help="trainings side by side, which share the cores")
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     conditions = equal_conditions(options.shards)
-    rows = {}
-    for seed in options.seeds:
-        for name in options.only:
-            out = options.out / f"{name.replace(' ', '-')}-{seed}"
-            rows[f"{name}, seed {seed}"] = measured(options, conditions[name], seed, out)
-            summary = {"samples": options.samples, "size_px": options.size, "conditions": conditions, "rows": rows}
-            options.out.mkdir(parents=True, exist_ok=True)
-            text = json.dumps({**summary, "measured_on": surroundings()}, indent=2)
-            (options.out / "ingredients.json").write_text(text + "\n", encoding="utf-8")
-            sys.stdout.write(json.dumps({f"{name}, seed {seed}": rows[f"{name}, seed {seed}"]}) + "\n")
-            sys.stdout.flush()
+    rows: dict[str, dict[str, float]] = {}
+
+    def add(name: str, seed: int) -> None:
+        out = options.out / f"{name.replace(' ', '-')}-{seed}"
+        rows[f"{name}, seed {seed}"] = row = measured(options, conditions[name], seed, out)
+        summary = {"samples": options.samples, "size_px": options.size, "conditions": conditions, "rows": rows}
+        text = json.dumps({**summary, "measured_on": surroundings()}, indent=2)
+        (options.out / "ingredients.json").write_text(text + "\n", encoding="utf-8")
+        sys.stdout.write(json.dumps({f"{name}, seed {seed}": row}) + "\n")
+        sys.stdout.flush()
+
+    with ThreadPoolExecutor(options.at_once) as pool:
+        for done in [pool.submit(add, name, seed) for seed in options.seeds for name in options.only]:
+            done.result()
     return 0
 
 
@@ -83,11 +90,13 @@ def measured(options: argparse.Namespace, condition: str, seed: int, out: Path) 
     """Trains with a condition and a seed, and measures."""
     report = out / "evaluation" / "report.json"
     if not report.exists():
-        training = ["--shards", options.shards, "--preset", "cpu", "--size-px", options.size, "--cropping", "shift"]
+        training = ["--shards", options.shards, "--preset", "cpu", "--size-px", options.size]
+        training += ["--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask"]
         length = ["--samples", options.samples, "--seed", seed, "--out", out, "--where", condition]
-        run("training.cli", [*training, *length, *options.train_options.split()])
+        threads = max(1, (os.cpu_count() or 1) // options.at_once)
+        run("training.cli", [*training, *length, *options.train_options.split()], threads)
         where = ["--split", "aflw2000-3d", "--data", options.data, "--checkpoint", out / "checkpoint.safetensors"]
-        run("pix2face.evaluation.evaluate_cli", [*where, "--resamples", 0, "--out", out / "evaluation"])
+        run("pix2face.evaluation.evaluate_cli", [*where, "--resamples", 0, "--out", out / "evaluation"], threads)
     rows = json.loads(report.read_text(encoding="utf-8"))["table"]
     (row,) = (row for row in rows if (row["method"], row["points"]) == ("network", "68"))
     per_cent = {name: group["mean"] for name, group in row["groups"].items()}
@@ -95,9 +104,10 @@ def measured(options: argparse.Namespace, condition: str, seed: int, out: Path) 
     return {name: round(100 * value, 3) for name, value in per_cent.items()}
 
 
-def run(module: str, arguments: Sequence[object]) -> None:
+def run(module: str, arguments: Sequence[object], threads: int) -> None:
     """Runs one of the project's commands."""
-    subprocess.run([sys.executable, "-m", module, *map(str, arguments)], check=True)
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
+    subprocess.run([sys.executable, "-m", module, *map(str, arguments)], check=True, env=environment)
 
 
 if __name__ == "__main__":

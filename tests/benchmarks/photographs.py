@@ -11,10 +11,12 @@ shards are kept, and a run that was stopped goes on; pictures a second are then 
 
 import argparse
 import json
+import os
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from datagen.appearance.configuration import PRESETS
@@ -23,6 +25,7 @@ from datagen.jobs.pipeline import Listener, open_job, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import save_coefficients
+from pix2face.errors import UsageError
 from pix2face.morphable_model import BUILTIN_MODEL, builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN, order_layers
 from tests.benchmarks.render import by_stage
@@ -32,7 +35,7 @@ from tests.benchmarks.surroundings import surroundings
 def measure(place: Path, options: argparse.Namespace) -> dict[str, object]:
     """Runs the job."""
     appearance, table = PRESETS[options.preset], place / "faces.h5"
-    if not table.exists():
+    if not table.exists():  # a run that was stopped goes on with the faces that it has
         faces = sample_faces(builtin_model(), options.n, options.seed, options.size, appearance.geometry)
         save_coefficients(faces, table)
     layers = order_layers(DEFAULT_LAYERS if appearance.is_plain else (*DEFAULT_LAYERS, SEEN))
@@ -45,15 +48,18 @@ def measure(place: Path, options: argparse.Namespace) -> dict[str, object]:
     summary = run_job(
         open_job(job), place / "shards", ProcessPool(options.workers), listener=Listener(on_progress=on_progress)
     )
+    if len(progress) < 2:
+        raise UsageError(f"{place}: expected at least two shards to be drawn, found {len(progress)} left to draw")
     (began, _), (ended, _) = progress[0], progress[-1]
+    n_drawn, cores = sum(n for _, n in progress), min(options.workers, os.cpu_count() or 1)
     peaks = [n_bytes / 2**20 for n_bytes in summary.peaks_bytes]
-    stages = by_stage(summary)
+    stages = by_stage(replace(summary, n_triplets=n_drawn))
     return {
         "pictures": summary.n_triplets,
         "rejected": len(summary.rejected),
         "shards_that_were_there": summary.n_shards_kept,
         "pictures_per_second": sum(n for _, n in progress[1:]) / max(ended - began, 1e-9),
-        "pictures_per_second_of_processor_time": 1e3 * options.workers / stages["sum without opening"],
+        "pictures_per_second_of_processor_time": 1e3 * cores / stages["sum without opening"],
         "cpu_ms_per_picture_and_stage": stages,
         "largest_worker_mb_in_first_tenth": max(peaks[: max(1, len(peaks) // 10)]),
         "largest_worker_mb": max(peaks),

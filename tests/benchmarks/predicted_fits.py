@@ -34,6 +34,7 @@ from pix2face.evaluation.metrics import nme
 from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.from_landmarks import fit_landmarks
+from pix2face.fitting.picture_measurement import PREDICTED_MAPS_VERTICES
 from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.images import read_photograph
 from pix2face.landmark_file import with_own_landmarks
@@ -47,7 +48,7 @@ Fit = Callable[[FaceMaps], FaceFit]
 
 @final
 @dataclass(frozen=True, eq=False)
-class SeenFace:
+class PredictedFace:
     """What the network says of a face, and the truth in the same pixels."""
 
     maps: FaceMaps
@@ -69,27 +70,29 @@ def variants(model: MorphableModel) -> dict[str, Fit]:
         "held, camera by all pixels of the mask": lambda maps: fit(replace(maps, seen=None)),
         "not held, two reprojections": lambda maps: fit(maps, silhouette=False, reprojection_rounds=2),
         "not held, affine camera": lambda maps: fit(maps, silhouette=False, camera_kind="affine"),
+        "held, two rounds": lambda maps: fit(maps, reprojection_rounds=2),
         "held, lambda 5": lambda maps: fit(maps, regularisation=5.0),
         "held, lambda 80": lambda maps: fit(maps, regularisation=80.0),
-        "held, lambda estimated": lambda maps: fit(maps, regularisation=None),
+        "held, lambda estimated": lambda maps: fit(maps, regularisation=None, n_vertices=PREDICTED_MAPS_VERTICES),
         "held, 600 vertices": lambda maps: fit(maps, n_vertices=600),
         "held, 2,500 vertices": lambda maps: fit(maps, n_vertices=2500),
     }
 
 
-def seen_faces(folder: Path, predictor: Predictor, model: MorphableModel, every: int) -> list[SeenFace]:
+def predicted_faces(folder: Path, predictor: Predictor, model: MorphableModel, every: int) -> list[PredictedFace]:
     """Every so-manieth annotated photograph."""
     found = []
     for annotation in find_annotations(folder, IBUG68)[::every]:
         annotated = annotation.load()
         prediction = predictor.predict(read_photograph(annotated.image_path), FaceBox.around(annotated.landmarks2d))
         yaw = head_pose(fit_landmarks(model, annotated.landmarks2d).camera).yaw_deg
-        found.append(SeenFace(prediction.maps, prediction.crop.to_crop(annotated.landmarks2d), yaw_bin(yaw)))
+        found.append(PredictedFace(prediction.maps, prediction.crop.to_crop(annotated.landmarks2d), yaw_bin(yaw)))
     return found
 
 
-def row(faces: Sequence[SeenFace], fit: Fit) -> dict[str, float]:
+def row(faces: Sequence[PredictedFace], fit: Fit) -> dict[str, float]:
     """Fits all and measures."""
+    fit(faces[0].maps)  # gathers what the model needs
     errors, shapes, sizes, seconds = defaultdict(list), [], [], 0.0
     for face in faces:
         began = process_time()
@@ -124,7 +127,7 @@ def main() -> int:
     predictor = Predictor.load(options.checkpoint or default_checkpoint(), "cpu")
     model = with_own_landmarks(builtin_model(), predictor.header)
     with threadpool_limits(1):
-        faces = seen_faces(options.folder, predictor, model, options.every)
+        faces = predicted_faces(options.folder, predictor, model, options.every)
         rows = {}
         for name, fit in variants(model).items():
             rows[name] = {key: round(value, 3) for key, value in row(faces, fit).items()}

@@ -70,7 +70,7 @@ def fit(exact: None, face: PhotographedFace, model_path: Path, tmp_path: Path) -
 
     def run(*arguments: object, box: FaceBox | None = face.box) -> int:
         where = ["--box", box.left, box.top, box.right, box.bottom] if box else []
-        options = ["--model", model_path, "--checkpoint", "any", "--regularisation", "1e-3", *where]
+        options = ["--model", model_path, "--checkpoint", "any", "--regularisation", "1e-3", "--no-silhouette", *where]
         return call("fit", *arguments, *options, "--out", tmp_path / "out")
 
     return run
@@ -132,7 +132,7 @@ def test_a_fit_is_what_the_documentation_says(
     found = json.loads((out / "person.json").read_text())
     assert set(found) == documented_fields("Fit")
     assert found["model"] == {"name": model.name, "sha256": model.sha256}
-    np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.25)
+    np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
     np.testing.assert_allclose(found["identity"], face.identity, atol=0.1)
     np.testing.assert_allclose(found["expression"], face.expression, atol=0.1)
     for name, angle_deg in zip(
@@ -143,6 +143,19 @@ def test_a_fit_is_what_the_documentation_says(
     assert found["px_per_mm"] == pytest.approx(0.7, rel=2e-3)
     camera, landmarks3d = Camera(np.array(found["camera_matrix"])), np.array(found["landmarks3d_mm"])
     np.testing.assert_allclose(camera.project(landmarks3d), found["landmarks2d_px"], atol=1e-6)
+
+
+@pytest.mark.parametrize("options", [(), ("--regularisation", "estimate")])
+def test_by_default_a_fit_is_for_predicted_maps(
+    exact: None, face: PhotographedFace, model_path: Path, photograph: Path, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    """Held to a mask that lacks its outermost pixel, and to the mean face: a little off on exact maps."""
+    where = ("--box", face.box.left, face.box.top, face.box.right, face.box.bottom, "--checkpoint", "any")
+    assert call("fit", photograph, "--model", model_path, *where, *options, "--out", tmp_path / "out") == 0
+    found = json.loads((tmp_path / "out" / "person.json").read_text())
+    distances = np.linalg.norm(np.array(found["landmarks2d_px"]) - face.landmarks2d, axis=1)
+    assert distances.mean() < 0.5
+    assert distances.max() < 1.5
 
 
 def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path) -> None:
@@ -232,7 +245,7 @@ def test_several_faces_are_numbered(
     assert len(written(tmp_path / "out")) == 4 * len(FIT_FILES)
     for index, face in enumerate(two_faces):
         found = json.loads((tmp_path / "out" / f"person-{index}.json").read_text())
-        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.4)
+        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
 
 
 def test_the_largest_face_alone_keeps_the_name(

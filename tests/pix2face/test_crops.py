@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pix2face.camera import HeadPose, Pinhole, pinhole_camera, rotation_of_pose
-from pix2face.crops import FaceBox, crop_camera, crop_image, square_crop
+from pix2face.crops import FaceBox, crop_camera, crop_image, pixels_in_image, square_crop
 from pix2face.errors import DegenerateGeometryError
 
 BOX = FaceBox(100, 80, 180, 200)
@@ -89,3 +89,17 @@ def test_a_huge_box_costs_no_memory(side: float) -> None:
     image = np.full((60, 80, 3), 200, np.uint8)
     crop = crop_image(image, square_crop(FaceBox(-side, -side, side, side), 1.4, 32))
     assert crop.any(axis=2).sum() <= 4  # the whole picture is less than a pixel
+
+
+def test_pixels_in_the_image() -> None:
+    """A crop of twice the side about the corner of an image of 40 x 60 pixels: a quarter of it shows the image."""
+    crop = square_crop(FaceBox(-10, -10, 10, 10), 2.0, 32)
+    inside = pixels_in_image(crop, (40, 60))
+    assert inside is not None
+    expected = np.zeros((32, 32), dtype=bool)
+    expected[16:, 16:] = True
+    np.testing.assert_array_equal(inside, expected)
+    assert pixels_in_image(square_crop(FaceBox(10, 10, 30, 30), 1.0, 32), (40, 60)) is None
+    beside = pixels_in_image(square_crop(FaceBox(100, 100, 120, 120), 1.0, 32), (40, 60))
+    assert beside is not None
+    assert not beside.any()

@@ -59,9 +59,19 @@ def test_the_threshold_is_half_the_smallest_radius():
         return Predictor(lambda image: torch.full((len(image), 6, 32, 32), value / 120.0), HEADER)
 
     radius = 30 / np.sqrt(3)
-    assert constant(radius * 1.01).predict(picture(), BOX).maps.mask.sum() == 30 * 30  # eroded by one pixel
+    # The border of the picture is none of the face.
+    assert constant(radius * 1.01).predict(picture(), BOX).maps.mask.all()
     assert not constant(radius * 0.99).predict(picture(), BOX).maps.mask.any()
     assert not constant(float("nan")).predict(picture(), BOX).maps.mask.any()
+
+
+def test_maps_say_where_the_photograph_has_ended():
+    predict = Predictor(disc_network, HEADER).predict
+    assert predict(picture(), FaceBox(20, 20, 80, 80)).maps.in_photograph is None
+    shown = predict(picture(), FaceBox(70, 30, 130, 90)).maps.in_photograph
+    assert shown is not None
+    assert shown[:, 0].any()
+    assert not shown[:, -1].any()
 
 
 def test_a_network_that_knows_its_masks_is_believed():
@@ -74,7 +84,7 @@ def test_a_network_that_knows_its_masks_is_believed():
     predict = Predictor(with_masks, replace(HEADER, planes=8)).predict
     prediction = predict(picture(), BOX)
     columns = np.flatnonzero(prediction.maps.mask.any(axis=0))
-    assert (columns.min(), columns.max()) == (1, 18)  # below 20, eroded by one pixel at each side
+    assert (columns.min(), columns.max()) == (0, 18)  # below 20, eroded by one pixel where the face ends
     assert prediction.maps.seen is not None
     columns = np.flatnonzero(prediction.maps.seen.any(axis=0))
     assert (columns.min(), columns.max()) == (10, 18)

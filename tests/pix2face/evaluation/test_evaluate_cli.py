@@ -191,6 +191,7 @@ def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys):
         (["--oracle", "--boxes", "lbp"], "--boxes lbp: expected a checkpoint"),
         (["--predictions", "p.npz", "--contour", "2d"], "--contour 2d: expected a fit"),
         (["--oracle", "--regularisation", 80], "--regularisation: expected a checkpoint"),
+        (["--oracle", "--no-silhouette"], "--no-silhouette: expected a checkpoint"),
         (["--predictions", "p.npz", "--camera", "pinhole"], "--camera: expected a checkpoint or --oracle"),
         (["--reannotated", "x.npy"], "expected --truth reannotated with it"),
         (["--predictions", "absent.npz"], "absent.npz: expected an .npz file of predictions"),

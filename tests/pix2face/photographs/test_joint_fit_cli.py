@@ -52,7 +52,7 @@ def two_of_one_person(
     return first, second
 
 
-JOINT = ("--joint", "--no-refine", "--checkpoint", "any", "--regularisation", "1e-3")
+JOINT = ("--joint", "--no-refine", "--checkpoint", "any", "--regularisation", "1e-3", "--no-silhouette")
 
 
 def test_photographs_of_one_person_share_the_identity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,7 +67,7 @@ def test_photographs_of_one_person_share_the_identity(tmp_path: Path, monkeypatc
     for found, face in zip(fits, (first, second), strict=True):
         np.testing.assert_allclose(found["identity"], face.identity, atol=0.1)
         np.testing.assert_allclose(found["expression"], face.expression, atol=0.1)
-        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.25)
+        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.15)
 
 
 def test_a_photograph_that_goes_while_a_joint_fit_runs_leaves_the_others(

@@ -74,6 +74,7 @@ def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
     rows = rows_of(tmp_path / "landmarks.csv")
     archive = np.load(tmp_path / "track.npz")
     summary = json.loads((tmp_path / "track.json").read_text())
+    assert (summary["landmarks"], summary["silhouette"]) == ("model", True)
     assert [int(row["frame"]) for row in rows] == archive["frame"].tolist() == list(range(N_FRAMES))
     for index, (row, camera) in enumerate(zip(rows, CAMERAS, strict=True)):
         truth = true_landmarks(model, camera)
