@@ -126,8 +126,8 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         "checkpoint": f"{checkpoint} (epoch {predictor.header.epoch}, {predictor.header.size_px} px)",
         "crop": f"{predictor.header.crop_scale:g} of the box's longer side",
         "fit": f"{options.camera} camera, regularisation {_in_words(options.regularisation)}, "
-        f"{'' if options.silhouette and options.camera in HELD_CAMERAS else 'not '}held to the silhouette, "
-        f"{options.reprojection_rounds} rounds of reprojection",
+        f"{options.reprojection_rounds} rounds of reprojection asked for, "
+        f"{'' if options.silhouette and options.camera in HELD_CAMERAS else 'not '}held to the silhouette",
         "landmarks": "vertices that the checkpoint brings along"
         if predictor.header.landmarks and not options.has_landmarks
         else "vertices of the model",

@@ -61,7 +61,7 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
     formats = parse_mesh_formats(config.mesh)
     config.how.check()
     if config.joint and config.how.reprojection_rounds:
-        raise UsageError("expected no --reprojection-rounds with --joint, which has one round")
+        raise UsageError("expected no --reprojection-rounds with --joint, whose fits have no more rounds")
     finder = config.faces.open()
     model = finder.pix2face.model
     if config.colour == "texture" and model.uv is None:

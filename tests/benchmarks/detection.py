@@ -1,6 +1,6 @@
 """How many faces the detectors find, and how well their boxes fit: python -m tests.benchmarks.detection.
 
-    python -m tests.benchmarks.detection --faces ../shared/data/dlib_faces [--detectors lbp,dlib] [--checkpoint C]
+    python -m tests.benchmarks.detection --faces FOLDER [--detectors lbp,dlib] [--checkpoint C]
         [--out out/detection.json]
 
 Prints and writes JSON. For each detector: recall (overlap with an annotated face of more than half their union), false
@@ -95,7 +95,7 @@ def refined(detector: Detector, predictor: Predictor) -> Finder:
 def main() -> int:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--faces", type=Path, default=Path("../shared/data/dlib_faces"))
+    parser.add_argument("--faces", type=Path, required=True, help="annotated photographs, such as dlib's examples")
     parser.add_argument("--detectors", default=",".join(DETECTORS))
     parser.add_argument("--checkpoint", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/detection.json"))
