@@ -34,14 +34,12 @@ class LandmarkSelection:
         error: Mean error of each over all frames: those that chose it. Too good to be believed.
         held_out_error: Mean error of each over frames that had no part in the choice.
         n_frames: How many frames have each landmark.
-        vertices_of_folds: What each fold's other frames chose.
     """
 
     vertices: Int[ndarray, " m"]
     error: Float64[ndarray, " m"]
     held_out_error: Float64[ndarray, " m"]
     n_frames: Int[ndarray, " m"]
-    vertices_of_folds: Int[ndarray, "f m"]
 
 
 @final
@@ -119,7 +117,6 @@ class ReprojectionErrors:
             error=sums[rows, chosen] / counts,
             held_out_error=held_out / counts,
             n_frames=counts,
-            vertices_of_folds=self._candidates[others],
         )
 
     @staticmethod

@@ -18,7 +18,8 @@ OPSET = 18
 DESCRIPTION = (
     "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
     "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, where "
-    "there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel (not where the picture ends); plane 7, where "
+    "there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel "
+    "(not where the picture ends); plane 7, where "
     f"there is one, is above 0 where the face is seen. The scales are in the metadata entry {METADATA_KEY!r} (JSON)."
 )
 

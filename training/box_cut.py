@@ -13,6 +13,7 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.crops import FaceBox, square_crop
+from pix2face.face_maps import face_box
 from training.batch_rows import BatchRow, resample
 from training.decoded_sample import DecodedSample
 
@@ -43,8 +44,7 @@ def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale:
     crop = square_crop(FaceBox.around(sample.landmarks2d), scale, side_px, shift=(float(right), float(down)))
     row = _empty_row(side_px, has_seen=sample.seen is not None)
     resample(sample, crop, row)
-    top, bottom, left, right = _bounds(row.mask)
-    face = (slice(top, bottom), slice(left, right))
+    face = face_box(row.mask.astype(bool))
     return replace(
         sample,
         image=row.image,
@@ -52,7 +52,7 @@ def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale:
         offset=np.ascontiguousarray(row.offset[face]),
         mask=np.ascontiguousarray(row.mask[face]),
         seen=None if row.seen is None else np.ascontiguousarray(row.seen[face]),
-        corner=(left, top),
+        corner=(face[1].start, face[0].start),
         landmarks2d=crop.to_crop(sample.landmarks2d).astype(np.float32),
     )
 
@@ -68,11 +68,3 @@ def _empty_row(side_px: int, *, has_seen: bool) -> BatchRow:
         mask=plane(np.uint8),
         seen=plane(np.uint8) if has_seen else None,
     )
-
-
-def _bounds(mask: ndarray) -> tuple[int, int, int, int]:
-    """First and last (exclusive) row and column of a mask; all 0 where it is empty."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return 0, 0, 0, 0
-    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1

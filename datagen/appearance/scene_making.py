@@ -1,6 +1,5 @@
 """From an appearance and a face to the scene that is drawn."""
 
-import json
 from typing import final
 
 import numpy as np
@@ -16,11 +15,9 @@ from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin
 from datagen.appearance.surface import Surface
 from datagen.appearance.torso import head_from_torso
 from datagen.appearance.whole import Appearance
+from datagen.sampling.expressions import strengths_of
 from pix2face.coefficients import Face
 from pix2face.morphable_model import MorphableModel
-
-# The attribute of a face that says how strongly each named expression is active (``datagen sample`` writes it).
-NAMED_EXPRESSIONS = "named_expressions"
 
 
 @final
@@ -43,13 +40,12 @@ class SceneMaker:
             face: Its coefficients, camera, and expressions by name where they are known.
             vertices: Of this face, mm, model frame.
         """
-        active = face.attributes.get(NAMED_EXPRESSIONS)
         head = PosedHead(
             model=self.model,
             vertices=vertices,
             normals=self._surface.normals(vertices),
             neutral=self._neutral(face, vertices),
-            named_expressions=json.loads(active) if isinstance(active, str) else {},
+            named_expressions=strengths_of(face.attributes),
         )
         turned = head_from_torso(appearance.torso, face.camera)
         skin, hair = appearance.skin, appearance.hair

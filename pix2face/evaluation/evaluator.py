@@ -1,6 +1,6 @@
 """A benchmark through whatever finds landmarks: one result a face, and the trivial baseline beside it.
 
-What is measured is passed in (``evaluation_subjects``). A face that it does not find stays in the figures with the
+What is measured is passed in (``subjects``). A face that it does not find stays in the figures with the
 error infinity; a face whose own files are damaged is listed and left out.
 """
 

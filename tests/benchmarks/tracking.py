@@ -102,9 +102,9 @@ def measure_track(path: Path) -> dict[str, object]:
 
 def track_drawn_clip(loops: int, folder: Path) -> float:
     """Tracks a drawn clip of 30 frames so many times over; the largest memory of this process so far, in MB."""
-    from pix2face import track_cli
     from pix2face.images import encode_image
     from pix2face.predictor import Predictor
+    from pix2face.tracking import track_cli
     from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces
     from tests.synthetic_models import small_head_model
 
@@ -117,7 +117,7 @@ def track_drawn_clip(loops: int, folder: Path) -> float:
     frames.mkdir()
     for index in range(loops * len(contents)):
         (frames / f"{index:06d}.png").write_bytes(contents[index % len(contents)])
-    track_cli.open_model = lambda name: model  # type: ignore[assignment]
+    track_cli.open_model_with = lambda name, landmarks: model  # type: ignore[assignment]
     track_cli.open_detector = lambda name: BlobDetector()  # type: ignore[assignment]
     Predictor.load = lambda path, device=None: colour_predictor(model)  # type: ignore[method-assign,assignment]
     if pix2face_main(["track", str(frames), "--out", str(folder / "out"), "--checkpoint", "none"]):

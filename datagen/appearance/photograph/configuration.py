@@ -137,7 +137,6 @@ FAULTS = (
     "glare",
 )
 
-DEFAULT_PHOTOGRAPH = PhotographConfig()
 # Rarer things more often, extremes wider.
 HARD_PHOTOGRAPH = PhotographConfig(
     bad_share=0.65,

@@ -1,9 +1,5 @@
 // Colours, and numbers that look random but are the same on every driver.
 
-vec3 linear_of(vec3 srgb) {
-    return mix(srgb / 12.92, pow((max(srgb, vec3(0.04045)) + 0.055) / 1.055, vec3(2.4)), step(0.04045, srgb));
-}
-
 float luminance(vec3 linear) {
     return dot(linear, vec3(0.2126, 0.7152, 0.0722));
 }
@@ -28,16 +24,4 @@ float noise3(vec3 p) {
     vec4 across = mix(near, far, t.z);
     vec2 along = mix(across.xy, across.zw, t.y);
     return mix(along.x, along.y, t.x);
-}
-
-// Octaves of it, 0..1, each half as large and twice as fine.
-float fbm3(vec3 p, int octaves) {
-    float total = 0.0, amplitude = 0.5, sum = 0.0;
-    for (int i = 0; i < octaves; ++i) {
-        total += amplitude * noise3(p);
-        sum += amplitude;
-        amplitude *= 0.5;
-        p = p * 2.03 + vec3(17.3, 5.1, 11.7);
-    }
-    return total / max(sum, 1e-6);
 }

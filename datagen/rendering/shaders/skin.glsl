@@ -2,7 +2,7 @@
 
 uniform sampler2DArray skin_atlas, skin_details, skin_noise, skin_iris;
 uniform vec4 skin_atlas_box, skin_details_box;  // u and v where they begin, and 1 / their extent
-uniform vec3 skin_surface_colour, skin_dermis, skin_melanin_axis, skin_haemoglobin_axis;  // see skin_tone.py
+uniform vec3 skin_surface_colour, skin_dermis, skin_melanin_axis, skin_haemoglobin_axis;  // see skin/tone.py
 uniform vec3 skin_layers, skin_layer_weights;
 uniform float skin_contrast;                    // of the skins' texture
 uniform vec4 skin_tone;                         // melanin, haemoglobin, flush, circles under the eyes
