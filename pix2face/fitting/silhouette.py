@@ -88,13 +88,15 @@ class OutsideDistance:
         whole = np.zeros(maps.mask.shape, np.uint8)
         outlines, _ = cv2.findContours(maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(whole, outlines, -1, 1, cv2.FILLED)
-        side_px = max(whole.shape)
+        height, width = maps.mask.shape
+        side_px = max(height, width)
         reach_px = max(1, round(REACH_SHARE * side_px))
-        kept = _in_photograph(maps)
-        beyond = [
-            (reach_px + part.start, reach_px + side - part.stop) for part, side in zip(kept, whole.shape, strict=True)
-        ]
-        distance = cv2.distanceTransform(1 - np.pad(whole[kept], beyond, mode="edge"), cv2.DIST_L2, 5)
+        rows, columns = _in_photograph(maps)
+        beyond = (
+            (reach_px + rows.start, reach_px + height - rows.stop),
+            (reach_px + columns.start, reach_px + width - columns.stop),
+        )
+        distance = cv2.distanceTransform(1 - np.pad(whole[rows, columns], beyond, mode="edge"), cv2.DIST_L2, 5)
         return cls(np.maximum(distance - np.float32(SLACK_PX), 0, dtype=np.float32), reach_px, side_px)
 
     def at(self, points2d: Float64[ndarray, "n 2"]) -> tuple[Float64[ndarray, " n"], Float64[ndarray, "n 2"]]:
