@@ -2,7 +2,7 @@
 
 python examples/fit_photograph.py PHOTO [--checkpoint C] [--out DIR]
 
-Without --checkpoint the packaged one is taken, or while there is none the one that was trained last (below runs/).
+Without --checkpoint the packaged one is taken.
 """
 
 import argparse

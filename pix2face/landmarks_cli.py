@@ -17,7 +17,7 @@ from pix2face.camera import Camera
 from pix2face.coefficients import load_coefficients
 from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, progress_bar, say
 from pix2face.crops import FaceBox
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
@@ -49,7 +49,7 @@ class LandmarksSelectConfig:
     scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = IBUG68
     """Which points the annotations hold."""
     checkpoint: Path | None = None
-    """Fit the maps that this network predicts, as the paper does; default is the packaged one, or the last of runs/."""
+    """Fit the maps that this network predicts, as the paper does; default is the packaged one."""
     coeffs: Path | None = None
     """Take the fits of this table instead (as ``datagen fit`` writes it), matched by name."""
     model: str = BUILTIN_MODEL
@@ -109,7 +109,7 @@ def _select(config: LandmarksSelectConfig) -> int:
     if config.coeffs is not None:
         fit_frame, origin = _given_fits(model, config.coeffs), str(config.coeffs.name)
     else:
-        checkpoint = config.checkpoint or default_checkpoint()
+        checkpoint = config.checkpoint or PACKAGED
         fit_frame, origin = _predicted_fits(model, checkpoint), f"maps predicted by {checkpoint.name}"
     problems = _measure(annotations, fit_frame, candidates, errors, config)
     if len(problems) == len(annotations):

@@ -61,7 +61,7 @@ class EvaluateConfig:
     Attributes:
         split: The benchmark.
         data: Folder with its files; default is the environment variable PIX2FACE_DATA.
-        checkpoint: What training wrote; default is the packaged one, or the last below runs/.
+        checkpoint: What training wrote; default is the packaged one.
         predictions: Measure these landmarks of another system instead (.npz or .csv, docs/evaluation.md), or of clips a
             folder with what pix2face track wrote for each (CLIP/track.npz).
         frame: Where the predictions have the centre of the first pixel: at 0, at 1, or at 0.5.

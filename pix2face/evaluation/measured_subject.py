@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from pix2face import __version__
 from pix2face.contour_landmarks import contour_landmarks2d
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 from pix2face.detection import open_detector
 from pix2face.evaluation.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.detection_boxes import DetectedBox
@@ -46,7 +46,7 @@ class SubjectOptions:
     """What to measure.
 
     Attributes:
-        checkpoint: What training wrote; None takes the packaged one, or else the last below runs/.
+        checkpoint: What training wrote; None takes the packaged one.
         predictions: File of another system's landmarks instead.
         frame: Where that has its pixel centres.
         oracle: Fit the model to the truth instead.
@@ -106,7 +106,7 @@ def versions() -> dict[str, str]:
 
 
 def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest) -> tuple[Subject, dict[str, Any]]:
-    checkpoint = options.checkpoint or default_checkpoint()
+    checkpoint = options.checkpoint or PACKAGED
     predictor = Predictor.load(checkpoint)
     if options.crop_scale is not None:
         predictor = predictor.with_crop_scale(options.crop_scale)

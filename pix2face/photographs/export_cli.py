@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 
 from pix2face.command_line import check_output_file, say
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 
 
 @final
@@ -18,7 +18,7 @@ class ExportConfig:
     """Configuration of ``pix2face export``."""
 
     checkpoint: Path | None = None
-    """What training wrote; default is the packaged one, or the last below runs/."""
+    """What training wrote; default is the packaged one."""
     out: Path = Path("out/network.onnx")
     """The ONNX file."""
 
@@ -28,7 +28,7 @@ def export(config: Annotated[ExportConfig, tyro.conf.arg(name="")]) -> int:
     from pix2face.onnx_export import export_onnx  # torch's exporter takes seconds to load
 
     check_output_file(config.out, (".onnx",))
-    checkpoint = config.checkpoint or default_checkpoint()
+    checkpoint = config.checkpoint or PACKAGED
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns of packages that nothing here needs
     header = export_onnx(checkpoint, config.out)
     say(

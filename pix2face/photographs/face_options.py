@@ -33,7 +33,7 @@ class FaceOptions:
     """Network, model and face boxes; part of the configuration of several commands."""
 
     checkpoint: Path | None = None
-    """What training wrote; default is the packaged one, or the last below runs/."""
+    """What training wrote; default is the packaged one."""
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
     landmarks: Path | None = None

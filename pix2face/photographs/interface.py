@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.crops import FaceBox, image_centre_in_crop
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 from pix2face.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
@@ -78,7 +78,7 @@ class Pix2Face:
         """Opens a checkpoint and the model that it was trained for.
 
         Args:
-            checkpoint: What training wrote; None takes the packaged one, or else the last below ``runs/``.
+            checkpoint: What training wrote; None takes the packaged one.
             model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
             device: Name of a torch device; None takes a GPU where there is one.
             detector: Name of a face detector, one of ``pix2face.detection.DETECTORS``.
@@ -91,7 +91,7 @@ class Pix2Face:
             ModelMismatchError: The checkpoint was trained for another model.
             UsageError: No checkpoint was named, and there is none to take instead; or no such detector or device.
         """
-        path = default_checkpoint() if checkpoint is None else Path(checkpoint)
+        path = PACKAGED if checkpoint is None else Path(checkpoint)
         predictor = Predictor.load(path, device)
         opened = open_model(model) if isinstance(model, str) else model
         if opened is not None and (isinstance(model, str) if own_landmarks is None else own_landmarks):

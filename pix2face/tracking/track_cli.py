@@ -17,7 +17,7 @@ from rich.console import Console
 from pix2face.box_files import read_box_file
 from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
 from pix2face.crops import FaceBox
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 from pix2face.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.fitting.picture_measurement import HELD_CAMERAS, CameraKind
@@ -70,7 +70,7 @@ class TrackConfig:
     out: Path = Path("out/track")
     """Folder for boxes, landmarks, overlay and summary."""
     checkpoint: Path | None = None
-    """What training wrote; default is the packaged one, or the last below runs/."""
+    """What training wrote; default is the packaged one."""
     model: str = BUILTIN_MODEL
     """``builtin`` or a model file: the one that the checkpoint was trained for."""
     landmarks: Path | None = None
@@ -113,7 +113,7 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     _silence_decoders()
     source = open_frames(config.video)
     model = open_model_with(config.model, config.landmarks)
-    predictor = Predictor.load(config.checkpoint or default_checkpoint(), config.device)
+    predictor = Predictor.load(config.checkpoint or PACKAGED, config.device)
     if config.landmarks is None:
         model = with_own_landmarks(model, predictor.header)
     predictor.header.check_model(model.name, model.sha256)

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 from pix2face.evaluation.benchmark_shards import read_shard_face
 from pix2face.evaluation.evaluator import Evaluator
 from pix2face.evaluation.subjects import NetworkSubject
@@ -89,11 +89,7 @@ def main() -> None:
     parser.add_argument("--bins", type=int, default=4)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    found = [
-        (own, error)
-        for own, error in measured(options.shards, options.checkpoint or default_checkpoint())
-        if error == error
-    ]
+    found = [(own, error) for own, error in measured(options.shards, options.checkpoint or PACKAGED) if error == error]
     errors = np.array([error for _, error in found])
     report: dict[str, Any] = {"all": summarise(errors)}
     for attribute in options.attribute:

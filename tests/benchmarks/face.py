@@ -23,7 +23,7 @@ from numpy import ndarray
 from threadpoolctl import threadpool_limits
 
 from pix2face.crops import INFERENCE_SCALE, crop_image, square_crop
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 from pix2face.images import read_photograph
 from pix2face.photographs.interface import Pix2Face
 from tests.benchmarks.surroundings import surroundings
@@ -77,7 +77,7 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
-    checkpoint = options.checkpoint or default_checkpoint()
+    checkpoint = options.checkpoint or PACKAGED
     faces = Pix2Face.load(checkpoint, device="cpu")
     image = read_photograph(options.image) if options.image else astronaut()
     with threadpool_limits(1):

@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from pix2face.annotations import find_annotations
 from pix2face.camera import head_pose
 from pix2face.crops import FaceBox
-from pix2face.default_checkpoint import default_checkpoint
+from pix2face.default_checkpoint import PACKAGED
 from pix2face.evaluation.benchmark_data import YAW_BINS, yaw_bin
 from pix2face.evaluation.metrics import nme
 from pix2face.face_maps import FaceMaps
@@ -124,7 +124,7 @@ def main() -> int:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
-    predictor = Predictor.load(options.checkpoint or default_checkpoint(), "cpu")
+    predictor = Predictor.load(options.checkpoint or PACKAGED, "cpu")
     model = with_own_landmarks(builtin_model(), predictor.header)
     with threadpool_limits(1):
         faces = predicted_faces(options.folder, predictor, model, options.every)

@@ -1,13 +1,11 @@
 """Calls of ``pix2face`` that cannot work: one line that says why, status 2, and nothing written."""
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pix2face.cli import main
-from pix2face.default_checkpoint import default_checkpoint
 from pix2face.morphable_model import builtin_model
 from tests.pix2face.seen_faces import write_checkpoint, write_picture
 from tests.synthetic_models import small_head_model
@@ -86,10 +84,6 @@ def test_a_missing_checkpoint_says_how_to_train(
     photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    unpackaged = partial(default_checkpoint, tmp_path / "none.safetensors")
-    monkeypatch.setattr("pix2face.photographs.interface.default_checkpoint", unpackaged)
-    assert call("predict", photograph) == 2
-    assert_one_line(capsys, "train --shards")
     assert call("fit", photograph, "--checkpoint", "runs/none.safetensors") == 2
     assert_one_line(capsys, "runs/none.safetensors: no such file; `train --shards")
 

@@ -3,14 +3,12 @@
 import json
 import re
 import shlex
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tyro
 
-from pix2face.default_checkpoint import default_checkpoint
 from pix2face.evaluation.compare_cli import CompareConfig
 from pix2face.evaluation.evaluate_cli import EvaluateConfig, main
 from pix2face.evaluation.manifest import SPLITS
@@ -145,18 +143,6 @@ def test_truncated_checkpoint_is_named(tmp_path, small_model, capsys):
     checkpoint.write_bytes(checkpoint.read_bytes()[:200])
     assert run(tmp_path, "--data", tmp_path) == 2
     assert "checkpoint.safetensors" in capsys.readouterr().err
-
-
-def test_the_last_trained_checkpoint_is_the_default_where_none_is_packaged(tmp_path, small_model, monkeypatch, capsys):
-    write_ibug(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    unpackaged = partial(default_checkpoint, tmp_path / "none.safetensors")
-    monkeypatch.setattr("pix2face.evaluation.measured_subject.default_checkpoint", unpackaged)
-    assert main(["--split", "ibug", "--data", "."]) == 2
-    assert "train --shards" in capsys.readouterr().err
-    write_checkpoint(tmp_path / "runs" / "tiny" / "checkpoint.safetensors")
-    assert main(["--split", "ibug", "--data", "."]) == 0
-    assert (tmp_path / "out" / "evaluate-ibug" / "report.json").is_file()
 
 
 def test_unknown_split_is_refused_by_the_parser(capsys):

@@ -220,7 +220,7 @@ def test_it_is_loaded_from_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     checkpoint = write_checkpoint(tmp_path / "runs" / "one" / "checkpoint.safetensors", model)
     image = np.zeros((HEIGHT_PX, 260, 3), dtype=np.uint8)
     by_name = Pix2Face.load(str(checkpoint), str(model_path), "cpu")
-    monkeypatch.setattr("pix2face.photographs.interface.default_checkpoint", lambda: checkpoint)
+    monkeypatch.setattr("pix2face.photographs.interface.PACKAGED", checkpoint)
     by_default = Pix2Face.load(model=model)
     for loaded in (by_name, by_default):
         assert isinstance(loaded.model, MorphableModel)
