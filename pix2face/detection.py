@@ -8,16 +8,12 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Final
 
-from jaxtyping import UInt8
-from numpy import ndarray
-
-from pix2face.crops import FaceBox
 from pix2face.detectors.dlib_cnn import DlibCnnDetector
 from pix2face.detectors.lbp_cascade import ONE_LOOK, LbpCascadeDetector
 from pix2face.detectors.protocol import DetectedFace, Detector
 from pix2face.errors import UsageError
 
-__all__ = ["DEFAULT_DETECTOR", "DETECTORS", "DetectedFace", "Detector", "detect_faces", "open_detector"]
+__all__ = ["DEFAULT_DETECTOR", "DETECTORS", "DetectedFace", "Detector", "open_detector"]
 
 DETECTORS: Final[Mapping[str, Callable[[], Detector]]] = {
     "lbp": LbpCascadeDetector,
@@ -41,8 +37,3 @@ def open_detector(name: str = DEFAULT_DETECTOR) -> Detector:
     if name not in DETECTORS:
         raise UsageError(f"expected a detector of {', '.join(DETECTORS)}, found {name!r}")
     return DETECTORS[name]()
-
-
-def detect_faces(image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
-    """The faces of an RGB picture by the default detector, largest first; empty where there is none."""
-    return open_detector().detect(image)

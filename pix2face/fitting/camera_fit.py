@@ -56,7 +56,6 @@ def fit_weak_perspective_camera(
     *,
     weights: Float[ndarray, " n"] | None = None,
     robust: bool = False,
-    initial_rotation: Float[ndarray, "3 3"] | None = None,
 ) -> Camera:
     """Fits a weak-perspective camera (scaled orthography) by minimising the reprojection error.
 
@@ -68,7 +67,6 @@ def fit_weak_perspective_camera(
         points2d: Their images in pixels, (x, y), centres at +0.5.
         weights: Factor of each squared residual; None is 1 for all; a weight of 0 leaves a point out.
         robust: Solve again with smaller weights for the points that disagree (``robust.reweighted``).
-        initial_rotation: A start (camera_from_model) instead of the affine one.
 
     Raises:
         DegenerateGeometryError: Fewer than 4 points with a weight, all in one line, or some not finite.
@@ -79,7 +77,7 @@ def fit_weak_perspective_camera(
     check_points(points3d, points2d, at_least=4)
     origin = np.asarray(weights @ points3d / weights.sum(), dtype=np.float64)
     points3d = points3d - origin
-    similarity = _best_similarity(points3d, points2d, weights, initial_rotation)
+    similarity = _best_similarity(points3d, points2d, weights)
     if robust:
         similarity = _robust_similarity(similarity, points3d, points2d, weights)
     return similarity.camera(origin)
@@ -132,10 +130,9 @@ def _best_similarity(
     points3d: Float64[ndarray, "n 3"],
     points2d: Float64[ndarray, "n 2"],
     weights: Float64[ndarray, " n"],
-    initial_rotation: Float[ndarray, "3 3"] | None,
 ) -> Similarity:
     """The weak-perspective fit (points3d relative to their centre): the best end over the starts."""
-    starts = _starts(points3d, points2d, weights, initial_rotation)
+    starts = _starts(points3d, points2d, weights)
     centre2d = np.asarray(weights @ points2d / weights.sum(), dtype=np.float64)
     local_quadratic = Moments.of(points3d, points2d - centre2d, weights).quadratic()
     ends = [minimise(start.shifted(-centre2d), local_quadratic, Similarity.moved) for start in starts]
@@ -146,7 +143,6 @@ def _starts(
     points3d: Float64[ndarray, "n 3"],
     points2d: Float64[ndarray, "n 2"],
     weights: Float64[ndarray, " n"],
-    initial_rotation: Float[ndarray, "3 3"] | None,
 ) -> list[Similarity]:
     centre2d = np.asarray(weights @ points2d / weights.sum(), dtype=np.float64)
     spread3d = float(np.sqrt(weights @ (points3d**2).sum(axis=1)))
@@ -158,8 +154,6 @@ def _starts(
             f"found {len(points3d)} that are"
         )
     log_scale = float(np.log(spread2d / spread3d * np.sqrt(1.5)))  # orthography keeps two of three axes
-    if initial_rotation is not None:
-        return [Similarity(log_scale, np.asarray(initial_rotation, dtype=np.float64), centre2d)]
     affine = _affine_rows(points3d, points2d, weights)
     if affine is not None and np.linalg.svd(affine[:, :3], compute_uv=False)[1] > 0:
         nearest = nearest_weak_perspective(affine_camera(affine))

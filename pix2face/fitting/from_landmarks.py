@@ -121,7 +121,6 @@ def fit_mean_to_landmarks(
     landmarks2d: Float[ndarray, "m 2"],
     *,
     weights: Float[ndarray, " m"] | None = None,
-    initial_rotation: Float[ndarray, "3 3"] | None = None,
     robust: bool = False,
 ) -> Camera:
     """Fits a weak-perspective camera that brings the mean face's landmarks to given ones.
@@ -130,7 +129,6 @@ def fit_mean_to_landmarks(
         model: The face; of a MorphableModel the iBUG-68 landmarks.
         landmarks2d: Pixels (x, y), centres at +0.5; a landmark that is not finite counts as missing.
         weights: Factor of each squared residual; None is 1, 0 leaves a landmark out.
-        initial_rotation: A start (camera_from_model) instead of the affine one.
         robust: Huber's loss instead of squares.
 
     Raises:
@@ -143,7 +141,6 @@ def fit_mean_to_landmarks(
         np.nan_to_num(landmarks2d, posinf=0, neginf=0),
         weights=weights,
         robust=robust,
-        initial_rotation=initial_rotation,
     )
 
 
@@ -154,7 +151,6 @@ def fit_landmarks(
     weights: Float[ndarray, " m"] | None = None,
     regularisation: float = LANDMARK_REGULARISATION,
     depths_px: Float[ndarray, " m"] | None = None,
-    initial_rotation: Float[ndarray, "3 3"] | None = None,
     robust: bool = False,
     contour: JawContour | None = None,
 ) -> LandmarkFit:
@@ -170,7 +166,6 @@ def fit_landmarks(
         regularisation: lambda in mm^2: the variance of what the model should not follow.
         depths_px: Depth of the landmarks in the unit of the pixels, larger farther, up to a constant; None where
             unknown. 300W-LP's third coordinate grows towards the viewer: ``w300lp`` negates it on reading.
-        initial_rotation: A start (camera_from_model) instead of the mean face's fit.
         robust: Cauchy's loss instead of squares: landmarks far from what the others say (guessed behind a hand, or
             wrong) lose their weight.
         contour: Lets the 17 jaw points slide along it: for landmarks that follow the outline in the photograph.
@@ -181,9 +176,7 @@ def fit_landmarks(
     if not regularisation > 0:
         raise DegenerateGeometryError(f"expected a positive regularisation in mm^2, found {regularisation}")
     landmark_model = _landmark_model(model)
-    camera = fit_mean_to_landmarks(
-        landmark_model, landmarks2d, weights=weights, initial_rotation=initial_rotation, robust=robust
-    )
+    camera = fit_mean_to_landmarks(landmark_model, landmarks2d, weights=weights, robust=robust)
     targets, given = landmarks2d.astype(np.float64), _weights_of_present(landmarks2d, weights)
     if depths_px is not None:
         targets = np.column_stack([targets, depths_px])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from skimage.data import astronaut
 
 from pix2face.crops import FaceBox
-from pix2face.detection import DETECTORS, Detector, detect_faces, open_detector
+from pix2face.detection import DETECTORS, Detector, open_detector
 from pix2face.detectors import dlib_cnn
 from pix2face.detectors.lbp_cascade import ONE_LOOK, LbpCascadeDetector
 from pix2face.detectors.protocol import DetectedFace, overlap, sure_boxes, without_doubles
@@ -64,10 +64,6 @@ def test_four_looks_find_a_tilted_face_that_one_look_misses():
     tilted = cv2.warpAffine(ASTRONAUT, matrix, (width, height))
     assert not any(overlap(box, ASTRONAUT_FACE) > 0.4 for box in LbpCascadeDetector(ONE_LOOK).detect(tilted))
     assert any(overlap(box, ASTRONAUT_FACE) > 0.4 for box in LbpCascadeDetector().detect(tilted))
-
-
-def test_detect_faces_is_the_default_detector():
-    assert detect_faces(ASTRONAUT) == open_detector("lbp").detect(ASTRONAUT)
 
 
 @pytest.mark.parametrize("kind", ["grey", "alpha", "16 bit"])

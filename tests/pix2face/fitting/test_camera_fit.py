@@ -109,14 +109,6 @@ def test_weight_zero_leaves_a_point_out():
     np.testing.assert_allclose(fitted.matrix, true.matrix, atol=1e-6)
 
 
-def test_a_given_start_is_used():
-    points = face_like_points()
-    true = weak_camera(10, 30, 0)
-    start = nearest_weak_perspective(weak_camera(0, 0, 0)).rotation
-    fitted = fit_weak_perspective_camera(points, true.project(points), initial_rotation=start)
-    np.testing.assert_allclose(fitted.matrix, true.matrix, atol=1e-5)
-
-
 @pytest.mark.parametrize("fit", [fit_affine_camera, fit_weak_perspective_camera])
 def test_degenerate_points_are_refused(fit):
     points = face_like_points()

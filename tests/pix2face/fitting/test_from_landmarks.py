@@ -86,14 +86,6 @@ def test_regularisation_shrinks():
     assert sizes[2] < 0.05
 
 
-def test_a_given_start_is_used():
-    _, camera, landmarks3d = known_face(HeadPose(0, 60, 0), 6)
-    landmarks2d = camera.project(landmarks3d)
-    start = rotation_of_pose(HeadPose(0, 30, 0))
-    fit, expected = fit_landmarks(MODEL, landmarks2d, initial_rotation=start), fit_landmarks(MODEL, landmarks2d)
-    np.testing.assert_allclose(fit.landmarks2d, expected.landmarks2d, atol=0.5)
-
-
 def test_bad_input_is_refused():
     _, camera, landmarks3d = known_face(HeadPose(0, 0, 0), 8)
     landmarks2d = camera.project(landmarks3d)
