@@ -117,7 +117,7 @@ class ShardIndex:
             "model_sha256": self.model_sha256,
             "pncc_scale_mm": self.pncc_scale_mm,
             "offset_scale_mm": self.offset_scale_mm,
-            "weights": [found.weight for found in self.sets],
+            "mixture": [found.weight for found in self.sets],
             "where": self.where,
             "validation": self.held_out,
         }

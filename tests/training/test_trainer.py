@@ -105,6 +105,13 @@ def test_it_goes_on_from_any_step_bit_for_bit(shards, tmp_path, recipe):
     assert (out / RESUME_NAME).read_bytes() == (tmp_path / "whole" / RESUME_NAME).read_bytes()
 
 
+def test_the_configuration_tells_weights_of_losses_and_of_sets(shards):
+    configuration = json.loads(training_configuration(shards, RECIPE))
+    assert (configuration["weights"]["offset"], configuration["mixture"]) == (RECIPE.weights.offset, [1.0])
+    other = replace(RECIPE, weights=replace(RECIPE.weights, offset=2.0))
+    assert training_configuration(shards, other) != training_configuration(shards, RECIPE)
+
+
 def test_the_test_above_can_fail(shards, tmp_path, uninterrupted):
     other = train(shards, replace(RECIPE, seed=1), tmp_path / "other", HERE)
     assert not torch.equal(*(load_file(path)["decoder.4.weight"] for path in (uninterrupted, other)))
