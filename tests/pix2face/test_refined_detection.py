@@ -101,7 +101,7 @@ def test_find_faces_runs_the_chain(scene):
     [
         (2.4, 0.9, False, True),
         (3.0, 0.5, False, False),  # behind a mask or a hand: the detector decides
-        (4.9, 0.4, True, False),  # a network finds a face in anything, but does not see it
+        (4.9, 0.3, True, False),  # a network finds a face in anything, but does not see it
         (4.9, None, False, True),
     ],
 )
