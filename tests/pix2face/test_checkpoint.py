@@ -167,3 +167,11 @@ def test_another_model_is_refused_and_both_are_named():
     HEADER.check_model("the same under another name", "a" * 64)
     with pytest.raises(ModelMismatchError, match=r"'small head' \(aaaaaaaaaaaa\).*'big head' \(bbbbbbbbbbbb\)"):
         HEADER.check_model("big head", "b" * 64)
+
+
+def test_statistics_of_norms_do_not_overflow_in_a_checkpoint_of_half_the_size(tmp_path):
+    widths = residual_widths(2)
+    header, network = replace(HEADER, architecture="residual", size_px=64, widths=widths), ResidualUNet(widths)
+    network.stem_norm.running_var.fill_(1e5)  # float16 ends at 65,504
+    save_checkpoint(tmp_path / "half.safetensors", header, network.eval(), torch.float16)
+    assert (load_checkpoint(tmp_path / "half.safetensors")[1].stem_norm.running_var == 1e5).all()
