@@ -107,8 +107,8 @@ def save_checkpoint(
         path: Where to.
         header: Says what the network is.
         network: Its weights are written.
-        precision: Of the weights in the file: float16 halves it, and is computed with in float32 all the same. Norms and
-            biases stay float32: they are few, and variances of norms overflow float16.
+        precision: Of the weights in the file: float16 halves it, and is computed with in float32 all the same. Norms
+            and biases stay float32: they are few, and variances of norms overflow float16.
     """
     tensors = network.state_dict()
     vectors = {name: tensor for name, tensor in tensors.items() if tensor.ndim <= 1}

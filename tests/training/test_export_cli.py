@@ -59,7 +59,7 @@ def test_weights_of_half_the_size_predict_the_same(checkpoint, tmp_path):
 
 def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
     chosen = (MODEL.landmarks["ibug68"].astype(int) + 1) % len(MODEL.mean)
-    selection = LandmarkSelection(chosen, *(np.zeros(68) for _ in range(2)), np.ones(68, int), chosen[None])
+    selection = LandmarkSelection(chosen, *(np.zeros(68) for _ in range(2)), np.ones(68, int))
     save_landmarks(tmp_path / "landmarks.json", MODEL, "ibug68", selection, {})
     landmarks = ["--landmarks", str(tmp_path / "landmarks.json")]
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx", *landmarks]) == 0
