@@ -30,7 +30,7 @@ CONFIRMED_MM = 5.5
 REFUTED_MM = 12.0
 # How much of the face the network sees, where it says so: it finds a face in anything, but sees little of those that
 # are not there. The limits were set on a dozen photographs. Of 73 annotated faces in others none is refuted (seen by
-# 0.62 at least), but of renders 12 of 35 that are hidden by more than half are.
+# 0.62 at least), but of renders 11 of 35 that are hidden by more than half are.
 CONFIRMED_SEEN = 0.7
 REFUTED_SEEN, REFUTED_UNSEEN_MM = 0.4, 2.5
 # Overlap of the refined box with the detector's: a true one is corrected by little.
