@@ -1,6 +1,6 @@
 """How fast ``datagen render`` draws synthetic photographs, with maps and masks, from a table to finished shards.
 
-    python -m tests.benchmarks.photographs [--n 600] [--size 256] [--preset default] [--workers 2] [--out FILE.json]
+    python -m tests.benchmarks.photographs [--n 600] [--size 256] [--appearance default] [--workers 2] [--out FILE.json]
     python -m tests.benchmarks.photographs --n 100000 --size 160 --shards FOLDER     # one long run: is memory flat?
 
 Prints and writes JSON: pictures a second by the clock, from the first shard that is finished on (starting up is not in
@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from datagen.appearance.configuration import PRESETS
+from datagen.appearance.configuration import DEFAULT, load_configuration
 from datagen.jobs.executors import ProcessPool
 from datagen.jobs.pipeline import Listener, open_job, run_job
 from datagen.jobs.render_job import RenderJob
@@ -34,7 +34,7 @@ from tests.benchmarks.surroundings import surroundings
 
 def measure(place: Path, options: argparse.Namespace) -> dict[str, object]:
     """Runs the job."""
-    appearance, table = PRESETS[options.preset], place / "faces.h5"
+    appearance, table = load_configuration(options.appearance), place / "faces.h5"
     if not table.exists():  # a run that was stopped goes on with the faces that it has
         faces = sample_faces(builtin_model(), options.n, options.seed, options.size, appearance.geometry)
         save_coefficients(faces, table)
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--n", type=int, default=600)
     parser.add_argument("--size", type=int, default=256)
-    parser.add_argument("--preset", choices=PRESETS, default="default")
+    parser.add_argument("--appearance", default=DEFAULT, help="preset, or TOML file, as of `datagen render`")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--shard-size", type=int, default=20)
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as name:
         found = measure(options.shards or Path(name), options)
-    described = {name: getattr(options, name) for name in ("size", "preset", "seed", "workers", "shard_size")}
+    described = {name: getattr(options, name) for name in ("size", "appearance", "seed", "workers", "shard_size")}
     text = json.dumps({**described, **found, "measured_on": surroundings()}, indent=2)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(text + "\n")
