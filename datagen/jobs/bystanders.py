@@ -1,6 +1,11 @@
-"""Other people behind the one whose face a picture is about."""
+"""Other people behind the one whose face a picture is about.
+
+To draw somebody far away takes nearly as long as to draw whoever stands in front. So a job has a few dozen people, whom
+each worker draws once, in even light; what one of them adds to a picture is as bright and of the colour as its light.
+"""
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import final
 
 import cv2
@@ -11,6 +16,7 @@ from numpy import ndarray
 from datagen.appearance.backdrop.backdrop import PersonPlace
 from datagen.appearance.backdrop.focus import defocused
 from datagen.appearance.configuration import AppearanceConfig
+from datagen.appearance.light.light import Light, seen_light
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.whole import Appearance, draw_appearance
@@ -19,9 +25,11 @@ from datagen.rendering.scene_drawing import SceneDrawer
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.coefficients import Face
 
-# Sides of the pictures that bystanders are drawn in, before they are brought to size: few, as the drawer keeps buffers
-# for each, and small, as they are out of focus.
-SIDES_PX = (64, 128)
+# Of a job.
+N_PEOPLE = 64
+# Sides of the picture that a bystander is drawn in, and of what is left of it for whoever is farther away: small, as
+# they are out of focus.
+DRAWN_PX, HALVED_PX = 128, 64
 # What nobody sees of somebody out of focus.
 UNSEEN = ("brows/", "lashes/", "jewellery/")
 # What such a picture shows across, mm: head, hair and shoulders.
@@ -30,6 +38,8 @@ ACROSS_MM = 480.0
 # takes about half of its picture.
 FRONT_SHARE = 0.55
 HEAD_MM = 240.0
+# Harmonics of even light, which comes a little more from above and from before the face; camera frame.
+_EVEN_LIGHT = (1.0, 0.0, -0.45, -0.25, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @final
@@ -45,49 +55,56 @@ class Bystanders:
 
     def __init__(self, scenes: SceneMaker, drawer: SceneDrawer, seed: int, config: AppearanceConfig) -> None:
         self._scenes, self._drawer, self._seed, self._config = scenes, drawer, seed, config
+        self._picture = lru_cache(maxsize=N_PEOPLE)(self._drawn)
 
-    def draw(self, backdrop: Float32[ndarray, "h w 3"], appearance: Appearance, appearance_id: str) -> None:
-        """Draws the people of an appearance's backdrop over it, in the same light.
+    def draw(self, backdrop: Float32[ndarray, "h w 3"], appearance: Appearance) -> None:
+        """Draws the people of an appearance's backdrop over it, as bright as its light.
 
         Args:
             backdrop: Linear light; is drawn into.
             appearance: Of the picture.
-            appearance_id: What its random streams hang on.
         """
+        light = appearance.light
         for place in appearance.backdrop.people:
-            self._draw_one(backdrop, place, appearance, f"{appearance_id}/bystander {place.seed}")
+            self._place_one(backdrop, place, light)
 
-    def _draw_one(self, backdrop: Float32[ndarray, "h w 3"], place: PersonPlace, front: Appearance, name: str) -> None:
+    def _place_one(self, backdrop: Float32[ndarray, "h w 3"], place: PersonPlace, light: Light) -> None:
         height, width = backdrop.shape[:2]
         side = place.scale * FRONT_SHARE * width * ACROSS_MM / HEAD_MM
+        rgba = self._picture(place.seed % N_PEOPLE)
         # Pixels no wider than what one is out of focus by.
-        wanted = side / (1 + place.blur * width)
-        drawn_px = next((size for size in SIDES_PX if size >= wanted), SIDES_PX[-1])
-        face = self._face(name, drawn_px)
-        own = draw_appearance(self._seed, name, self._config)
-        shown = Appearance(**{**vars(own), "light": front.light, "backdrop": front.backdrop})
-        vertices = self._scenes.model.vertices(face.identity[None], face.expression[None])[0]
-        scene = plainer(self._scenes.scene(shown, face, vertices))
-        picture = self._drawer.draw(scene, face.camera, drawn_px, drawn_px)
-        rgba = np.concatenate([picture.radiance, picture.coverage[..., None]], axis=2)
-        placed = _placed(rgba, place, side / drawn_px, (height, width))
-        soft = defocused(placed, place.blur * width)
+        if side / (1 + place.blur * width) <= HALVED_PX:
+            rgba = cv2.resize(rgba, (HALVED_PX, HALVED_PX), interpolation=cv2.INTER_AREA)
+        soft = defocused(_placed(rgba, place, side / len(rgba), (height, width)), place.blur * width)
         backdrop *= 1 - soft[..., 3:]
-        backdrop += soft[..., :3]
+        backdrop += soft[..., :3] * seen_light(light).astype(np.float32)
 
-    def _face(self, name: str, side_px: int) -> Face:
+    def _drawn(self, number: int) -> Float32[ndarray, "s s 4"]:
+        """One of the people: radiance multiplied by coverage, as where a white ball shows 1, and coverage."""
+        name = f"bystander {number}"
+        face = self._face(name)
+        own = draw_appearance(self._seed, name, self._config)
+        even = tuple(harmonic for harmonic in _EVEN_LIGHT for _ in range(3))
+        light = replace(own.light, lamps=(), panoramas=(), gobo=None, ambient=even)
+        vertices = self._scenes.model.vertices(face.identity[None], face.expression[None])[0]
+        scene = plainer(self._scenes.scene(replace(own, light=light), face, vertices))
+        picture = self._drawer.draw(scene, face.camera, DRAWN_PX, DRAWN_PX)
+        radiance = picture.radiance / seen_light(light).astype(np.float32)
+        return np.concatenate([radiance, picture.coverage[..., None]], axis=2)
+
+    def _face(self, name: str) -> Face:
         rng = generator_for(self._seed, name)
         model = self._scenes.model
         yaw, pitch, roll = rng.normal(0, [35, 8, 6])
         rotation = rotation_of_pose(HeadPose(float(pitch), float(yaw), float(roll)))
-        middle = np.array([side_px / 2, 0.45 * side_px])
+        middle = np.array([DRAWN_PX / 2, 0.45 * DRAWN_PX])
         return Face(
             sample_id=name,
             identity=np.clip(rng.standard_normal(model.n_identity), -2.5, 2.5).astype(np.float32),
             expression=np.zeros(model.n_expression, np.float32),
-            camera=weak_perspective_camera(WeakPerspective(side_px / ACROSS_MM, rotation, middle)),
-            height_px=side_px,
-            width_px=side_px,
+            camera=weak_perspective_camera(WeakPerspective(DRAWN_PX / ACROSS_MM, rotation, middle)),
+            height_px=DRAWN_PX,
+            width_px=DRAWN_PX,
         )
 
 

@@ -124,7 +124,7 @@ class ScenePictures(PictureSource):
         with times.stage("draw backdrop"):
             folder = self._config.backdrop.folder
             backdrop = backdrop_pixels(appearance.backdrop, face.camera, *size, folder)
-            self._bystanders.draw(backdrop, appearance, view.appearance_id)
+            self._bystanders.draw(backdrop, appearance)
             light = picture.radiance + (1 - picture.coverage[..., None]) * backdrop
         with times.stage("develop, encode"):
             shown = view.jittered_colours(develop(light, appearance.photograph, picture.labels == HEAD))

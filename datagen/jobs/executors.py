@@ -20,7 +20,8 @@ from typing import Any, final
 from pix2face.errors import UsageError
 
 # Software OpenGL and linear algebra: work is spread over processes, where threads would only fight for cores.
-ONE_THREAD = ("LP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+# Software OpenGL with no thread of its own draws in the caller's.
+ONE_THREAD = {"LP_NUM_THREADS": "0", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 CONNECT_S = 10.0
 WORKERS_COME_S = 60.0
 
@@ -161,8 +162,8 @@ class DaskCluster(WorkPlace):
 
 def limit_threads() -> None:
     """Gives software OpenGL and linear algebra of this process and its children one thread, unless told otherwise."""
-    for variable in ONE_THREAD:
-        os.environ.setdefault(variable, "1")
+    for variable, n_threads in ONE_THREAD.items():
+        os.environ.setdefault(variable, n_threads)
 
 
 @final

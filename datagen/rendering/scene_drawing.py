@@ -35,6 +35,7 @@ from datagen.rendering.scene_program import (
     SceneTextures,
     compile_head,
     compile_object,
+    set_uniforms,
 )
 from datagen.rendering.scene_shadows import SKY, LightView, ShadowMaps
 from datagen.rendering.scene_targets import SceneTarget, make_target
@@ -96,7 +97,7 @@ class SceneDrawer:
         self._whole = {name: context.vertex_array(program.program, []) for name, program in whole.items()}
         self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
         self._targets = KeptBySize(lambda height, width: make_target(context, height, width), SceneTarget.release)
-        self._set(dict(self._textures.units))
+        set_uniforms(list(self._programs.values()), self._textures.units)
 
     def draw(self, scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
         """Draws a scene.
@@ -119,9 +120,11 @@ class SceneDrawer:
         self._textures.bind()
         target = self._targets.get(height, width)
         target.bind()
-        self._set(scene.uniforms)
-        self._set(self._draw_shadows(scene))
-        self._set(view.uniforms)
+        used = self._used_programs(scene)
+        programs = list(used.values())
+        set_uniforms(programs, scene.uniforms)
+        set_uniforms(programs, self._draw_shadows(scene, used))
+        set_uniforms(programs, view.uniforms)
         self._draw_seen(scene, view, target, self._openings.box(scene.head.vertices, camera, height, width))
         self._draw_opaque(scene, target)
         self._draw_edges(target)
@@ -143,18 +146,30 @@ class SceneDrawer:
         for program in self._programs.values():
             program.release()
 
-    def _set(self, values: Mapping[str, UniformValue]) -> None:
-        for program in self._programs.values():
-            program.set(values)
+    def _used_programs(self, scene: Scene) -> dict[str, SceneProgram]:
+        """Without those that draw kinds of objects of which the scene has none: they need not know of it."""
+        kinds = {
+            purpose: {scene.meshes[run.mesh].material.kind for run in runs}
+            for purpose, runs in (
+                ("object", self._objects.opaque),
+                ("blended", self._objects.blended),
+                ("object_shadow", self._objects.blended),
+            )
+        }
+        idle = {f"{kind} {purpose}" for purpose in PURPOSES for kind in KINDS if kind not in kinds[purpose]}
+        return {name: program for name, program in self._programs.items() if name not in idle}
 
-    def _draw_shadows(self, scene: Scene) -> dict[str, UniformValue]:
+    def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1; what the shaders need to know of it."""
+        shadowing = [program for name, program in used.items() if name == "bare" or name.endswith(" object_shadow")]
         # What lies around the neck and lower takes the sky from little but itself.
         chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
         high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
 
         def casters(light: int, view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
-            self._set({"clip_from_model": view.clip_from_model, "camera_place": np.append(towards_light, 0)})
+            set_uniforms(
+                shadowing, {"clip_from_model": view.clip_from_model, "camera_place": np.append(towards_light, 0)}
+            )
             # What turns away from a light would only shade what turns away as well.
             self._context.front_face, self._context.cull_face = "ccw", "back"
             self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)

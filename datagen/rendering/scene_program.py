@@ -66,7 +66,7 @@ class SceneProgram:
         )
         members: dict[str, Any] = {name: self.program[name] for name in self.program}
         uniforms: dict[str, Any] = {name: each for name, each in members.items() if isinstance(each, moderngl.Uniform)}
-        self._uniforms = {name: _Slot(name, each) for name, each in uniforms.items()}
+        self.uniforms = {name: _Slot(name, each) for name, each in uniforms.items()}
         self.attributes = {name for name, each in members.items() if isinstance(each, moderngl.Attribute)}
         self.set(UNITS)
         # Textures that nobody gives: two kinds of samplers must not read the same unit.
@@ -81,14 +81,28 @@ class SceneProgram:
         Raises:
             UsageError: A value has not the size of its uniform.
         """
-        for name, value in values.items():
-            found = self._uniforms.get(name)
-            if found is not None:
-                found.write(value)
+        set_uniforms([self], values)
 
     def release(self) -> None:
         """Gives it back to the driver."""
         self.program.release()
+
+
+def set_uniforms(programs: Sequence[SceneProgram], values: Mapping[str, UniformValue]) -> None:
+    """Sets what each of several programs has, as ``SceneProgram.set``; a value becomes bytes once for all of them.
+
+    Raises:
+        UsageError: A value has not the size of its uniform.
+    """
+    for name, value in values.items():
+        made: dict[tuple[Any, int], bytes] = {}
+        for program in programs:
+            found = program.uniforms.get(name)
+            if found is not None:
+                content = made.get(found.form)
+                if content is None:
+                    content = made[found.form] = found.content(value)
+                found.write(content)
 
 
 @final
@@ -150,6 +164,9 @@ class _Slot:
     Args:
         name: Its name.
         found: It.
+
+    Attributes:
+        form: Uniforms of one form and name take the same bytes.
     """
 
     def __init__(self, name: str, found: Any) -> None:
@@ -158,15 +175,22 @@ class _Slot:
         self._kind = {"f": np.float32, "i": np.int32, "u": np.uint32}[kind]
         self._size = found.array_length * found.dimension
         self._pack = struct.Struct(f"{self._size}{'I' if kind == 'u' else kind}").pack
+        self._written = b""
+        self.form = found.fmt, found.array_length
 
-    def write(self, value: UniformValue) -> None:
-        """Sets it."""
+    def content(self, value: UniformValue) -> bytes:
+        """The bytes of a value."""
         if isinstance(value, int | float) and self._size == 1:
-            self._uniform.write(self._pack(value))
-        elif isinstance(value, tuple) and len(value) == self._size:
-            self._uniform.write(self._pack(*value))
-        else:
-            self._uniform.write(self._packed(np.asarray(value, dtype=self._kind)))
+            return self._pack(value)
+        if isinstance(value, tuple) and len(value) == self._size:
+            return self._pack(*value)
+        return self._packed(np.asarray(value, dtype=self._kind))
+
+    def write(self, content: bytes) -> None:
+        """Sets it, where that changes anything."""
+        if content != self._written:
+            self._uniform.write(content)
+            self._written = content
 
     def _packed(self, numbers: ndarray) -> bytes:
         found = self._uniform

@@ -24,6 +24,7 @@ from datagen.appearance.light.sources import (
     PanoramaLight,
     angles_of,
     seen_illuminance,
+    seen_light,
 )
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "draw_light",
     "light_textures",
     "light_uniforms",
+    "seen_light",
     "shadow_lights",
 ]
 

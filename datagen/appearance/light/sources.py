@@ -132,6 +132,13 @@ def seen_illuminance(
     return ambient, by_lamps
 
 
+def seen_light(light: Light) -> Float64[ndarray, "3"]:
+    """What a white ball in a light shows the camera on average, linear."""
+    ambient = np.array(light.ambient).reshape(-1, 3)
+    lamps = tuple((np.array(lamp.direction), np.array(lamp.colour)) for lamp in light.lamps)
+    return np.sum(seen_illuminance(ambient, lamps), axis=0)
+
+
 def _visible_half() -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, " n"]]:
     """Normals of a ball that the camera sees, and how large their patches look."""
     normals = fibonacci_sphere(128)

@@ -9,11 +9,12 @@ import pytest
 from datagen.appearance.backdrop.backdrop import PersonPlace, draw_backdrop
 from datagen.appearance.configuration import DEFAULT, HARD, PRESETS
 from datagen.appearance.light.head_occlusion import head_occlusion
+from datagen.appearance.light.light import Light, seen_light
 from datagen.appearance.scene import Scene, ScenePicture
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
 from datagen.appearance.whole import Appearance, appearance_textures, draw_appearance
-from datagen.jobs.bystanders import SIDES_PX, UNSEEN, Bystanders, plainer
+from datagen.jobs.bystanders import DRAWN_PX, N_PEOPLE, UNSEEN, Bystanders, plainer
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.scene_drawing import SceneDrawer
 from datagen.sampling.faces import sample_faces
@@ -46,9 +47,10 @@ def with_people(*places: PersonPlace) -> Appearance:
     return replace(appearance, backdrop=backdrop)
 
 
-def drawn(bystanders: Bystanders, *places: PersonPlace, level: float = 0.0, name: str = "front") -> np.ndarray:
+def drawn(bystanders: Bystanders, *places: PersonPlace, level: float = 0.0, light: Light | None = None) -> np.ndarray:
     backdrop = np.full((SIZE, SIZE, 3), level, np.float32)
-    bystanders.draw(backdrop, with_people(*places), name)
+    front = with_people(*places)
+    bystanders.draw(backdrop, front if light is None else replace(front, light=light))
     return backdrop
 
 
@@ -83,11 +85,46 @@ def test_who_is_farther_is_smaller_and_a_share_of_the_picture(bystanders: Bystan
 
 
 @pytest.mark.gl
-def test_names_decide_who_it_is(bystanders: Bystanders) -> None:
+def test_the_seed_of_a_place_decides_who_it_is(bystanders: Bystanders) -> None:
     first = drawn(bystanders, MIDDLE)
     np.testing.assert_array_equal(drawn(bystanders, MIDDLE), first)
     assert np.abs(drawn(bystanders, replace(MIDDLE, seed=8)) - first).max() > 0.01
-    assert np.abs(drawn(bystanders, MIDDLE, name="other") - first).max() > 0.01
+    np.testing.assert_array_equal(drawn(bystanders, replace(MIDDLE, seed=MIDDLE.seed + N_PEOPLE)), first)
+
+
+@pytest.mark.gl
+def test_other_seeds_of_a_job_have_other_people(
+    bystanders: Bystanders, scenes: SceneMaker, drawer: SceneDrawer
+) -> None:
+    others = Bystanders(scenes, drawer, SEED + 1, PRESETS[DEFAULT])
+    assert np.abs(drawn(others, MIDDLE) - drawn(bystanders, MIDDLE)).max() > 0.01
+
+
+@pytest.mark.gl
+def test_they_are_of_the_brightness_and_colour_of_the_light(bystanders: Bystanders) -> None:
+    light = draw_appearance(SEED, "front", PRESETS[DEFAULT]).light
+    white = replace(light, lamps=(), ambient=(1.0, 1.0, 1.0) + 24 * (0.0,))
+    red = replace(white, ambient=(0.5, 0.1, 0.1) + 24 * (0.0,))
+    np.testing.assert_allclose(seen_light(white), 1, rtol=1e-6)
+    in_white = drawn(bystanders, MIDDLE, light=white)
+    assert 0.02 < in_white.max() < 1.2  # skin, hair and clothes: no surface is brighter than what falls on it
+    np.testing.assert_allclose(drawn(bystanders, MIDDLE, light=red), in_white * [0.5, 0.1, 0.1], atol=1e-6)
+
+
+@pytest.mark.gl
+def test_each_is_drawn_once(bystanders: Bystanders, drawer: SceneDrawer, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[tuple[int, int]] = []
+    original = drawer.draw
+
+    def noted(scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
+        sizes.append((height, width))
+        return original(scene, camera, height, width)
+
+    monkeypatch.setattr(drawer, "draw", noted)
+    near, far = replace(MIDDLE, scale=0.6, blur=0.0, seed=50), replace(MIDDLE, scale=0.18, blur=0.02, seed=51)
+    drawn(bystanders, near, far)
+    drawn(bystanders, far, near, near)
+    assert sizes == [(DRAWN_PX, DRAWN_PX)] * 2
 
 
 def test_far_people_have_no_shadows_and_nothing_too_small_to_be_seen(scenes: SceneMaker) -> None:
@@ -105,22 +142,6 @@ def test_far_people_have_no_shadows_and_nothing_too_small_to_be_seen(scenes: Sce
         assert not any(name.startswith(UNSEEN) for name in kept)
         left_out |= {mesh.name.split("/")[0] for mesh in whole.meshes if mesh.name not in kept}
     assert left_out == {name.rstrip("/") for name in UNSEEN}
-
-
-@pytest.mark.gl
-def test_they_are_drawn_small(bystanders: Bystanders, drawer: SceneDrawer, monkeypatch: pytest.MonkeyPatch) -> None:
-    sides: list[int] = []
-    original = drawer.draw
-
-    def noted(scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
-        sides.append(height)
-        assert height == width
-        return original(scene, camera, height, width)
-
-    monkeypatch.setattr(drawer, "draw", noted)
-    drawn(bystanders, replace(MIDDLE, scale=0.6, blur=0.0), replace(MIDDLE, scale=0.18, blur=0.02))
-    assert sides == [SIDES_PX[-1], SIDES_PX[0]]
-    assert max(SIDES_PX) <= 128
 
 
 def test_six_pictures_of_a_hundred_have_somebody_behind() -> None:
