@@ -26,7 +26,7 @@ from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_pe
 from pix2face.coefficients import Face
 
 # Of a job.
-N_PEOPLE = 64
+N_PEOPLE = 32
 # Sides of the picture that a bystander is drawn in, and of what is left of it for whoever is farther away: small, as
 # they are out of focus.
 DRAWN_PX, HALVED_PX = 128, 64

@@ -125,9 +125,10 @@ class ScenePictures(PictureSource):
             folder = self._config.backdrop.folder
             backdrop = backdrop_pixels(appearance.backdrop, face.camera, *size, folder)
             self._bystanders.draw(backdrop, appearance)
-            light = picture.radiance + (1 - picture.coverage[..., None]) * backdrop
+            backdrop *= 1 - picture.coverage[..., None]
+            backdrop += picture.radiance
         with times.stage("develop, encode"):
-            shown = view.jittered_colours(develop(light, appearance.photograph, picture.labels == HEAD))
+            shown = view.jittered_colours(develop(backdrop, appearance.photograph, picture.labels == HEAD))
             content = encode(shown, appearance.photograph)
         layers = self._seen(picture, rendered, appearance)
         n_face = max(int(rendered.mask.sum()), 1)

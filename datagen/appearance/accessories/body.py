@@ -5,13 +5,13 @@ from functools import cached_property, lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float32, Float64, Int32, Int64
 from numpy import ndarray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from datagen.appearance.accessories.head_fit import neck_rim
-from datagen.appearance.accessories.solids import Solid, grid_normals, sheet, unit
+from datagen.appearance.accessories.solids import Solid, grid_normals, grid_triangles, sheet, solid, unit
 from datagen.appearance.scene import PosedHead
 
 # Place along the body: -1 the rim of the neck, 0 where it meets the shoulders, 1 the chest. Of each ring below the rim:
@@ -32,6 +32,7 @@ _RINGS = np.array(
 _PLACES = np.concatenate([np.linspace(-1, 0, 9), [0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0]])
 _INSIDE = -1.07  # place of the vertices next to the rim
 _PIVOT = np.array([0.0, -135.0, -45.0])
+_FINE_ROWS = 3  # of the skin: under the rim, the rim, and the one below
 _LAP_MM = 0.7  # how deep the neck reaches under the rim
 
 
@@ -89,11 +90,17 @@ class Body:
         return np.concatenate([self.points, self.normals], axis=-1).reshape(-1, 6)
 
     def skin(self, down_to: float) -> Solid:
-        """The bare surface from under the rim down to a place."""
+        """The bare surface from under the rim down to a place.
+
+        Next to the rim it has the head's vertices, farther down every second: what is drawn five times, for shadows and
+        for the picture, should not be finer than anybody sees.
+        """
         rows = min(int(np.searchsorted(_PLACES, down_to)) + 2, len(_PLACES))
         points = np.concatenate([self.lap[None], self.points[:rows]])
         normals = np.concatenate([self.normals[:1], self.normals[:rows]])
-        return sheet(points, (8.0, 8.0 * rows / len(_PLACES)), normals=normals)
+        kept, triangles = _thinned_grid(len(points), points.shape[1])
+        whole = sheet(points, (8.0, 8.0 * rows / len(_PLACES)), normals=normals)
+        return solid(whole.vertices[kept], triangles, whole.uv[kept], whole.normals[kept])
 
 
 def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: float = 1.0) -> Body:
@@ -144,6 +151,29 @@ def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
     ahead = 0.5 * (1 - cosine)
     y = y_front * ahead + y_back * (1 - ahead) + (y_side - 0.5 * (y_front + y_back)) * sine**2
     return np.stack([x, y, z], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[ndarray, "t 3"]]:
+    """A grid that has every second column from its fourth row on: which vertices are left, and triangles over them."""
+    if columns % 2 == 0:  # the last column lies on the first: there is no second of each pair
+        return np.arange(rows * columns), grid_triangles(rows, columns)
+    fine, thin = _FINE_ROWS * columns, np.arange(0, columns, 2)
+    below = np.arange(_FINE_ROWS, rows)[:, None] * columns + thin
+    kept = np.concatenate([np.arange(fine), below.reshape(-1)])
+    left, right = np.arange(len(thin) - 1), np.arange(1, len(thin))
+    seam = fine - columns + thin
+    # Where two columns become one: a fan of three triangles, so that nothing gapes.
+    a, b = seam[:-1], seam[1:]
+    middle = a + 1
+    fan = [(a, fine + left, middle), (middle, fine + left, fine + right), (middle, fine + right, b)]
+    parts = [
+        grid_triangles(_FINE_ROWS, columns),
+        np.stack([np.stack(corners, axis=1) for corners in fan], axis=1).reshape(-1, 3),
+        fine + grid_triangles(rows - _FINE_ROWS, len(thin)),
+    ]
+    triangles = np.concatenate(parts).astype(np.int32)
+    return kept, triangles
 
 
 @lru_cache(maxsize=1)

@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 from datagen.appearance.accessories.body import fit_body
 from datagen.appearance.accessories.clothes import clothes_meshes
 from datagen.appearance.accessories.clothes_choice import GARMENTS, draw_clothes
+from datagen.appearance.accessories.coverage import mean_head
 from datagen.appearance.accessories.head_fit import neck_rim
 from datagen.appearance.person import draw_person
 from tests.datagen.appearance.accessories.heads import outside_mm, random_head
@@ -34,6 +35,30 @@ def test_shoulders_join_the_neck_without_a_gap(seed: int) -> None:
     # Shading goes on over the rim: the normals of neighbours differ little.
     cosine = (body.normals[0] * body.normals[1]).sum(axis=1)
     assert np.quantile(cosine, 0.05) > 0.6
+
+
+def test_the_thinned_skin_is_one_surface_where_the_whole_one_was() -> None:
+    body = fit_body(mean_head(), np.eye(3))
+    thin, grid = body.skin(1.0), body.points
+    rim = grid[0]
+    assert len(thin.triangles) < 0.65 * 2 * (len(grid) - 1) * (len(rim) - 1)
+    # Each edge is run through once in each direction, but for those of the ends and of the seam at the back.
+    edges = np.concatenate([thin.triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    back = {(b, a) for a, b in edges.tolist()}
+    alone = sum(edge not in back for edge in map(tuple, edges.tolist()))
+    columns, rows = len(rim), len(grid) + 1
+    assert alone == (columns - 1) + (columns - 1) // 2 + 2 * (rows - 1)
+    # What was left out stands out of the surface that is left by little.
+    middle = 0.5 * (grid[3:, :-1:2] + grid[3:, 2::2])
+    raised = np.abs(np.einsum("rcx,rcx->rc", grid[3:, 1::2] - middle, body.normals[3:, 1::2]))
+    assert np.median(raised) < 0.3
+    assert raised.max() < 1.5
+    # And it faces outward, as its normals do.
+    a, b, c = (thin.vertices[thin.triangles[:, k]] for k in range(3))
+    across, normal = np.cross(b - a, c - a), thin.normals[thin.triangles].mean(axis=1)
+    area = np.linalg.norm(across, axis=1)
+    assert (np.einsum("tc,tc->t", across, normal)[area > 1e-3] > 0).mean() > 0.99
 
 
 def test_shoulders_turn_with_the_torso() -> None:
