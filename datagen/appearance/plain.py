@@ -14,6 +14,7 @@ from numpy import ndarray
 
 from datagen.appearance.surface import Surface
 from pix2face.camera import Camera, nearest_weak_perspective
+from pix2face.srgb import srgb_to_linear
 
 MAX_LIGHTS = 3  # as in picture_fragment.glsl
 
@@ -107,7 +108,7 @@ def draw_plain_appearance(rng: np.random.Generator) -> PlainAppearance:
 
 def vertex_paint(appearance: PlainAppearance, surface: Surface) -> Float32[ndarray, "v 4"]:
     """Colour (linear, 0..1) and gloss of each vertex."""
-    colours = np.stack([_to_linear(np.array(_region_colour(appearance, name))) for name in surface.region_names])
+    colours = np.stack([srgb_to_linear(np.array(_region_colour(appearance, name))) for name in surface.region_names])
     albedo = surface.region_weights @ colours.astype(np.float32)
     skin_like = surface.region_weights @ np.array(
         [name in ("skin", "ears", "neck", "lips") for name in surface.region_names], dtype=np.float32
@@ -118,7 +119,7 @@ def vertex_paint(appearance: PlainAppearance, surface: Surface) -> Float32[ndarr
     flush, beard = _flush_and_beard(surface.mean)
     flush, beard = appearance.flush * flush * skin_like, appearance.beard * beard * skin_like
     albedo *= 1 + flush[:, None] * np.array([0.05, -0.35, -0.30], dtype=np.float32)
-    stubble = _to_linear(np.array(appearance.brows_rgb)).astype(np.float32)
+    stubble = srgb_to_linear(np.array(appearance.brows_rgb)).astype(np.float32)
     albedo += 0.6 * beard[:, None] * (np.minimum(stubble, albedo) - albedo)
     albedo *= 1 + (appearance.blotchiness * rough * _spots(appearance.texture_seed, surface.mean))[:, None]
     gloss = surface.region_weights @ np.array([GLOSS.get(name, 0) for name in surface.region_names], dtype=np.float32)
@@ -201,10 +202,6 @@ def _spots(seed: int, mean: Float32[ndarray, "v 3"]) -> Float32[ndarray, " v"]:
 def _tone(ramp: ndarray, position: float) -> ndarray:
     place = np.clip(position, 0, 1) * (len(ramp) - 1)
     return np.array([np.interp(place, np.arange(len(ramp)), ramp[:, channel]) for channel in range(3)])
-
-
-def _to_linear(srgb: ndarray) -> ndarray:
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def _colour(values: ndarray) -> Colour:

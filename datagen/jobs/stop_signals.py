@@ -1,13 +1,10 @@
-"""Ctrl-C and SIGTERM end a long job cleanly: the first asks, the second kills."""
+"""Ctrl-C and SIGTERM end a long job where it is: finished shards stay, the rest is rendered next time."""
 
 import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
+from contextlib import AbstractContextManager
 from typing import final
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from pix2face.stop_signals import exit_status_of, first_signal
 
 
 @final
@@ -20,27 +17,13 @@ class StoppedBySignal(BaseException):
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
-        self.exit_status = 128 + number
+        self.exit_status = exit_status_of(number)
 
 
-@contextmanager
-def stopping_on_signals() -> Iterator[None]:
-    """Raises StoppedBySignal at the first signal, whatever is under way; the second ends the process at once.
+def stopping_on_signals() -> AbstractContextManager[None]:
+    """Raises StoppedBySignal at the first signal, whatever is under way; the second ends the process at once."""
 
-    Elsewhere than in the main thread, where signals do not arrive, it does nothing.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        for other in SIGNALS:
-            signal.signal(other, signal.SIG_DFL)
+    def stop(number: int) -> None:
         raise StoppedBySignal(number)
 
-    before = {number: signal.signal(number, stop) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    return first_signal(stop)

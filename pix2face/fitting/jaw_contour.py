@@ -19,6 +19,7 @@ from numpy import ndarray
 from pix2face.camera import Camera
 from pix2face.landmarks import IBUG68, IBUG68_PARTS
 from pix2face.morphable_model import MorphableModel
+from pix2face.vertex_normals import vertex_normals
 
 JAW = IBUG68_PARTS["jaw"]
 NOSE_BASE = 33
@@ -53,7 +54,7 @@ class JawContour:
     def of(cls, model: MorphableModel) -> "JawContour":
         """Finds the curves on the mean face. Each holds at least its landmark."""
         vertices, mean = model.landmarks[IBUG68], model.mean.astype(np.float64)
-        allowed = model.is_face_vertex & (_normals(mean, model.triangles)[:, 2] > LEAST_FACING)
+        allowed = model.is_face_vertex & (vertex_normals(mean, model.triangles)[:, 2] > LEAST_FACING)
         half_width = STRIP_SPACINGS * _spacing(mean, model.triangles[model.is_face_triangle])
         members, owners, outward = [], [], []
         for jaw in JAW:
@@ -99,16 +100,6 @@ def _is_on_strip(
     reach = float((landmark - base)[:2] @ direction)
     is_between = (along >= (1 - LONGEST_WAY) * reach) & (along <= reach)
     return np.asarray(is_between & (np.abs(across) <= half_width) & (points[:, 2] >= landmark[2] - BEHIND_MM))
-
-
-def _normals(points: Float64[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]) -> Float64[ndarray, "v 3"]:
-    corners = points[triangles]
-    of_triangles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros_like(points)
-    for corner in range(3):
-        np.add.at(total, triangles[:, corner], of_triangles)
-    lengths = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.asarray(total / np.where(lengths > 0, lengths, 1))
 
 
 def _spacing(points: Float64[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]) -> float:

@@ -20,6 +20,7 @@ from PIL import Image
 from pix2face.errors import UsageError
 from pix2face.images import encode_image
 from pix2face.morphable_model import MorphableModel
+from pix2face.srgb import srgb_to_linear
 
 MeshFormat = Literal["obj", "ply", "glb"]
 
@@ -140,7 +141,7 @@ def _write_glb(path: Path, mesh: FaceMesh) -> None:
         visual = trimesh.visual.TextureVisuals(uv=uv, material=material)  # type: ignore[no-untyped-call]
         shown = trimesh.Trimesh(vertices[vertex], triangles, visual=visual, process=False)
     else:
-        colours = None if mesh.vertex_colours is None else srgb_to_linear(mesh.vertex_colours)
+        colours = None if mesh.vertex_colours is None else linear_colours(mesh.vertex_colours)
         shown = trimesh.Trimesh(vertices, mesh.model.triangles, vertex_colors=colours, process=False)
     path.write_bytes(_exported(shown, "glb"))
 
@@ -151,11 +152,9 @@ def _exported(mesh: trimesh.Trimesh, kind: MeshFormat) -> bytes:
     return content
 
 
-def srgb_to_linear(colours: UInt8[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
+def linear_colours(colours: UInt8[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
     """Colours of a photograph as glTF wants those of vertices: proportional to light."""
-    encoded = np.arange(256) / 255
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return np.asarray(np.rint(linear * 255).astype(np.uint8)[colours])
+    return np.asarray(np.rint(255 * srgb_to_linear(np.arange(256) / 255)).astype(np.uint8)[colours])
 
 
 _WRITERS: dict[str, Callable[[Path, FaceMesh], None]] = {"obj": _write_obj, "ply": _write_ply, "glb": _write_glb}

@@ -15,6 +15,7 @@ from pix2face.errors import UsageError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
 from pix2face.rasterise import rasterise
+from pix2face.vertex_normals import vertex_normals
 
 # The smallest texture with so many texels for the face is taken: three times as many as a crop has pixels.
 FACE_TEXELS = 180_000
@@ -177,16 +178,6 @@ def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], came
     """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
     towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
     return np.asarray(vertex_normals(vertices, triangles) @ towards, dtype=np.float64)
-
-
-def vertex_normals(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]) -> Float64[ndarray, "v 3"]:
-    """Unit normals, the mean of the triangles' at each vertex weighted by area; 0 where no triangle is."""
-    corners = vertices[triangles].astype(np.float64)
-    normals = np.repeat(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), 3, axis=0)
-    columns = [np.bincount(triangles.ravel(), normals[:, axis], minlength=len(vertices)) for axis in range(3)]
-    total = np.stack(columns, axis=1)
-    lengths = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.asarray(total / np.where(lengths > 0, lengths, 1), dtype=np.float64)
 
 
 def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"]) -> int:

@@ -23,8 +23,9 @@ from pix2face.command_line import printable
 from pix2face.crops import FaceBox, crop_image, square_crop
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
-from pix2face.photographs.mesh_files import split_at_seams, srgb_to_linear
-from pix2face.photographs.texture import face_texture, vertex_colours, vertex_normals
+from pix2face.photographs.mesh_files import linear_colours, split_at_seams
+from pix2face.photographs.texture import face_texture, vertex_colours
+from pix2face.vertex_normals import vertex_normals
 
 PHOTOGRAPH_PX, PHOTOGRAPH_SCALE = 640, 2.0
 JPEG_QUALITY = 90
@@ -75,7 +76,7 @@ def face_data(face: ViewedFace, model: MorphableModel) -> FaceData:
         "landmarks3d": _base64(face.fit.landmarks3d, "<f4"),
         "rotation": nearest_weak_perspective(face.fit.camera).rotation.ravel().tolist(),
         "points": _base64(face.points, "<f4"),
-        "point_colours": _base64(srgb_to_linear(face.point_colours), "u1"),
+        "point_colours": _base64(linear_colours(face.point_colours), "u1"),
         **_mesh_fields(face, model),
     }
     return FaceData(json.dumps(fields))
@@ -99,7 +100,7 @@ def _mesh_fields(face: ViewedFace, model: MorphableModel) -> dict[str, Any]:
             "positions": _base64(fit.vertices, "<f4"),
             "normals": _base64(normals, "<f4"),
             "triangles": _base64(model.triangles, "<u4"),
-            "colours": _base64(srgb_to_linear(vertex_colours(face.image, fit, model)), "u1"),
+            "colours": _base64(linear_colours(vertex_colours(face.image, fit, model)), "u1"),
         }
     vertex, uv, triangles = split_at_seams(model)
     return {

@@ -6,6 +6,7 @@ import numpy as np
 
 from datagen.appearance.accessories.weaves import WEAVES, layer_of
 from datagen.appearance.scene import Material
+from pix2face.srgb import srgb_to_linear
 
 Colour = tuple[float, float, float]
 
@@ -38,7 +39,7 @@ def draw_tint(rng: np.random.Generator, saturation: float, brightness: float) ->
 
 def linear_colour(srgb: tuple[float, float, float]) -> Colour:
     """SRGB (0..1) to linear light, rounded as it is stored."""
-    red, green, blue = (round(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4, 4) for c in map(float, srgb))
+    red, green, blue = (round(float(linear), 4) for linear in srgb_to_linear(np.array(srgb, dtype=np.float64)))
     return red, green, blue
 
 

@@ -19,6 +19,7 @@ from datagen.appearance.light.environments import environment, environment_names
 from datagen.appearance.light.sources import Light, PanoramaLight, Triple
 from pix2face.camera import Camera
 from pix2face.errors import UsageError
+from pix2face.srgb import srgb_to_linear
 
 __all__ = ["HARD_BACKDROP", "Backdrop", "BackdropConfig", "PersonPlace", "backdrop_pixels", "draw_backdrop"]
 
@@ -32,8 +33,7 @@ _PLAIN = {  # sRGB
 }
 _IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 # sRGB bytes to linear light.
-_LINEAR = np.array([v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in np.arange(256) / 255])
-_LINEAR = _LINEAR.astype(np.float32)
+_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 # Mean brightness of what is behind a silhouette; how much brighter than the light says a backlit one's may be.
 _BEHIND_SILHOUETTE, _BEHIND_BACKLIT = (0.7, 2.2), (0.8, 2.2)
 

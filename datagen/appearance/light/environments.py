@@ -17,6 +17,7 @@ from numpy import ndarray
 
 from datagen.appearance.light.colour import LUMINANCE
 from datagen.appearance.light.harmonics import project_radiance
+from pix2face.srgb import srgb_to_linear
 
 # A lamp is what is this many times brighter than the mean, within so many degrees.
 LAMP_CONTRAST, LAMP_RADIUS_DEG = 4.0, 22.0
@@ -93,8 +94,7 @@ def picture_panorama(name: str) -> Float32[ndarray, "h w 3"]:
         picture = _decoded(group["picture"], cv2.IMREAD_COLOR)[..., ::-1]
         gain = _decoded(group["gain"], cv2.IMREAD_GRAYSCALE)
         stops = np.float32(file.attrs["gain_stops"] / 255)
-    srgb = picture.astype(np.float32) / 255
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    linear = srgb_to_linear(picture.astype(np.float32) / 255)
     # The JPEG's ringing beside bright things is below a step or two, where nothing is brighter than white.
     bright = np.where(gain > 2, np.exp2(gain * stops), 1)
     return (linear * bright[..., None]).astype(np.float32)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.photograph.noise import noise_window
+from pix2face.srgb import linear_to_srgb
 
 # Of the mean: what exposure aims at, linear light. Skin in good light.
 MIDDLE_GREY = 0.24
@@ -110,7 +111,7 @@ def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
     bent = light * (1 + light / _BRIGHTEST**2) / (1 + light)
     bent *= MIDDLE_GREY / np.interp(MIDDLE_GREY, light, bent)
     light = np.clip((1 - settings.roll_off) * light + settings.roll_off * bent, 0, 1)
-    value = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055) ** settings.gamma
+    value = linear_to_srgb(light) ** settings.gamma
     value = np.clip((value - settings.black) / (settings.white - settings.black), 0, 1)
     if settings.contrast != 1:
         # An S through 0, 1/2 and 1, of the slope that is asked for in the middle.

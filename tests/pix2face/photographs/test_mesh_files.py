@@ -13,10 +13,10 @@ from pix2face.images import read_photograph
 from pix2face.morphable_model import MorphableModel
 from pix2face.photographs.mesh_files import (
     FaceMesh,
+    linear_colours,
     material_stem,
     parse_mesh_formats,
     split_at_seams,
-    srgb_to_linear,
     write_mesh,
 )
 from tests.synthetic_models import small_head_model
@@ -62,9 +62,9 @@ def test_colours_of_glb_vertices_are_proportional_to_light(tmp_path: Path) -> No
     given = colours(len(PLAIN.mean))
     write_mesh(tmp_path / "face.glb", FaceMesh(face(PLAIN), PLAIN, vertex_colours=given))
     found = load(tmp_path / "face.glb").visual.vertex_colors[:, :3]
-    np.testing.assert_array_equal(found, srgb_to_linear(given))
+    np.testing.assert_array_equal(found, linear_colours(given))
     # IEC 61966-2-1: half of full scale is 0.2140 of the light.
-    np.testing.assert_array_equal(srgb_to_linear(np.array([[0, 128, 255]], dtype=np.uint8)), [[0, 55, 255]])
+    np.testing.assert_array_equal(linear_colours(np.array([[0, 128, 255]], dtype=np.uint8)), [[0, 55, 255]])
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".glb"])

@@ -19,7 +19,7 @@ from pix2face.camera import (
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.morphable_model import MorphableModel
-from pix2face.photographs.texture import NO_COLOUR, face_texture, facing, vertex_colours, vertex_normals
+from pix2face.photographs.texture import NO_COLOUR, face_texture, facing, vertex_colours
 from pix2face.rasterise import interpolate, rasterise
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
@@ -195,13 +195,3 @@ def test_a_face_without_extent_is_refused() -> None:
     fit = replace(fitted(MODEL, turned(0)), camera=turned(0, scale=0.0))
     with pytest.raises(DegenerateGeometryError, match="face box"):
         vertex_colours(np.zeros((9, 9, 3), dtype=np.uint8), fit, MODEL)
-
-
-def test_normals_point_outward_and_have_unit_length() -> None:
-    normals = vertex_normals(MODEL.mean, MODEL.triangles)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
-    smooth = MODEL.mean[:, 2] > 30
-    towards = MODEL.mean / np.linalg.norm(MODEL.mean, axis=1, keepdims=True)
-    assert np.einsum("vi,vi->v", normals, towards)[smooth].min() > 0.3
-    isolated = np.vstack([MODEL.mean, [[0, 0, 0]]])
-    assert not vertex_normals(isolated, MODEL.triangles)[-1].any()

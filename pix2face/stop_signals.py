@@ -1,0 +1,40 @@
+"""Ctrl-C and SIGTERM end long work cleanly: the first asks, the second ends the process at once."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def first_signal(ask: Callable[[int], None]) -> Iterator[None]:
+    """While the block runs, the first signal asks.
+
+    Elsewhere than in the main thread, where signals do not arrive, it does nothing.
+
+    Args:
+        ask: Is given the signal's number; what it raises is raised in the block.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def asked(number: int, frame: FrameType | None) -> None:
+        for other in SIGNALS:
+            signal.signal(other, signal.SIG_DFL)
+        ask(number)
+
+    before = {number: signal.signal(number, asked) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def exit_status_of(number: int) -> int:
+    """What a shell reports of a process that a signal ended."""
+    return 128 + number
