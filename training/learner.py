@@ -1,5 +1,6 @@
 """A network that learns: one call, one step."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import final
 
@@ -100,6 +101,26 @@ class Learner:
         if self.mean:
             self.mean.follow(self.network, self.steps_done)
         return StepLosses(total=total, parts=losses, learning_rate=rate)
+
+    def measure_norms(self, batches: Iterable[Batch]) -> None:
+        """Takes the statistics of the result's batch norms from batches, with the weights as they are.
+
+        Running ones are of the weights on the way, and of few batches; the arithmetic is that of using the network.
+        """
+        norms = [module for module in self.result.modules() if isinstance(module, nn.BatchNorm2d)]
+        if not norms:
+            return
+        momenta = [norm.momentum for norm in norms]
+        for norm in norms:
+            norm.reset_running_stats()
+            norm.momentum = None  # a plain mean over all batches
+        self.result.train()
+        with torch.no_grad():
+            for batch in batches:
+                self.result(network_input(batch.to(self._device, non_blocking=True)))
+        self.result.eval()
+        for norm, momentum in zip(norms, momenta, strict=True):
+            norm.momentum = momentum
 
     def check_weights(self) -> None:
         """Makes sure that weights may be written: the last step's have met no loss yet.

@@ -45,6 +45,7 @@ _CPU = Recipe(
     weights=_WITH_MASKS,
     clip=1.0,
     ema=0.999,
+    norm_batches=100,
     jitter=_PHOTOGRAPHS,
 )
 

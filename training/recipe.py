@@ -42,6 +42,8 @@ class Recipe:
         loss_over: Pixels over which the error of the maps is averaged.
         clip: Largest norm of the gradient, which is shortened to it; 0 leaves it as it is.
         ema: Decay a step of the running mean of the weights that the checkpoint holds; 0 keeps none.
+        norm_batches: After the last step, batch norms are measured over so many more batches, with the weights that the
+            checkpoint holds; 0 keeps the statistics of the way. Source: Izmailov et al. 2018, Sec. 3.2.
         seed: Of the initial weights, the order of the samples and the jitter.
         jitter: How far samples are varied.
         cropping: full: crops are turned, scaled and shifted by ``jitter``. box: squares of ``crop_scale`` around the
@@ -67,6 +69,7 @@ class Recipe:
     loss_over: LossOver = "all"
     clip: float = 0.0
     ema: float = 0.0
+    norm_batches: int = 0
     seed: int = 0
     jitter: JitterRange = field(default_factory=JitterRange)
     cropping: Cropping = "full"
@@ -100,7 +103,7 @@ class Recipe:
             raise UsageError(
                 f"--crop-scale: expected {SMALLEST_CROP_SCALE:g} to {LARGEST_CROP_SCALE:g}, found {self.crop_scale}"
             )
-        for name in ("warm_up", "clip"):
+        for name in ("warm_up", "clip", "norm_batches"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise UsageError(f"{_option(name)}: expected 0 or more, found {getattr(self, name)}")
         if not 0 <= self.ema < 1:

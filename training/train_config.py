@@ -20,7 +20,7 @@ from training.trainer import Surroundings
 # Options that stand in place of the preset's number of the same name.
 _OVERRIDABLE = (
     *("epochs", "epoch_size", "batch_size", "parts", "architecture", "size_px", "filters", "planes"),
-    *("learning_rate", "schedule", "warm_up", "precision", "loss_over", "clip", "ema"),
+    *("learning_rate", "schedule", "warm_up", "precision", "loss_over", "clip", "ema", "norm_batches"),
     *("cropping", "crop_scale", "seed"),
 )
 _WEIGHTS = ("pncc", "offset", "mask", "seen")
@@ -58,6 +58,7 @@ class TrainConfig:
         loss_over: Pixels over which errors of maps are averaged: all of them, the mask, or its seen part.
         clip: Largest norm of the gradient; 0 for any.
         ema: Decay of the running mean of the weights that the checkpoint holds; 0 for none.
+        norm_batches: Over so many batches batch norms are measured again after the last step; 0 leaves them.
         cropping: full: turned, scaled and shifted as the paper does. box: --crop-scale boxes of the face, a few percent
             off, as when the network is used; much faster. shift: squares of whole pixels out of pictures that are
             larger than the input, wherever faces are in them; as fast. none: their middle, in their own colours.
@@ -103,6 +104,7 @@ class TrainConfig:
     loss_over: LossOver | None = None
     clip: float | None = None
     ema: float | None = None
+    norm_batches: int | None = None
     cropping: Cropping | None = None
     crop_scale: float | None = None
     mirror: Literal["yes", "no"] | None = None

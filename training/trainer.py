@@ -3,6 +3,7 @@
 ``train`` is the whole: it resumes, takes the steps, and leaves checkpoints and the state to go on from.
 """
 
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -142,10 +143,15 @@ class _Training:
     def run(self, validator: Validator | None, observers: Observers) -> None:
         """Takes all steps that are left."""
         recipe, loader = self._recipe, new_loader(self._shards, self._recipe, self._surroundings)
-        for batch in loader.batches(self._samples, recipe.steps - self._learner.steps_done):
+        n_left = recipe.steps - self._learner.steps_done
+        # Those beyond the last step are for the norms.
+        batches = loader.batches(self._samples, n_left + recipe.norm_batches if n_left else 0)
+        for batch in itertools.islice(batches, n_left):
             report = self._step(batch, loader.wait_seconds)
             observers.on_step(report)
             is_end = report.step == recipe.epoch_steps
+            if self._learner.steps_done == recipe.steps:
+                self._learner.measure_norms(batches)
             if self._log:
                 if is_end:
                     self._log.flush()
@@ -157,6 +163,8 @@ class _Training:
                 self._save()
                 self._surroundings.processes.wait_for_all()
                 raise TrainingStopped(f"stopped after {report.samples} samples; the same command goes on from there")
+        for _ in batches:  # the loader's workers end as they do after any whole iteration
+            pass
         self._surroundings.processes.wait_for_all()
 
     def _step(self, batch: Batch, waited_seconds: float) -> StepReport:

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from pix2face.errors import Pix2FaceError
+from training.batches import network_input
 from training.learner import Learner
 from training.losses import LossPlan
 from training.presets import PRESETS
@@ -85,3 +86,28 @@ def test_the_seed_decides_everything(precision):
     same = [weights(trained(recipe)[0]) for _ in range(2)]
     assert torch.equal(*same)
     assert not torch.equal(same[0], weights(trained(replace(recipe, seed=1))[0]))
+
+
+def test_norms_are_measured_with_the_weights_that_the_checkpoint_holds():
+    recipe = replace(
+        RECIPE, architecture="residual", size_px=64, filters=4, ema=0.9, precision="bfloat16", learning_rate=0.1
+    )
+    learner = trained(recipe, 6)[0]
+    before = {name: value.clone() for name, value in learner.result.state_dict().items()}
+    batches = [random_batch(recipe, seed) for seed in (70, 71, 72)]
+    learner.measure_norms(iter(batches))
+    after, norm = learner.result.state_dict(), learner.result.stem_norm
+    with torch.no_grad():
+        planes = learner.result.stem(torch.cat([network_input(batch) for batch in batches]))
+    torch.testing.assert_close(norm.running_mean, planes.mean(dim=(0, 2, 3)), rtol=1e-4, atol=1e-5)
+    assert not torch.allclose(norm.running_mean, before["stem_norm.running_mean"], rtol=1e-2)
+    of_weights = [name for name in before if "running" not in name and "num_batches" not in name]
+    assert all(torch.equal(before[name], after[name]) for name in of_weights)
+    assert not learner.result.training
+    assert (norm.momentum, learner.network.stem_norm.momentum) == (0.1, 0.1)
+
+
+def test_a_network_without_batch_norms_asks_for_no_batches():
+    batches = iter([random_batch(RECIPE)])
+    trained(RECIPE, 1)[0].measure_norms(batches)
+    assert len(list(batches)) == 1

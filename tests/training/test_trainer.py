@@ -40,6 +40,7 @@ RESIDUAL = Recipe(
     precision="bfloat16",
     clip=0.5,
     ema=0.9,
+    norm_batches=2,
 )
 HERE = Surroundings(device="cpu", workers=0, cache_bytes=10**8)
 STATE_AFTER_EACH_STEP = replace(HERE, state_minutes=0.0)
