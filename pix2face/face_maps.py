@@ -33,6 +33,11 @@ class FaceMaps:
     seen: Bool[ndarray, "h w"] | None = None
     in_photograph: Bool[ndarray, "h w"] | None = None
 
+    @property
+    def seen_share(self) -> float | None:
+        """How much of the face the picture shows; None where nobody knows."""
+        return None if self.seen is None or not self.mask.any() else float(self.seen[self.mask].mean())
+
     def layers(self) -> dict[str, ndarray]:
         """By the names that a shard knows them by."""
         return {"pncc": self.pncc, "offset": self.offset, "mask": self.mask}

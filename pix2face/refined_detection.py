@@ -112,9 +112,7 @@ def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> 
     except DegenerateGeometryError:
         return None
     residual_mm = _residual_px(prediction.maps, fit.camera) / nearest_weak_perspective(fit.camera).scale
-    seen, mask = prediction.maps.seen, prediction.maps.mask
-    seen_share = None if seen is None else float(seen[mask].mean())
-    return RefinedBox(better, residual_mm, overlap(better, box), seen_share)
+    return RefinedBox(better, residual_mm, overlap(better, box), prediction.maps.seen_share)
 
 
 def _residual_px(maps: FaceMaps, camera: Camera) -> float:

@@ -33,10 +33,12 @@ class MeasuredFace:
     Attributes:
         measurement: Camera (in pixels of the crop) and linear system of the coefficients.
         crop: Leads back to the pixels of the frame.
+        seen_share: How much of the face the frame shows, as far as the network says so.
     """
 
     measurement: PictureMeasurement
     crop: Crop
+    seen_share: float | None
 
 
 @final
@@ -90,7 +92,7 @@ class FrameFitter:
             )
         except DegenerateGeometryError:
             return None
-        return MeasuredFace(measurement, prediction.crop)
+        return MeasuredFace(measurement, prediction.crop, prediction.maps.seen_share)
 
     def fit(self, face: MeasuredFace, identity: Float64[ndarray, " k"]) -> FaceFit:
         """The fit of a frame to a given identity, in the pixels of the frame.

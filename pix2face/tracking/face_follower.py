@@ -160,9 +160,17 @@ class FaceFollower:
         self._fitter, self._smoother = fitter, smoother
         self._waiting: deque[TrackedFace] = deque()
         self._last: TrackedFace | None = None
+        self._seen_shares: list[float] = []
+
+    @property
+    def seen_share(self) -> float | None:
+        """How much of the face frames show, their median; None where the network does not say."""
+        return float(np.median(self._seen_shares)) if self._seen_shares else None
 
     def push(self, box: FrameBox, measured: MeasuredFace | None) -> list[TrackedFace]:
         """Takes the next frame; gives back those that are smoothed by now."""
+        if measured is not None and measured.seen_share is not None:
+            self._seen_shares.append(measured.seen_share)
         is_cut = self._last is not None and self._last.box.track != box.track
         done = self.flush() if is_cut else []
         fit = self._fit(box, measured)

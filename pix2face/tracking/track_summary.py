@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import final
 
 from pix2face.command_line import counted
+from pix2face.refined_detection import REFUTED_SEEN
 from pix2face.tracking.face_follower import FaceFollower
 from pix2face.tracking.face_tracks import FrameBox, TrackSummary, read_boxes
 from pix2face.tracking.track_files import BOX_SOURCES
@@ -54,12 +55,13 @@ def face_summary(face: ClipFace, follower: FaceFollower, out: Path) -> dict[str,
         **{f"frames_{name}": face.counts[name] for name in (*BOX_SOURCES, "carried")},
         "jitter_percent_raw": _percent(follower.jitter_raw.share),
         "jitter_percent_smoothed": _percent(follower.jitter_smoothed.share),
+        "seen_share": None if follower.seen_share is None else round(follower.seen_share, 3),
         "identity": follower.identity.tolist(),
     }
 
 
 def face_report(face: ClipFace, follower: FaceFollower, smoothing: str) -> list[str]:
-    """The same in words, and a warning where the network saw no face."""
+    """The same in words, and warnings where the network saw no face, or little of it."""
     raw, smoothed = _percent(follower.jitter_raw.share), _percent(follower.jitter_smoothed.share)
     jitter = "" if raw is None else f"; jitter {raw} % of the eye distance, {smoothed} % after {smoothing}"
     sources = ", ".join(f"{face.counts[name]} {name}" for name in BOX_SOURCES)
@@ -68,6 +70,11 @@ def face_report(face: ClipFace, follower: FaceFollower, smoothing: str) -> list[
         lines.append(
             f"warning: the network saw no face in {counted(face.counts['carried'], 'frame')}: the fit of the frame "
             "before was carried over (column fit: carried)"
+        )
+    if follower.seen_share is not None and follower.seen_share < REFUTED_SEEN:
+        lines.append(
+            f"warning: {face.folder}: the network sees {100 * follower.seen_share:.0f} % of a face there; "
+            "it is hidden, or there is none"
         )
     return lines
 

@@ -28,6 +28,7 @@ from pix2face.tracking.face_follower import (
 )
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox, boxes_of_every_frame, main_face, read_boxes
 from pix2face.tracking.smoothing import open_smoother
+from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
 from pix2face.tracking.video import FrameSource, open_frames
 from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces, true_landmarks
 from tests.synthetic_models import small_head_model
@@ -244,3 +245,21 @@ def test_the_eye_distance_does_not_shrink_as_the_head_turns():
     assert eye_distance_px(frontal) == pytest.approx(np.linalg.norm(corners[0] - corners[1]), rel=0.02)
     larger = carried(frontal, FaceBox(0, 0, 10, 10), FaceBox(5, 5, 25, 25))
     assert eye_distance_px(larger) == pytest.approx(2 * eye_distance_px(frontal))
+
+
+@pytest.mark.parametrize("share", [None, 0.2, 0.9])
+def test_a_face_of_which_little_is_seen_is_told(clip, tmp_path, monkeypatch, share):
+    original = FrameFitter._measured
+
+    def measured(self, *arguments):
+        return replace(original(self, *arguments), seen_share=share)
+
+    assert run(clip, tmp_path)[1].seen_share is None  # this network has no plane for it
+    monkeypatch.setattr(FrameFitter, "_measured", measured)
+    _, follower = run(clip, tmp_path)
+    assert follower.seen_share == share
+    face = ClipFace(tmp_path / "face-3", [], range(N_FRAMES))
+    assert face_summary(face, follower, tmp_path)["seen_share"] == share
+    warned = [line for line in face_report(face, follower, "none") if line.startswith("warning")]
+    assert len(warned) == (share == 0.2)
+    assert all("face-3: the network sees 20 % of a face there" in line for line in warned)
