@@ -25,7 +25,7 @@ from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import KeptBySize
 from datagen.rendering.scene_camera import SceneView, view_scene
 from datagen.rendering.scene_head import SceneHead
-from datagen.rendering.scene_meshes import ObjectMeshes, Run
+from datagen.rendering.scene_meshes import ObjectMeshes, Run, joined
 from datagen.rendering.scene_openings import Openings
 from datagen.rendering.scene_program import (
     HEAD_KINDS,
@@ -166,6 +166,7 @@ class SceneDrawer:
         # What lies around the neck and lower takes the sky from little but itself.
         chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
         high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
+        casts = [mesh.casts_shadow for mesh in scene.meshes]
 
         def casters(light: int, view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
             set_uniforms(
@@ -176,11 +177,12 @@ class SceneDrawer:
             self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             self._head.draw_shadow()
             self._context.enable_only(moderngl.DEPTH_TEST)
-            for run in self._objects.opaque:
-                if scene.meshes[run.mesh].casts_shadow and (light != SKY or high[run.mesh]):
-                    self._objects.draw("bare", run)
-            for run in self._objects.blended:
-                if scene.meshes[run.mesh].casts_shadow:
+            for run in joined(
+                [run for run in self._objects.opaque if casts[run.mesh] and (light != SKY or high[run.mesh])]
+            ):
+                self._objects.draw("bare", run)
+            for run in self._objects.soft:
+                if casts[run.mesh]:
                     self._draw_run(scene, run, "object_shadow")
 
         return self._shadows.draw(scene.head.vertices, scene.lights, casters)
@@ -224,7 +226,7 @@ class SceneDrawer:
         # Depth first: what another object hides, or the front of its own, is not worth shading.
         target.colours.color_mask = False, False, False, False
         target.colours.use()
-        for run in self._objects.opaque:
+        for run in joined(self._objects.opaque):
             self._objects.draw("bare", run)
         target.colours.color_mask = True, True, True, True
         target.colours.use()

@@ -1,7 +1,7 @@
 """What is in a scene beside the head, in the driver."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import moderngl
@@ -45,19 +45,21 @@ class ObjectMeshes:
     Attributes:
         opaque: Runs of meshes that hide what is behind.
         blended: Runs of the others, far to near.
+        soft: The same triangles mesh by mesh, which takes fewer draws, for what asks for no order.
     """
 
     def __init__(self, context: moderngl.Context, programs: Mapping[str, SceneProgram]) -> None:
         self._context, self._programs = context, programs
         self.opaque: list[Run] = []
         self.blended: list[Run] = []
+        self.soft: list[Run] = []
         self._vertices: moderngl.Buffer | None = None
         self._corners: moderngl.Buffer | None = None
         self._arrays: dict[str, moderngl.VertexArray] = {}
 
     def load(self, meshes: Sequence[SceneMesh], depth_row: Float[ndarray, "4"]) -> None:
         """Uploads the meshes of a scene; ``depth_row`` gives the depth of points, the farther the larger."""
-        self.opaque, self.blended = [], []
+        self.opaque, self.blended, self.soft = [], [], []
         if not meshes:
             return
         for mesh in meshes:
@@ -72,12 +74,13 @@ class ObjectMeshes:
         solid = [place for place in drawn if not meshes[place].material.is_blended]
         soft = [place for place in drawn if meshes[place].material.is_blended]
         parts, first = [], 0
-        for place in solid:
-            parts.append(meshes[place].triangles + np.int32(starts[place]))
-            self.opaque.append(Run(place, first, parts[-1].size))
-            first += parts[-1].size
+        for places, runs in ((solid, self.opaque), (soft, self.soft)):
+            for place in places:
+                parts.append(meshes[place].triangles + np.int32(starts[place]))
+                runs.append(Run(place, first, parts[-1].size))
+                first += parts[-1].size
         if soft:
-            triangles = [meshes[place].triangles + np.int32(starts[place]) for place in soft]
+            triangles = parts[len(solid) :]
             depth = vertices[:, :3] @ depth_row[:3].astype(np.float32)
             order, turns = far_to_near(triangles, depth)
             parts.append(np.concatenate(triangles)[order])
@@ -114,6 +117,17 @@ class ObjectMeshes:
         assert self._corners is not None
         self._vertices.write(vertices)
         self._corners.write(np.ascontiguousarray(corners, dtype=np.int32))
+
+
+def joined(runs: Sequence[Run]) -> list[Run]:
+    """Runs that lie one behind the other as one, for what does not ask whose triangles they are: fewer draws."""
+    found: list[Run] = []
+    for run in runs:
+        if found and run.first == found[-1].first + found[-1].count:
+            found[-1] = replace(found[-1], count=found[-1].count + run.count)
+        else:
+            found.append(run)
+    return found
 
 
 def far_to_near(
