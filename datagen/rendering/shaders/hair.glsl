@@ -6,6 +6,7 @@
 uniform vec3 hair_tips, hair_highlight, hair_grey;  // linear
 uniform vec4 hair_mix;    // shares of grey and of highlighted strands, how dark the roots are, contrast of strands
 uniform vec4 hair_reach;  // heights (mm) where the tips' colour begins and where it is full; a random number
+in vec2 at_waves;         // smooth noise, 0..1: in patches, and along strands
 const vec3 CROWN = vec3(0.0, 128.0, -25.0);
 
 // Of strands, in space: the texture's direction, carried over by how position and texture change from pixel to pixel.
@@ -17,11 +18,6 @@ vec3 strand_direction(vec3 position, vec2 uv, vec2 twice) {
     vec3 across_u = px * uy.y - py * ux.y, across_v = py * ux.x - px * uy.x;
     vec3 direction = across_u * along.x + across_v * along.y;
     return direction / max(length(direction), 1e-9);
-}
-
-// Smooth, 0..1; far cheaper than value noise, of which every pixel of every layer of strands would need some.
-float waves(vec3 p) {
-    return 0.5 + 0.25 * (sin(p.x + 1.7 * sin(0.7 * p.y + 1.3 * p.z)) + sin(p.z + 1.9 * sin(0.6 * p.x - 1.1 * p.y)));
 }
 
 Surface hair_material(Surface s, vec2 uv) {
@@ -36,8 +32,7 @@ Surface hair_material(Surface s, vec2 uv) {
 #ifdef SHADOW
     float patch_noise = 0.5, streak_noise = 0.5;  // a shadow's edge is wider than a strand
 #else
-    float patch_noise = waves(s.position * 0.21 + hair_reach.z);
-    float streak_noise = waves(s.position * vec3(0.31, 0.05, 0.31) + hair_reach.z + 40.0);
+    float patch_noise = at_waves.x, streak_noise = at_waves.y;
 #endif
 
     float tips = smoothstep(hair_reach.x, hair_reach.y, s.position.y + 30.0 * (streak_noise - 0.5));
