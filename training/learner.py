@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 from typing import final
 
 import torch
@@ -102,13 +103,23 @@ class Learner:
             self.mean.follow(self.network, self.steps_done)
         return StepLosses(total=total, parts=losses, learning_rate=rate)
 
-    def measure_norms(self, batches: Iterable[Batch]) -> None:
-        """Takes the statistics of the result's batch norms from batches, with the weights as they are.
+    @property
+    def has_batch_norms(self) -> bool:
+        """Whether there is anything for ``measure_norms`` to measure."""
+        return bool(self._batch_norms())
 
-        Running ones are of the weights on the way, and of few batches; the arithmetic is that of using the network.
+    def measure_norms(self, batches: Iterable[Batch]) -> None:
+        """Measures the statistics of the result's batch norms with the weights that it has.
+
+        Running statistics mix those of earlier weights, and cover few batches. Computed in float32, as when the network
+        is used, which is the mode that the result is left in.
+
+        Args:
+            batches: This process's part of each; without any, nothing changes.
         """
-        norms = [module for module in self.result.modules() if isinstance(module, nn.BatchNorm2d)]
-        if not norms:
+        left, norms = iter(batches), self._batch_norms()
+        first = next(left, None)
+        if first is None:
             return
         momenta = [norm.momentum for norm in norms]
         for norm in norms:
@@ -116,11 +127,17 @@ class Learner:
             norm.momentum = None  # a plain mean over all batches
         self.result.train()
         with torch.no_grad():
-            for batch in batches:
+            for batch in chain([first], left):
                 self.result(network_input(batch.to(self._device, non_blocking=True)))
         self.result.eval()
         for norm, momentum in zip(norms, momenta, strict=True):
             norm.momentum = momentum
+            for statistic in (norm.running_mean, norm.running_var):
+                assert statistic is not None
+                self._processes.mean(statistic)
+
+    def _batch_norms(self) -> list[nn.BatchNorm2d]:
+        return [module for module in self.result.modules() if isinstance(module, nn.BatchNorm2d)]
 
     def check_weights(self) -> None:
         """Makes sure that weights may be written: the last step's have met no loss yet.

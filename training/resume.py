@@ -20,6 +20,8 @@ from training.learner import Learner
 
 METADATA_KEY = "pix2face-resume"
 SCHEMA_VERSION = 2
+# What a configuration without these numbers meant by it.
+_ADDED_LATER = {"norm_batches": 0}
 _ADAM_STATE = ("step", "exp_avg", "exp_avg_sq")
 
 
@@ -114,6 +116,7 @@ def _in_layout_of(parameter: Tensor, value: Tensor) -> Tensor:
 
 
 def _check_same_configuration(path: Path, stored: dict[str, Any], present: dict[str, Any]) -> None:
+    stored = _ADDED_LATER | stored
     differing = [
         f"{key} {stored.get(key)!r} -> {present.get(key)!r}"
         for key in sorted(stored.keys() | present.keys())

@@ -145,12 +145,13 @@ class _Training:
         recipe, loader = self._recipe, new_loader(self._shards, self._recipe, self._surroundings)
         n_left = recipe.steps - self._learner.steps_done
         # Those beyond the last step are for the norms.
-        batches = loader.batches(self._samples, n_left + recipe.norm_batches if n_left else 0)
+        n_beyond = recipe.norm_batches if n_left and self._learner.has_batch_norms else 0
+        batches = loader.batches(self._samples, n_left + n_beyond)
         for batch in itertools.islice(batches, n_left):
             report = self._step(batch, loader.wait_seconds)
             observers.on_step(report)
             is_end = report.step == recipe.epoch_steps
-            if self._learner.steps_done == recipe.steps:
+            if n_beyond and self._learner.steps_done == recipe.steps:
                 self._learner.measure_norms(batches)
             if self._log:
                 if is_end:

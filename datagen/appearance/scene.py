@@ -138,14 +138,12 @@ class Scene:
         uniforms: Of ``skin.glsl``, ``light.glsl`` and ``material.glsl``, by name.
         lights: Towards each light that casts shadows, unit vectors in the model frame; at most 2, the first the
             strongest. ``shadow(i, point)`` in ``shadow.glsl`` answers for the i-th.
-        has_body: Whether a body closes the neck, so that nobody sees the inside of the head through it.
     """
 
     head: PosedHead
     meshes: Sequence[SceneMesh]
     uniforms: Mapping[str, UniformValue]
     lights: Float32[ndarray, "n 3"]
-    has_body: bool = False
 
 
 @final

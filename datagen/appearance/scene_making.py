@@ -58,7 +58,7 @@ class SceneMaker:
             **light_uniforms(appearance.light, face.camera),
         }
         lights = shadow_lights(appearance.light, face.camera)
-        return Scene(head=head, meshes=(*grown, *worn), uniforms=uniforms, lights=lights, has_body=True)
+        return Scene(head=head, meshes=(*grown, *worn), uniforms=uniforms, lights=lights)
 
     def _neutral(self, face: Face, vertices: Float32[ndarray, "v 3"]) -> Float32[ndarray, "v 3"]:
         """The face without its expression: that is taken off again, which reads a third of what identities need."""

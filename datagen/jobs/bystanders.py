@@ -38,7 +38,7 @@ ACROSS_MM = 480.0
 # takes about half of its picture.
 FRONT_SHARE = 0.55
 HEAD_MM = 240.0
-# Harmonics of even light, which comes a little more from above and from before the face; camera frame.
+# Harmonics of even light, which comes a little more from above and from the camera's side; camera frame.
 _EVEN_LIGHT = (1.0, 0.0, -0.45, -0.25, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -30,12 +30,14 @@ from datagen.rendering.scene_openings import Openings
 from datagen.rendering.scene_program import (
     HEAD_KINDS,
     KINDS,
+    PURPOSES,
     UNITS,
     SceneProgram,
     SceneTextures,
     compile_head,
     compile_object,
     set_uniforms,
+    used_programs,
 )
 from datagen.rendering.scene_shadows import SKY, LightView, ShadowMaps
 from datagen.rendering.scene_targets import SceneTarget, make_target
@@ -45,7 +47,6 @@ from pix2face.morphable_model import MorphableModel
 
 # Of the head's height, from below.
 NECK_MM = 50.0
-PURPOSES = ("object", "blended", "object_shadow")
 # Steps 7 in which nothing is transparent, or something is: first all pixels, then those at edges.
 PICTURES = ("PLAIN", "EDGES", "BLENDED", "EDGES BLENDED")
 
@@ -120,13 +121,12 @@ class SceneDrawer:
         self._textures.bind()
         target = self._targets.get(height, width)
         target.bind()
-        used = self._used_programs(scene)
+        used = used_programs(self._programs, self._objects.kinds(scene.meshes))
         programs = list(used.values())
         set_uniforms(programs, scene.uniforms)
         set_uniforms(programs, self._draw_shadows(scene, used))
         set_uniforms(programs, view.uniforms)
-        inside = None if scene.has_body else self._openings.box(scene.head.vertices, camera, height, width)
-        self._draw_seen(scene, view, target, inside)
+        self._draw_seen(scene, view, target, self._openings.box(scene.head.vertices, camera, height, width))
         self._draw_opaque(scene, target)
         self._draw_edges(target)
         self._draw_blended(scene, target)
@@ -147,19 +147,6 @@ class SceneDrawer:
         for program in self._programs.values():
             program.release()
 
-    def _used_programs(self, scene: Scene) -> dict[str, SceneProgram]:
-        """Without those that draw kinds of objects of which the scene has none: they need not know of it."""
-        kinds = {
-            purpose: {scene.meshes[run.mesh].material.kind for run in runs}
-            for purpose, runs in (
-                ("object", self._objects.opaque),
-                ("blended", self._objects.blended),
-                ("object_shadow", self._objects.blended),
-            )
-        }
-        idle = {f"{kind} {purpose}" for purpose in PURPOSES for kind in KINDS if kind not in kinds[purpose]}
-        return {name: program for name, program in self._programs.items() if name not in idle}
-
     def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1; what the shaders need to know of it."""
         shadowing = [program for name, program in used.items() if name == "bare" or name.endswith(" object_shadow")]
@@ -169,17 +156,15 @@ class SceneDrawer:
         casts = [mesh.casts_shadow for mesh in scene.meshes]
 
         def casters(light: int, view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
-            set_uniforms(
-                shadowing, {"clip_from_model": view.clip_from_model, "camera_place": np.append(towards_light, 0)}
-            )
+            place = np.append(towards_light, 0)
+            set_uniforms(shadowing, {"clip_from_model": view.clip_from_model, "camera_place": place})
             # What turns away from a light would only shade what turns away as well.
             self._context.front_face, self._context.cull_face = "ccw", "back"
             self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             self._head.draw_shadow()
             self._context.enable_only(moderngl.DEPTH_TEST)
-            for run in joined(
-                [run for run in self._objects.opaque if casts[run.mesh] and (light != SKY or high[run.mesh])]
-            ):
+            opaque = [run for run in self._objects.opaque if casts[run.mesh] and (light != SKY or high[run.mesh])]
+            for run in joined(opaque):
                 self._objects.draw("bare", run)
             for run in self._objects.soft:
                 if casts[run.mesh]:

@@ -10,7 +10,7 @@ from jaxtyping import Float, Float32, Int32, Int64
 from numpy import ndarray
 
 from datagen.appearance.scene import SceneMesh
-from datagen.rendering.scene_program import SceneProgram
+from datagen.rendering.scene_program import MaterialKind, SceneProgram
 from pix2face.errors import UsageError
 
 # Blended meshes that lie within one another are drawn in turns, far to near, in at most so many draws.
@@ -89,6 +89,11 @@ class ObjectMeshes:
                 first += 3 * count
         if parts:
             self._upload(vertices, np.concatenate(parts))
+
+    def kinds(self, meshes: Sequence[SceneMesh]) -> dict[str, set[MaterialKind]]:
+        """Which kinds of objects the loaded scene draws, by ``PURPOSES``."""
+        solid, soft = ({meshes[run.mesh].material.kind for run in runs} for runs in (self.opaque, self.soft))
+        return {"object": solid, "blended": soft, "object_shadow": soft}
 
     def draw(self, name: str, run: Run) -> None:
         """Draws a run with one of the programs."""

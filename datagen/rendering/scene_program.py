@@ -14,6 +14,8 @@ from pix2face.errors import UsageError
 
 MaterialKind = Literal["object", "hair", "glass"]
 KINDS: tuple[MaterialKind, ...] = ("object", "hair", "glass")
+# What each kind is drawn for, by a program of its own: what hides, what is transparent, and the shadow of that.
+PURPOSES = ("object", "blended", "object_shadow")
 # How the head is painted; where one is seen, those before it are painted first, and painted over.
 HEAD_KINDS = ("OUTSIDE", "EYES", "MOUTH")
 
@@ -103,6 +105,14 @@ def set_uniforms(programs: Sequence[SceneProgram], values: Mapping[str, UniformV
                 if content is None:
                     content = made[found.form] = found.content(value)
                 found.write(content)
+
+
+def used_programs(
+    programs: Mapping[str, SceneProgram], kinds: Mapping[str, set[MaterialKind]]
+) -> dict[str, SceneProgram]:
+    """Without those for kinds of objects that a scene has none of, by purpose: they need not know of it."""
+    idle = {f"{kind} {purpose}" for purpose in PURPOSES for kind in KINDS if kind not in kinds[purpose]}
+    return {name: program for name, program in programs.items() if name not in idle}
 
 
 @final

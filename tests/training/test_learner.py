@@ -105,9 +105,10 @@ def test_norms_are_measured_with_the_weights_that_the_checkpoint_holds():
     assert all(torch.equal(before[name], after[name]) for name in of_weights)
     assert not learner.result.training
     assert (norm.momentum, learner.network.stem_norm.momentum) == (0.1, 0.1)
+    learner.measure_norms(iter(()))
+    assert all(torch.equal(value, learner.result.state_dict()[name]) for name, value in after.items())
 
 
-def test_a_network_without_batch_norms_asks_for_no_batches():
-    batches = iter([random_batch(RECIPE)])
-    trained(RECIPE, 1)[0].measure_norms(batches)
-    assert len(list(batches)) == 1
+def test_only_batch_norms_have_anything_to_measure():
+    assert not Learner(RECIPE, PLAN, "cpu").has_batch_norms
+    assert Learner(replace(RECIPE, architecture="residual", size_px=64), PLAN, "cpu").has_batch_norms

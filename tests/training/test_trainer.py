@@ -19,9 +19,10 @@ from training.configuration import training_configuration
 from training.losses import LossPlan
 from training.presets import PRESETS
 from training.recipe import Recipe
-from training.resume import steps_done
+from training.resume import save_state, steps_done
 from training.shard_index import index_shards
-from training.trainer import LOG_NAME, RESUME_NAME, Observers, Surroundings, TrainingStopped, train
+from training.speed import random_batch
+from training.trainer import LOG_NAME, RESUME_NAME, Observers, Surroundings, TrainingStopped, new_learner, train
 
 RECIPE = replace(PRESETS["tiny"], size_px=32, filters=4, batch_size=2, epochs=4, epoch_size=6)
 # Batch norm with statistics, a running mean, masks, clipping, a smooth schedule: all the state that there can be.
@@ -218,3 +219,27 @@ def test_a_sample_that_cannot_be_read_ends_in_one_line(shards_dir, tmp_path, wor
         train(shards, RECIPE, tmp_path / "out", replace(HERE, workers=workers))
     assert "\n" not in str(caught.value)
     assert not str(caught.value).startswith("pix2face.errors")
+
+
+def test_norms_are_measured_at_the_end_alone_and_only_where_they_are_asked_for(shards, tmp_path):
+    def tensors(out, recipe, **more):
+        return load_checkpoint(train(shards, recipe, tmp_path / out, HERE, **more))[1].state_dict()
+
+    measured, left = (tensors(f"{n}", replace(RESIDUAL, norm_batches=n)) for n in (2, 0))
+    counts = [name for name in left if name.endswith("num_batches_tracked")]
+    assert all(int(left[name]) > 2 for name in counts)
+    assert all(int(measured[name]) == 2 for name in counts)
+    for name, value in left.items():
+        assert torch.equal(value, measured[name]) != ("running" in name or name in counts)
+
+
+def test_a_state_of_before_norms_were_measured_is_gone_on_from(shards, tmp_path):
+    recipe, path = replace(RESIDUAL, norm_batches=0), tmp_path / RESUME_NAME
+    learner = new_learner(shards, recipe, HERE)
+    learner.step(random_batch(recipe))
+    earlier = json.loads(training_configuration(shards, recipe))
+    assert earlier.pop("norm_batches") == 0
+    save_state(path, learner, json.dumps(earlier))
+    assert steps_done(path, training_configuration(shards, recipe)) == 1
+    with pytest.raises(UsageError, match="norm_batches 0 -> 9"):
+        steps_done(path, training_configuration(shards, replace(recipe, norm_batches=9)))

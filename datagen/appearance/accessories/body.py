@@ -95,7 +95,7 @@ class Body:
         Next to the rim it has the head's vertices, farther down every second: what is drawn five times, for shadows and
         for the picture, should not be finer than anybody sees.
         """
-        rows = min(int(np.searchsorted(_PLACES, down_to)) + 2, len(_PLACES))
+        rows = min(max(int(np.searchsorted(_PLACES, down_to)) + 2, _FINE_ROWS), len(_PLACES))
         points = np.concatenate([self.lap[None], self.points[:rows]])
         normals = np.concatenate([self.normals[:1], self.normals[:rows]])
         kept, triangles = _thinned_grid(len(points), points.shape[1])
@@ -157,7 +157,7 @@ def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
 def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[ndarray, "t 3"]]:
     """A grid that has every second column from its fourth row on: which vertices are left, and triangles over them."""
     if columns % 2 == 0:  # the last column lies on the first: there is no second of each pair
-        return np.arange(rows * columns), grid_triangles(rows, columns)
+        return np.arange(rows * columns), grid_triangles(rows, columns)  # nobody writes to either
     fine, thin = _FINE_ROWS * columns, np.arange(0, columns, 2)
     below = np.arange(_FINE_ROWS, rows)[:, None] * columns + thin
     kept = np.concatenate([np.arange(fine), below.reshape(-1)])
@@ -173,6 +173,8 @@ def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[
         fine + grid_triangles(rows - _FINE_ROWS, len(thin)),
     ]
     triangles = np.concatenate(parts).astype(np.int32)
+    for each in (kept, triangles):
+        each.setflags(write=False)
     return kept, triangles
 
 

@@ -209,7 +209,7 @@ def _on_a_screen(taken: TakenPicture, rng: np.random.Generator, _: PhotographCon
 
 def _interlaced(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:
     shift = int(rng.integers(1, 6)) * int(rng.choice([-1, 1]))
-    return replace(taken, processing=replace(taken.processing, interlace_px=shift))
+    return replace(taken, processing=replace(taken.processing, interlace=_round(shift / 256)))
 
 
 def _posterised(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:

@@ -27,7 +27,7 @@ class Processing:
         grain: Standard deviation of film grain, 0 to 255.
         scratches: How many, from top to bottom.
         dust: How many specks and hairs.
-        interlace_px: How far the odd lines are shifted to the side.
+        interlace: How far odd lines are moved to one side and even ones to the other, as a share of the width.
         moire: Strength of the pattern of a photographed screen, 0 to 1.
         colours: How many steps each colour has; 256 is all.
         text: What stands over the picture: a date, a watermark; empty for none.
@@ -45,7 +45,7 @@ class Processing:
     grain: float = 0.0
     scratches: int = 0
     dust: int = 0
-    interlace_px: int = 0
+    interlace: float = 0.0
     moire: float = 0.0
     colours: int = 256
     text: str = ""
@@ -63,9 +63,8 @@ def process(
     if processing.smoothing:
         smooth = cv2.bilateralFilter(image, 5, 40.0, 3.0)
         image = cv2.addWeighted(image, 1 - processing.smoothing, smooth, processing.smoothing, 0)
-    if processing.interlace_px:
-        image = image.copy()
-        image[1::2] = np.roll(image[1::2], processing.interlace_px, axis=1)
+    if processing.interlace:
+        image = _interlaced(image, processing.interlace)
     is_small = 0 < processing.side_px < max(height, width)
     if is_small:
         scale = processing.side_px / max(height, width)
@@ -98,6 +97,16 @@ def _through_jpeg(image: UInt8[ndarray, "h w 3"], quality: int) -> UInt8[ndarray
     decoded = cv2.imdecode(content, cv2.IMREAD_COLOR)
     assert decoded is not None
     return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
+
+
+def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, "h w 3"]:
+    """Lines of two moments: to both sides alike, so that edges stay where the maps have them on average."""
+    half = int(np.copysign(max(round(abs(share) * image.shape[1] / 2), 1), share))
+    columns = np.arange(image.shape[1])
+    moved = np.empty_like(image)
+    for first, shift in ((0, -half), (1, half)):
+        moved[first::2] = image[first::2, np.clip(columns - shift, 0, len(columns) - 1)]
+    return moved
 
 
 def _sharpened(image: UInt8[ndarray, "h w 3"], strength: float, radius_px: float) -> UInt8[ndarray, "h w 3"]:

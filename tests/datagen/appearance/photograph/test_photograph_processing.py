@@ -46,7 +46,7 @@ def test_processing_nothing_changes_nothing() -> None:
         Processing(grain=8.0),
         Processing(scratches=3),
         Processing(dust=20),
-        Processing(interlace_px=3),
+        Processing(interlace=0.012),
         Processing(moire=0.1),
         Processing(colours=5),
         Processing(text="12.03.2004", text_place=(0.1, 0.9), text_size=0.1, text_opacity=0.9),
@@ -60,6 +60,17 @@ def test_every_kind_of_processing_shows_but_leaves_the_picture(processing: Proce
     assert changed.shape == image.shape
     assert np.corrcoef(image.ravel(), changed.ravel())[0, 1] > 0.6
     np.testing.assert_array_equal(image, picture())
+
+
+@pytest.mark.parametrize("share", [0.004, -0.012, 0.02])
+def test_lines_of_two_moments_leave_edges_where_they_are_on_average(share: float) -> None:
+    image = np.zeros((40, 200, 3), dtype=np.uint8)
+    image[:, 80:] = 255
+    found = process(Processing(interlace=share), image, rng())
+    edge = 200 - (found[..., 0] > 127).sum(axis=1)
+    assert edge.mean() == pytest.approx(80)
+    assert abs(edge[1] - edge[0]) == max(2, 2 * round(abs(share) * 100))
+    assert edge[1] > edge[0] if share > 0 else edge[1] < edge[0]
 
 
 borders = st.builds(
