@@ -19,6 +19,8 @@ LARGEST_GAIN = 24.0
 LARGEST_RATIO_OF_GREY = 2.5
 # Of the picture: less of it says nothing about the light.
 LEAST_GREY = 0.03
+# Of skin, blue over green: what is beyond, as under coloured lamps, is left of it.
+LARGEST_EXCESS_OF_BLUE = 2.0
 # Tone curves are tabulated up to this many times white, by the square root.
 _BRIGHTEST = 4.0
 _STEPS = 4096
@@ -123,14 +125,19 @@ def _white_balance(
     sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"]
 ) -> Float32[ndarray, "3"]:
     # Skin, foliage and a green wall are no grey: taken for grey, they turn faces blue and purple.
-    few = light[::4, ::4]
-    is_grey = ~face[::4, ::4] & (few.max(axis=2) < LARGEST_RATIO_OF_GREY * few.min(axis=2))
-    if np.count_nonzero(is_grey) < LEAST_GREY * is_grey.size:
-        return np.asarray(sensor.gains, dtype=np.float32)
-    mean = np.maximum(few[is_grey].mean(axis=0), 1e-6)
-    gains = (mean[1] / mean) ** sensor.white_balance * np.asarray(sensor.gains)
-    # No camera takes the light of a candle for white.
-    return np.asarray(np.clip(gains, 0.5, 2.0), dtype=np.float32)
+    few, is_face = light[::4, ::4], face[::4, ::4]
+    is_grey = ~is_face & (few.max(axis=2) < LARGEST_RATIO_OF_GREY * few.min(axis=2))
+    balance = np.ones(3)
+    if np.count_nonzero(is_grey) >= LEAST_GREY * is_grey.size:
+        mean = np.maximum(few[is_grey].mean(axis=0), 1e-6)
+        # No camera takes the light of a candle for white.
+        balance = np.clip((mean[1] / mean) ** sensor.white_balance, 0.5, 2.0)
+    if is_face.any() and sensor.white_balance:
+        # Nor does one that balances at all leave skin bluer than green.
+        _, green, blue = balance * few[is_face].mean(axis=0)
+        excess = np.sqrt(np.clip(blue / max(green, 1e-6), 1.0, LARGEST_EXCESS_OF_BLUE))
+        balance *= (1.0, excess, 1 / excess)
+    return np.asarray(balance * np.asarray(sensor.gains), dtype=np.float32)
 
 
 def _metered_gain(sensor: Sensor, metered: Float32[ndarray, "n 3"]) -> float:

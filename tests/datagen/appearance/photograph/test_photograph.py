@@ -138,6 +138,18 @@ def test_a_coloured_wall_is_not_taken_for_grey(wall: tuple[float, float, float])
     np.testing.assert_allclose(balanced[face].mean(axis=0), (0.5, 0.3, 0.2), rtol=1e-4)
 
 
+@pytest.mark.parametrize(("balance", "is_bluer"), [(1.0, False), (0.3, False), (0.0, True)])
+def test_a_camera_that_balances_leaves_no_skin_bluer_than_green(balance: float, is_bluer: bool) -> None:
+    light = np.full((HEIGHT, WIDTH, 3), (0.4, 0.45, 0.3), dtype=np.float32)  # olive: makes the balance bluer
+    face = face_of(light)
+    light[face] = (0.5, 0.33, 0.4)
+    red, green, blue = sense(Sensor(metering_strength=0.0, white_balance=balance), light, face, rng())[face].mean(
+        axis=0
+    )
+    assert (blue > green * 1.001) == is_bluer
+    assert red > green
+
+
 def test_skin_is_not_taken_for_grey() -> None:
     """A face that fills most of the picture keeps its colour, whatever the balance."""
     light = scene()
