@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pix2face.face_maps import FIXED_POINT_STEPS_PER_MM
+from pix2face.shards.layers import LAYERS
 
 pytestmark = pytest.mark.gl
 
-SIZE, N = 96, 5
-# Before the noise of sensors and files: those would hide differences, or make much of small ones.
+SIZE, N = 96, 16
+# Light as it falls, which noise and files would hide differences of, and the bytes that it becomes before they are a file.
 DRAW = """
 import sys
 import numpy as np
@@ -25,6 +25,10 @@ from datagen.appearance.skin.zones import head_paint
 from datagen.appearance.whole import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
+from datagen.appearance.backdrop.backdrop import backdrop_pixels
+from datagen.appearance.photograph.photograph import develop
+from datagen.appearance.scene import HEAD
+from datagen.jobs.bystanders import Bystanders
 from datagen.rendering.scene_drawing import SceneDrawer
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError
@@ -38,13 +42,19 @@ model, config, found = builtin_model(), PRESETS[DEFAULT], {}
 table = sample_faces(model, n, 2, size, config.geometry)
 scenes, renderer = SceneMaker(model), Renderer(model, size, size, gl)
 drawer = SceneDrawer(model, gl, appearance_textures(), head_paint(model), head_occlusion(model))
+bystanders = Bystanders(scenes, drawer, 4, config)
 for index, vertices in enumerate(model.vertices(table.identity, table.expression)):
     face = table.face(index, Path("."))
-    picture = drawer.draw(scenes.scene(draw_appearance(4, str(index), config), face, vertices), face.camera, size, size)
-    maps = renderer.render(vertices, face.camera)
+    appearance = draw_appearance(4, str(index), config)
+    picture = drawer.draw(scenes.scene(appearance, face, vertices), face.camera, size, size)
+    light = backdrop_pixels(appearance.backdrop, face.camera, size, size, "")
+    bystanders.draw(light, appearance)
+    light = light * (1 - picture.coverage[..., None]) + picture.radiance
+    found.setdefault("developed", []).append(develop(light, appearance.photograph, picture.labels == HEAD))
+    maps = renderer.render(vertices, face.camera, ("normals", "regions"))
     for name in ("radiance", "coverage", "labels"):
         found.setdefault(name, []).append(getattr(picture, name))
-    for name in ("pncc", "offset", "mask"):
+    for name in ("pncc", "offset", "mask", "depth", "normals", "regions"):
         found.setdefault(name, []).append(maps.layer(name))
 np.savez(out, **{name: np.stack(values) for name, values in found.items()})
 """
@@ -88,6 +98,12 @@ def test_both_back_ends_render_the_same_maps(both: tuple[dict[str, np.ndarray], 
     in_both = egl["mask"] & osmesa["mask"]
     assert in_both.sum() > 1000 * N
     assert (egl["mask"] != osmesa["mask"]).sum() <= 2
-    for name in ("pncc", "offset"):
-        steps = [np.round(maps[name] * FIXED_POINT_STEPS_PER_MM)[in_both] for maps in both]
-        assert np.abs(steps[0] - steps[1]).max() <= 1
+    assert (egl["regions"] != osmesa["regions"])[in_both].sum() <= 2
+    for name in ("pncc", "offset", "depth", "normals"):
+        steps = [np.round(maps[name].astype(np.float64) * LAYERS[name].steps_per_unit)[in_both] for maps in both]
+        assert np.abs(steps[0] - steps[1]).max() <= 1, name
+
+
+def test_both_back_ends_give_the_same_bytes(both: tuple[dict[str, np.ndarray], dict[str, np.ndarray]]) -> None:
+    difference = np.abs(np.subtract(*(own["developed"].astype(int) for own in both))).max(axis=-1)
+    assert (difference <= 2).mean() >= 0.999
