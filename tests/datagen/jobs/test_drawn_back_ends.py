@@ -13,7 +13,7 @@ from pix2face.shards.layers import LAYERS
 pytestmark = pytest.mark.gl
 
 SIZE, N = 96, 16
-# Light as it falls, which noise and files would hide differences of, and the bytes that it becomes before they are a file.
+# Light as it falls, before noise could hide differences, and the bytes that it becomes before they are a file.
 DRAW = """
 import sys
 import numpy as np
