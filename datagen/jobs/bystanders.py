@@ -16,7 +16,7 @@ from numpy import ndarray
 from datagen.appearance.backdrop.backdrop import PersonPlace
 from datagen.appearance.backdrop.focus import defocused
 from datagen.appearance.configuration import AppearanceConfig
-from datagen.appearance.light.light import Light, seen_light
+from datagen.appearance.light.light import seen_light
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.whole import Appearance, draw_appearance
@@ -64,11 +64,12 @@ class Bystanders:
             backdrop: Linear light; is drawn into.
             appearance: Of the picture.
         """
-        light = appearance.light
-        for place in appearance.backdrop.people:
-            self._place_one(backdrop, place, light)
+        if appearance.backdrop.people:
+            white = seen_light(appearance.light).astype(np.float32)
+            for place in appearance.backdrop.people:
+                self._place_one(backdrop, place, white)
 
-    def _place_one(self, backdrop: Float32[ndarray, "h w 3"], place: PersonPlace, light: Light) -> None:
+    def _place_one(self, backdrop: Float32[ndarray, "h w 3"], place: PersonPlace, white: Float32[ndarray, "3"]) -> None:
         height, width = backdrop.shape[:2]
         side = place.scale * FRONT_SHARE * width * ACROSS_MM / HEAD_MM
         rgba = self._picture(place.seed % N_PEOPLE)
@@ -77,7 +78,7 @@ class Bystanders:
             rgba = cv2.resize(rgba, (HALVED_PX, HALVED_PX), interpolation=cv2.INTER_AREA)
         soft = defocused(_placed(rgba, place, side / len(rgba), (height, width)), place.blur * width)
         backdrop *= 1 - soft[..., 3:]
-        backdrop += soft[..., :3] * seen_light(light).astype(np.float32)
+        backdrop += soft[..., :3] * white
 
     def _drawn(self, number: int) -> Float32[ndarray, "s s 4"]:
         """One of the people: radiance multiplied by coverage, as where a white ball shows 1, and coverage."""

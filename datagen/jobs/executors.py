@@ -19,8 +19,8 @@ from typing import Any, final
 
 from pix2face.errors import UsageError
 
-# Software OpenGL and linear algebra: work is spread over processes, where threads would only fight for cores.
-# Software OpenGL with no thread of its own draws in the caller's.
+# Software OpenGL and linear algebra: work is spread over processes, where threads would only fight for cores. With no
+# thread of its own llvmpipe draws in the caller's.
 ONE_THREAD = {"LP_NUM_THREADS": "0", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 CONNECT_S = 10.0
 WORKERS_COME_S = 60.0

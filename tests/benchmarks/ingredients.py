@@ -49,13 +49,19 @@ def main() -> int:
     parser.add_argument("--at-once", type=int, default=1, help="trainings side by side, which share the cores")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    conditions = equal_conditions(options.shards)
+    conditions, n_pictures = equal_conditions(options.shards)
     rows: dict[str, dict[str, float]] = {}
 
     def add(name: str, seed: int) -> None:
         out = options.out / f"{name.replace(' ', '-')}-{seed}"
         rows[f"{name}, seed {seed}"] = row = measured(options, conditions[name], seed, out)
-        summary = {"samples": options.samples, "size_px": options.size, "conditions": conditions, "rows": rows}
+        summary = {
+            "pictures": n_pictures,
+            "samples": options.samples,
+            "size_px": options.size,
+            "conditions": conditions,
+            "rows": rows,
+        }
         text = json.dumps({**summary, "measured_on": surroundings()}, indent=2)
         (options.out / "ingredients.json").write_text(text + "\n", encoding="utf-8")
         sys.stdout.write(json.dumps({f"{name}, seed {seed}": row}) + "\n")
@@ -67,8 +73,8 @@ def main() -> int:
     return 0
 
 
-def equal_conditions(shards: Path) -> dict[str, str]:
-    """The condition of each ingredient, cut to as many samples as the strictest of them leaves."""
+def equal_conditions(shards: Path) -> tuple[dict[str, str], int]:
+    """The condition of each ingredient, cut to as many samples as the strictest of them leaves; and how many."""
     passing: dict[str, list[str]] = {name: [] for name in INGREDIENTS}
     filters = {name: SampleFilter(text or "1 == 1", "INGREDIENTS") for name, text in INGREDIENTS.items()}
     for path in shard_paths(shards):
@@ -80,10 +86,11 @@ def equal_conditions(shards: Path) -> dict[str, str]:
     fewest = min(map(len, passing.values()))
     if not fewest:
         raise UsageError(f"{shards}: expected samples without each ingredient, found none without one of them")
-    return {
+    conditions = {
         name: " and ".join(filter(None, [INGREDIENTS[name], f"{SAMPLE_ID} <= {sorted(found)[fewest - 1]!r}"]))
         for name, found in passing.items()
     }
+    return conditions, fewest
 
 
 def measured(options: argparse.Namespace, condition: str, seed: int, out: Path) -> dict[str, float]:
