@@ -19,6 +19,8 @@ from pix2face.shards.layers import Layer
 
 # Of ISA-L's 0 to 3. A level also stands in the file, as advice to an HDF5 library that should compress a chunk itself.
 DEFLATE_LEVEL = 1
+# See `deflate`: fewer would not reach what is to be avoided, more would be compressed worse.
+FIRST_BYTES = 8
 # Deflate never shrinks more than this; what claims to is no deflate stream.
 LARGEST_DEFLATE_RATIO = 1032
 
@@ -47,7 +49,7 @@ def pack_layer(
     rows = np.ascontiguousarray(steps).reshape(steps.shape[0], steps.shape[1] * layer.n_channels)
     for place, plane in enumerate(_byte_planes(rows)):
         planes[place, box[0], _columns(layer, box)] = plane
-    return bytes(isal_zlib.compress(planes, DEFLATE_LEVEL))
+    return deflate(planes.reshape(-1))
 
 
 def unpack_layer(
@@ -64,6 +66,19 @@ def unpack_layer(
     rows = _from_byte_planes(planes[:, box[0], _columns(layer, box)], layer.stored)
     steps = rows.reshape(layer.shape(*(side.stop - side.start for side in box)))
     return undo_prediction(steps.view(_unsigned(steps.dtype))) if is_predicted else steps
+
+
+def deflate(raw: UInt8[ndarray, " n"]) -> bytes:
+    """A zlib stream that depends on nothing but the bytes; its first few are a block of their own.
+
+    ISA-L's fast path enters the third position of a stream under the hash of a register that nothing has set: it holds
+    the address of the stack (``igzip_icf_body_h1_gr_bt.asm``, ``.write_first_byte``). What it finds there later decodes
+    to the same bytes, but now and then a stream is not the one that another process makes, and shards are promised to be
+    the same byte for byte. A block too short for the fast path takes another one, and costs some ten bytes.
+    """
+    stream = isal_zlib.compressobj(DEFLATE_LEVEL)
+    first = stream.compress(raw[:FIRST_BYTES]) + stream.flush(isal_zlib.Z_SYNC_FLUSH)
+    return bytes(first + stream.compress(raw[FIRST_BYTES:]) + stream.flush())
 
 
 def inflate(packed: bytes, n_bytes: int) -> bytes:

@@ -68,6 +68,12 @@ def content(out: Path) -> dict[str, bytes]:
     return {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 
+def differing(out: Path, expected: dict[str, bytes]) -> list[str]:
+    """The names of files that only one side has, or that differ; a comparison of contents would print them all."""
+    found = content(out)
+    return sorted(name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name))
+
+
 def finished_shards(out: Path) -> list[Path]:
     return sorted(out.glob("shard-*.h5"))
 

@@ -19,6 +19,7 @@ from tests.datagen.job_runs import (
     N_SHARDS,
     Inputs,
     content,
+    differing,
     finished_shards,
     kill,
     make_inputs,
@@ -54,7 +55,7 @@ def test_any_number_of_workers_gives_the_same_bytes(
     inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path, workers: int
 ) -> None:
     inputs.run(tmp_path, workers=workers)
-    assert content(tmp_path) == undisturbed
+    assert differing(tmp_path, undisturbed) == []
 
 
 def test_inputs_that_lie_elsewhere_give_the_same_bytes(
@@ -63,7 +64,7 @@ def test_inputs_that_lie_elsewhere_give_the_same_bytes(
     """Also what is said of the photograph that is missing."""
     shutil.copytree(inputs.folder, tmp_path / "copy")
     Inputs(tmp_path / "copy").run(tmp_path / "out")
-    assert content(tmp_path / "out") == undisturbed
+    assert differing(tmp_path / "out", undisturbed) == []
     assert b'"reason": "missing.jpg: ' in undisturbed["rejected.jsonl"]
 
 
@@ -81,11 +82,11 @@ def test_kill_9_of_the_job_at_any_moment(
         kill(process)
         wait_until_dead(workers)  # they end with their job
         now = {path.name: path.read_bytes() for path in finished_shards(tmp_path)}
-        assert kept.items() <= now.items()
-        assert now.items() <= undisturbed.items()  # what has its name is finished
+        assert [name for name in kept if now.get(name) != kept[name]] == []
+        assert [name for name in now if undisturbed[name] != now[name]] == []  # what has its name is finished
         kept = now
     inputs.run(tmp_path)
-    assert content(tmp_path) == undisturbed
+    assert differing(tmp_path, undisturbed) == []
 
 
 def test_workers_that_are_killed_are_replaced(inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path) -> None:
@@ -98,7 +99,7 @@ def test_workers_that_are_killed_are_replaced(inputs: Inputs, undisturbed: dict[
             os.kill(workers[rng.integers(len(workers))], signal.SIGKILL)
     _, errors = process.communicate(timeout=120)
     assert process.returncode == 0, errors
-    assert content(tmp_path) == undisturbed
+    assert differing(tmp_path, undisturbed) == []
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -115,12 +116,12 @@ def test_signals_stop_cleanly(
     wait_until_dead(workers, timeout_s=2)
     kept = content(tmp_path)
     assert set(kept) == {path.name for path in finished_shards(tmp_path)}  # nothing unfinished, no lock
-    assert kept.items() <= undisturbed.items()
+    assert [name for name in kept if undisturbed[name] != kept[name]] == []
     assert f"{len(kept)} finished shards kept in {tmp_path}, left behind: nothing unfinished; run" in errors
     assert "run the same command again to go on" in errors
     said = inputs.run(tmp_path)
     assert f"({len(kept)} there already)" in said
-    assert content(tmp_path) == undisturbed
+    assert differing(tmp_path, undisturbed) == []
 
 
 def test_a_second_job_in_the_same_folder_is_refused(
@@ -136,7 +137,7 @@ def test_a_second_job_in_the_same_folder_is_refused(
     assert f"found another `datagen render` (process {process.pid} on " in errors
     assert process.wait(timeout=120) == 0
     process.communicate()
-    assert content(tmp_path) == undisturbed
+    assert differing(tmp_path, undisturbed) == []
 
 
 def test_a_full_disk_costs_the_unfinished_shard(inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path) -> None:
@@ -163,10 +164,10 @@ def test_a_full_disk_costs_the_unfinished_shard(inputs: Inputs, undisturbed: dic
     assert process.stderr.splitlines()[-1].startswith("datagen: error: ")
     assert "make room or choose another folder" in process.stderr.splitlines()[-1]
     kept = content(tmp_path)
-    assert kept.items() <= undisturbed.items()
+    assert [name for name in kept if undisturbed[name] != kept[name]] == []
     assert all(name.startswith("shard-") for name in kept)
     inputs.run(tmp_path)
-    assert content(tmp_path) == undisturbed
+    assert differing(tmp_path, undisturbed) == []
 
 
 def test_stale_files_and_damaged_shards_are_replaced(
@@ -185,7 +186,7 @@ def test_stale_files_and_damaged_shards_are_replaced(
     said = inputs.run(tmp_path)
     assert all(f"{tmp_path / name} is cut short or damaged: it is made anew" in said for name in names[:3])
     assert f"({N_SHARDS - 4} there already)" in said
-    assert content(tmp_path) == undisturbed
+    assert differing(tmp_path, undisturbed) == []
 
 
 def test_a_shard_in_the_place_of_another_is_refused(
