@@ -73,8 +73,8 @@ def deflate(raw: UInt8[ndarray, " n"]) -> bytes:
 
     ISA-L's fast path enters the third position of a stream under the hash of a register that nothing has set: it holds
     the address of the stack (``igzip_icf_body_h1_gr_bt.asm``, ``.write_first_byte``). What it finds there later decodes
-    to the same bytes, but now and then a stream is not the one that another process makes, and shards are promised to be
-    the same byte for byte. A block too short for the fast path takes another one, and costs some ten bytes.
+    to the same bytes, but now and then a stream is not the one that another process makes, and shards are to be the
+    same byte for byte. A block too short for the fast path takes another one, and costs some ten bytes.
     """
     stream = isal_zlib.compressobj(DEFLATE_LEVEL)
     first = stream.compress(raw[:FIRST_BYTES]) + stream.flush(isal_zlib.Z_SYNC_FLUSH)
