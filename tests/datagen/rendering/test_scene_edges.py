@@ -3,44 +3,27 @@
 import cv2
 import numpy as np
 import pytest
-from numpy import ndarray
 
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
 from pix2face.camera import Camera
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.morphable_model import builtin_model
+from tests.datagen.rendering.edges import FINER, edge_offsets, true_coverage
 from tests.datagen.rendering.plain_scenes import camera_at, plain_drawer, scene_of
 from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl
 
-SIZE, FINER = 96, 8
+SIZE = 96
 POSES = [(0, 0), (35, 10), (-70, 0), (90, -15), (20, -35), (-50, 35)]
 CAMERAS = [camera_at(*pose, SIZE) for pose in POSES] + [camera_at(*pose, SIZE, 450) for pose in POSES]
 NAMES = [f"{kind} {pose}" for kind in ("affine", "pinhole") for pose in POSES]
 
 
-def true_coverage(model: MorphableModel, gl: GLContext, camera: Camera) -> tuple[ndarray, ndarray]:
-    """Of the head and of the face mask, from maps drawn finer."""
-    fine = camera.transformed(np.diag([FINER, FINER, 1.0]))
-    maps = Renderer(model, SIZE * FINER, SIZE * FINER, gl).render(model.mean, fine)
-    parts = (np.isfinite(maps.surface_depth), maps.mask > 0)
-    head, face = (cv2.resize(part.astype(np.float32), (SIZE, SIZE), interpolation=cv2.INTER_AREA) for part in parts)
-    return head, face
-
-
-def edge_offsets(found: ndarray, truth: ndarray, where: ndarray) -> ndarray:
-    """How far the edge of ``found`` lies outside that of ``truth`` along the edge's normal, px."""
-    wide = [cv2.GaussianBlur(each, (0, 0), 1.2) for each in (found, truth)]
-    slope = np.hypot(np.gradient(wide[1], axis=0), np.gradient(wide[1], axis=1))
-    at_edge = where & (slope > 0.2) & (np.abs(wide[1] - 0.5) < 0.25)
-    return ((wide[0] - wide[1]) / np.maximum(slope, 1e-6))[at_edge]
-
-
 @pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
 def test_edges_of_picture_and_mask_coincide_within_half_a_pixel(gl: GLContext, camera: Camera) -> None:
     model = builtin_model()
-    head, face = true_coverage(model, gl, camera)
+    head, face = true_coverage(Renderer(model, SIZE * FINER, SIZE * FINER, gl), model.mean, camera)
     with plain_drawer(model, gl) as drawer:
         picture = drawer.draw(scene_of(model), camera, SIZE, SIZE)
     offsets = edge_offsets(picture.coverage, head, np.ones_like(head, dtype=bool))
@@ -57,7 +40,7 @@ def test_edges_of_picture_and_mask_coincide_within_half_a_pixel(gl: GLContext, c
 
 def test_the_measure_notices_half_a_pixel(gl: GLContext) -> None:
     model, camera = builtin_model(), CAMERAS[1]
-    head, _ = true_coverage(model, gl, camera)
+    head, _ = true_coverage(Renderer(model, SIZE * FINER, SIZE * FINER, gl), model.mean, camera)
     moved = camera.transformed(np.array([[1, 0, 0.5], [0, 1, 0], [0, 0, 1]]))
     with plain_drawer(model, gl) as drawer:
         picture = drawer.draw(scene_of(model), moved, SIZE, SIZE)
