@@ -1,4 +1,4 @@
-"""Hats, masks, hands, things: where they are."""
+"""Hats, masks, hands, things, jewellery: where they are."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from datagen.appearance.accessories.head_fit import triangles_of
 from datagen.appearance.accessories.headwear import headwear_meshes
 from datagen.appearance.accessories.headwear_choice import HATS, draw_headwear
 from datagen.appearance.accessories.held import HELD, draw_held, held_meshes
+from datagen.appearance.accessories.jewellery import PIERCINGS, SOUND, Jewellery, jewellery_meshes
 from datagen.appearance.accessories.masks import MASKS, draw_mask, mask_meshes
 from datagen.appearance.accessories.occluders import THINGS, draw_thing, thing_meshes
 from datagen.appearance.accessories.solids import box, ellipsoid, lathe, tube
@@ -120,3 +121,40 @@ def test_weaves_are_small_tile_and_keep_the_colour() -> None:
     jersey = pixels[layer_of("jersey")].astype(float)
     assert jersey[..., 0].mean() == pytest.approx(0.8 * 255, abs=3)
     assert np.abs(jersey[:, 0, 0] - jersey[:, -1, 0]).mean() < 3 * np.abs(np.diff(jersey[..., 0], axis=1)).mean()
+
+
+def _jewellery(**worn: object) -> Jewellery:
+    nothing = Jewellery(
+        earrings="none", one_ear=False, piercing="none", necklace=0, sound="none", size=0.5,
+        metal=(0.5, 0.5, 0.5), stone=(0.5, 0.5, 0.5), gear=(0.1, 0.1, 0.1),
+    )  # fmt: skip
+    return replace(nothing, **worn)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in SOUND if kind != "none"])
+def test_what_plays_sits_at_both_ears_and_leaves_the_face_free(kind: str) -> None:
+    for seed in range(4):
+        head = random_head(seed)
+        (mesh,) = jewellery_meshes(_jewellery(sound=kind), head, fit_body(head, np.eye(3)))
+        points = mesh.vertices.astype(np.float64)
+        ears = np.unique(head.model.triangles[triangles_of(head.model, ("ears",))])
+        for side in (1, -1):
+            ear = head.vertices[[vertex for vertex in ears if side * head.vertices[vertex, 0] > 0]]
+            nearest = np.linalg.norm(points[:, None] - ear[None, ::20], axis=2).min()
+            assert nearest > 30 if kind == "round neck" else nearest < 15
+        # Between the ears' front and the nose nothing is on the cheeks but the arm of a headset.
+        cheeks = (np.abs(points[:, 0]) < 50) & (points[:, 2] > 70) & (np.abs(points[:, 1]) < 60)
+        assert cheeks.any() == (kind == "headset")
+        if kind in ("headphones", "headset"):  # over the crown, upon it
+            band = points[points[:, 1] > 90]
+            assert len(band) and np.quantile(outside_mm(band, head, ("scalp", "skin")), 0.05) > -2
+
+
+@pytest.mark.parametrize("kind", [kind for kind in PIERCINGS if kind != "none"])
+def test_piercings_are_in_the_skin(kind: str) -> None:
+    for seed in range(4):
+        head = random_head(seed)
+        (mesh,) = jewellery_meshes(_jewellery(piercing=kind), head, fit_body(head, np.eye(3)))
+        outside = outside_mm(mesh.vertices.astype(np.float64), head, ("skin", "brows", "lips"))
+        assert outside.min() < 1.5  # it touches
+        assert outside.max() < 12 and outside.max() > 0.3

@@ -103,8 +103,7 @@ def test_brows_lie_upon_the_skin_in_every_expression(model: MorphableModel, head
 
 
 def test_no_strand_comes_through_the_forehead(model: MorphableModel, heads: list[PosedHead]) -> None:
-    short = [name for name in LAYERS if name.startswith(("short", "afro", "ponytail", "braid"))]
-    for name in short:
+    for name in LAYERS:
         mesh = bound_mesh(name)
         near = mesh.triangles[_over_forehead(mesh)]
         if not len(near):

@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from datagen.appearance.person import Person, draw_person
+from datagen.appearance.skin.marks import Mark
 from datagen.appearance.skin.skin import HARD_SKIN, SkinConfig, draw_skin
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
 from datagen.opengl.gl_context import GLContext
@@ -139,3 +141,78 @@ def test_nothing_is_black_white_or_unknown(paint: PaintedSkin):
         assert np.isfinite(head).all()
         assert head.min() >= 0.002
         assert head.max() <= 0.96
+
+
+def _changed(before, after, x: float, y: float, radius_mm: float = 3.0) -> float:
+    """By what share the colour of a place changes."""
+    return float(np.abs(_zone(after, x, y, radius_mm) / _zone(before, x, y, radius_mm) - 1).max())
+
+
+@pytest.mark.parametrize(
+    ("worn", "painted", "free"),
+    [
+        ({"eye_shadow_strength": 0.9, "eye_shadow": (0.02, 0.02, 0.5)}, [(-31, 36), (31, 36)], [(0, -49), (42, -25)]),
+        ({"blusher_strength": 0.9, "blusher": (0.6, 0.02, 0.05)}, [(-44, -8), (44, -8)], [(0, 78), (0, -72), (0, -49)]),
+        ({"eyeliner": 1.0}, [], [(0, 78), (42, -25), (0, -49), (0, -72)]),
+    ],
+)
+def test_make_up_is_where_people_put_it(paint: PaintedSkin, worn, painted, free):
+    bare = replace(SKIN, make_up=replace(SKIN.make_up, eyeliner=0.0))
+    before, _ = paint.draw(bare)
+    after, _ = paint.draw(replace(bare, make_up=replace(bare.make_up, **worn)))
+    assert np.abs(after - before).max() > 0.02
+    for place in painted:
+        assert _changed(before, after, *place) > 0.08, place
+    for place in free:
+        assert _changed(before, after, *place) < 0.01, place
+    if "eyeliner" in worn:  # at the edges of the lids and nowhere else
+        rows, columns = np.nonzero(np.abs(after - before).max(axis=2) > 0.02)
+        x, y = (columns - 128) / SCALE, (128 - rows) / SCALE + 10
+        assert (np.hypot((np.abs(x) - 31) / 22, (y - 27) / 14) < 1).mean() > 0.98
+
+
+def test_a_mole_is_dark_and_where_it_is_said_to_be(paint: PaintedSkin):
+    spot = Mark(
+        kind="mole", place=(-30.0, -20.0, 88.0), radius_mm=4.0, melanin=0.9, haemoglobin=0.1, height=0.5, core=0.6
+    )
+    before, after = (paint.draw(replace(SKIN, marks=marks))[0] for marks in ((), (spot,)))
+    assert _zone(after, -30, -20, 1.5).mean() < 0.6 * _zone(before, -30, -20, 1.5).mean()
+    rows, columns = np.nonzero(np.abs(after - before).max(axis=2) > 0.01)
+    x, y = (columns - 128) / SCALE, (128 - rows) / SCALE + 10
+    assert np.hypot(x + 30, y + 20).max() < 8
+
+
+def test_freckles_are_small_dark_spots_where_the_sun_comes(paint: PaintedSkin):
+    before, after = (paint.draw(replace(SKIN, freckles=freckles))[0] for freckles in ((0.0, 0.0), (0.6, 0.4)))
+    darker = 1 - after.mean(axis=2) / np.maximum(before.mean(axis=2), 1e-3)
+    cheeks = np.concatenate([darker[128:160, 75:110], darker[128:160, 146:181]])
+    neck = darker[240:256, 108:148]
+    assert 0.02 < (cheeks > 0.1).mean() < 0.3
+    assert cheeks.max() > 0.3
+    assert neck.mean() < 0.6 * cheeks.mean()
+    assert darker.min() > -0.02
+    spots, _ = cv2.connectedComponents((cheeks > 0.1).astype(np.uint8))
+    assert spots > 20
+
+
+def test_eyes_that_look_up_and_down_move_with_their_irises(paint: PaintedSkin):
+    marked = {"skin_eye_inner": np.full((2, 3), [0.0, 0.9, 0.0]), "skin_eye_outer": np.full((2, 3), [0.0, 0.9, 0.0])}
+
+    def row(expression) -> float:
+        picture, _ = paint.draw(SKIN, expression, window_mm=(0.0, 27.0, 50.0), changed=marked)
+        return float(np.nonzero(picture[..., 1] > 2.5 * picture[..., 0])[0].mean())
+
+    up, down = ({f"eyeLook{way}{side}": 0.7 for side in ("Left", "Right")} for way in ("Up", "Down"))
+    assert row({}) - row(up) > 2
+    assert row(down) - row({}) > 2
+
+
+def test_a_tongue_that_is_put_out_is_red_and_below_the_lips(paint: PaintedSkin):
+    shut, out = (
+        paint.draw(SKIN, expression)[0] for expression in ({"jawOpen": 0.5}, {"jawOpen": 0.5, "tongueOut": 1.0})
+    )
+    rows, columns = np.nonzero(np.abs(out - shut).max(axis=2) > 0.05)
+    assert len(rows) > 40
+    assert np.abs((columns - 128) / SCALE).mean() < 15
+    lab = lab_of_linear(out[rows, columns].mean(axis=0))
+    assert lab[1] > 10
