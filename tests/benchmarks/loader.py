@@ -114,7 +114,7 @@ def measure(text: str, rounds: int, draws: int, workers: int) -> dict[str, Any]:
     shards, size_px = index_shards([Path(folder)]), int(size)
     recipe = replace(PRESETS["cpu"], size_px=size_px, batch_size=BATCH_SIZE, jitter=JitterRange(mirror=True))
     rates: dict[str, Any] = {}
-    for cropping in ("none", "shift", "full"):
+    for cropping in ("none", "shift", "box", "full"):
         own = replace(recipe, cropping=cropping)
         rates[cropping] = {
             "of_a_core_a_second": rate_of_a_core(shards, own, 0, rounds),
