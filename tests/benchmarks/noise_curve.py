@@ -50,7 +50,8 @@ def draw(found: dict[str, dict[str, list[float]]], path: Path) -> None:
     for axes, part in zip(figure.subplots(1, 2, sharey=True), PARTS, strict=True):
         for name, errors in found.items():
             axes.plot(NOISE_MM, errors[part], marker="o", label=f"λ {name}".replace("mm2", "mm²"))
-        axes.set(title=f"{part} landmarks", xlabel="noise of each coordinate of both maps (mm)", xscale="symlog")
+        axes.set(title=f"{part} landmarks", xlabel="noise of each coordinate of both maps (mm)")
+        axes.set_xscale("symlog", linthresh=0.1)
         axes.set_xticks(NOISE_MM, [f"{noise:g}" for noise in NOISE_MM])
         axes.set_yscale("log")
         axes.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
