@@ -1,4 +1,4 @@
-"""Conditions on the attributes of samples, such as ``abs(yaw_deg) < 60 and light_kind != 'silhouette'``.
+"""Conditions on the attributes of samples, such as ``abs(yaw_deg) < 60 and light.kind != 'silhouette'``.
 
 The language is a small part of Python's: comparisons (also ``in``), ``and``, ``or``, ``not``, numbers, texts, lists,
 ``+ - * /``, and the functions ``abs``, ``min`` and ``max``. Names are those of attributes, with their dots

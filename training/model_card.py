@@ -37,7 +37,7 @@ def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path])
     configuration = json.loads(header.configuration)
     measured = [_measured(path) for path in reports]
     sections = {
-        "What it is": _what_it_is(header, weights),
+        "What it is": _what_it_is(header, weights, "initial_sha256" in configuration),
         "Use": INTENDED_USE.replace("\n", " "),
         "Training data": _data(header, configuration),
         "Measured errors": "\n\n".join(measured) or NOT_MEASURED,
@@ -49,7 +49,7 @@ def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path])
     return f"# A dense face network for {header.model_name}\n\n{body}\n"
 
 
-def _what_it_is(header: CheckpointHeader, weights: Path) -> str:
+def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> str:
     masks = {0: "no mask", 1: "the face's mask", 2: "the face's mask, and where it is seen"}[
         int(header.planes > MASK_PLANE) + int(header.planes > SEEN_PLANE)
     ]
@@ -61,7 +61,8 @@ def _what_it_is(header: CheckpointHeader, weights: Path) -> str:
         "scales": f"PNCC {header.pncc_scale_mm:g} mm, offset {header.offset_scale_mm:g} mm",
         "landmarks": ", ".join(f"{scheme}: vertices chosen on its fits" for scheme in header.landmarks)
         or "those of the morphable model",
-        "trained on": f"{header.samples:,} pictures, {header.epoch} epochs",
+        "trained on": f"{header.samples:,} draws in {header.epoch} epochs"
+        + (", from the weights of another training (`initial_sha256` below)" if is_continued else ""),
         "weights": f"{weights.name}, {weights.stat().st_size / 1e6:.1f} MB, SHA-256 {_sha256(weights)}",
     }
     return (

@@ -28,7 +28,7 @@ from pix2face.evaluation.bootstrap import Bootstrap
 from pix2face.evaluation.compare_cli import compare
 from pix2face.evaluation.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.evaluation.evaluator import Evaluator, FaceResult, evaluate_faces, frontal_landmarks, model_landmarks
-from pix2face.evaluation.manifest import Manifest, load_manifest
+from pix2face.evaluation.manifest import Manifest, Split, load_manifest
 from pix2face.evaluation.measured_subject import SubjectOptions, open_subject, versions
 from pix2face.evaluation.metrics import Normaliser
 from pix2face.evaluation.predictions_file import PixelFrame
@@ -91,7 +91,7 @@ class EvaluateConfig:
         max_rejected: This many faces with damaged files are tolerated; more make the exit status 3.
     """
 
-    split: Literal["ibug", "300w-common", "300w-full", "300vw", "aflw2000-3d", "menpo3d-tracking", "builtin-heldout"]
+    split: Split
     data: Path | None = None
     checkpoint: Path | None = None
     predictions: Path | None = None

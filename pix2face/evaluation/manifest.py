@@ -8,13 +8,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from typing import Any, Literal, final
+from typing import Any, Literal, final, get_args
 
 from pix2face.errors import UsageError
 from pix2face.evaluation.alignment3d import Alignment
 from pix2face.evaluation.metrics import Normaliser
 
-SPLITS = ("ibug", "300w-common", "300w-full", "300vw", "aflw2000-3d", "menpo3d-tracking", "builtin-heldout")
+Split = Literal[
+    "ibug",
+    "300w-common",
+    "300w-full",
+    "300vw",
+    "aflw2000-3d",
+    "aflw2000-3d-dev",
+    "aflw2000-3d-rest",
+    "menpo3d-tracking",
+    "builtin-heldout",
+]
+SPLITS = get_args(Split)
 SCHEMA_VERSION = 1
 
 # How pictures and truth are stored: an image beside its .pts, an image beside its .mat, clips with a .pts for each
@@ -141,7 +152,7 @@ def load_manifest(split: str) -> Manifest:
     if split not in SPLITS:
         raise UsageError(f"expected a split out of {', '.join(SPLITS)}, found {split!r}")
     folder = files("pix2face") / "manifests"
-    fields: dict[str, Any] = tomllib.loads((folder / f"{split}.toml").read_text(encoding="utf-8"))
+    fields = _read_fields(folder, split)
     if fields.pop("schema_version") != SCHEMA_VERSION:
         raise UsageError(f"manifest of {split}: expected schema {SCHEMA_VERSION}; is the installation complete?")
     parts = tuple(_read_part(folder, part) for part in fields.pop("part", []))
@@ -150,6 +161,12 @@ def load_manifest(split: str) -> Manifest:
         name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()
     }
     return Manifest(parts=parts, **listed)
+
+
+def _read_fields(folder: Traversable, split: str) -> dict[str, Any]:
+    """Those of its file, over those of the split that it is ``like``."""
+    fields: dict[str, Any] = tomllib.loads((folder / f"{split}.toml").read_text(encoding="utf-8"))
+    return {**_read_fields(folder, fields.pop("like")), **fields} if "like" in fields else fields
 
 
 def _read_part(folder: Traversable, part: dict[str, Any]) -> BenchmarkPart:

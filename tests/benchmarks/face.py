@@ -22,7 +22,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from threadpoolctl import threadpool_limits
 
-from pix2face.crops import INFERENCE_SCALE, crop_image, square_crop
+from pix2face.crops import crop_image, square_crop
 from pix2face.default_checkpoint import PACKAGED
 from pix2face.images import read_photograph
 from pix2face.photographs.interface import Pix2Face
@@ -34,13 +34,14 @@ def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callabl
     (box, *_) = faces.find_faces(image)
     height, width = image.shape[:2]
     (prediction,) = faces.predict(image, [box])
-    size_px = faces.predictor.header.size_px
+    header = faces.predictor.header
+    size_px = header.size_px
 
     def fit(**options: Any) -> Callable[[], object]:
         return lambda: faces.fit_prediction(prediction, (height, width), **options)
 
     return {
-        "crop": lambda: crop_image(image, square_crop(box, INFERENCE_SCALE, size_px)),
+        "crop": lambda: crop_image(image, square_crop(box, header.crop_scale, size_px)),
         "crop and network": lambda: faces.predict(image, [box]),
         "fit": fit(),
         "fit, not held to the silhouette": fit(silhouette=False),

@@ -26,6 +26,7 @@ from pix2face.images import decode_image
 from pix2face.jitter import JitterRange, draw_jitter
 from tests.benchmarks.surroundings import surroundings
 from training.batch_rows import cut, resample, vary_colours
+from training.box_cut import cut_around_box
 from training.dataset import batch_row, empty_batch, middle_corner
 from training.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
 from training.halving import halved
@@ -67,8 +68,9 @@ def rate_of_workers(shards: ShardIndex, recipe: Recipe, workers: int, rounds: in
     return round(max(rates[1:]))
 
 
-def stages(shards: ShardIndex, size_px: int, rounds: int) -> dict[str, float]:
+def stages(shards: ShardIndex, recipe: Recipe, rounds: int) -> dict[str, float]:
     """Milliseconds of processor time that each step takes for a sample."""
+    size_px = recipe.size_px
     files = SampleFiles(shards.paths, shards.spans, TRAINED_LAYERS)
     places = list(zip(shards.shard.tolist(), shards.position.tolist(), strict=True))
     n = len(places)
@@ -86,8 +88,9 @@ def stages(shards: ShardIndex, size_px: int, rounds: int) -> dict[str, float]:
         "to the cache": lambda k: ready[k].to_bytes(),
         "cut": lambda k: cut(ready[k], middle_corner(ready[k], size_px), row, mirror=False),
         "cut and mirror": lambda k: cut(ready[k], middle_corner(ready[k], size_px), row, mirror=True),
-        "resample": lambda k: resample(decoded[k], inference_crop(decoded[k].landmarks2d, size_px), row),
+        "resample": lambda k: resample(decoded[k], inference_crop(decoded[k].landmarks2d, recipe), row),
         "vary colours": lambda k: vary_colours(row.image, jitter),
+        "cut around the box (box, the first time)": lambda k: cut_around_box(decoded[k], k, size_px, recipe.crop_scale),
         "draw the jitter": lambda k: draw_jitter(np.random.default_rng([1, 0, k]), JitterRange()),
     }
     times = {"read, inflate, undo the predictor; compare the checksum": first_ms}
@@ -125,7 +128,7 @@ def measure(text: str, rounds: int, draws: int, workers: int) -> dict[str, Any]:
         "samples": len(shards),
         "size_px": size_px,
         "samples_a_second": rates,
-        "ms_of_a_core": stages(shards, size_px, rounds),
+        "ms_of_a_core": stages(shards, recipe, rounds),
         "memory": memory_of_many_draws(shards, replace(recipe, cropping="shift"), draws),
     }
 

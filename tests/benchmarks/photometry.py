@@ -48,6 +48,8 @@ def face_colours(folder: Path, where: str, most: int) -> Float64[ndarray, "n 4"]
 
 def summarise(faces: Float64[ndarray, "n 4"]) -> dict[str, Any]:
     """Quantiles of brightness, contrast and warmth, and the shares of odd colours."""
+    if not len(faces):
+        return {"faces": 0}
     red, green, blue, deviation = faces.T
     coloured = np.abs(red - blue) >= LEAD
 

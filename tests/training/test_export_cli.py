@@ -92,7 +92,7 @@ def test_the_card_says_what_it_is_and_quotes_a_report(checkpoint, tmp_path, monk
     out = tmp_path / "release"
     assert main(["export", str(checkpoint), "--out", str(out), "--no-onnx", "--report", str(report)]) == 0
     card = (out / "README.md").read_text()
-    for said in (HEADER.model_sha256, "CC0-1.0", "2-4-8-12-16-16", "7,200 pictures", "| weights.offset | 4 |", "abc"):
+    for said in (HEADER.model_sha256, "CC0-1.0", "2-4-8-12-16-16", "7,200 draws", "| weights.offset | 4 |", "abc"):
         assert said in card
     content = stored_report(tmp_path)
     assert content["benchmark"]["title"] in card

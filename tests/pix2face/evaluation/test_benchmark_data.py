@@ -241,5 +241,7 @@ def test_the_photographs_at_hand(shared_dir):
     ]
     assert found.missing[0] == "ibug/image_007.jpg (no image_007.pts)"
     assert len(found.missing) == 131
-    faces = [item.load() for item in find("aflw2000-3d", shared_dir / "data" / "aflw2000_3d" / "dev").items]
+    of_dev = find("aflw2000-3d-dev", shared_dir / "data" / "aflw2000_3d" / "dev")
+    assert not of_dev.missing
+    faces = [item.load() for item in of_dev.items]
     assert [sum(face.group == group for face in faces) for group in YAW_BINS] == [265, 69, 66]

@@ -1,5 +1,7 @@
 """The manifests are complete and name what the benchmarks are known to hold."""
 
+from dataclasses import replace
+
 import pytest
 
 from pix2face.errors import UsageError
@@ -13,6 +15,8 @@ from pix2face.evaluation.manifest import SPLITS, load_manifest
         ("300w-common", 554, "outer-eye", 0.08),
         ("300w-full", 689, "outer-eye", 0.08),
         ("aflw2000-3d", 2000, "box-sqrt", 0.10),
+        ("aflw2000-3d-dev", 400, "box-sqrt", 0.10),
+        ("aflw2000-3d-rest", 1600, "box-sqrt", 0.10),
         ("builtin-heldout", 100, "box-sqrt", 0.10),
         ("300vw", 64, "outer-eye", 0.08),
         ("menpo3d-tracking", 30, "outer-eye", 0.08),
@@ -33,6 +37,14 @@ def test_full_is_common_and_ibug():
     full, common, ibug = (load_manifest(split) for split in ("300w-full", "300w-common", "ibug"))
     names = {part.name: part.image_names for part in full.parts}
     assert names == {part.name: part.image_names for part in (*common.parts, *ibug.parts)}
+
+
+def test_two_parts_of_aflw_are_the_whole_and_measured_alike():
+    whole, dev, rest = (load_manifest(f"aflw2000-3d{part}") for part in ("", "-dev", "-rest"))
+    (all_names,), (chosen_by,), (others,) = ([part.image_names for part in own.parts] for own in (whole, dev, rest))
+    assert sorted((*chosen_by, *others)) == sorted(all_names)
+    same = {"split": "", "title": "", "parts": (), "n_samples": 0}
+    assert replace(dev, **same) == replace(rest, **same) == replace(whole, **same)
 
 
 def test_names_are_those_of_the_benchmarks(shared_dir):
