@@ -5,7 +5,7 @@
 FOLDER is searched with all below it (.pts beside the picture, .mat of AFLW2000-3D, dlib's .xml). Errors are % of the
 distance of the outer eye corners; the 51 inner points, since jaw points of such annotations follow the outline in the
 picture. ``refined`` starts from a box that is a fifth too large and a tenth aside, and takes the landmarks of the first
-fit for the second box, as after a detector.
+fit for the second box, as after a detector. Faces that would be taken for false alarms in their true boxes are named.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from pix2face.crops import FaceBox
 from pix2face.evaluation.metrics import landmark_errors
 from pix2face.images import read_photograph
 from pix2face.landmarks import IBUG68, INNER51
+from pix2face.refined_detection import refined_box
 from tests.benchmarks.surroundings import surroundings
 
 OVERLAY_PX = 320
@@ -37,13 +38,16 @@ def main() -> None:
     parser.add_argument("--boxes", choices=("truth", "refined"), default="truth")
     parser.add_argument("--overlays", type=Path)
     options = parser.parse_args()
-    faces, errors = Pix2Face.load(options.checkpoint, device="cpu"), {}
+    faces, errors, refuted = Pix2Face.load(options.checkpoint, device="cpu"), {}, []
     for annotation in find_annotations(options.folder, IBUG68):
         annotated = annotation.load()
         true, image = annotated.landmarks2d, read_photograph(annotated.image_path)
         if not np.isfinite(true).all():
             continue
         box = FaceBox.around(true)
+        seen = refined_box(faces.predictor.predict(image, box), box, faces.model)
+        if seen is None or seen.is_refuted:
+            refuted.append(annotation.name)
         if options.boxes == "refined":
             (first,) = faces.fit(image, [_rough(box)])
             box = FaceBox.around(first.landmarks2d)
@@ -59,6 +63,7 @@ def main() -> None:
         "median": round(float(np.median(found)), 2),
         "mean": round(float(found.mean()), 2),
         "above 10 %": round(100 * float((found > 10).mean()), 1),
+        "refuted as no faces": refuted,
         "each": {name: round(100 * error, 2) for name, error in sorted(errors.items(), key=lambda item: -item[1])},
         "surroundings": surroundings(),
     }
