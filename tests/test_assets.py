@@ -24,6 +24,11 @@ def test_assets_are_small() -> None:
     assert (ROOT / "pix2face" / "assets" / "checkpoint.safetensors").stat().st_size < 20e6
 
 
+def test_the_card_is_that_of_the_packaged_network() -> None:
+    weights = (ROOT / "pix2face" / "assets" / "checkpoint.safetensors").read_bytes()
+    assert hashlib.sha256(weights).hexdigest() in (ROOT / "docs" / "checkpoint" / "card.md").read_text(encoding="utf-8")
+
+
 def test_assets_are_listed_with_origin_and_terms() -> None:
     text = (ROOT / "ASSETS.md").read_text(encoding="utf-8")
     for path in TO_DRAW_FROM:

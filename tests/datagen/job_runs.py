@@ -68,10 +68,15 @@ def content(out: Path) -> dict[str, bytes]:
     return {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 
+def changed(before: dict[str, bytes], now: dict[str, bytes]) -> list[str]:
+    """The names of files that are gone or differ; a comparison of contents would print them all."""
+    return [name for name in before if before[name] != now.get(name)]
+
+
 def differing(out: Path, expected: dict[str, bytes]) -> list[str]:
-    """The names of files that only one side has, or that differ; a comparison of contents would print them all."""
+    """The names of files that only one side has, or that differ."""
     found = content(out)
-    return sorted(name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name))
+    return sorted({*changed(found, expected), *changed(expected, found)})
 
 
 def finished_shards(out: Path) -> list[Path]:

@@ -18,6 +18,7 @@ from tests.datagen.job_runs import (
     N_FACES,
     N_SHARDS,
     Inputs,
+    changed,
     content,
     differing,
     finished_shards,
@@ -82,8 +83,8 @@ def test_kill_9_of_the_job_at_any_moment(
         kill(process)
         wait_until_dead(workers)  # they end with their job
         now = {path.name: path.read_bytes() for path in finished_shards(tmp_path)}
-        assert [name for name in kept if now.get(name) != kept[name]] == []
-        assert [name for name in now if undisturbed[name] != now[name]] == []  # what has its name is finished
+        assert changed(kept, now) == []
+        assert changed(now, undisturbed) == []  # what has its name is finished
         kept = now
     inputs.run(tmp_path)
     assert differing(tmp_path, undisturbed) == []
@@ -116,7 +117,7 @@ def test_signals_stop_cleanly(
     wait_until_dead(workers, timeout_s=2)
     kept = content(tmp_path)
     assert set(kept) == {path.name for path in finished_shards(tmp_path)}  # nothing unfinished, no lock
-    assert [name for name in kept if undisturbed[name] != kept[name]] == []
+    assert changed(kept, undisturbed) == []
     assert f"{len(kept)} finished shards kept in {tmp_path}, left behind: nothing unfinished; run" in errors
     assert "run the same command again to go on" in errors
     said = inputs.run(tmp_path)
@@ -164,7 +165,7 @@ def test_a_full_disk_costs_the_unfinished_shard(inputs: Inputs, undisturbed: dic
     assert process.stderr.splitlines()[-1].startswith("datagen: error: ")
     assert "make room or choose another folder" in process.stderr.splitlines()[-1]
     kept = content(tmp_path)
-    assert [name for name in kept if undisturbed[name] != kept[name]] == []
+    assert changed(kept, undisturbed) == []
     assert all(name.startswith("shard-") for name in kept)
     inputs.run(tmp_path)
     assert differing(tmp_path, undisturbed) == []
