@@ -191,6 +191,16 @@ def head_pose(camera: Camera) -> HeadPose:
     return HeadPose(math.degrees(pitch), math.degrees(yaw), math.degrees(roll))
 
 
+def angle_between_poses_deg(a: HeadPose, b: HeadPose) -> float:
+    """The angle of the one rotation that turns one head into the other, 0 to 180.
+
+    Unlike differences of pitch, yaw and roll it says the same of every head: near a profile, pitch and roll turn about
+    almost one axis, so that both may be far off in a head that is hardly turned.
+    """
+    cosine = (np.trace(rotation_of_pose(a).T @ rotation_of_pose(b)) - 1) / 2
+    return math.degrees(math.acos(min(max(float(cosine), -1.0), 1.0)))
+
+
 def rotation_of_pose(pose: HeadPose) -> Float64[ndarray, "3 3"]:
     """The camera_from_model rotation of a head pose: R = Rx Ry Rz with 300W-LP's signs, then y down, z forward."""
     angles = [-pose.pitch_deg, -pose.yaw_deg, -pose.roll_deg]

@@ -1,4 +1,4 @@
-"""Conditions on the attributes of samples, such as ``abs(yaw_deg) < 60 and light.kind != 'silhouette'``.
+"""What is computed from the attributes of samples: conditions such as ``abs(yaw_deg) < 60 and light.kind == 'studio'``.
 
 The language is a small part of Python's: comparisons (also ``in``), ``and``, ``or``, ``not``, numbers, texts, lists,
 ``+ - * /``, and the functions ``abs``, ``min`` and ``max``. Names are those of attributes, with their dots
@@ -44,40 +44,41 @@ _FUNCTIONS: Mapping[str, Callable[..., Any]] = {"abs": abs, "min": min, "max": m
 
 
 @final
-class SampleFilter:
-    """A condition, made ready. Counts what it meets.
+class AttributeExpression:
+    """What is computed from the attributes of a sample, made ready. Remembers the names that it meets.
 
     Args:
-        text: The condition.
+        text: A condition, or any other expression of the language (``abs(yaw_deg)``).
         option: Of the command line, to name in errors.
+        what: What the text is called in errors.
 
     Raises:
-        UsageError: The text is no condition of this language.
+        UsageError: The text is not of this language.
     """
 
-    def __init__(self, text: str, option: str) -> None:
-        self._text = text.strip()
+    def __init__(self, text: str, option: str, what: str = "an expression") -> None:
+        self.text = text.strip()
         self._option = option
         self._used: set[str] = set()
         self._known: set[str] = {SAMPLE_ID}
         if len(text) > LARGEST_TEXT:
             raise self._error(f"expected at most {LARGEST_TEXT} characters, found {len(text)}")
         try:
-            self._evaluate = self._compiled(ast.parse(self._text, mode="eval").body)
+            self._evaluate = self._compiled(ast.parse(self.text, mode="eval").body)
         except SyntaxError as error:
-            raise self._error(f"expected a condition, found something else ({error.msg})") from error
+            raise self._error(f"expected {what}, found something else ({error.msg})") from error
         except (ValueError, RecursionError, MemoryError) as error:
-            raise self._error("expected a condition that is not nested so deeply") from error
+            raise self._error(f"expected {what} that is not nested so deeply") from error
 
-    def passes(self, sample_id: str, attributes: Attributes) -> bool:
-        """Whether a sample fulfils the condition.
+    def value(self, sample_id: str, attributes: Attributes) -> Any:
+        """What it says of a sample; None where the sample lacks an attribute that it takes.
 
         Raises:
-            UsageError: The condition compares texts with numbers, divides by 0 or the like.
+            UsageError: It compares texts with numbers, divides by 0 or the like.
         """
         self._known |= attributes.keys()
         try:
-            return bool(self._evaluate({**attributes, SAMPLE_ID: sample_id}))
+            return self._evaluate({**attributes, SAMPLE_ID: sample_id})
         except (TypeError, ArithmeticError, ValueError) as error:
             values = {name: attributes[name] for name in sorted(self._used) if name in attributes}
             raise self._error(f"cannot be said of {sample_id!r} with {values}: {error}") from error
@@ -93,7 +94,7 @@ class SampleFilter:
             raise self._error(f"expected attributes among {', '.join(sorted(self._known))}; found {unknown[0]!r}")
 
     def _error(self, what: str) -> UsageError:
-        return UsageError(f"{self._option} {self._text[:80]!r}: {what}")
+        return UsageError(f"{self._option} {self.text[:80]!r}: {what}")
 
     def _compiled(self, node: ast.expr) -> Evaluate:
         match node:
@@ -122,6 +123,38 @@ class SampleFilter:
         raise self._error(
             f"expected comparisons, and, or, not, + - * /, {', '.join(_FUNCTIONS)} of attributes, found {found!r}"
         )
+
+
+@final
+class SampleFilter:
+    """A condition, made ready.
+
+    Args:
+        text: The condition.
+        option: Of the command line, to name in errors.
+
+    Raises:
+        UsageError: The text is no condition of this language.
+    """
+
+    def __init__(self, text: str, option: str) -> None:
+        self._condition = AttributeExpression(text, option, "a condition")
+
+    def passes(self, sample_id: str, attributes: Attributes) -> bool:
+        """Whether a sample fulfils the condition.
+
+        Raises:
+            UsageError: The condition compares texts with numbers, divides by 0 or the like.
+        """
+        return bool(self._condition.value(sample_id, attributes))
+
+    def check_names(self) -> None:
+        """Makes sure that each name was an attribute of a sample that was met.
+
+        Raises:
+            UsageError: One was not.
+        """
+        self._condition.check_names()
 
 
 def _dotted(node: ast.expr) -> str:

@@ -88,23 +88,37 @@ def _measured(path: Path) -> str:
         benchmark = report["benchmark"]
         rows = [row for row in report["table"] if row["method"] == report["method"]]
         lines = [line for row in rows for line in _errors_of(row)]
+        by = [table for own in report.get("by", ()) for table in ("", *_errors_by(own))]
     except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         raise InputFileError(
             f"{path}: expected a report that `evaluate` wrote (report.json), found another file ({error})"
         ) from error
     heading = f"**{benchmark['title']}**, {report['n_evaluated']} images, normalised by {benchmark['normaliser']}"
     table = ["| points | images | mean | median | above the threshold |", "| --- | --- | --- | --- | --- |", *lines]
-    return f"{heading}; threshold {benchmark['threshold']:.0%}:\n\n" + "\n".join(table)
+    return f"{heading}; threshold {benchmark['threshold']:.0%}:\n\n" + "\n".join([*table, *by])
 
 
 def _errors_of(row: Mapping[str, Any]) -> Iterator[str]:
     """Lines of a table: each group, then all images."""
     for name, errors in [*row["groups"].items(), ("all images", row["all_images"])]:
-        figures = [errors["mean"], errors["median"], errors["failure_rate"]]
-        known = ["none" if value is None else f"{value:.2%}" for value in figures]
-        yield f"| {row['points']} | {name.replace('|', '')} | {' | '.join(known)} |"
+        yield f"| {row['points']} | {name.replace('|', '')} | {_figures(errors)} |"
     if row["mean_of_groups"] is not None:
         yield f"| {row['points']} | mean of groups | {row['mean_of_groups']:.2%} | | |"
+
+
+def _errors_by(own: Mapping[str, Any]) -> Iterator[str]:
+    """A table of errors in bins of an attribute of renders, over 68 points."""
+    yield f"| {own['attribute'].replace('|', '')} | images | mean | median | above the threshold | 95 % of the mean |"
+    yield "| --- | --- | --- | --- | --- | --- |"
+    for row in own["bins"]:
+        interval = "none" if row["interval"] is None else " to ".join(f"{end:.2%}" for end in row["interval"])
+        name = row["name"].replace("|", "")
+        yield f"| {name} | {row['errors']['n_images']} | {_figures(row['errors'])} | {interval} |"
+
+
+def _figures(errors: Mapping[str, Any]) -> str:
+    figures = (errors["mean"], errors["median"], errors["failure_rate"])
+    return " | ".join("none" if value is None else f"{value:.2%}" for value in figures)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -72,10 +72,12 @@ class BenchmarkItem:
     Attributes:
         name: What lists call it.
         load: Reads the truth; raises InputFileError where its files are damaged.
+        attributes: What a render was drawn from; empty for photographs.
     """
 
     name: str
     load: Callable[[], BenchmarkFace]
+    attributes: Mapping[str, str | float] = field(default_factory=dict)
 
 
 @final

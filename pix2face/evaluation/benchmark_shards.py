@@ -27,13 +27,13 @@ def find_shards(manifest: Manifest, data: Path, model: MorphableModel) -> Benchm
         try:
             with ShardReader(path) as reader:
                 _check_model(path, reader, model)
-                sample_ids = list(reader.sample_ids)
+                sample_ids, attributes = list(reader.sample_ids), reader.attributes()
         except InputFileError as error:
             unreadable.append(Unreadable(path.name, str(error)))
             continue
         _check_samples(path, sample_ids, manifest)
         items += [
-            BenchmarkItem(sample_id, partial(read_shard_face, path, index))
+            BenchmarkItem(sample_id, partial(read_shard_face, path, index), attributes[index])
             for index, sample_id in enumerate(sample_ids)
         ]
     there = {item.name for item in items}

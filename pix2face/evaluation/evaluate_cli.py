@@ -22,6 +22,7 @@ from pix2face.command_line import (
 from pix2face.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.alignment3d import Alignment
+from pix2face.evaluation.attribute_bins import attribute_values
 from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkFiles
 from pix2face.evaluation.benchmark_search import find_benchmark
 from pix2face.evaluation.bootstrap import Bootstrap
@@ -76,6 +77,9 @@ class EvaluateConfig:
         normaliser: What errors are divided by; default is the benchmark's own.
         threshold: Where a face counts as failed and the error curve ends, a fraction; default is the benchmark's own.
         contour: 2d lets jaw points slide to the visible outline, as the truth of 300-W and 300-VW does.
+        by: Of renders, tell errors apart by these attributes too, or by what is computed of them: skin.melanin,
+            light.kind, "abs(yaw_deg)". The language is that of train --where, and datagen stats shows what there is.
+            Default is the benchmark's own.
         align: How 3D landmarks are laid onto the true ones (menpo3d-tracking); default is the benchmark's own.
         camera: Camera of the fit.
         regularisation: Tikhonov weight of the coefficients in mm^2; estimate takes one from each face's maps. As in
@@ -106,6 +110,7 @@ class EvaluateConfig:
     normaliser: Normaliser | None = None
     threshold: float | None = None
     contour: Literal["off", "2d"] = "off"
+    by: tuple[str, ...] | None = None
     align: Alignment | None = None
     camera: CameraKind = "weak-perspective"
     regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
@@ -134,6 +139,7 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
         alignment=config.align or manifest.alignment or "rigid",
         contour=config.contour,
         bootstrap=Bootstrap(config.resamples, config.seed),
+        by=attribute_values(manifest.by, found.items),
     )
     evaluator = Evaluator(model, subject, manifest.normaliser, settings.alignment)
     out = config.out or Path("out") / f"evaluate-{config.split}"
@@ -231,8 +237,11 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
         manifest = replace(manifest, box_rule="whatever the other system used")
     elif config.oracle:
         manifest = replace(manifest, box_rule="none is used")
+    if config.by is not None and manifest.kind != "shards":
+        raise UsageError(f"--by: expected a split of renders, whose attributes are known, found {config.split}")
     return replace(
         manifest,
+        by=manifest.by if config.by is None else config.by,
         normaliser=config.normaliser or manifest.normaliser,
         threshold=config.threshold or manifest.threshold,
         alignment=config.align or manifest.alignment,

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from pix2face.evaluation.alignment3d import Alignment
+from pix2face.evaluation.attribute_bins import AttributeValues, ErrorsByAttribute, errors_by_attribute
 from pix2face.evaluation.benchmark_data import YAW_BINS, Unreadable
 from pix2face.evaluation.bootstrap import (
     Bootstrap,
@@ -68,12 +69,14 @@ class EvaluationSettings:
         alignment: How 3D landmarks are laid onto the true ones.
         contour: "2d" where jaw points slide to the visible outline, or "off".
         bootstrap: How intervals are drawn.
+        by: What errors are also told apart by.
     """
 
     method: str
     alignment: Alignment = "rigid"
     contour: str = "off"
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
+    by: tuple[AttributeValues, ...] = ()
 
 
 @final
@@ -87,6 +90,7 @@ class Report:
         subject: What was evaluated: checkpoint, model, fit, versions.
         rows: The table, what was measured first, each method with all and with inner points.
         rows3d: The same of distances in space (in the data's unit); empty where the truth has no 3D landmarks.
+        by: Errors over 68 points of what was measured, in bins of attributes of renders.
         poses: For each bin of |yaw|, and for all faces, errors of the pose; None where truth or subject have no pose.
         maps: Means over the images of the errors of the maps; None where the truth has no maps.
         coefficients: The same of the coefficients.
@@ -100,6 +104,7 @@ class Report:
     subject: dict[str, Any]
     rows: tuple[ReportRow, ...]
     rows3d: tuple[ReportRow, ...]
+    by: tuple[ErrorsByAttribute, ...]
     poses: Mapping[str, PoseSummary] | None
     maps: MapErrors | None
     coefficients: CoefficientErrors | None
@@ -160,12 +165,16 @@ def make_report(
     table = _Table(manifest, groups, [result.group for result in results], cluster_names(results), settings.bootstrap)
     methods = (settings.method, BASELINE)
     errors = {method: _landmark_errors(results, method) for method in methods}
+    errors_by_name = {result.name: result.error() for result in results}
     return Report(
         manifest=manifest,
         settings=settings,
         subject=subject,
         rows=table.rows(errors),
         rows3d=_rows3d(table, manifest, results, settings),
+        by=tuple(
+            errors_by_attribute(own, errors_by_name, manifest.threshold, settings.bootstrap) for own in settings.by
+        ),
         poses=summarise_poses(results),
         maps=_mean_of_maps([result.maps for result in results if result.maps is not None]),
         coefficients=_mean_of_coefficients(

@@ -5,13 +5,14 @@ error infinity; a face whose own files are damaged is listed and left out.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import final
 
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
+from pix2face.camera import HeadPose, angle_between_poses_deg
 from pix2face.crops import FaceBox
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.evaluation.alignment3d import Alignment, distances3d
@@ -42,6 +43,7 @@ class FaceResult:
         failure: Why it was not found, or None.
         pose_deg: Found pitch, yaw, roll, where known.
         pose_errors_deg: Found minus true pitch, yaw, roll, where both are known.
+        rotation_error_deg: The angle between the found and the true head, where both are known.
         distances3d: For each landmark the distance in space, in the data's unit; infinity where there is none; None
             where the truth has no 3D landmarks.
         baseline_distances3d: The same for the mean face.
@@ -60,6 +62,7 @@ class FaceResult:
     failure: str | None
     pose_deg: Float64[ndarray, "3"] | None = None
     pose_errors_deg: Float64[ndarray, "3"] | None = None
+    rotation_error_deg: float | None = None
     distances3d: Float64[ndarray, "68"] | None = None
     baseline_distances3d: Float64[ndarray, "68"] | None = None
     maps: MapErrors | None = None
@@ -103,6 +106,7 @@ class Evaluator:
             landmarks2d, failure = None, "the landmarks are not finite"
         fitted = np.full((68, 2), np.nan) if landmarks2d is None else landmarks2d
         baseline = mean_face_in_box(self.model, FaceBox.around(face.landmarks2d))
+        pose_errors_deg, rotation_error_deg = _compare_poses(face, found)
         return FaceResult(
             name=face.name,
             group=face.group,
@@ -114,7 +118,8 @@ class Evaluator:
             landmarks2d=landmarks2d,
             failure=failure,
             pose_deg=found.pose_deg,
-            pose_errors_deg=_pose_errors(face, found),
+            pose_errors_deg=pose_errors_deg,
+            rotation_error_deg=rotation_error_deg,
             distances3d=self._distances3d(face, None if landmarks2d is None else found.landmarks3d),
             baseline_distances3d=self._distances3d(face, model_landmarks(self.model).astype(np.float64)),
             maps=compare_maps(found, face),
@@ -206,8 +211,13 @@ def model_landmarks(model: MorphableModel) -> Float[ndarray, "68 3"]:
     return model.mean[model.landmarks[IBUG68]]
 
 
-def _pose_errors(face: BenchmarkFace, found: FoundFace) -> Float64[ndarray, "3"] | None:
+def _compare_poses(face: BenchmarkFace, found: FoundFace) -> tuple[Float64[ndarray, "3"] | None, float | None]:
+    """Found minus true pitch, yaw, roll, and the angle between both heads, degrees."""
     if face.pose is None or found.pose_deg is None or found.failure is not None:
-        return None
-    true = (face.pose.pitch_deg, face.pose.yaw_deg, face.pose.roll_deg)
-    return np.array([wrap_angle_deg(float(own) - angle) for own, angle in zip(found.pose_deg, true, strict=True)])
+        return None, None
+    own = HeadPose(*(float(angle) for angle in found.pose_deg))
+    differences = [
+        wrap_angle_deg(found_deg - true_deg)
+        for found_deg, true_deg in zip(astuple(own), astuple(face.pose), strict=True)
+    ]
+    return np.array(differences), angle_between_poses_deg(own, face.pose)

@@ -24,6 +24,7 @@ Split = Literal[
     "aflw2000-3d-rest",
     "menpo3d-tracking",
     "builtin-heldout",
+    "builtin-photographs",
 ]
 SPLITS = get_args(Split)
 SCHEMA_VERSION = 1
@@ -86,6 +87,7 @@ class Manifest:
         landmark_indices: Which of those the 68 are.
         alignment: How 3D landmarks are laid onto the true ones before they are compared; None where there are none.
         threshold3d: Where the curve of 3D distances ends, in the data's unit.
+        by: Expressions of attributes (``pix2face.sample_filter``) that errors are also told apart by; of shards.
     """
 
     split: str
@@ -113,6 +115,7 @@ class Manifest:
     landmark_indices: tuple[int, ...] = ()
     alignment: Alignment | None = None
     threshold3d: float | None = None
+    by: tuple[str, ...] = ()
 
     def with_truth(self, truth: str) -> "Manifest":
         """The benchmark measured against another truth.

@@ -8,6 +8,7 @@ from rich.table import Table
 
 from pix2face.command_line import counted
 from pix2face.evaluation.alignment3d import ALIGNMENTS
+from pix2face.evaluation.attribute_bins import ErrorsByAttribute
 from pix2face.evaluation.benchmark_data import YAW_BINS
 from pix2face.evaluation.bootstrap import CONFIDENCE, Interval
 from pix2face.evaluation.evaluation_report import BASELINE_RULE, Report, ReportRow
@@ -86,12 +87,35 @@ def pose_cells(report: Report) -> Cells | None:
     if report.poses is None:
         return None
     columns = ["pose, degrees", report.manifest.what_is_counted + "s"]
-    columns += [f"{angle} {what}" for angle in ANGLES for what in ("MAE", "bias")] + ["mean of MAEs", "|yaw| bias"]
+    columns += [f"{angle} {what}" for angle in ANGLES for what in ("MAE", "bias")] + [
+        "mean of MAEs",
+        "rotation",
+        "|yaw| bias",
+    ]
     lines = []
     for name, own in report.poses.items():
         figures = [_number(values[angle], 1) for angle in ANGLES for values in (own.mean_absolute_deg, own.bias_deg)]
-        figures += [_number(own.mean_of_angles_deg, 1), _number(own.yaw_shrinkage_deg, 1)]
+        figures += [
+            _number(value, 1) for value in (own.mean_of_angles_deg, own.mean_rotation_deg, own.yaw_shrinkage_deg)
+        ]
         lines.append([SHORT_GROUPS.get(name, name), str(own.n_images), *figures])
+    return columns, lines
+
+
+def attribute_cells(own: ErrorsByAttribute, report: Report) -> Cells:
+    """Errors over 68 points in bins of an attribute; in per cent."""
+    above = f"above {100 * report.manifest.threshold:g} %"
+    columns = [f"{own.attribute}, in %", f"{report.manifest.what_is_counted}s", "mean", "interval", "median", above]
+    lines = []
+    for row in own.bins:
+        found = row.errors
+        figures = [
+            _number(found.mean),
+            _interval(row.interval),
+            _number(found.median),
+            _number(found.failure_rate, digits=1),
+        ]
+        lines.append([row.name, str(found.n_images), *figures])
     return columns, lines
 
 
@@ -103,6 +127,7 @@ def all_cells(report: Report) -> list[Cells]:
         part_cells(report),
         cells3d(report),
         pose_cells(report),
+        *(attribute_cells(own, report) for own in report.by),
     )
     return [cells for cells in tables if cells is not None]
 
@@ -153,6 +178,7 @@ def report_notes(report: Report) -> list[str]:
             3, "Columns: |yaw| to 30°, above 30° to 60°, above 60°; mean of bins: their unweighted mean, the headline."
         )
     notes += [_failure_note(report), *_interval_notes(report), *_space_notes(report), *_pose_notes(report)]
+    notes += _attribute_notes(report)
     if report.n_unusual_angles:
         notes.append(
             f"{counted(report.n_unusual_angles, 'image')} with an angle beyond ±99° in the truth: "
@@ -207,8 +233,19 @@ def _pose_notes(report: Report) -> list[str]:
     n_left_out = len(report.results) - report.poses["all"].n_images
     return [
         "Pose: found minus true; positive pitch looks up, positive yaw turns to the picture's left, positive roll "
-        f"clockwise. MAE: mean absolute error. Left out: {counted(n_left_out, 'image')} without a pose, with an angle "
-        "beyond ±99°, or mirrored (negative scale)."
+        "clockwise. MAE: mean absolute error. Rotation: mean angle between the found and the true head; near profiles "
+        "pitch and roll turn about almost one axis, and say little apart. "
+        f"Left out: {counted(n_left_out, 'image')} without a pose, with an angle beyond ±99°, or mirrored (negative "
+        "scale)."
+    ]
+
+
+def _attribute_notes(report: Report) -> list[str]:
+    if not report.by:
+        return []
+    names = ", ".join(own.attribute for own in report.by)
+    return [
+        f"By {names}: 68 points; numbers in quarters of the {report.manifest.what_is_counted}s, equal ones together."
     ]
 
 

@@ -23,7 +23,7 @@ MOST_FACES_IN_FULL = 5000
 def report_as_json(report: Report) -> dict[str, Any]:
     """The report as plain data for a JSON file. Errors are fractions; that of a face that was not found is null."""
     facts = asdict(report.manifest)
-    for lists in ("parts", "landmark_indices", "other_truths", "reannotated_files", "pictures_in"):
+    for lists in ("parts", "landmark_indices", "other_truths", "reannotated_files", "pictures_in", "by"):
         del facts[lists]  # the manifest has them
     settings = report.settings
     return {
@@ -43,6 +43,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
         "table": [asdict(row) for row in report.rows],
         "parts": {method: _known(report.mean_of_parts(method)) for method in report.methods},
         "landmarks": {method: _numbers(report.mean_of_landmarks(method)) for method in report.methods},
+        "by": [asdict(own) for own in report.by],
         "table3d": _table3d(report.rows3d, report),
         "poses": None if report.poses is None else {name: asdict(own) for name, own in report.poses.items()},
         "map_errors": None if report.maps is None else asdict(report.maps),

@@ -89,7 +89,7 @@ def _triplet(model: MorphableModel, index: int, seed: int) -> Triplet:
     camera, maps = frontal_camera(), square_maps()
     return Triplet(
         sample_id=f"seed{seed}/{index:07d}",
-        image=encode_image(np.full((200, 200, 3), 40 * index, dtype=np.uint8)),
+        image=encode_image(np.full((200, 200, 3), 30 * index, dtype=np.uint8)),
         layers={**maps.layers(), "depth": maps.pncc[..., 0]},
         camera=camera,
         identity=np.zeros(model.n_identity),
@@ -97,7 +97,7 @@ def _triplet(model: MorphableModel, index: int, seed: int) -> Triplet:
         landmarks2d=landmarks_of(model, camera),
         landmarks3d=model.mean[model.landmarks["ibug68"]].astype(np.float64),
         visible=np.ones(68, dtype=bool),
-        attributes={},
+        attributes={"skin.melanin": 0.1 + 0.2 * index, "light.kind": "studio"},
     )
 
 

@@ -12,6 +12,7 @@ from pix2face.camera import (
     Pinhole,
     WeakPerspective,
     affine_camera,
+    angle_between_poses_deg,
     head_pose,
     linearised,
     nearest_weak_perspective,
@@ -81,6 +82,16 @@ def test_pinhole_projects_as_the_textbook_says() -> None:
     seen = points @ rotation.T + [5, 6, 700]
     np.testing.assert_allclose(camera.project(points), 800 * seen[:, :2] / seen[:, 2:] + [128, 100])
     np.testing.assert_allclose(camera.depth(points), seen[:, 2])
+
+
+def test_the_angle_between_poses_is_that_of_one_turn() -> None:
+    straight = HeadPose(0, 0, 0)
+    assert angle_between_poses_deg(straight, straight) == 0
+    for turned in (HeadPose(30, 0, 0), HeadPose(0, -30, 0), HeadPose(0, 0, 30)):
+        assert angle_between_poses_deg(straight, turned) == pytest.approx(30)
+    assert angle_between_poses_deg(HeadPose(0, 0, 170), HeadPose(0, 0, -170)) == pytest.approx(20)
+    # In profile pitch and roll turn about one axis: 40 degrees of both are no turn at all.
+    assert angle_between_poses_deg(HeadPose(40, 90, 40), HeadPose(0, 90, 0)) == pytest.approx(0, abs=1e-4)
 
 
 def test_a_frontal_head_is_upright_and_not_mirrored() -> None:

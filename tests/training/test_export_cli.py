@@ -101,6 +101,25 @@ def test_the_card_says_what_it_is_and_quotes_a_report(checkpoint, tmp_path, monk
     assert f"| 68 | all images | {'none' if mean is None else f'{mean:.2%}'} |" in card
 
 
+def test_the_card_tells_errors_of_renders_apart_by_skin_tone(checkpoint, tmp_path, monkeypatch):
+    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
+    write_ibug(tmp_path)
+    assert run(tmp_path, "--data", tmp_path) == 0
+    errors = {"n_images": 150, "n_failed": 0, "mean": 0.0409, "median": 0.0354, "failure_rate": 0.02}
+    tones = [
+        {"name": "0.0107 to 0.242", "errors": errors, "interval": [0.0384, 0.0439]},
+        {"name": "none", "errors": {**errors, "mean": None}, "interval": None},
+    ]
+    report = stored_report(tmp_path) | {"by": [{"attribute": "skin.melanin", "bins": tones}]}
+    (tmp_path / "report.json").write_text(json.dumps(report))
+    quoted = ["--report", str(tmp_path / "report.json")]
+    assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx", *quoted]) == 0
+    card = (tmp_path / "release" / "README.md").read_text()
+    assert "| skin.melanin | images | mean | median | above the threshold | 95 % of the mean |" in card
+    assert "| 0.0107 to 0.242 | 150 | 4.09% | 3.54% | 2.00% | 3.84% to 4.39% |" in card
+    assert "| none | 150 | none | 3.54% | 2.00% | none |" in card
+
+
 def test_without_a_report_the_card_says_that_nothing_was_measured(checkpoint, tmp_path):
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx"]) == 0
     assert "None were given: `train export --report" in (tmp_path / "release" / "README.md").read_text()

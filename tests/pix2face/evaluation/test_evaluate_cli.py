@@ -109,6 +109,37 @@ def test_heldout_renders(tmp_path, small_model, capsys):
     assert json.loads((tmp_path / "out" / "report.json").read_text())["n_missing"] == 98
 
 
+def test_errors_are_told_apart_by_what_renders_were_drawn_from(tmp_path, small_model, capsys):
+    write_heldout(tmp_path / "shards", MODEL, n=8)
+    call = ["--data", tmp_path / "shards", "--by", "skin.melanin", "light.kind"]
+    assert run(tmp_path, *call, split="builtin-heldout") == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    tones, lights = report["by"]
+    assert (tones["attribute"], lights["attribute"]) == ("skin.melanin", "light.kind")
+    assert [row["errors"]["n_images"] for row in tones["bins"]] == [2, 2, 2, 2]
+    assert [(row["name"], row["errors"]["n_images"]) for row in lights["bins"]] == [("studio", 8)]
+    assert lights["bins"][0]["errors"] == report["table"][0]["all_images"]
+    printed = capsys.readouterr().out
+    assert tones["bins"][0]["name"] in printed
+    assert "By skin.melanin, light.kind: 68 points" in printed
+    assert tones["bins"][0]["name"] in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_an_unknown_attribute_is_said_before_evaluating(tmp_path, small_model, monkeypatch, capsys):
+    write_heldout(tmp_path / "shards", MODEL)
+    monkeypatch.delattr("pix2face.evaluation.evaluate_cli.evaluate_faces")
+    assert run(tmp_path, "--data", tmp_path / "shards", "--by", "skin.tone", split="builtin-heldout") == 2
+    error = capsys.readouterr().err
+    assert "--by 'skin.tone': expected attributes among light.kind, sample_id, skin.melanin" in error
+    assert error.count("\n") == 1
+
+
+def test_photographs_have_no_attributes_to_be_told_apart_by(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    assert run(tmp_path, "--data", tmp_path, "--by", "skin.melanin") == 2
+    assert "--by: expected a split of renders, whose attributes are known, found ibug" in capsys.readouterr().err
+
+
 def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):
     write_heldout(tmp_path / "shards", MODEL, seed=0)
     assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-heldout") == 2

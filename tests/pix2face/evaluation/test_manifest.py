@@ -18,6 +18,7 @@ from pix2face.evaluation.manifest import SPLITS, load_manifest
         ("aflw2000-3d-dev", 400, "box-sqrt", 0.10),
         ("aflw2000-3d-rest", 1600, "box-sqrt", 0.10),
         ("builtin-heldout", 100, "box-sqrt", 0.10),
+        ("builtin-photographs", 600, "box-sqrt", 0.10),
         ("300vw", 64, "outer-eye", 0.08),
         ("menpo3d-tracking", 30, "outer-eye", 0.08),
     ],

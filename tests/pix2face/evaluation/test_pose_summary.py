@@ -12,13 +12,14 @@ from pix2face.evaluation.pose_summary import summarise_poses
 class Posed:
     yaw_deg: float | None
     pose_errors_deg: np.ndarray | None
+    rotation_error_deg: float = 0.0
 
 
 def test_errors_are_summed_up_by_bin_of_the_true_yaw():
     results = [
-        Posed(10, np.array([1.0, -2.0, 3.0])),
-        Posed(-20, np.array([-3.0, 4.0, 3.0])),
-        Posed(-70, np.array([0.0, 10.0, 0.0])),
+        Posed(10, np.array([1.0, -2.0, 3.0]), 4.0),
+        Posed(-20, np.array([-3.0, 4.0, 3.0]), 6.0),
+        Posed(-70, np.array([0.0, 10.0, 0.0]), 11.0),
         Posed(50, None),
         Posed(None, np.zeros(3)),
     ]
@@ -28,6 +29,7 @@ def test_errors_are_summed_up_by_bin_of_the_true_yaw():
     assert front.mean_absolute_deg == pytest.approx({"pitch": 2, "yaw": 3, "roll": 3})
     assert front.bias_deg == pytest.approx({"pitch": -1, "yaw": 1, "roll": 3})
     assert (front.mean_of_angles_deg, middle.mean_of_angles_deg) == (pytest.approx(8 / 3), None)
+    assert [own.mean_rotation_deg for own in (front, middle, side, everything)] == [5, None, 11, 7]
     # Both heads are taken for less turned than they are: by 2 and by 4 degrees.
     assert front.yaw_shrinkage_deg == pytest.approx(-3)
     assert side.yaw_shrinkage_deg == pytest.approx(-10)
