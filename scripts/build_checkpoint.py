@@ -17,10 +17,32 @@ from typing import final
 
 PROGRAMS = Path(sys.executable).parent
 APPEARANCE = Path(__file__).parent / "checkpoint" / "appearance.toml"
-FACES, PICTURE_PX, SHARD_SIZE, SEED = 40_200, 160, 200, 200
-TRAINING = ("--preset", "cpu", "--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask", "--validation", 0.01)
+PICTURE_PX, SHARD_SIZE = 160, 200
+# Every command as it is, with hardly anything to do: shows in minutes that they fit together.
+REHEARSED_SHARE = 1 / 1000
+REHEARSED_VALIDATION = 0.2  # a hundredth of a few persons is nobody
+TRAINING = ("--preset", "cpu", "--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask")
 # One process that loads and two threads that compute are the fastest on two cores, once all samples are in memory.
 LOADING = ("--workers", 0, "--cache-gb", 14)
+
+
+@final
+@dataclass(frozen=True)
+class Pictures:
+    """A set of renders.
+
+    Attributes:
+        name: Of its folder of shards.
+        n_faces: How many.
+        seed: Of faces and photographs.
+    """
+
+    name: str
+    n_faces: int
+    seed: int
+
+
+FIRST, MORE = Pictures("shards", 40_200, 200), Pictures("shards-more", 100_000, 300)
 
 
 @final
@@ -30,19 +52,35 @@ class Stage:
 
     Attributes:
         name: Of its folder.
+        n_samples: How many it draws.
         options: Of `train`, beside those that all share.
+        shares: Of the draws, what each set of pictures gives.
+        validation: Share of the persons that are held out.
     """
 
     name: str
+    n_samples: int
     options: tuple[object, ...]
+    shares: tuple[tuple[Pictures, float], ...] = ((FIRST, 1.0),)
+    validation: float = 0.01
 
 
-# Most pictures are seen small first: a step at 64 px costs a quarter of one at 128 px.
-_SMALL = ("--size-px", 64, "--batch-size", 48, "--samples", 480_000, "--learning-rate", 1.5e-3, "--warm-up", 20_000)
-_LARGE = ("--size-px", 128, "--samples", 260_000, "--learning-rate", 1e-3, "--warm-up", 5_000)
+# Norms have been measured again at the end of the last training alone: the option is younger than the others.
+_EARLIER = ("--norm-batches", 0)
+_LARGE = ("--size-px", 128, "--learning-rate", 1e-3, "--warm-up", 5_000)
 # Once offsets have left zero, which takes the weight of the preset, PNCC is learned better with less of it.
-_LONG = ("--size-px", 128, "--samples", 700_000, "--learning-rate", 1e-3, "--warm-up", 5_000, "--weight-offset", 0.5)
-STAGES = (Stage("64px", _SMALL), Stage("128px", _LARGE), Stage("128px-long", _LONG))
+_PNCC_FIRST = (*_LARGE, "--weight-offset", 0.5)
+STAGES = (
+    # Most pictures are seen small first: a step at 64 px costs a quarter of one at 128 px.
+    Stage(
+        "64px",
+        480_000,
+        (*_EARLIER, "--size-px", 64, "--batch-size", 48, "--learning-rate", 1.5e-3, "--warm-up", 20_000),
+    ),
+    Stage("128px", 260_000, (*_EARLIER, *_LARGE)),
+    Stage("128px-long", 700_000, (*_EARLIER, *_PNCC_FIRST)),
+    Stage("128px-more", 560_000, _PNCC_FIRST, ((MORE, 0.75), (FIRST, 0.25)), validation=0.005),
+)
 
 
 def main() -> int:
@@ -50,26 +88,45 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--landmarks-from", type=Path, help="annotated photographs to choose landmark vertices on")
+    parser.add_argument("--rehearse", action="store_true", help="a thousandth of everything: do all commands run?")
     options = parser.parse_args()
     out: Path = options.out
+    share = REHEARSED_SHARE if options.rehearse else 1
     out.mkdir(parents=True, exist_ok=True)
-    faces, shards, landmarks = out / "faces.h5", out / "shards", out / "landmarks.json"
-    appearance = ("--appearance", APPEARANCE, "--seed", SEED)
-    if not faces.exists():
-        run("datagen", "sample", "--n", FACES, "--size", PICTURE_PX, *appearance, "--out", faces)
-    run("datagen", "render", "--coeffs", faces, *appearance, "--shard-size", SHARD_SIZE, "--out", shards)
-    before: tuple[object, ...] = ()
+    for pictures in (FIRST, MORE):
+        render(pictures, share, out)
+    checkpoint: Path | None = None
     for stage in STAGES:
-        run("train", "--shards", shards, *TRAINING, *LOADING, *stage.options, *before, "--out", out / stage.name)
-        before = ("--init", out / stage.name / "checkpoint.safetensors")
-    checkpoint = before[1]
+        checkpoint = train(stage, share, checkpoint, out)
     chosen: tuple[object, ...] = ()
     if options.landmarks_from:
+        landmarks = out / "landmarks.json"
         data = ("--data", options.landmarks_from)
         run("pix2face", "landmarks", "select", *data, "--checkpoint", checkpoint, "--out", landmarks)
         chosen = ("--landmarks", landmarks)
     run("train", "export", checkpoint, *chosen, "--out", out / "release")
     return 0
+
+
+def render(pictures: Pictures, share: float, out: Path) -> None:
+    """Draws people, and photographs of them."""
+    faces = out / f"{pictures.name}.h5"
+    appearance = ("--appearance", APPEARANCE, "--seed", pictures.seed)
+    if not faces.exists():
+        n_faces = round(pictures.n_faces * share)
+        run("datagen", "sample", "--n", n_faces, "--size", PICTURE_PX, *appearance, "--out", faces)
+    run("datagen", "render", "--coeffs", faces, *appearance, "--shard-size", SHARD_SIZE, "--out", out / pictures.name)
+
+
+def train(stage: Stage, share: float, before: Path | None, out: Path) -> Path:
+    """Trains, from the weights of another training if there is one, and names what it wrote."""
+    shards = [f"{out / pictures.name}:{weight}" for pictures, weight in stage.shares]
+    start = () if before is None else ("--init", before)
+    amounts = ("--samples", round(stage.n_samples * share))
+    amounts += ("--validation", stage.validation if share == 1 else REHEARSED_VALIDATION)
+    options = (*TRAINING, *LOADING, *stage.options, *amounts, *start)
+    run("train", "--shards", *shards, *options, "--out", out / stage.name)
+    return out / stage.name / "checkpoint.safetensors"
 
 
 def run(program: str, *arguments: object) -> None:
