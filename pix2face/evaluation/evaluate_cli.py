@@ -70,7 +70,7 @@ class EvaluateConfig:
         out: Folder for the report; default is out/evaluate-SPLIT.
         model: "builtin" or a model file: the one that the checkpoint was trained for.
         landmarks: Which vertices the landmarks are: a file of pix2face landmarks select. Without it those that the
-            checkpoint chooses, or else the model's own.
+            checkpoint chooses, or else (and of renders) the model's own.
         truth: Which of several truths is meant (aflw2000-3d: original or reannotated); default is the benchmark's own.
         reannotated: File of re-annotated landmarks; default is one beside the pictures.
         boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face.

@@ -111,7 +111,9 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
     if options.crop_scale is not None:
         predictor = predictor.with_crop_scale(options.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
-    if not options.has_landmarks:
+    # Renders are annotated by the model's vertices; a checkpoint's own stand for how people annotate photographs.
+    takes_own = not options.has_landmarks and manifest.kind != "shards"
+    if takes_own:
         model = with_own_landmarks(model, predictor.header)
     subject = NetworkSubject(
         predictor,
@@ -129,7 +131,7 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         f"{options.reprojection_rounds} rounds of reprojection asked for, "
         f"{'' if options.silhouette and options.camera in HELD_CAMERAS else 'not '}held to the silhouette",
         "landmarks": "vertices that the checkpoint brings along"
-        if predictor.header.landmarks and not options.has_landmarks
+        if predictor.header.landmarks and takes_own
         else "vertices of the model",
         "hashes": {"checkpoint": sha256(checkpoint.read_bytes()).hexdigest()},
         "checkpoint_header": header,

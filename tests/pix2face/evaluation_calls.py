@@ -15,7 +15,7 @@ MODEL = small_head_model()
 LANDMARKS = landmarks_of(MODEL, frontal_camera())
 
 
-def write_checkpoint(path, model_name=MODEL.name, model_sha256=MODEL.sha256):
+def write_checkpoint(path, model_name=MODEL.name, model_sha256=MODEL.sha256, landmarks=None):
     torch.manual_seed(0)
     header = CheckpointHeader(
         model_name=model_name,
@@ -28,6 +28,7 @@ def write_checkpoint(path, model_name=MODEL.name, model_sha256=MODEL.sha256):
         licence="CC0",
         configuration='{"preset": "test"}',
         epoch=2,
+        landmarks=landmarks or {},
     )
     save_checkpoint(path, header, UNet(32, 4))
     return path

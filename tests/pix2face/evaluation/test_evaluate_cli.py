@@ -140,6 +140,19 @@ def test_photographs_have_no_attributes_to_be_told_apart_by(tmp_path, small_mode
     assert "--by: expected a split of renders, whose attributes are known, found ibug" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("split", "expected"),
+    [("ibug", "vertices that the checkpoint brings along"), ("builtin-heldout", "vertices of the model")],
+)
+def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small_model, split, expected):
+    """A checkpoint's own landmarks stand for how people annotate photographs."""
+    write_ibug(tmp_path)
+    write_heldout(tmp_path / "shards-heldout", MODEL)
+    write_checkpoint(tmp_path / "checkpoint.safetensors", landmarks={"ibug68": tuple(range(68))})
+    assert run(tmp_path, "--data", tmp_path, split=split) == 0
+    assert stored_report(tmp_path)["subject"]["landmarks"] == expected
+
+
 def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):
     write_heldout(tmp_path / "shards", MODEL, seed=0)
     assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-heldout") == 2
