@@ -71,7 +71,7 @@ class AttributeExpression:
             raise self._error(f"expected {what} that is not nested so deeply") from error
 
     def value(self, sample_id: str, attributes: Attributes) -> Any:
-        """What it says of a sample; None where the sample lacks an attribute that it takes.
+        """What it says of a sample; None where it computes with an attribute that the sample lacks.
 
         Raises:
             UsageError: It compares texts with numbers, divides by 0 or the like.

@@ -1,6 +1,6 @@
 """Makes the checkpoint that comes with the package: samples faces, renders them, trains, chooses landmarks, exports.
 
-    python -m scripts.build_checkpoint --out FOLDER [--landmarks-from ANNOTATED]
+    python -m scripts.build_checkpoint --out FOLDER [--landmarks-from ANNOTATED] [--rehearse]
 
 Every step is a command of the project, printed as it runs. Run it again after an interruption: it goes on where it was.
 The result is FOLDER/release; docs/checkpoint.md says how good it is and keeps logs and resolved configurations.
@@ -88,10 +88,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--landmarks-from", type=Path, help="annotated photographs to choose landmark vertices on")
-    parser.add_argument("--rehearse", action="store_true", help="a thousandth of everything: do all commands run?")
+    parser.add_argument("--rehearse", action="store_true", help="a thousandth of everything, in FOLDER/rehearsal")
     options = parser.parse_args()
-    out: Path = options.out
     share = REHEARSED_SHARE if options.rehearse else 1
+    out: Path = options.out / "rehearsal" if options.rehearse else options.out
     out.mkdir(parents=True, exist_ok=True)
     for pictures in (FIRST, MORE):
         render(pictures, share, out)

@@ -86,34 +86,38 @@ def _measured(path: Path) -> str:
         if report["format"] != REPORT_FORMAT:
             raise ValueError(f"format {report['format']!r}")
         benchmark = report["benchmark"]
+        landmarks = report["subject"].get("landmarks", "another system's")
         rows = [row for row in report["table"] if row["method"] == report["method"]]
         lines = [line for row in rows for line in _errors_of(row)]
         by = [table for own in report.get("by", ()) for table in ("", *_errors_by(own))]
-    except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+    except (OSError, UnicodeDecodeError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputFileError(
             f"{path}: expected a report that `evaluate` wrote (report.json), found another file ({error})"
         ) from error
     heading = f"**{benchmark['title']}**, {report['n_evaluated']} images, normalised by {benchmark['normaliser']}"
     table = ["| points | images | mean | median | above the threshold |", "| --- | --- | --- | --- | --- |", *lines]
-    return f"{heading}; threshold {benchmark['threshold']:.0%}:\n\n" + "\n".join([*table, *by])
+    return f"{heading}; threshold {benchmark['threshold']:.0%}; landmarks: {_cell(landmarks)}:\n\n" + "\n".join(
+        [*table, *by]
+    )
 
 
 def _errors_of(row: Mapping[str, Any]) -> Iterator[str]:
     """Lines of a table: each group, then all images."""
     for name, errors in [*row["groups"].items(), ("all images", row["all_images"])]:
-        yield f"| {row['points']} | {name.replace('|', '')} | {_figures(errors)} |"
+        yield f"| {row['points']} | {_cell(name.replace('|', ''))} | {_figures(errors)} |"
     if row["mean_of_groups"] is not None:
         yield f"| {row['points']} | mean of groups | {row['mean_of_groups']:.2%} | | |"
 
 
 def _errors_by(own: Mapping[str, Any]) -> Iterator[str]:
     """A table of errors in bins of an attribute of renders, over 68 points."""
-    yield f"| {own['attribute'].replace('|', '')} | images | mean | median | above the threshold | 95 % of the mean |"
-    yield "| --- | --- | --- | --- | --- | --- |"
+    yield f"| `{_cell(own['attribute'])}` | images | not found | mean | median | above the threshold | 95 % interval |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
     for row in own["bins"]:
         interval = "none" if row["interval"] is None else " to ".join(f"{end:.2%}" for end in row["interval"])
-        name = row["name"].replace("|", "")
-        yield f"| {name} | {row['errors']['n_images']} | {_figures(row['errors'])} | {interval} |"
+        errors = row["errors"]
+        counts = f"{errors['n_images']} | {errors['n_failed']}"
+        yield f"| {_cell(row['name'])} | {counts} | {_figures(errors)} | {interval} |"
 
 
 def _figures(errors: Mapping[str, Any]) -> str:
@@ -135,7 +139,12 @@ def _rows(values: Mapping[str, Any], heading: tuple[str, str]) -> Iterator[str]:
     yield f"| {heading[0]} | {heading[1]} |"
     yield "| --- | --- |"
     for name, value in values.items():
-        yield f"| {name} | {str(value).replace('|', '/')} |"
+        yield f"| {name} | {_cell(value)} |"
+
+
+def _cell(value: object) -> str:
+    """A text that does not end its cell."""
+    return " ".join(str(value).replace("|", "/").split())
 
 
 def _sha256(path: Path) -> str:

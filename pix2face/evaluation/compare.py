@@ -40,6 +40,7 @@ class StoredReport:
         method: What was measured.
         errors: For each point set the error of each face, by name; infinity for a face that was not found.
         clips: The clip of each face, or its own name.
+        landmarks: Which vertices of the model were measured, in words.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class StoredReport:
     method: str
     errors: Mapping[str, Mapping[str, float]]
     clips: Mapping[str, str]
+    landmarks: str
 
 
 @final
@@ -122,7 +124,7 @@ def read_report(path: Path) -> StoredReport:
         )
     try:
         return _stored_report(path, content)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputFileError(
             f"{path}: expected a complete report.json of evaluate, found it damaged: {error}"
         ) from error
@@ -173,7 +175,9 @@ def _stored_report(path: Path, content: Mapping[str, Any]) -> StoredReport:
     if not 0 < float(benchmark["threshold"]) < np.inf:
         raise ValueError(f"a threshold of {benchmark['threshold']}")
     clips = {name: str(face["clip"] or name) for name, face in zip(names, faces, strict=True)}
-    return StoredReport(path, benchmark, str(content["method"]), errors, clips)
+    return StoredReport(
+        path, benchmark, str(content["method"]), errors, clips, str(content["subject"].get("landmarks", "its own"))
+    )
 
 
 def _error(value: float | None) -> float:

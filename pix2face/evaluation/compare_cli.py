@@ -75,7 +75,7 @@ def _figures(own: PointComparison) -> dict[str, str]:
 def _notes(a: StoredReport, b: StoredReport, comparison: Comparison, bootstrap: Bootstrap) -> list[str]:
     benchmark = a.benchmark
     notes = [
-        f"{name}: {report.path} ({report.method}; box: {report.benchmark['box_rule']})"
+        f"{name}: {report.path} ({report.method}; box: {report.benchmark['box_rule']}; landmarks: {report.landmarks})"
         for name, report in (("A", a), ("B", b))
     ]
     notes.append(

@@ -3,9 +3,9 @@
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -21,30 +21,26 @@ from pix2face.command_line import (
 )
 from pix2face.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.errors import InputFileError, UsageError
-from pix2face.evaluation.alignment3d import Alignment
-from pix2face.evaluation.attribute_bins import attribute_values
+from pix2face.evaluation.attribute_bins import AttributeValues, attribute_values
 from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkFiles
 from pix2face.evaluation.benchmark_search import find_benchmark
 from pix2face.evaluation.bootstrap import Bootstrap
 from pix2face.evaluation.compare_cli import compare
+from pix2face.evaluation.evaluate_config import EvaluateConfig
 from pix2face.evaluation.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.evaluation.evaluator import Evaluator, FaceResult, evaluate_faces, frontal_landmarks, model_landmarks
-from pix2face.evaluation.manifest import Manifest, Split, load_manifest
+from pix2face.evaluation.manifest import Manifest, load_manifest
 from pix2face.evaluation.measured_subject import SubjectOptions, open_subject, versions
-from pix2face.evaluation.metrics import Normaliser
-from pix2face.evaluation.predictions_file import PixelFrame
 from pix2face.evaluation.report import report_notes, report_tables
 from pix2face.evaluation.report_files import Cases, write_report
-from pix2face.fitting.face_fit import CameraKind
 from pix2face.fitting.regularisation import (
     PREDICTED_MAPS_REGULARISATION,
-    Regularisation,
     check_regularisation,
     lambda_or_none,
 )
 from pix2face.fitting.reprojection import MOST_ROUNDS
 from pix2face.landmark_file import open_model_with
-from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel
+from pix2face.morphable_model import MorphableModel
 
 DESCRIPTION = (
     "Measures a checkpoint (or another system's landmarks) on a benchmark: tables with intervals, report.json, a page. "
@@ -52,75 +48,6 @@ DESCRIPTION = (
 )
 DATA_VARIABLE = "PIX2FACE_DATA"
 N_CASES = 12
-
-
-@final
-@dataclass(frozen=True)
-class EvaluateConfig:
-    """What to evaluate.
-
-    Attributes:
-        split: The benchmark.
-        data: Folder with its files; default is the environment variable PIX2FACE_DATA.
-        checkpoint: What training wrote; default is the packaged one.
-        predictions: Measure these landmarks of another system instead (.npz or .csv, docs/evaluation.md), or of clips a
-            folder with what pix2face track wrote for each (CLIP/track.npz).
-        frame: Where the predictions have the centre of the first pixel: at 0, at 1, or at 0.5.
-        oracle: Measure the model fitted to the truth instead: how much of an error is the model's.
-        out: Folder for the report; default is out/evaluate-SPLIT.
-        model: "builtin" or a model file: the one that the checkpoint was trained for.
-        landmarks: Which vertices the landmarks are: a file of pix2face landmarks select. Without it those that the
-            checkpoint chooses, or else (and of renders) the model's own.
-        truth: Which of several truths is meant (aflw2000-3d: original or reannotated); default is the benchmark's own.
-        reannotated: File of re-annotated landmarks; default is one beside the pictures.
-        boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face.
-        normaliser: What errors are divided by; default is the benchmark's own.
-        threshold: Where a face counts as failed and the error curve ends, a fraction; default is the benchmark's own.
-        contour: 2d lets jaw points slide to the visible outline, as the truth of 300-W and 300-VW does.
-        by: Of renders, tell errors apart by these attributes too, or by what is computed of them: skin.melanin,
-            light.kind, "abs(yaw_deg)". The language is that of train --where, and datagen stats shows what there is.
-            Default is the benchmark's own.
-        align: How 3D landmarks are laid onto the true ones (menpo3d-tracking); default is the benchmark's own.
-        camera: Camera of the fit.
-        regularisation: Tikhonov weight of the coefficients in mm^2; estimate takes one from each face's maps. As in
-            pix2face fit.
-        silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of
-            weak-perspective cameras.
-        reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
-        crop_scale: Side of the crop that the network is given, in units of the longer side of the face's box; default
-            is the checkpoint's own.
-        batch_size: Faces that go through the network at once.
-        resamples: Draws of the bootstrap that intervals come from; 0 for none.
-        seed: Of the draws.
-        max_rejected: This many faces with damaged files are tolerated; more make the exit status 3.
-    """
-
-    split: Split
-    data: Path | None = None
-    checkpoint: Path | None = None
-    predictions: Path | None = None
-    frame: PixelFrame = "0-based"
-    oracle: bool = False
-    out: Path | None = None
-    model: str = BUILTIN_MODEL
-    landmarks: Path | None = None
-    truth: str | None = None
-    reannotated: Path | None = None
-    boxes: Literal["truth", "lbp", "lbp-quick", "dlib"] = "truth"
-    normaliser: Normaliser | None = None
-    threshold: float | None = None
-    contour: Literal["off", "2d"] = "off"
-    by: tuple[str, ...] | None = None
-    align: Alignment | None = None
-    camera: CameraKind = "weak-perspective"
-    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
-    silhouette: bool = True
-    reprojection_rounds: int = 0
-    crop_scale: float | None = None
-    batch_size: int = 16
-    resamples: int = 1000
-    seed: int = 0
-    max_rejected: int = 0
 
 
 def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
@@ -133,13 +60,14 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     model = open_model_with(config.model, config.landmarks)
     model_landmarks(model)  # a model without them is refused before anything takes time
     found = find_benchmark(manifest, _data_folder(config), model, config.reannotated)
+    by = _attribute_values(config, manifest, found)
     subject, description = open_subject(_subject_options(config), model, manifest, found)
     settings = EvaluationSettings(
         method=subject.method,
         alignment=config.align or manifest.alignment or "rigid",
         contour=config.contour,
         bootstrap=Bootstrap(config.resamples, config.seed),
-        by=attribute_values(manifest.by, found.items),
+        by=by,
     )
     evaluator = Evaluator(model, subject, manifest.normaliser, settings.alignment)
     out = config.out or Path("out") / f"evaluate-{config.split}"
@@ -246,6 +174,15 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
         threshold=config.threshold or manifest.threshold,
         alignment=config.align or manifest.alignment,
     )
+
+
+def _attribute_values(config: EvaluateConfig, manifest: Manifest, found: BenchmarkFiles) -> tuple[AttributeValues, ...]:
+    try:
+        return attribute_values(manifest.by, found.items)
+    except UsageError as error:
+        if config.by is not None:
+            raise
+        raise UsageError(f"{error}. {manifest.split} takes these by itself. {manifest.how_to_get_it}") from error
 
 
 def _subject_options(config: EvaluateConfig) -> SubjectOptions:

@@ -26,7 +26,7 @@ from pix2face.evaluation.evaluator import BASELINE, FaceResult
 from pix2face.evaluation.manifest import Manifest
 from pix2face.evaluation.metrics import PARTS, POINT_SETS, ErrorSummary, summarise
 from pix2face.evaluation.pose_summary import PoseSummary, summarise_poses
-from pix2face.evaluation.truth_errors import CoefficientErrors, MapErrors
+from pix2face.evaluation.truth_errors import CoefficientErrors, MapErrors, mean_of_coefficients, mean_of_maps
 
 BASELINE_RULE = (
     "the mean face's landmarks seen from the front, scaled alike in both directions so that their tight box has the "
@@ -176,8 +176,8 @@ def make_report(
             errors_by_attribute(own, errors_by_name, manifest.threshold, settings.bootstrap) for own in settings.by
         ),
         poses=summarise_poses(results),
-        maps=_mean_of_maps([result.maps for result in results if result.maps is not None]),
-        coefficients=_mean_of_coefficients(
+        maps=mean_of_maps([result.maps for result in results if result.maps is not None]),
+        coefficients=mean_of_coefficients(
             [result.coefficients for result in results if result.coefficients is not None]
         ),
         results=tuple(results),
@@ -273,33 +273,3 @@ def _landmark_errors(results: Sequence[FaceResult], method: str | None) -> Float
 
 def _errors(landmark_errors: Float64[ndarray, "n 68"], points: str) -> Float64[ndarray, " n"]:
     return landmark_errors[:, list(POINT_SETS[points])].mean(axis=1)
-
-
-def _mean_of_maps(errors: Sequence[MapErrors]) -> MapErrors | None:
-    """Means over images; those without a common pixel count in the overlap only."""
-    if not errors:
-        return None
-    return MapErrors(
-        pncc_mm=_mean_of_known([error.pncc_mm for error in errors]),
-        offset_mm=_mean_of_known([error.offset_mm for error in errors]),
-        offset_baseline_mm=_mean_of_known([error.offset_baseline_mm for error in errors]),
-        mask_iou=float(np.mean([error.mask_iou for error in errors])),
-    )
-
-
-def _mean_of_coefficients(errors: Sequence[CoefficientErrors]) -> CoefficientErrors | None:
-    if not errors:
-        return None
-    return CoefficientErrors(
-        identity_rms=_mean_of_known([error.identity_rms for error in errors]),
-        identity_baseline_rms=_mean_of_known([error.identity_baseline_rms for error in errors]),
-        expression_rms=_mean_of_known([error.expression_rms for error in errors]),
-        expression_baseline_rms=_mean_of_known([error.expression_baseline_rms for error in errors]),
-        shape_mm=float(np.mean([error.shape_mm for error in errors])),
-        shape_baseline_mm=float(np.mean([error.shape_baseline_mm for error in errors])),
-    )
-
-
-def _mean_of_known(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None

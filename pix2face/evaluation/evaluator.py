@@ -18,6 +18,7 @@ from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.evaluation.alignment3d import Alignment, distances3d
 from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkItem, Unreadable, wrap_angle_deg
 from pix2face.evaluation.metrics import POINT_SETS, Normaliser, landmark_errors, normalising_distance
+from pix2face.evaluation.pose_summary import PoseErrors
 from pix2face.evaluation.subjects import FoundFace, Subject
 from pix2face.evaluation.truth_errors import CoefficientErrors, MapErrors, compare_coefficients, compare_maps
 from pix2face.landmarks import IBUG68
@@ -42,8 +43,7 @@ class FaceResult:
         landmarks2d: Found landmarks in image pixels; None where the face was not found.
         failure: Why it was not found, or None.
         pose_deg: Found pitch, yaw, roll, where known.
-        pose_errors_deg: Found minus true pitch, yaw, roll, where both are known.
-        rotation_error_deg: The angle between the found and the true head, where both are known.
+        pose_errors_deg: How far off the pose is, where both are known.
         distances3d: For each landmark the distance in space, in the data's unit; infinity where there is none; None
             where the truth has no 3D landmarks.
         baseline_distances3d: The same for the mean face.
@@ -61,8 +61,7 @@ class FaceResult:
     landmarks2d: Float64[ndarray, "68 2"] | None
     failure: str | None
     pose_deg: Float64[ndarray, "3"] | None = None
-    pose_errors_deg: Float64[ndarray, "3"] | None = None
-    rotation_error_deg: float | None = None
+    pose_errors_deg: PoseErrors | None = None
     distances3d: Float64[ndarray, "68"] | None = None
     baseline_distances3d: Float64[ndarray, "68"] | None = None
     maps: MapErrors | None = None
@@ -106,7 +105,6 @@ class Evaluator:
             landmarks2d, failure = None, "the landmarks are not finite"
         fitted = np.full((68, 2), np.nan) if landmarks2d is None else landmarks2d
         baseline = mean_face_in_box(self.model, FaceBox.around(face.landmarks2d))
-        pose_errors_deg, rotation_error_deg = _compare_poses(face, found)
         return FaceResult(
             name=face.name,
             group=face.group,
@@ -118,8 +116,7 @@ class Evaluator:
             landmarks2d=landmarks2d,
             failure=failure,
             pose_deg=found.pose_deg,
-            pose_errors_deg=pose_errors_deg,
-            rotation_error_deg=rotation_error_deg,
+            pose_errors_deg=_compare_poses(face, found),
             distances3d=self._distances3d(face, None if landmarks2d is None else found.landmarks3d),
             baseline_distances3d=self._distances3d(face, model_landmarks(self.model).astype(np.float64)),
             maps=compare_maps(found, face),
@@ -211,13 +208,12 @@ def model_landmarks(model: MorphableModel) -> Float[ndarray, "68 3"]:
     return model.mean[model.landmarks[IBUG68]]
 
 
-def _compare_poses(face: BenchmarkFace, found: FoundFace) -> tuple[Float64[ndarray, "3"] | None, float | None]:
-    """Found minus true pitch, yaw, roll, and the angle between both heads, degrees."""
+def _compare_poses(face: BenchmarkFace, found: FoundFace) -> PoseErrors | None:
     if face.pose is None or found.pose_deg is None or found.failure is not None:
-        return None, None
+        return None
     own = HeadPose(*(float(angle) for angle in found.pose_deg))
     differences = [
         wrap_angle_deg(found_deg - true_deg)
         for found_deg, true_deg in zip(astuple(own), astuple(face.pose), strict=True)
     ]
-    return np.array(differences), angle_between_poses_deg(own, face.pose)
+    return PoseErrors(np.array(differences), angle_between_poses_deg(own, face.pose))

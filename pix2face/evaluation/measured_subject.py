@@ -57,7 +57,8 @@ class SubjectOptions:
         silhouette: Whether the fit is held to it.
         reprojection_rounds: Of the fit.
         crop_scale: Of the crop that the network is given; None is the checkpoint's own.
-        has_landmarks: Whether the model's landmarks were asked for; otherwise a checkpoint may bring its own.
+        has_landmarks: Whether the model's landmarks were asked for; otherwise, of photographs, a checkpoint may bring
+            its own.
     """
 
     checkpoint: Path | None

@@ -14,6 +14,20 @@ ANGLES = ("pitch", "yaw", "roll")
 ALL_FACES = "all"
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """How far off the pose of a head was found, degrees.
+
+    Attributes:
+        angles: Found minus true pitch, yaw, roll.
+        rotation: The angle between the found and the true head, 0 to 180.
+    """
+
+    angles: Float64[ndarray, "3"]
+    rotation: float
+
+
 @runtime_checkable
 class PosedResult(Protocol):
     """A face whose pose was perhaps found and is perhaps known."""
@@ -23,12 +37,8 @@ class PosedResult(Protocol):
         """True yaw."""
 
     @property
-    def pose_errors_deg(self) -> Float64[ndarray, "3"] | None:
-        """Found minus true pitch, yaw, roll."""
-
-    @property
-    def rotation_error_deg(self) -> float | None:
-        """The angle between the found and the true head; known where those are."""
+    def pose_errors_deg(self) -> PoseErrors | None:
+        """Where the pose is known and was found."""
 
 
 @final
@@ -56,7 +66,7 @@ class PoseSummary:
 def summarise_poses(results: Sequence[PosedResult]) -> dict[str, PoseSummary] | None:
     """For each bin of |yaw|, and for all faces; None where no face has a true and a found pose."""
     known = [
-        (result.yaw_deg, result.pose_errors_deg, result.rotation_error_deg)
+        (result.yaw_deg, result.pose_errors_deg.angles, result.pose_errors_deg.rotation)
         for result in results
         if result.yaw_deg is not None and result.pose_errors_deg is not None
     ]

@@ -6,7 +6,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from pix2face.command_line import counted
+from pix2face.command_line import counted, printable
 from pix2face.evaluation.alignment3d import ALIGNMENTS
 from pix2face.evaluation.attribute_bins import ErrorsByAttribute
 from pix2face.evaluation.benchmark_data import YAW_BINS
@@ -105,7 +105,15 @@ def pose_cells(report: Report) -> Cells | None:
 def attribute_cells(own: ErrorsByAttribute, report: Report) -> Cells:
     """Errors over 68 points in bins of an attribute; in per cent."""
     above = f"above {100 * report.manifest.threshold:g} %"
-    columns = [f"{own.attribute}, in %", f"{report.manifest.what_is_counted}s", "mean", "interval", "median", above]
+    columns = [
+        f"{own.attribute}, in %",
+        f"{report.manifest.what_is_counted}s",
+        "mean",
+        "interval",
+        "median",
+        above,
+        "not found",
+    ]
     lines = []
     for row in own.bins:
         found = row.errors
@@ -115,7 +123,7 @@ def attribute_cells(own: ErrorsByAttribute, report: Report) -> Cells:
             _number(found.median),
             _number(found.failure_rate, digits=1),
         ]
-        lines.append([row.name, str(found.n_images), *figures])
+        lines.append([row.name, str(found.n_images), *figures, str(found.n_failed)])
     return columns, lines
 
 
@@ -140,7 +148,8 @@ def report_tables(report: Report) -> list[Table]:
 
 def terminal_table(title: str, cells: Cells) -> Table:
     """A table for a terminal, no word of it cut."""
-    columns, lines = cells
+    # Names and texts may come from shards, which anybody may have written.
+    columns, lines = [printable(cell) for cell in cells[0]], [[printable(cell) for cell in line] for line in cells[1]]
     table = Table(title=escape(title) or None, box=SIMPLE_HEAD, padding=0, show_edge=False)
     for i, column in enumerate(columns):
         table.add_column(
@@ -244,9 +253,7 @@ def _attribute_notes(report: Report) -> list[str]:
     if not report.by:
         return []
     names = ", ".join(own.attribute for own in report.by)
-    return [
-        f"By {names}: 68 points; numbers in quarters of the {report.manifest.what_is_counted}s, equal ones together."
-    ]
+    return [f"By {names}: 68 points; numbers in quarters of the {report.manifest.what_is_counted}s, equal ones in one."]
 
 
 def _map_notes(report: Report) -> list[str]:

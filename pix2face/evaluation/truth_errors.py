@@ -1,5 +1,6 @@
 """Errors that only renders can tell, since nobody can annotate them in a photograph: of maps, and of coefficients."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -93,6 +94,37 @@ def compare_coefficients(model: MorphableModel, found: FoundFace, face: Benchmar
         shape_mm=_mean_length(own - true),
         shape_baseline_mm=_mean_length(model.mean[visible] - true),
     )
+
+
+def mean_of_maps(errors: Sequence[MapErrors]) -> MapErrors | None:
+    """Means over images; those without a common pixel count in the overlap only. None without any."""
+    if not errors:
+        return None
+    return MapErrors(
+        pncc_mm=_mean_of_known([error.pncc_mm for error in errors]),
+        offset_mm=_mean_of_known([error.offset_mm for error in errors]),
+        offset_baseline_mm=_mean_of_known([error.offset_baseline_mm for error in errors]),
+        mask_iou=float(np.mean([error.mask_iou for error in errors])),
+    )
+
+
+def mean_of_coefficients(errors: Sequence[CoefficientErrors]) -> CoefficientErrors | None:
+    """Means over images; None without any."""
+    if not errors:
+        return None
+    return CoefficientErrors(
+        identity_rms=_mean_of_known([error.identity_rms for error in errors]),
+        identity_baseline_rms=_mean_of_known([error.identity_baseline_rms for error in errors]),
+        expression_rms=_mean_of_known([error.expression_rms for error in errors]),
+        expression_baseline_rms=_mean_of_known([error.expression_baseline_rms for error in errors]),
+        shape_mm=float(np.mean([error.shape_mm for error in errors])),
+        shape_baseline_mm=float(np.mean([error.shape_baseline_mm for error in errors])),
+    )
+
+
+def _mean_of_known(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _rms(values: Float[ndarray, " k"]) -> float | None:

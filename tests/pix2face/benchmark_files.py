@@ -58,6 +58,10 @@ def write_mat(path: Path, landmarks2d: Float64[ndarray, "68 2"], yaw_deg: float,
     scipy.io.savemat(path, fields | changes)
 
 
+# Of every sample of ``write_heldout``; skin tones differ.
+ATTRIBUTES: dict[str, str | float] = {"skin.melanin": 0.0, "light.kind": "studio", "yaw_deg": 0.0, "seen_share": 1.0}
+
+
 def write_heldout(
     folder: Path, model: MorphableModel, n: int = 2, sha256: str | None = None, seed: int = 1_000_000
 ) -> None:
@@ -97,7 +101,7 @@ def _triplet(model: MorphableModel, index: int, seed: int) -> Triplet:
         landmarks2d=landmarks_of(model, camera),
         landmarks3d=model.mean[model.landmarks["ibug68"]].astype(np.float64),
         visible=np.ones(68, dtype=bool),
-        attributes={"skin.melanin": 0.1 + 0.2 * index, "light.kind": "studio"},
+        attributes={name: 0.1 + 0.2 * index if name == "skin.melanin" else value for name, value in ATTRIBUTES.items()},
     )
 
 

@@ -24,8 +24,10 @@ from datagen.rendering.renderer import Renderer
 from datagen.sampling.faces import sample_faces
 from pix2face.coefficients import Face, save_coefficients
 from pix2face.errors import InputFileError, UsageError
+from pix2face.evaluation.manifest import load_manifest
 from pix2face.images import decode_image, encode_photograph
 from pix2face.morphable_model import builtin_model
+from pix2face.sample_filter import AttributeExpression
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, SCENE_LAYERS
 from pix2face.shards.shard_reader import ShardReader, Triplet
 from pix2face.shards.shard_writing import pack_triplet
@@ -104,6 +106,14 @@ def check_layers(sample: Triplet) -> None:
     np.testing.assert_array_equal(seen_regions[seen], regions[seen])
     assert seen_regions.max() <= n_model + len(SCENE_REGIONS)
     assert sample.attributes["seen_share"] == pytest.approx(seen.sum() / mask.sum(), abs=1e-4)
+
+
+def test_errors_can_be_told_apart_by_what_the_split_of_photographs_names(made: list[Triplet]) -> None:
+    for text in load_manifest("builtin-photographs").by:
+        expression = AttributeExpression(text, "--by")
+        for sample in made:
+            value = expression.value(sample.sample_id, sample.attributes)
+            assert isinstance(value, int | float), text
 
 
 def test_what_is_seen_is_of_the_face_and_regions_are_the_heads_where_nothing_is_before_it(made: list[Triplet]) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pix2face.errors import UsageError
-from pix2face.evaluation.attribute_bins import attribute_values, bin_names, errors_by_attribute
+from pix2face.evaluation.attribute_bins import NOT_THERE, attribute_values, divided, errors_by_attribute
 from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkItem
 from pix2face.evaluation.bootstrap import Bootstrap
 
@@ -26,32 +26,31 @@ def test_numbers_lie_in_quarters_in_ascending_order():
     errors = {f"face-{index}": error for index, error in enumerate((8, 1, 5, 2, 7, 3, 4, 6))}
     (values,) = attribute_values(["skin.melanin"], faces)
     bins = errors_by_attribute(values, errors, threshold=6.5, bootstrap=BOOTSTRAP).bins
-    assert [own.name for own in bins] == ["0.1 to 0.275", "0.275 to 0.45", "0.45 to 0.625", "0.625 to 0.8"]
+    assert [own.name for own in bins] == ["0.1 to 0.2", "0.3 to 0.4", "0.5 to 0.6", "0.7 to 0.8"]
     assert [own.errors.mean for own in bins] == [1.5, 3.5, 5.5, 7.5]
     assert [own.errors.failure_rate for own in bins] == [0, 0, 0, 1]
     assert all(own.interval == (own.errors.mean - 0.5, own.errors.mean + 0.5) for own in bins)
 
 
 def test_texts_lie_by_themselves_and_what_lacks_them_last():
-    faces = items({"hat.kind": "cap"}, {"hat.kind": "beanie"}, {}, {"hat.kind": "cap"})
+    faces = items({"hat.kind": "cap"}, {"hat.kind": "none"}, {}, {"hat.kind": "cap"})
     errors = {"face-0": 0.1, "face-1": 0.2, "face-2": 0.3, "face-3": np.inf}
     (values,) = attribute_values(["hat.kind"], faces)
     found = errors_by_attribute(values, errors, 0.15, BOOTSTRAP)
     assert [(own.name, own.errors.n_images, own.errors.n_failed) for own in found.bins] == [
-        ("beanie", 1, 0),
         ("cap", 2, 1),
         ("none", 1, 0),
+        (NOT_THERE, 1, 0),
     ]
-    assert found.bins[1].errors.mean == 0.1
-    assert found.bins[0].interval is None  # of one face there is nothing to draw
+    assert found.bins[0].errors.mean == 0.1
+    assert found.bins[1].interval is None  # of one face there is nothing to draw
 
 
 def test_conditions_and_sizes_are_computed():
     faces = items({"yaw_deg": -40.0}, {"yaw_deg": 10.0}, {"yaw_deg": 40.0})
-    errors = {"face-0": 0.1, "face-1": 0.2, "face-2": 0.3}
     size, side = attribute_values(["abs(yaw_deg)", "yaw_deg > 0"], faces)
     assert dict(size.of_face) == {"face-0": 40, "face-1": 10, "face-2": 40}
-    assert [own.name for own in errors_by_attribute(side, errors, 0.1, BOOTSTRAP).bins] == ["False", "True"]
+    assert divided(list(side.of_face.values())) == [("False", [0]), ("True", [1, 2])]
 
 
 def test_faces_that_were_not_evaluated_are_in_no_bin():
@@ -61,20 +60,58 @@ def test_faces_that_were_not_evaluated_are_in_no_bin():
     assert errors_by_attribute(values, {}, 0.1, BOOTSTRAP).bins == ()
 
 
-@pytest.mark.parametrize("text", ["tone", "tone +", "import os", "tone < 'a'"])
-def test_what_cannot_be_said_of_the_faces_is_refused(text):
-    with pytest.raises(UsageError, match="--by"):
-        attribute_values([text], items({"skin.melanin": 1.0, **({"tone": 1.0} if "<" in text else {})}))
+def test_a_number_that_most_faces_share_has_a_bin_of_its_own():
+    """As strengths are stored: 0 where a thing is not worn, anything where it is."""
+    strengths = [0.0] * 480 + np.linspace(0.1, 0.9, 120).tolist()
+    (nothing, zeros), *others = divided(strengths)
+    assert (nothing, len(zeros)) == ("0", 480)
+    assert sum(len(own) for _, own in others) == 120
 
 
-@given(st.lists(st.one_of(st.none(), st.booleans(), st.sampled_from("abc"), st.floats(-1e6, 1e6)), max_size=40))
-def test_every_value_lies_in_a_bin_that_its_name_tells(values):
-    for value, name in zip(values, bin_names(values), strict=True):
-        if value is None:
-            assert name == "none"
-        elif isinstance(value, bool | str):
-            assert name == str(value)
-        else:
-            low, _, high = name.partition(" to ")
-            slack = 1e-2 * max(abs(float(low)), abs(float(high or low)))
-            assert float(low) - slack <= value <= float(high or low) + slack
+@pytest.mark.parametrize("share", [0.1, 0.25, 0.5, 0.75, 0.9])
+def test_two_numbers_are_never_one_bin(share):
+    n = round(400 * share)
+    assert [(name, len(own)) for name, own in divided([1.0] * n + [0.0] * (400 - n))] == [("0", 400 - n), ("1", n)]
+
+
+def test_names_have_the_digits_that_tell_bins_apart():
+    assert [name for name, _ in divided([1000.1, 1000.2, 1000.3, 1000.4])] == ["1000.1", "1000.2", "1000.3", "1000.4"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("tone", "expected attributes among"),
+        ("tone +", "expected an expression"),
+        ("import os", "expected an expression"),
+        ("skin.melanin < 'a'", "cannot be said of"),
+        ("[skin.melanin]", "expected a finite number, a text or a condition"),
+        ("1e999 * skin.melanin", "expected a finite number"),
+        ("skin.melanin - skin.melanin + 10000000000000000000000 * 1e999", "expected a finite number"),
+        ("sample_id", "expected at most 50 different texts, found 60"),
+    ],
+)
+def test_what_cannot_be_said_of_the_faces_is_refused(text, reason):
+    with pytest.raises(UsageError, match=f"^--by .*{reason}"):
+        attribute_values([text], items(*({"skin.melanin": 1.0} for _ in range(60))))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 10**400])
+def test_a_shard_may_hold_any_number(value):
+    with pytest.raises(UsageError, match="expected a finite number"):
+        attribute_values(["tone"], items({"tone": value}))
+
+
+@given(st.lists(st.one_of(st.none(), st.booleans(), st.sampled_from(["a", "2"]), st.floats(-9, 9)), max_size=40))
+def test_every_value_lies_in_one_bin_beside_its_equals(values):
+    bins = divided(values)
+    assert sorted(index for _, own in bins for index in own) == list(range(len(values)))
+    assert all(own for _, own in bins)
+    numbers = {value for value in values if isinstance(value, float)}
+    n_of_numbers = sum(isinstance(values[own[0]], float) for _, own in bins)
+    assert min(2, len(numbers)) <= n_of_numbers <= min(4, len(numbers))
+    for _, own in bins:
+        kinds = {(type(values[index]), None if isinstance(values[index], float) else values[index]) for index in own}
+        assert len(kinds) == 1
+    for number in numbers:
+        assert sum(any(values[index] == number for index in own) for _, own in bins) == 1

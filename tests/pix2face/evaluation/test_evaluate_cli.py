@@ -10,13 +10,16 @@ import pytest
 import tyro
 
 from pix2face.evaluation.compare_cli import CompareConfig
-from pix2face.evaluation.evaluate_cli import EvaluateConfig, main
+from pix2face.evaluation.evaluate_cli import main
+from pix2face.evaluation.evaluate_config import EvaluateConfig
 from pix2face.evaluation.manifest import SPLITS
+from pix2face.fitting.face_fit import fit_face
 from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph
 from tests.pix2face.evaluation_calls import (
     LANDMARKS,
     MODEL,
     measure,
+    predictions_for,
     run,
     stored_report,
     write_checkpoint,
@@ -127,11 +130,37 @@ def test_errors_are_told_apart_by_what_renders_were_drawn_from(tmp_path, small_m
 
 def test_an_unknown_attribute_is_said_before_evaluating(tmp_path, small_model, monkeypatch, capsys):
     write_heldout(tmp_path / "shards", MODEL)
-    monkeypatch.delattr("pix2face.evaluation.evaluate_cli.evaluate_faces")
+    monkeypatch.delattr("pix2face.evaluation.evaluate_cli.open_subject")
     assert run(tmp_path, "--data", tmp_path / "shards", "--by", "skin.tone", split="builtin-heldout") == 2
     error = capsys.readouterr().err
-    assert "--by 'skin.tone': expected attributes among light.kind, sample_id, skin.melanin" in error
+    assert "--by 'skin.tone': expected attributes among light.kind, sample_id, seen_share, skin.melanin" in error
     assert error.count("\n") == 1
+
+
+def test_a_split_of_renders_says_by_itself_what_to_tell_apart(tmp_path, small_model, capsys):
+    write_heldout(tmp_path / "shards", MODEL, seed=77)
+    assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-photographs") == 0
+    by = [own["attribute"] for own in stored_report(tmp_path)["by"]]
+    assert by == ["skin.melanin", "abs(yaw_deg)", "seen_share"]
+
+
+def test_renders_without_what_their_split_takes_say_how_to_make_them(tmp_path, small_model, monkeypatch, capsys):
+    monkeypatch.setattr("tests.pix2face.benchmark_files.ATTRIBUTES", {"yaw_deg": 0.0})
+    write_heldout(tmp_path / "shards", MODEL, seed=77)
+    assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-photographs") == 2
+    error = capsys.readouterr().err
+    assert "builtin-photographs takes these by itself. To get it: make it: datagen sample" in error
+    assert error.count("\n") == 1
+
+
+def test_faces_that_another_system_did_not_find_are_counted_in_their_bin(tmp_path, small_model):
+    write_heldout(tmp_path / "shards", MODEL, n=2)
+    predictions = predictions_for(tmp_path / "other.npz", ["seed1000000/0000000"])
+    call = ["--split", "builtin-heldout", "--data", tmp_path / "shards", "--out", tmp_path / "out"]
+    assert main([str(own) for own in (*call, "--predictions", predictions, "--by", "skin.melanin")]) == 0
+    dark, light = (row["errors"] for row in stored_report(tmp_path)["by"][0]["bins"])
+    assert (dark["n_failed"], light["n_failed"]) == (0, 1)
+    assert (light["mean"], light["failure_rate"]) == (None, 1)
 
 
 def test_photographs_have_no_attributes_to_be_told_apart_by(tmp_path, small_model, capsys):
@@ -144,13 +173,22 @@ def test_photographs_have_no_attributes_to_be_told_apart_by(tmp_path, small_mode
     ("split", "expected"),
     [("ibug", "vertices that the checkpoint brings along"), ("builtin-heldout", "vertices of the model")],
 )
-def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small_model, split, expected):
+def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small_model, monkeypatch, split, expected):
     """A checkpoint's own landmarks stand for how people annotate photographs."""
+    measured = []
+
+    def fit(maps, model, **options):
+        measured.append(model.landmarks["ibug68"])
+        return fit_face(maps, model, **options)
+
+    monkeypatch.setattr("pix2face.evaluation.measured_subject.fit_face", fit)
     write_ibug(tmp_path)
     write_heldout(tmp_path / "shards-heldout", MODEL)
     write_checkpoint(tmp_path / "checkpoint.safetensors", landmarks={"ibug68": tuple(range(68))})
     assert run(tmp_path, "--data", tmp_path, split=split) == 0
     assert stored_report(tmp_path)["subject"]["landmarks"] == expected
+    is_own = expected == "vertices that the checkpoint brings along"
+    np.testing.assert_array_equal(measured[0], range(68) if is_own else MODEL.landmarks["ibug68"])
 
 
 def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.crops import FaceBox
@@ -135,7 +136,10 @@ def test_poses_of_a_file_are_compared_with_the_true_ones(tmp_path):
     subject = PredictionsSubject(file, {"a": 0})
     true = face("a", pose=HeadPose(0.0, 170.0, 5.0))
     (result,) = Evaluator(MODEL, subject, "box-sqrt").evaluate([true])
-    np.testing.assert_allclose(result.pose_errors_deg, [1, 20, -2])
+    np.testing.assert_allclose(result.pose_errors_deg.angles, [1, 20, -2])
+    found, expected = (rotation_of_pose(own) for own in (HeadPose(1.0, -170.0, 3.0), true.pose))
+    turn = Rotation.from_matrix(found @ expected.T).magnitude()
+    assert result.pose_errors_deg.rotation == pytest.approx(np.degrees(turn))
 
 
 def random_face(seed=0, yaw_deg=35.0):
@@ -153,7 +157,8 @@ def test_the_oracle_comes_as_near_to_true_landmarks_as_the_model_can():
     (result,) = Evaluator(MODEL, OracleSubject(MODEL), "box-sqrt").evaluate([true])
     assert result.error() < 0.25 * result.error("68", "baseline")
     assert result.error() < 0.02
-    np.testing.assert_allclose(result.pose_errors_deg, 0, atol=8)
+    np.testing.assert_allclose(result.pose_errors_deg.angles, 0, atol=8)
+    assert result.pose_errors_deg.rotation < 12
 
 
 def test_the_oracle_lets_jaw_points_slide_where_the_outline_was_annotated():

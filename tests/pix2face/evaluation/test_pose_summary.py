@@ -5,23 +5,22 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pix2face.evaluation.pose_summary import summarise_poses
+from pix2face.evaluation.pose_summary import PoseErrors, summarise_poses
 
 
 @dataclass
 class Posed:
     yaw_deg: float | None
-    pose_errors_deg: np.ndarray | None
-    rotation_error_deg: float = 0.0
+    pose_errors_deg: PoseErrors | None
 
 
 def test_errors_are_summed_up_by_bin_of_the_true_yaw():
     results = [
-        Posed(10, np.array([1.0, -2.0, 3.0]), 4.0),
-        Posed(-20, np.array([-3.0, 4.0, 3.0]), 6.0),
-        Posed(-70, np.array([0.0, 10.0, 0.0]), 11.0),
+        Posed(10, PoseErrors(np.array([1.0, -2.0, 3.0]), 4.0)),
+        Posed(-20, PoseErrors(np.array([-3.0, 4.0, 3.0]), 6.0)),
+        Posed(-70, PoseErrors(np.array([0.0, 10.0, 0.0]), 11.0)),
         Posed(50, None),
-        Posed(None, np.zeros(3)),
+        Posed(None, PoseErrors(np.zeros(3), 0.0)),
     ]
     poses = summarise_poses(results)
     front, middle, side, everything = poses.values()

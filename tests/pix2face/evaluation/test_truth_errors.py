@@ -56,7 +56,7 @@ def test_the_oracle_recovers_a_rendered_face():
     assert results[0].error() < 1e-3
     assert report.coefficients.identity_rms < 0.05 * report.coefficients.identity_baseline_rms
     assert report.coefficients.shape_mm < 0.1 < report.coefficients.shape_baseline_mm
-    assert max(abs(results[0].pose_errors_deg)) < 0.2
+    assert max(abs(results[0].pose_errors_deg.angles)) < 0.2
     assert any(note.startswith("Coefficients, RMS in standard deviations") for note in report_notes(report))
     assert any(note.startswith("Pose: found minus true") for note in report_notes(report))
 
