@@ -20,6 +20,9 @@ ENCODER_CONVOLUTIONS = (1, 1, 2, 2, 2)
 DECODER_CONVOLUTIONS = (2, 2, 1, 1, 0)
 # Blocks more at the innermost level, which is so small that they cost next to nothing.
 INNER_BLOCKS = 3
+# Standard deviations: at 128 px a batch of 24 pictures has 96 values of a channel at the innermost level, of which none
+# can be farther than sqrt(95) = 9.7 from their mean, since it counts in their deviation.
+FARTHEST = 8.0
 # Planes start near 0, where the background stays.
 OUTPUT_GAIN = 0.1
 
@@ -31,8 +34,8 @@ class ResidualUNet(nn.Module):
     It is fully convolutional: any picture whose sides are multiples of 64 will do, whatever the network was trained on.
     The planes come from half resolution by one convolution that answers four pixels at a time (pixel shuffle).
 
-    Deviation from the paper: residual blocks, batch norm, six levels instead of eight at 256 px, and a first
-    level of half as many filters; docs/training.md gives the measurements.
+    Deviation from the paper: residual blocks, batch norm (bounded at the innermost level), six levels instead of eight
+    at 256 px, and a first level of half as many filters; docs/training.md gives the measurements.
 
     Args:
         widths: Filters of each level.
@@ -51,7 +54,9 @@ class ResidualUNet(nn.Module):
             ResidualBlock(before, after, convolutions, halves=True)
             for before, after, convolutions in zip(widths, widths[1:], ENCODER_CONVOLUTIONS, strict=False)
         )
-        self.inner = nn.ModuleList(ResidualBlock(widths[-1], widths[-1], 2) for _ in range(INNER_BLOCKS))
+        self.inner = nn.ModuleList(
+            ResidualBlock(widths[-1], widths[-1], 2, is_innermost=True) for _ in range(INNER_BLOCKS)
+        )
         outwards = widths[::-1]
         self.narrow = nn.ModuleList(
             nn.Conv2d(before, after, kernel_size=1, bias=False) for before, after in pairwise(outwards)
@@ -95,15 +100,19 @@ class ResidualBlock(nn.Module):
         after: Filters of the output.
         convolutions: 1 or 2, of 3 x 3.
         halves: Whether height and width are halved; if not, ``before`` and ``after`` are the same.
+        is_innermost: Whether norms are bounded.
     """
 
-    def __init__(self, before: int, after: int, convolutions: int, *, halves: bool = False) -> None:
+    def __init__(
+        self, before: int, after: int, convolutions: int, *, halves: bool = False, is_innermost: bool = False
+    ) -> None:
         super().__init__()
+        new_norm = BoundedBatchNorm if is_innermost else nn.BatchNorm2d
         stride = 2 if halves else 1
         self.first = nn.Conv2d(before, after, kernel_size=3, stride=stride, padding=1, bias=False)
-        self.first_norm = nn.BatchNorm2d(after)
+        self.first_norm = new_norm(after)
         self.second = nn.Conv2d(after, after, kernel_size=3, padding=1, bias=False) if convolutions > 1 else None
-        self.second_norm = nn.BatchNorm2d(after) if convolutions > 1 else None
+        self.second_norm = new_norm(after) if convolutions > 1 else None
         self.shortcut = nn.Conv2d(before, after, kernel_size=1, bias=False) if halves else None
 
     def forward(self, features: Tensor) -> Tensor:
@@ -114,6 +123,27 @@ class ResidualBlock(nn.Module):
         if self.shortcut is not None:
             features = self.shortcut(functional.avg_pool2d(features, 2))
         return functional.relu(change + features, inplace=True)
+
+
+@final
+class BoundedBatchNorm(nn.BatchNorm2d):
+    """Batch norm that in use lets nothing lie farther from the mean than it can in training.
+
+    Where a level has few pixels, what a kind of picture alone has (a profile to one side) is a large part of its
+    batch's deviation, which hides how large it is: features may grow from block to block without any loss showing it.
+    In use they are measured by the deviation of all pictures, and would come out tens of deviations off
+    (docs/training.md has what came of it). Statistics and weights are those of ``nn.BatchNorm2d``.
+    """
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Returns the features, normalised."""
+        if self.training:
+            return super().forward(features)
+        assert self.running_mean is not None
+        assert self.running_var is not None
+        farthest = FARTHEST * torch.sqrt(self.running_var + self.eps)
+        low, high = ((self.running_mean + side * farthest)[:, None, None].to(features.dtype) for side in (-1, 1))
+        return super().forward(torch.clamp(features, low, high))
 
 
 def residual_widths(filters: int) -> tuple[int, ...]:

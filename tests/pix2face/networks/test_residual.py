@@ -1,7 +1,8 @@
 import pytest
 import torch
+from torch import nn
 
-from pix2face.networks.residual import ResidualUNet, residual_widths
+from pix2face.networks.residual import FARTHEST, BoundedBatchNorm, ResidualUNet, residual_widths
 
 
 def test_the_filters_are_those_of_the_trial():
@@ -50,6 +51,30 @@ def test_every_weight_learns():
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None
         assert parameter.grad.abs().max() > 0, name
+
+
+def test_a_bounded_norm_is_batch_norm_as_far_as_training_goes():
+    torch.manual_seed(0)
+    plain, bounded = nn.BatchNorm2d(5), BoundedBatchNorm(5)
+    features = 3 + 2 * torch.randn(24, 5, 2, 2)
+    for _ in range(100):
+        torch.testing.assert_close(bounded(features), plain(features), rtol=0, atol=0)
+    bounded.load_state_dict(plain.state_dict())
+    plain.eval(), bounded.eval()
+    torch.testing.assert_close(bounded(features), plain(features), rtol=0, atol=0)
+    # What training would have kept within sqrt(95) deviations lies hundreds of them off in use.
+    far = features.clone()
+    far[0], far[1] = 1000, -1000
+    torch.testing.assert_close(plain(far)[0], torch.full((5, 2, 2), 500.0), rtol=0.3, atol=0)
+    torch.testing.assert_close(bounded(far)[0], torch.full((5, 2, 2), FARTHEST), rtol=1e-4, atol=0)
+    torch.testing.assert_close(bounded(far)[1], torch.full((5, 2, 2), -FARTHEST), rtol=1e-4, atol=0)
+    torch.testing.assert_close(bounded(far)[2:], plain(features)[2:], rtol=0, atol=0)
+
+
+def test_the_innermost_norms_are_bounded_and_no_others():
+    network = ResidualUNet(residual_widths(2))
+    bounded = {name for name, module in network.named_modules() if isinstance(module, BoundedBatchNorm)}
+    assert bounded == {f"inner.{index}.{norm}" for index in range(3) for norm in ("first_norm", "second_norm")}
 
 
 def test_another_number_of_levels_is_refused():
