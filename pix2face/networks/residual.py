@@ -137,13 +137,12 @@ class BoundedBatchNorm(nn.BatchNorm2d):
 
     def forward(self, features: Tensor) -> Tensor:
         """Returns the features, normalised."""
+        normalised = super().forward(features)
         if self.training:
-            return super().forward(features)
-        assert self.running_mean is not None
-        assert self.running_var is not None
-        farthest = FARTHEST * torch.sqrt(self.running_var + self.eps)
-        low, high = ((self.running_mean + side * farthest)[:, None, None].to(features.dtype) for side in (-1, 1))
-        return super().forward(torch.clamp(features, low, high))
+            return normalised
+        farthest = FARTHEST * self.weight.abs()
+        low, high = (self.bias - farthest)[:, None, None], (self.bias + farthest)[:, None, None]
+        return torch.clamp(normalised, low.to(normalised.dtype), high.to(normalised.dtype))
 
 
 def residual_widths(filters: int) -> tuple[int, ...]:
