@@ -22,8 +22,9 @@ PICTURE_PX, SHARD_SIZE = 160, 200
 REHEARSED_SHARE = 1 / 1000
 REHEARSED_VALIDATION = 0.2  # a hundredth of a few persons is nobody
 TRAINING = ("--preset", "cpu", "--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask")
-# One process that loads and two threads that compute are the fastest on two cores, once all samples are in memory.
-LOADING = ("--workers", 0, "--cache-gb", 14)
+# One process that loads and two threads that compute are the fastest on two cores, once all samples are in memory; of
+# more than fit there, a process of its own reads again what it needs.
+FROM_MEMORY, FROM_FILES = ("--workers", 0, "--cache-gb", 14), ("--workers", 1, "--cache-gb", 10)
 
 
 @final
@@ -55,6 +56,7 @@ class Stage:
         n_samples: How many it draws.
         options: Of `train`, beside those that all share.
         shares: Of the draws, what each set of pictures gives.
+        loading: How samples come in.
         validation: Share of the persons that are held out.
     """
 
@@ -62,6 +64,7 @@ class Stage:
     n_samples: int
     options: tuple[object, ...]
     shares: tuple[tuple[Pictures, float], ...] = ((FIRST, 1.0),)
+    loading: tuple[object, ...] = FROM_MEMORY
     validation: float = 0.01
 
 
@@ -79,7 +82,7 @@ STAGES = (
     ),
     Stage("128px", 260_000, (*_EARLIER, *_LARGE)),
     Stage("128px-long", 700_000, (*_EARLIER, *_PNCC_FIRST)),
-    Stage("128px-more", 560_000, _PNCC_FIRST, ((MORE, 0.75), (FIRST, 0.25)), validation=0.005),
+    Stage("128px-more", 560_000, _PNCC_FIRST, ((MORE, 0.75), (FIRST, 0.25)), FROM_FILES, validation=0.005),
 )
 
 
@@ -124,7 +127,7 @@ def train(stage: Stage, share: float, before: Path | None, out: Path) -> Path:
     start = () if before is None else ("--init", before)
     amounts = ("--samples", round(stage.n_samples * share))
     amounts += ("--validation", stage.validation if share == 1 else REHEARSED_VALIDATION)
-    options = (*TRAINING, *LOADING, *stage.options, *amounts, *start)
+    options = (*TRAINING, *stage.loading, *stage.options, *amounts, *start)
     run("train", "--shards", *shards, *options, "--out", out / stage.name)
     return out / stage.name / "checkpoint.safetensors"
 

@@ -112,7 +112,7 @@ class Learner:
         """Measures the statistics of the result's batch norms with the weights that it has.
 
         Running statistics mix those of earlier weights, and cover few batches. Computed in float32, as when the network
-        is used, which is the mode that the result is left in.
+        is used, which is the mode that the result is left in. Norms that are bounded in use are measured without that.
 
         Args:
             batches: This process's part of each; without any, nothing changes.

@@ -86,7 +86,7 @@ def _measured(path: Path) -> str:
         if report["format"] != REPORT_FORMAT:
             raise ValueError(f"format {report['format']!r}")
         benchmark = report["benchmark"]
-        landmarks = report["subject"].get("landmarks", "another system's")
+        landmarks = report["subject"].get("landmarks", "not stated")
         rows = [row for row in report["table"] if row["method"] == report["method"]]
         lines = [line for row in rows for line in _errors_of(row)]
         by = [table for own in report.get("by", ()) for table in ("", *_errors_by(own))]

@@ -15,6 +15,7 @@ from pix2face.sample_filter import AttributeExpression
 
 # Quarters: of 600 faces 150 each, whose means have intervals of about a tenth.
 N_QUARTERS = 4
+# More rows than a reader looks at: most likely a name that tells each face from all others.
 MOST_TEXTS = 50
 NOT_THERE = "not there"
 
@@ -142,13 +143,14 @@ def _key(value: Value, numbers: np.ndarray) -> _Key:
 
 
 def _names(bins: Sequence[Sequence[Value]]) -> list[str]:
-    """Numbers with as many digits as tell the bins apart."""
-    names: list[str] = []
-    for digits in range(3, 18):
-        names = [_name(values, digits) for values in bins]
-        if len(set(names)) == len(names):
-            break
-    return names
+    """Numbers with as many digits as tell their bins apart; texts that read like another bin's name in quotes."""
+    of_numbers = [values for values in bins if _number(values[0]) is not None]
+    digits = next((n for n in range(3, 17) if len({_name(own, n) for own in of_numbers}) == len(of_numbers)), 17)
+    names = [_name(values, digits) for values in bins]
+    return [
+        repr(name) if isinstance(values[0], str) and names.count(name) > 1 else name
+        for name, values in zip(names, bins, strict=True)
+    ]
 
 
 def _name(values: Sequence[Value], digits: int) -> str:

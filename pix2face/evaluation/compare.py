@@ -176,7 +176,7 @@ def _stored_report(path: Path, content: Mapping[str, Any]) -> StoredReport:
         raise ValueError(f"a threshold of {benchmark['threshold']}")
     clips = {name: str(face["clip"] or name) for name, face in zip(names, faces, strict=True)}
     return StoredReport(
-        path, benchmark, str(content["method"]), errors, clips, str(content["subject"].get("landmarks", "its own"))
+        path, benchmark, str(content["method"]), errors, clips, str(content["subject"].get("landmarks", "not stated"))
     )
 
 

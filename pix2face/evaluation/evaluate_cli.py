@@ -198,7 +198,7 @@ def _subject_options(config: EvaluateConfig) -> SubjectOptions:
         silhouette=config.silhouette,
         reprojection_rounds=config.reprojection_rounds,
         crop_scale=config.crop_scale,
-        has_landmarks=config.landmarks is not None,
+        landmarks=config.landmarks,
     )
 
 

@@ -57,8 +57,8 @@ class SubjectOptions:
         silhouette: Whether the fit is held to it.
         reprojection_rounds: Of the fit.
         crop_scale: Of the crop that the network is given; None is the checkpoint's own.
-        has_landmarks: Whether the model's landmarks were asked for; otherwise, of photographs, a checkpoint may bring
-            its own.
+        landmarks: File of the model's landmarks, if one was asked for; otherwise, of photographs, a checkpoint may
+            bring its own.
     """
 
     checkpoint: Path | None
@@ -72,7 +72,12 @@ class SubjectOptions:
     silhouette: bool = True
     reprojection_rounds: int = 0
     crop_scale: float | None = None
-    has_landmarks: bool = False
+    landmarks: Path | None = None
+
+    @property
+    def landmarks_of_model(self) -> str:
+        """Which vertices the landmarks of the model are, in words."""
+        return "vertices of the model" if self.landmarks is None else f"vertices of {self.landmarks}"
 
 
 def open_subject(
@@ -92,7 +97,8 @@ def open_subject(
         landmarks = "true 2D landmarks (camera: weak-perspective)"
         what = maps if manifest.kind == "shards" else landmarks
         subject = OracleSubject(model, options.slides_jaw, options.camera, model_from_stated(model, manifest))
-        return subject, {"oracle": f"the model fitted to the {what} of each face"}
+        oracle = f"the model fitted to the {what} of each face"
+        return subject, {"oracle": oracle, "landmarks": options.landmarks_of_model}
     return _network(options, model, manifest)
 
 
@@ -113,7 +119,7 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         predictor = predictor.with_crop_scale(options.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
     # Renders are annotated by the model's vertices; a checkpoint's own stand for how people annotate photographs.
-    takes_own = not options.has_landmarks and manifest.kind != "shards"
+    takes_own = options.landmarks is None and manifest.kind != "shards"
     if takes_own:
         model = with_own_landmarks(model, predictor.header)
     subject = NetworkSubject(
@@ -133,7 +139,7 @@ def _network(options: SubjectOptions, model: MorphableModel, manifest: Manifest)
         f"{'' if options.silhouette and options.camera in HELD_CAMERAS else 'not '}held to the silhouette",
         "landmarks": "vertices that the checkpoint brings along"
         if predictor.header.landmarks and takes_own
-        else "vertices of the model",
+        else options.landmarks_of_model,
         "hashes": {"checkpoint": sha256(checkpoint.read_bytes()).hexdigest()},
         "checkpoint_header": header,
     }

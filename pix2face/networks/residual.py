@@ -21,7 +21,8 @@ DECODER_CONVOLUTIONS = (2, 2, 1, 1, 0)
 # Blocks more at the innermost level, which is so small that they cost next to nothing.
 INNER_BLOCKS = 3
 # Standard deviations: at 128 px a batch of 24 pictures has 96 values of a channel at the innermost level, of which none
-# can be farther than sqrt(95) = 9.7 from their mean, since it counts in their deviation.
+# can be farther than sqrt(95) = 9.7 from their mean, since it counts in their deviation. On the 600 renders that showed
+# what it is for, 4 and 8 did the same.
 FARTHEST = 8.0
 # Planes start near 0, where the background stays.
 OUTPUT_GAIN = 0.1
@@ -34,7 +35,7 @@ class ResidualUNet(nn.Module):
     It is fully convolutional: any picture whose sides are multiples of 64 will do, whatever the network was trained on.
     The planes come from half resolution by one convolution that answers four pixels at a time (pixel shuffle).
 
-    Deviation from the paper: residual blocks, batch norm (bounded at the innermost level), six levels instead of eight
+    Deviation from the paper: residual blocks, batch norm (bounded in the innermost blocks), six levels instead of eight
     at 256 px, and a first level of half as many filters; docs/training.md gives the measurements.
 
     Args:
@@ -55,7 +56,7 @@ class ResidualUNet(nn.Module):
             for before, after, convolutions in zip(widths, widths[1:], ENCODER_CONVOLUTIONS, strict=False)
         )
         self.inner = nn.ModuleList(
-            ResidualBlock(widths[-1], widths[-1], 2, is_innermost=True) for _ in range(INNER_BLOCKS)
+            ResidualBlock(widths[-1], widths[-1], 2, has_bounded_norms=True) for _ in range(INNER_BLOCKS)
         )
         outwards = widths[::-1]
         self.narrow = nn.ModuleList(
@@ -100,14 +101,14 @@ class ResidualBlock(nn.Module):
         after: Filters of the output.
         convolutions: 1 or 2, of 3 x 3.
         halves: Whether height and width are halved; if not, ``before`` and ``after`` are the same.
-        is_innermost: Whether norms are bounded.
+        has_bounded_norms: Whether norms are bounded: where features only go round at the innermost size, and grow.
     """
 
     def __init__(
-        self, before: int, after: int, convolutions: int, *, halves: bool = False, is_innermost: bool = False
+        self, before: int, after: int, convolutions: int, *, halves: bool = False, has_bounded_norms: bool = False
     ) -> None:
         super().__init__()
-        new_norm = BoundedBatchNorm if is_innermost else nn.BatchNorm2d
+        new_norm = BoundedBatchNorm if has_bounded_norms else nn.BatchNorm2d
         stride = 2 if halves else 1
         self.first = nn.Conv2d(before, after, kernel_size=3, stride=stride, padding=1, bias=False)
         self.first_norm = new_norm(after)
@@ -127,7 +128,7 @@ class ResidualBlock(nn.Module):
 
 @final
 class BoundedBatchNorm(nn.BatchNorm2d):
-    """Batch norm that in use lets nothing lie farther from the mean than it can in training.
+    """Batch norm that in use lets nothing lie much farther from the mean than it can in training.
 
     Where a level has few pixels, what a kind of picture alone has (a profile to one side) is a large part of its
     batch's deviation, which hides how large it is: features may grow from block to block without any loss showing it.

@@ -39,6 +39,8 @@ def main() -> None:
     parser.add_argument("--overlays", type=Path)
     options = parser.parse_args()
     faces, errors, refuted = Pix2Face.load(options.checkpoint, device="cpu"), {}, []
+    residuals_mm: list[float] = []
+    seen_shares: list[float] = []
     for annotation in find_annotations(options.folder, IBUG68):
         annotated = annotation.load()
         true, image = annotated.landmarks2d, read_photograph(annotated.image_path)
@@ -48,6 +50,9 @@ def main() -> None:
         seen = refined_box(faces.predictor.predict(image, box), box, faces.model)
         if seen is None or seen.is_refuted:
             refuted.append(annotation.name)
+        if seen is not None:
+            residuals_mm.append(seen.residual_mm)
+            seen_shares.append(seen.seen_share or 0.0)
         if options.boxes == "refined":
             (first,) = faces.fit(image, [_rough(box)])
             box = FaceBox.around(first.landmarks2d)
@@ -64,6 +69,10 @@ def main() -> None:
         "mean": round(float(found.mean()), 2),
         "above 10 %": round(100 * float((found > 10).mean()), 1),
         "refuted as no faces": refuted,
+        "in their true boxes": {
+            "least share seen": round(min(seen_shares, default=0.0), 3),
+            "largest residual, mm": round(max(residuals_mm, default=0.0), 2),
+        },
         "each": {name: round(100 * error, 2) for name, error in sorted(errors.items(), key=lambda item: -item[1])},
         "surroundings": surroundings(),
     }

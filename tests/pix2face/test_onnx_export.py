@@ -48,12 +48,14 @@ def test_it_computes_what_torch_computes_for_any_batch(checkpoint: Path, exporte
 
 
 @pytest.mark.parametrize("precision", [torch.float32, torch.float16])
-def test_the_residual_network_too(tmp_path: Path, precision: torch.dtype) -> None:
+def test_the_residual_network_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, precision: torch.dtype) -> None:
     torch.manual_seed(0)
     widths = residual_widths(2)
     own = replace(header_of(small_head_model(), 64), architecture="residual", widths=widths, planes=8)
     network = ResidualUNet(widths, 8)
     network(torch.rand(4, 3, 64, 64) - 0.5)  # norms with statistics of their own
+    for block in network.inner:
+        block.first_norm.running_var /= 1e4  # so that their bounds are reached
     save_checkpoint(tmp_path / "c.safetensors", own, network, precision)
     export_onnx(tmp_path / "c.safetensors", tmp_path / "network.onnx")
     header, run = load_onnx(tmp_path / "network.onnx")
@@ -61,6 +63,9 @@ def test_the_residual_network_too(tmp_path: Path, precision: torch.dtype) -> Non
     images = torch.rand(3, 3, 64, 64) - 0.5
     with torch.inference_mode():
         expected = load_checkpoint(tmp_path / "c.safetensors")[1](images)
+        monkeypatch.setattr("pix2face.networks.residual.FARTHEST", 1e6)
+        unbounded = load_checkpoint(tmp_path / "c.safetensors")[1](images)
+    assert (unbounded - expected).abs().max() > 0.01 * (expected.max() - expected.min())
     assert (run(images) - expected).abs().max() <= 1e-4 * (expected.max() - expected.min())
 
 

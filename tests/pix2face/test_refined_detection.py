@@ -103,7 +103,10 @@ def test_find_faces_runs_the_chain(scene):
         (3.0, 0.5, False, False),  # behind a mask or a hand: the detector decides
         (4.9, 0.3, True, False),  # a network finds a face in anything, but does not see it
         (4.9, None, False, True),
-        (4.1, 0.8, False, False),  # what it sees fits a face worse than any face does
+        (3.4, 0.8, False, True),
+        (3.6, 0.8, False, False),  # what it sees fits a face worse than any face does
+        (3.0, 0.44, True, False),
+        (3.0, 0.46, False, False),
     ],
 )
 def test_what_is_hardly_seen_is_no_face(

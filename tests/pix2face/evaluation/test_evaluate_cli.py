@@ -158,9 +158,9 @@ def test_faces_that_another_system_did_not_find_are_counted_in_their_bin(tmp_pat
     predictions = predictions_for(tmp_path / "other.npz", ["seed1000000/0000000"])
     call = ["--split", "builtin-heldout", "--data", tmp_path / "shards", "--out", tmp_path / "out"]
     assert main([str(own) for own in (*call, "--predictions", predictions, "--by", "skin.melanin")]) == 0
-    dark, light = (row["errors"] for row in stored_report(tmp_path)["by"][0]["bins"])
-    assert (dark["n_failed"], light["n_failed"]) == (0, 1)
-    assert (light["mean"], light["failure_rate"]) == (None, 1)
+    light, dark = (row["errors"] for row in stored_report(tmp_path)["by"][0]["bins"])
+    assert (light["n_failed"], dark["n_failed"]) == (0, 1)
+    assert (dark["mean"], dark["failure_rate"]) == (None, 1)
 
 
 def test_photographs_have_no_attributes_to_be_told_apart_by(tmp_path, small_model, capsys):

@@ -56,6 +56,9 @@ def test_every_weight_learns():
 def test_a_bounded_norm_is_batch_norm_as_far_as_training_goes():
     torch.manual_seed(0)
     plain, bounded = nn.BatchNorm2d(5), BoundedBatchNorm(5)
+    weight, bias = torch.tensor([1.0, -2.0, 0.0, 0.5, 3.0]), torch.tensor([0.0, 1.0, -4.0, 5.0, -0.3])
+    for norm in (plain, bounded):
+        norm.weight.data, norm.bias.data = weight.clone(), bias.clone()
     features = 3 + 2 * torch.randn(24, 5, 2, 2)
     for _ in range(100):
         torch.testing.assert_close(bounded(features), plain(features), rtol=0, atol=0)
@@ -65,13 +68,15 @@ def test_a_bounded_norm_is_batch_norm_as_far_as_training_goes():
     # What training would have kept within sqrt(95) deviations lies hundreds of them off in use.
     far = features.clone()
     far[0], far[1] = 1000, -1000
-    torch.testing.assert_close(plain(far)[0], torch.full((5, 2, 2), 500.0), rtol=0.3, atol=0)
-    torch.testing.assert_close(bounded(far)[0], torch.full((5, 2, 2), FARTHEST), rtol=1e-4, atol=0)
-    torch.testing.assert_close(bounded(far)[1], torch.full((5, 2, 2), -FARTHEST), rtol=1e-4, atol=0)
+    assert plain(far)[0].abs().max() > 1000
+    for sign, row in ((1, 0), (-1, 1)):
+        expected = (bias + sign * FARTHEST * weight)[:, None, None].expand(5, 2, 2)
+        torch.testing.assert_close(bounded(far)[row], expected, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(bounded(far)[2:], plain(features)[2:], rtol=0, atol=0)
+    assert bounded(far.bfloat16()).dtype == plain(far.bfloat16()).dtype
 
 
-def test_the_innermost_norms_are_bounded_and_no_others():
+def test_norms_of_the_innermost_blocks_are_bounded_and_no_others():
     network = ResidualUNet(residual_widths(2))
     bounded = {name for name, module in network.named_modules() if isinstance(module, BoundedBatchNorm)}
     assert bounded == {f"inner.{index}.{norm}" for index in range(3) for norm in ("first_norm", "second_norm")}
