@@ -1,5 +1,7 @@
 """What is there is read, what is missing is named, and nothing at all says where to get it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.evaluation.benchmark_data import YAW_BINS, wrap_angle_deg, yaw_bin
 from pix2face.evaluation.benchmark_search import find_benchmark
 from pix2face.evaluation.manifest import load_manifest
+from pix2face.shards.shard_reader import ShardReader
 from tests.pix2face.benchmark_files import (
     frontal_camera,
     landmarks_of,
@@ -135,6 +138,19 @@ def test_heldout_renders_bring_their_maps(tmp_path):
     assert faces[0].group == YAW_BINS[0]
     assert faces[0].maps.mask.sum() == 80 * 80
     np.testing.assert_allclose(faces[0].landmarks2d, LANDMARKS, atol=1e-4)
+
+
+def test_a_damaged_attribute_is_no_matter_where_nobody_asks_for_it(tmp_path, monkeypatch):
+    def damaged(reader):
+        raise InputFileError("damaged")
+
+    write_heldout(tmp_path, small_head_model())
+    monkeypatch.setattr(ShardReader, "attributes", damaged)
+    model = small_head_model()
+    plain = load_manifest("builtin-heldout")
+    assert len(find_benchmark(plain, tmp_path, model).items) == 2
+    found = find_benchmark(replace(plain, by=("skin.melanin",)), tmp_path, model)
+    assert [own.reason for own in found.unreadable] == ["damaged"]
 
 
 def write_reannotated(path, *landmarks2d):
