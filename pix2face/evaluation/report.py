@@ -87,17 +87,13 @@ def pose_cells(report: Report) -> Cells | None:
     if report.poses is None:
         return None
     columns = ["pose, degrees", report.manifest.what_is_counted + "s"]
-    columns += [f"{angle} {what}" for angle in ANGLES for what in ("MAE", "bias")] + [
-        "mean of MAEs",
-        "rotation",
-        "|yaw| bias",
-    ]
+    columns += [f"{angle} {what}" for angle in ANGLES for what in ("MAE", "bias")]
+    columns += ["mean of MAEs", "rotation", "|yaw| bias"]
     lines = []
     for name, own in report.poses.items():
         figures = [_number(values[angle], 1) for angle in ANGLES for values in (own.mean_absolute_deg, own.bias_deg)]
-        figures += [
-            _number(value, 1) for value in (own.mean_of_angles_deg, own.mean_rotation_deg, own.yaw_shrinkage_deg)
-        ]
+        means = (own.mean_of_angles_deg, own.mean_rotation_deg, own.yaw_shrinkage_deg)
+        figures += [_number(value, 1) for value in means]
         lines.append([SHORT_GROUPS.get(name, name), str(own.n_images), *figures])
     return columns, lines
 
@@ -105,26 +101,13 @@ def pose_cells(report: Report) -> Cells | None:
 def attribute_cells(own: ErrorsByAttribute, report: Report) -> Cells:
     """Errors over 68 points in bins of an attribute; in per cent."""
     above = f"above {100 * report.manifest.threshold:g} %"
-    columns = [
-        f"{own.attribute}, in %",
-        f"{report.manifest.what_is_counted}s",
-        "mean",
-        "interval",
-        "median",
-        above,
-        "not found",
-    ]
+    columns = [f"{own.attribute}, in %", f"{report.manifest.what_is_counted}s", "mean", "interval", "median"]
     lines = []
     for row in own.bins:
         found = row.errors
-        figures = [
-            _number(found.mean),
-            _interval(row.interval),
-            _number(found.median),
-            _number(found.failure_rate, digits=1),
-        ]
-        lines.append([row.name, str(found.n_images), *figures, str(found.n_failed)])
-    return columns, lines
+        line = [row.name, str(found.n_images), _number(found.mean), _interval(row.interval), _number(found.median)]
+        lines.append([*line, _number(found.failure_rate, digits=1), str(found.n_failed)])
+    return [*columns, above, "not found"], lines
 
 
 def all_cells(report: Report) -> list[Cells]:
