@@ -9,18 +9,18 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from datagen.appearance.configuration import load_configuration
-from datagen.appearance_cli import appearance
-from datagen.coeffs_cli import coeffs, fit
+from datagen.appearance.appearance_cli import appearance
+from datagen.appearance.appearance_config import load_configuration
+from datagen.doctor.doctor_cli import doctor
+from datagen.faces.coeffs_cli import coeffs, fit
 from datagen.inspection.inspect_cli import preview, verify
 from datagen.inspection.summary_cli import card, stats
 from datagen.jobs.render_cli import render
-from datagen.model_cli import model
-from datagen.opengl.doctor_cli import doctor
+from datagen.models.model_cli import model
 from datagen.sampling.faces import sample_faces
-from pix2face.coefficients import save_coefficients
 from pix2face.command_line import check_output_file, counted, run_commands, say
-from pix2face.morphable_model import BUILTIN_MODEL, open_model
+from pix2face.face_files.coefficients import save_coefficients
+from pix2face.models.morphable_model import BUILTIN_MODEL, open_model
 
 console = Console(stderr=True)
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from pix2face import Pix2Face
-from pix2face.camera import head_pose
 from pix2face.errors import Pix2FaceError
-from pix2face.images import encode_image, read_photograph
+from pix2face.files.images import encode_image, read_photograph
+from pix2face.geometry.camera import head_pose
 from pix2face.photographs.fit_pictures import draw_landmarks
 from pix2face.photographs.mesh_files import FaceMesh, write_mesh
 from pix2face.photographs.texture import vertex_colours

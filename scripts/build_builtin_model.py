@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pix2face.landmarks import IBUG68
-from pix2face.model_file import StoredModel, write_stored_model
-from pix2face.morphable_model import load_model
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.model_file import StoredModel, write_stored_model
+from pix2face.models.morphable_model import load_model
 from scripts.builtin_model.components import align_rigidly, expression_components, identity_components
 from scripts.builtin_model.head import FACE_REGIONS, REGION_NAMES, Head, cut_head
 from scripts.builtin_model.heads import HeadSampler

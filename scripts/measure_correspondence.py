@@ -1,6 +1,6 @@
 """How far landmarks found by correspondence lie from published ones: prints the table of docs/models.md.
 
-Of BFM 2009 also which way it looks in the built-in model's frame (``pix2face.evaluation.pose_frame``).
+Of BFM 2009 also which way it looks in the built-in model's frame (``pix2face.evaluation.subjects.pose_frame``).
 
 python -m scripts.measure_correspondence [--shared ../shared]
 """
@@ -14,13 +14,13 @@ import numpy as np
 import scipy.io
 from scipy.spatial.transform import Rotation
 
-from pix2face.landmarks import IBUG68
-from pix2face.model_file import StoredModel
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.rigid_alignment import fit_rigid
 from pix2face.model_formats import read_model
+from pix2face.model_formats.model_import import lay_by_surface
 from pix2face.model_formats.tables import ibug68_vertices
-from pix2face.model_import import lay_by_surface
-from pix2face.morphable_model import builtin_model
-from pix2face.rigid_alignment import fit_rigid
+from pix2face.models.model_file import StoredModel
+from pix2face.models.morphable_model import builtin_model
 
 JAW = np.arange(68) < 17
 

@@ -16,18 +16,18 @@ from jaxtyping import Float64, Int
 from numpy import ndarray
 from threadpoolctl import threadpool_limits
 
-from pix2face.camera import nearest_weak_perspective
-from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
+from pix2face.face_files.w300lp import CoefficientFile, read_coefficient_file
 from pix2face.fitting.from_landmarks import (
     LANDMARK_REGULARISATION,
     LandmarkModel,
     fit_landmarks,
     fit_mean_to_landmarks,
 )
-from pix2face.landmarks import IBUG68_PARTS
-from pix2face.morphable_model import open_model
-from pix2face.w300lp import CoefficientFile, read_coefficient_file
+from pix2face.geometry.camera import nearest_weak_perspective
+from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.landmarks import IBUG68_PARTS
+from pix2face.models.morphable_model import open_model
 
 N_FOLDS = 5
 YAW_BINS_DEG = {"to 30": (0, 30), "to 60": (30, 60), "above": (60, 180.1), "all": (0, 180.1)}

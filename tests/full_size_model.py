@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 N_VERTICES, N_IDENTITY, N_EXPRESSION = 53_215, 199, 29
 REFINEMENT_STEPS = 2  # one more than the built-in model has

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.io
 
 from pix2face.errors import InputFileError
-from pix2face.mat5 import read_mat5
+from pix2face.face_files.mat5 import read_mat5
 
 WANTED = ("Shape_Para", "Exp_Para", "Pose_Para", "pt2d", "pt3d_68")
 

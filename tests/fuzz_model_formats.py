@@ -26,9 +26,9 @@ from types import FrameType
 import numpy as np
 
 from pix2face.errors import InputFileError
-from pix2face.model_file import write_stored_model
 from pix2face.model_formats import read_model
-from pix2face.morphable_model import load_model
+from pix2face.models.model_file import write_stored_model
+from pix2face.models.morphable_model import load_model
 from tests.model_files import stored_small_head
 from tests.published_models import (
     tiny_solid,

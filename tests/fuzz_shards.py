@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pix2face.coefficients import FaceCoefficients, load_coefficients, save_coefficients
 from pix2face.errors import InputFileError
+from pix2face.face_files.coefficients import FaceCoefficients, load_coefficients, save_coefficients
 from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard

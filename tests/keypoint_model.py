@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from pix2face.w300lp import CoefficientFile, camera_of_pose, read_coefficient_file
+from pix2face.face_files.w300lp import CoefficientFile, camera_of_pose, read_coefficient_file
 
 
 @dataclass(frozen=True)

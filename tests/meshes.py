@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy import ndarray
 
-from pix2face.camera import Camera
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel
 
 
 def mesh_model(vertices: ndarray, triangles: ndarray, mean: ndarray | None = None) -> MorphableModel:

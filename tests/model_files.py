@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pix2face.model_file import StoredModel, write_stored_model
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.model_file import StoredModel, write_stored_model
+from pix2face.models.morphable_model import MorphableModel
 from tests.synthetic_models import small_head_model
 
 

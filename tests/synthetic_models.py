@@ -13,7 +13,7 @@ from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 REGION_NAMES = ("skin", "lips", "eyes", "ears", "brows", "scalp", "neck")
 FACE_REGIONS = ("skin", "lips", "eyes", "ears", "brows")

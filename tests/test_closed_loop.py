@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datagen.faces.sources import open_source
 from datagen.jobs.render_job import RenderJob, shard_header
-from datagen.jobs.triplets import TripletMaker
 from datagen.opengl.gl_context import create_gl_context
+from datagen.samples.triplets import TripletMaker
 from datagen.sampling.faces import sample_faces
-from datagen.sources import open_source
-from pix2face.camera import linearised
-from pix2face.coefficients import save_coefficients
 from pix2face.errors import GLUnavailableError
+from pix2face.face_files.coefficients import save_coefficients
 from pix2face.fitting.face_fit import CameraKind, fit_face
-from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import builtin_model
+from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION
+from pix2face.geometry.camera import linearised
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
 

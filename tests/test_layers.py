@@ -27,13 +27,13 @@ def loaded_by(*modules: str) -> set[str]:
 
 
 def test_inference_loads_neither_hdf5_nor_gl() -> None:
-    loaded = loaded_by("pix2face.predictor")
+    loaded = loaded_by("pix2face.inference.predictor")
     assert "torch" in loaded
     assert not loaded & INFERENCE_NEEDS_NO
 
 
 def test_hdf5_would_be_seen_in_inference() -> None:
-    assert loaded_by("pix2face.predictor", "pix2face.shards.shard_reader") & INFERENCE_NEEDS_NO == {"h5py"}
+    assert loaded_by("pix2face.inference.predictor", "pix2face.shards.shard_reader") & INFERENCE_NEEDS_NO == {"h5py"}
 
 
 def test_the_package_itself_loads_neither_torch_nor_hdf5() -> None:
@@ -41,7 +41,7 @@ def test_the_package_itself_loads_neither_torch_nor_hdf5() -> None:
 
 
 def test_torch_would_be_seen_in_the_package() -> None:
-    assert {"torch", "h5py"} <= loaded_by("pix2face, pix2face.photographs.interface")
+    assert {"torch", "h5py"} <= loaded_by("pix2face, pix2face.api")
 
 
 def test_no_module_of_datagen_loads_torch() -> None:
@@ -51,7 +51,7 @@ def test_no_module_of_datagen_loads_torch() -> None:
     assert not loaded & {"torch", "training"}
 
 
-@pytest.mark.parametrize("module", ["torch", "training.losses"])
+@pytest.mark.parametrize("module", ["torch", "training.loop.losses"])
 def test_torch_would_be_seen_in_datagen(module: str) -> None:
     assert "torch" in loaded_by("datagen.cli", module)
 
@@ -81,11 +81,11 @@ def test_contracts_between_packages_hold() -> None:
 @pytest.mark.parametrize(
     ("path", "line"),
     [
-        ("pix2face/camera.py", "import training.losses"),
+        ("pix2face/geometry/camera.py", "import training.loop.losses"),
         ("datagen/sampling/faces.py", "import torch"),
-        ("training/losses.py", "import moderngl"),
-        ("training/losses.py", "import datagen.sampling.faces"),
-        ("pix2face/rasterise.py", "import torch"),
+        ("training/loop/losses.py", "import moderngl"),
+        ("training/loop/losses.py", "import datagen.sampling.faces"),
+        ("pix2face/models/rasterise.py", "import torch"),
     ],
 )
 def test_a_broken_contract_would_be_seen(tmp_path: Path, path: str, line: str) -> None:

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 from tests.synthetic_models import small_head_model
 
 

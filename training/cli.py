@@ -13,25 +13,25 @@ import tyro
 from rich.console import Console
 from rich.panel import Panel
 
-from pix2face.checkpoint import load_checkpoint
 from pix2face.command_line import prepare_output_folder, progress_bar, run_commands, say
 from pix2face.errors import Pix2FaceError, UsageError
-from pix2face.morphable_model import builtin_model
-from pix2face.runs import CHECKPOINT_NAME, RUNS
-from training.configuration import training_configuration, with_scales_of
-from training.dry_run import dry_run
-from training.export_cli import export
-from training.observers import observers_of
-from training.processes import joined_processes
-from training.recipe import Recipe
-from training.resume import steps_done
-from training.shard_folders import parse_shard_folders
-from training.shard_index import ShardIndex, index_shards, split_off
-from training.stop_signals import noted_signals
-from training.summary import summary
+from pix2face.inference.checkpoint import load_checkpoint
+from pix2face.inference.runs import CHECKPOINT_NAME, RUNS
+from pix2face.models.morphable_model import builtin_model
+from training.data.shard_folders import parse_shard_folders
+from training.data.shard_index import ShardIndex, index_shards, split_off
+from training.loop.dry_run import dry_run
+from training.loop.observers import observers_of
+from training.loop.processes import joined_processes
+from training.loop.resume import steps_done
+from training.loop.run_configuration import training_configuration, with_scales_of
+from training.loop.stop_request import noted_signals
+from training.loop.summary import summary
+from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, Surroundings, TrainingStopped, train
+from training.loop.validator import Validator, validator_of
+from training.recipe.recipe import Recipe
+from training.release.export_cli import export
 from training.train_config import TrainConfig, cores
-from training.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, Surroundings, TrainingStopped, train
-from training.validator import Validator, validator_of
 
 DESCRIPTION = """Trains the network on shards that `datagen render` wrote.
 

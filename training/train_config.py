@@ -10,12 +10,11 @@ import torch
 
 from pix2face.errors import UsageError
 from pix2face.networks.architectures import ArchitectureName
-from training.losses import LossOver
-from training.presets import PRESETS, PresetName
-from training.processes import Processes, device_of_process
-from training.recipe import Cropping, Precision, Recipe
-from training.schedule import ScheduleName
-from training.trainer import Surroundings
+from training.loop.processes import Processes, device_of_process
+from training.loop.trainer import Surroundings
+from training.recipe.presets import PRESETS, PresetName
+from training.recipe.recipe import Cropping, LossOver, Precision, Recipe
+from training.recipe.schedule import ScheduleName
 
 # Options that stand in place of the preset's number of the same name.
 _OVERRIDABLE = (

@@ -13,8 +13,8 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.surface import Surface
-from pix2face.camera import Camera, nearest_weak_perspective
-from pix2face.srgb import srgb_to_linear
+from pix2face.files.srgb import srgb_to_linear
+from pix2face.geometry.camera import Camera, nearest_weak_perspective
 
 MAX_LIGHTS = 3  # as in picture_fragment.glsl
 

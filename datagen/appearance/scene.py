@@ -11,7 +11,7 @@ from typing import Literal, final
 from jaxtyping import Float32, Int32, Shaped
 from numpy import ndarray
 
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 # What can be seen in a pixel of a picture; its place is its number in the layer ``seen_regions``. The head stands for
 # all regions of the model; where it is seen, the model's own regions say more.

@@ -7,7 +7,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 from scipy import sparse
 
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 
 @final

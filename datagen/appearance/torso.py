@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from pix2face.camera import Camera, HeadPose, head_pose, rotation_of_pose
+from pix2face.geometry.camera import Camera, HeadPose, head_pose, rotation_of_pose
 
 # A neck turns, nods and tilts no farther than this, in degrees.
 MOST_TURN_DEG, MOST_NOD_DEG, MOST_TILT_DEG = 70.0, 30.0, 25.0

@@ -11,10 +11,10 @@ from typing import Any, final
 
 import h5py
 
-from datagen.text_files import write_whole
+from datagen.faces.text_files import write_whole
 from pix2face.command_line import counted
 from pix2face.errors import UsageError
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.compressions import has_foreign_filter
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS
 from pix2face.shards.shard_layout import is_predicted

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
-from pix2face.landmarks import IBUG68_PARTS, N_IBUG68
+from pix2face.geometry.landmarks import IBUG68_PARTS, N_IBUG68
 
 # Of the samples: a bin with fewer is rare.
 RARE_SHARE = 0.01

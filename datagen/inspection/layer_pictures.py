@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Shaped, UInt8
 from numpy import ndarray
 
-from pix2face.face_maps import map_picture
+from pix2face.geometry.maps import map_picture
 from pix2face.shards.layers import WHOLE_PICTURE_LAYERS
 
 # What the ends of the colours stand for, mm.

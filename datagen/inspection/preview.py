@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from datagen.inspection.layer_pictures import GREY, layer_picture
 from pix2face.errors import UsageError
-from pix2face.images import decode_image
+from pix2face.files.images import decode_image
 from pix2face.shards.layers import LANDMARKS, LAYERS
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet, shard_paths
 

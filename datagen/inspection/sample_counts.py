@@ -15,10 +15,10 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from datagen.inspection.dataset_statistics import CoefficientStatistics, DatasetStatistics, Histogram
-from pix2face.camera import head_pose
-from pix2face.crops import FaceBox
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.sample_filter import SampleFilter
+from pix2face.geometry.camera import head_pose
+from pix2face.geometry.crops import FaceBox
+from pix2face.shards.sample_filter import SampleFilter
 from pix2face.shards.shard_reader import ShardReader, Triplet, shard_paths
 
 ANGLE_EDGES = (-180, *range(-90, 91, 15), 180)
@@ -36,7 +36,8 @@ def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None, whe
     Args:
         shards: The folder.
         on_shard: Called after each shard.
-        where: What a sample's attributes must fulfil to be counted (``pix2face.sample_filter``); empty counts all.
+        where: What a sample's attributes must fulfil to be counted (``pix2face.shards.sample_filter``); empty counts
+            all.
 
     Raises:
         UsageError: There are no shards, no samples to count in them, or samples of different models.

@@ -13,20 +13,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
-from datagen.appearance.configuration import AppearanceConfig
+from datagen.appearance.appearance_config import AppearanceConfig
+from datagen.faces.sources import FaceSource, open_source
+from datagen.faces.text_files import write_rejected
 from datagen.inspection.dataset_card import write_card
 from datagen.jobs.executors import WorkPlace
 from datagen.jobs.folder_lock import job_lock, remove_unfinished
-from datagen.jobs.render_job import RenderJob, check_appearance, look_into, shard_header, shard_path
+from datagen.jobs.render_job import RenderJob, look_into, shard_header, shard_path
 from datagen.jobs.render_unit import Unit, UnitReport, render_unit
-from datagen.jobs.stage_times import StageTimes
 from datagen.jobs.work_units import finish_units
 from datagen.opengl.gl_context import GLSettings
-from datagen.sources import FaceSource, open_source
-from datagen.text_files import write_rejected
-from pix2face.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from datagen.samples.stage_times import StageTimes
+from datagen.samples.triplets import check_appearance
+from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.models.surface_attributes import check_layers
 from pix2face.shards.shard_reader import ShardReader
-from pix2face.surface_attributes import check_layers
 
 
 @final

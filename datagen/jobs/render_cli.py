@@ -8,17 +8,17 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
+from datagen.appearance.appearance_config import DEFAULT, PLAIN, PRESETS, AppearanceConfig, load_configuration
 from datagen.appearance.backdrop.folder import list_pictures
-from datagen.appearance.configuration import DEFAULT, PLAIN, PRESETS, AppearanceConfig, load_configuration
-from datagen.jobs.baked_jitter import JitterBake, ViewMaker
+from datagen.faces.text_files import REJECTED_FILE
 from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.jobs.folder_lock import UNFINISHED_SHARDS
 from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, reopened, run_job
 from datagen.jobs.render_job import RenderJob
-from datagen.jobs.stop_signals import StoppedBySignal, stopping_on_signals
-from datagen.model_cli import describe
+from datagen.jobs.stopped_by_signal import StoppedBySignal, stopping_on_signals
+from datagen.models.model_cli import describe
 from datagen.opengl.gl_context import GLSettings
-from datagen.text_files import REJECTED_FILE
+from datagen.samples.baked_jitter import JitterBake, ViewMaker
 from pix2face.command_line import (
     EXIT_REJECTED,
     check_max_rejected,
@@ -28,8 +28,8 @@ from pix2face.command_line import (
     say,
 )
 from pix2face.errors import UsageError
-from pix2face.jitter import JitterRange
-from pix2face.morphable_model import BUILTIN_MODEL
+from pix2face.geometry.jitter import JitterRange
+from pix2face.models.morphable_model import BUILTIN_MODEL
 from pix2face.shards.compressions import DEFAULT_COMPRESSION, find_compression
 from pix2face.shards.layers import ALL_LAYERS, DEFAULT_LAYERS, SCENE_LAYERS, SEEN, order_layers, parse_layers
 

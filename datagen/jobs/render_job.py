@@ -12,17 +12,17 @@ from typing import Any, final
 
 import numpy as np
 
-from datagen.appearance.configuration import PLAIN, PRESETS, AppearanceConfig
+from datagen.appearance.appearance_config import PLAIN, PRESETS, AppearanceConfig
 from datagen.appearance.scene import SCENE_REGIONS
-from datagen.jobs.baked_jitter import NO_JITTER, JitterBake
-from datagen.sources import FaceSource
+from datagen.faces.sources import FaceSource
+from datagen.samples.baked_jitter import NO_JITTER, JitterBake
 from pix2face import __version__
-from pix2face.coefficients import configuration_to_json
 from pix2face.errors import InputFileError, UsageError
-from pix2face.mirroring import mirror_obstacle
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.face_files.coefficients import configuration_to_json
+from pix2face.models.mirroring import mirror_obstacle
+from pix2face.models.morphable_model import MorphableModel
 from pix2face.shards.compressions import DEFAULT_COMPRESSION
-from pix2face.shards.layers import DEFAULT_LAYERS, SCENE_LAYERS, SEEN_REGIONS
+from pix2face.shards.layers import DEFAULT_LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import ShardHeader, ShardReader
 
 
@@ -64,25 +64,6 @@ class RenderJob:
         """The samples of one shard, rejected ones included, in their order."""
         faces = self.faces_of(source, unit)
         return [name for face in faces for name in self.jitter.sample_ids(source.sample_ids[face])]
-
-
-def check_appearance(model: MorphableModel, layers: Sequence[str], appearance: AppearanceConfig) -> None:
-    """Refuses appearances that a model cannot have, and layers that an appearance does not make.
-
-    Raises:
-        UsageError: It is so.
-    """
-    if not appearance.is_plain and model.sha256 != builtin_model().sha256:
-        raise UsageError(
-            f"--appearance {appearance.preset}: expected the built-in model, whose skins and hair fit no other, found "
-            f"{model.name}; give --appearance {PLAIN}"
-        )
-    wanted = [name for name in layers if name in SCENE_LAYERS]
-    if appearance.is_plain and wanted:
-        raise UsageError(
-            f"--layers {wanted[0]}: expected an appearance in which something stands before faces, found {PLAIN}; "
-            "leave the layer out, or draw synthetic photographs with --appearance"
-        )
 
 
 def shard_path(out: Path, unit: int) -> Path:

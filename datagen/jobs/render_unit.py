@@ -16,16 +16,16 @@ from typing import final
 import cv2
 from threadpoolctl import threadpool_limits
 
-from datagen.jobs.baked_jitter import View, ViewMaker
+from datagen.faces.sources import FaceSource, open_source
 from datagen.jobs.executors import limit_threads
 from datagen.jobs.folder_lock import worker_lock
 from datagen.jobs.render_job import RenderJob, shard_header, shard_path
-from datagen.jobs.stage_times import StageTimes
-from datagen.jobs.triplets import TripletMaker
 from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
-from datagen.sources import FaceSource, open_source
+from datagen.samples.baked_jitter import View, ViewMaker
+from datagen.samples.stage_times import StageTimes
+from datagen.samples.triplets import TripletMaker
 from pix2face.errors import InputFileError, SampleRejectedError, UsageError
-from pix2face.morphable_model import MorphableModel, open_model
+from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.shards.shard_writing import PackedTriplet, pack_triplet, write_packed
 
 # The vertices of at most so many views come from one matrix product: it reads the basis once for all of them (a face of

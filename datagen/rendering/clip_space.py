@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
-from pix2face.camera import Camera
-from pix2face.rasterise import handedness, project_homogeneous
+from pix2face.geometry.camera import Camera
+from pix2face.models.rasterise import handedness, project_homogeneous
 
 # Vertices exactly on the near or far plane may be clipped by rounding: the planes stand off by this part of the range.
 DEPTH_MARGIN = 1e-3

@@ -13,7 +13,7 @@ from numpy import ndarray
 from datagen.rendering.screen_projection import ScreenProjection
 from datagen.rendering.triangle_pairs import local_order, pair_triangles
 from pix2face.errors import UsageError
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 # Lists lie in textures of this width (shaders/mesh.glsl).
 TEXTURE_WIDTH = 1024

@@ -12,10 +12,10 @@ from numpy import ndarray
 
 from datagen.rendering.gl_mesh import TEXTURE_UNITS, GLMesh, KeptBySize
 from datagen.rendering.screen_projection import ScreenProjection
-from pix2face.camera import Camera
-from pix2face.morphable_model import MorphableModel
-from pix2face.rasterise import RenderedMaps
-from pix2face.surface_attributes import ATTRIBUTES, REGIONS, Attribute
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import RenderedMaps
+from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS, Attribute
 
 
 @final

@@ -12,8 +12,8 @@ from datagen.appearance.plain import PlainAppearance, lights_in_model, vertex_pa
 from datagen.appearance.surface import Surface
 from datagen.rendering.clip_space import clip_transform
 from datagen.rendering.gl_mesh import KeptBySize, shader_source, uniform
-from pix2face.camera import Camera
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel
 
 # Pictures (never maps) are drawn this much finer and averaged, so that edges are as smooth as a lens makes them.
 PICTURE_OVERSAMPLING = 2

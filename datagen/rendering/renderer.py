@@ -1,7 +1,7 @@
 """Draws a posed face with OpenGL: the maps, exactly, and the picture of a face of a model that has no photographs.
 
-Conventions are those of the oracle, ``pix2face.rasterise``: nothing is culled, backs hide but are never face. One of
-two rasterisers finds the triangle that each pixel sees; one pass makes everything else from that.
+Conventions are those of the oracle, ``pix2face.models.rasterise``: nothing is culled, backs hide but are never face.
+One of two rasterisers finds the triangle that each pixel sees; one pass makes everything else from that.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ from datagen.rendering.gl_mesh import GLMesh
 from datagen.rendering.map_drawing import MapDrawer
 from datagen.rendering.picture_drawing import PICTURE_OVERSAMPLING, PictureDrawer
 from datagen.rendering.screen_projection import project_to_screen
-from pix2face.camera import Camera
 from pix2face.errors import GLUnavailableError, UsageError
-from pix2face.morphable_model import MorphableModel
-from pix2face.rasterise import RenderedMaps
-from pix2face.surface_attributes import ATTRIBUTES, REGIONS
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import RenderedMaps
+from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
 
 @final

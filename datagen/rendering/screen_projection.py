@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
-from pix2face.camera import Camera
 from pix2face.errors import DegenerateGeometryError
-from pix2face.rasterise import handedness
+from pix2face.geometry.camera import Camera
+from pix2face.models.rasterise import handedness
 
 # NumPy adds rows of 4 numbers one by one, and long rows several times as fast.
 ADDED_AT_A_TIME = 16

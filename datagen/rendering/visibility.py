@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
-from pix2face.camera import Camera
-from pix2face.rasterise import RenderedMaps
+from pix2face.geometry.camera import Camera
+from pix2face.models.rasterise import RenderedMaps
 
 # A landmark is a point of the surface, but the depth at its pixel is taken up to 0.7 px beside it, where a slanting
 # cheek is some millimetres deeper; what hides a landmark (nose, jaw, the other half of the head) is farther away.

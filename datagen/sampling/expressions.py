@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from datagen.sampling.configuration import GeometryConfig
 from datagen.sampling.limits import SIDES, limited
 from datagen.sampling.recipes import EMOTIONS, EXTREMES, MAYBE, SMILES, SPEECH, Recipe
-from pix2face.morphable_model import MorphableModel
+from datagen.sampling.sampling_config import GeometryConfig
+from pix2face.models.morphable_model import MorphableModel
 
 # The attribute of a sample that holds the strengths, as JSON.
 NAMED_EXPRESSIONS = "named_expressions"

@@ -21,7 +21,6 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.random_streams import generator_for
-from datagen.sampling.configuration import PLAIN_GEOMETRY, GeometryConfig
 from datagen.sampling.expressions import (
     NAMED_EXPRESSIONS,
     draw_named_expression,
@@ -29,9 +28,12 @@ from datagen.sampling.expressions import (
     knows_recipes,
     strengths_to_text,
 )
+from datagen.sampling.sampling_config import PLAIN_GEOMETRY, GeometryConfig
 from datagen.sampling.teeth import ToothGuard
 from datagen.sampling.views import camera_attributes, draw_photographed_view, photograph_face
-from pix2face.camera import (
+from pix2face.errors import UsageError
+from pix2face.face_files.coefficients import LARGEST_SIDE_PX, FaceCoefficients, configuration_to_json
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -40,11 +42,9 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.coefficients import LARGEST_SIDE_PX, FaceCoefficients, configuration_to_json
-from pix2face.crops import FaceBox
-from pix2face.errors import UsageError
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.morphable_model import MorphableModel
 
 MOST_FACES = 10_000_000
 SMALLEST_SIDE_PX = 16

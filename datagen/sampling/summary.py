@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.sampling.expressions import strengths_of, without_side
-from pix2face.coefficients import FaceCoefficients
+from pix2face.face_files.coefficients import FaceCoefficients
 
 _YAW_EDGES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, np.inf)
 _DISTANCE_EDGES_MM = (0.0, 400.0, 600.0, 1000.0, 1600.0, 2500.0, 4500.0, np.inf)

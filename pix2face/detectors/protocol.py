@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.crops import FaceBox
+from pix2face.geometry.crops import FaceBox
 
 
 @final

@@ -19,28 +19,28 @@ from pix2face.command_line import (
     run_commands,
     say,
 )
-from pix2face.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.errors import InputFileError, UsageError
-from pix2face.evaluation.attribute_bins import AttributeValues, attribute_values
-from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkFiles
-from pix2face.evaluation.benchmark_search import find_benchmark
-from pix2face.evaluation.bootstrap import Bootstrap
-from pix2face.evaluation.compare_cli import compare
+from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkFiles
+from pix2face.evaluation.benchmarks.benchmark_search import find_benchmark
+from pix2face.evaluation.benchmarks.manifest import Manifest, load_manifest
 from pix2face.evaluation.evaluate_config import EvaluateConfig
-from pix2face.evaluation.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.evaluation.evaluator import Evaluator, FaceResult, evaluate_faces, frontal_landmarks, model_landmarks
-from pix2face.evaluation.manifest import Manifest, load_manifest
-from pix2face.evaluation.measured_subject import SubjectOptions, open_subject, versions
-from pix2face.evaluation.report import report_notes, report_tables
-from pix2face.evaluation.report_files import Cases, write_report
-from pix2face.fitting.regularisation import (
+from pix2face.evaluation.figures.attribute_bins import AttributeValues, attribute_values
+from pix2face.evaluation.figures.bootstrap import Bootstrap
+from pix2face.evaluation.report.compare_cli import compare
+from pix2face.evaluation.report.evaluation_report import EvaluationSettings, Report, make_report
+from pix2face.evaluation.report.report_files import Cases, write_report
+from pix2face.evaluation.report.report_text import report_notes, report_tables
+from pix2face.evaluation.subjects.measured_subject import SubjectOptions, open_subject, versions
+from pix2face.fitting.cameras.reprojection import MOST_ROUNDS
+from pix2face.fitting.least_squares.regularisation import (
     PREDICTED_MAPS_REGULARISATION,
     check_regularisation,
     lambda_or_none,
 )
-from pix2face.fitting.reprojection import MOST_ROUNDS
-from pix2face.landmark_file import open_model_with
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
+from pix2face.landmark_choice.landmark_file import open_model_with
+from pix2face.models.morphable_model import MorphableModel
 
 DESCRIPTION = (
     "Measures a checkpoint (or another system's landmarks) on a benchmark: tables with intervals, report.json, a page. "

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, final
 
-from pix2face.evaluation.alignment3d import Alignment
-from pix2face.evaluation.manifest import Split
-from pix2face.evaluation.metrics import Normaliser
-from pix2face.evaluation.predictions_file import PixelFrame
+from pix2face.evaluation.benchmarks.manifest import Split
+from pix2face.evaluation.subjects.predictions_file import PixelFrame
 from pix2face.fitting.face_fit import CameraKind
-from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION, Regularisation
-from pix2face.morphable_model import BUILTIN_MODEL
+from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION, Regularisation
+from pix2face.geometry.alignment3d import Alignment
+from pix2face.geometry.landmark_metrics import Normaliser
+from pix2face.models.morphable_model import BUILTIN_MODEL
 
 
 @final

@@ -13,9 +13,9 @@ from numpy import ndarray
 from scipy.linalg import cho_solve
 
 from pix2face.errors import DegenerateGeometryError
-from pix2face.fitting.linear_system import ImageSystem, cholesky, image_system
+from pix2face.fitting.least_squares.linear_system import ImageSystem, cholesky, image_system
 from pix2face.fitting.prepared_model import vertex_basis
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 
 @final

@@ -8,15 +8,15 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
 
-from pix2face.camera import Camera
-from pix2face.crops import Crop
 from pix2face.errors import UsageError
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.picture_measurement import CameraKind as CameraKind
 from pix2face.fitting.picture_measurement import Constraints, measure_picture
 from pix2face.fitting.prepared_model import vertex_basis
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.crops import Crop
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import MorphableModel
 
 
 @final

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 
-from pix2face.camera import Camera, nearest_weak_perspective
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.camera_fit import fit_weak_perspective_camera
+from pix2face.fitting.cameras.camera_fit import fit_weak_perspective_camera
 from pix2face.fitting.jaw_contour import JAW, JawContour
-from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
-from pix2face.fitting.similarity import Similarity
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel
+from pix2face.fitting.least_squares.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
+from pix2face.fitting.least_squares.similarity import Similarity
+from pix2face.geometry.camera import Camera, nearest_weak_perspective
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.morphable_model import MorphableModel
 
 # Variance (mm^2) of a landmark's coordinate that the model should not follow. Chosen with the built-in model on the 400
 # development files of AFLW2000-3D (scripts/measure_retarget.py): landmarks that were left out are found ever better

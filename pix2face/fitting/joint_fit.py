@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit, check_scheme, face_of_coefficients
 from pix2face.fitting.picture_measurement import CameraKind, measure_picture
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import MorphableModel
 
 
 @final

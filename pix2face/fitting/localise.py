@@ -9,8 +9,8 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from pix2face.errors import DegenerateGeometryError
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.prepared_model import PreparedModel
+from pix2face.geometry.maps import FaceMaps
 
 # A vertex is taken as seen where, after refinement, the PNCC is within this multiple of the distance that the nearest
 # quarter of the vertices keeps (those are surely seen). Exact maps reach 0.01 mm there, and hidden vertices stand out

@@ -6,8 +6,8 @@ from jaxtyping import Float, Float64, Int
 from numpy import ndarray
 from scipy.linalg import solve_triangular
 
-from pix2face.face_maps import FaceMaps
-from pix2face.fitting.linear_system import ImageSystem
+from pix2face.fitting.least_squares.linear_system import ImageSystem
+from pix2face.geometry.maps import FaceMaps
 
 # The median of the absolute value of a normal number, and the standard deviation of a second difference.
 MEDIAN_OF_NORMAL = 0.6745

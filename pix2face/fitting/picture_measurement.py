@@ -7,21 +7,21 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from pix2face.camera import Camera
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.face_maps import FaceMaps
-from pix2face.fitting.camera_choice import fit_warranted_camera
-from pix2face.fitting.camera_fit import fit_affine_camera, fit_weak_perspective_camera
-from pix2face.fitting.linear_system import ImageSystem, image_system
+from pix2face.fitting.cameras.camera_choice import fit_warranted_camera
+from pix2face.fitting.cameras.camera_fit import fit_affine_camera, fit_weak_perspective_camera
+from pix2face.fitting.cameras.pinhole_fit import fit_pinhole_camera
+from pix2face.fitting.cameras.reprojection import with_reprojection
+from pix2face.fitting.least_squares.linear_system import ImageSystem, image_system
+from pix2face.fitting.least_squares.regularisation import IS_OF_PREDICTED_MAPS_FROM
 from pix2face.fitting.localise import ValidPixels, VertexPixels, localise_prepared, valid_pixel_values
 from pix2face.fitting.noise import FIRST_REGULARISATION, estimated_regularisation, without_white_noise
-from pix2face.fitting.pinhole_fit import fit_pinhole_camera
 from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepared_model
-from pix2face.fitting.regularisation import IS_OF_PREDICTED_MAPS_FROM
-from pix2face.fitting.reprojection import with_reprojection
 from pix2face.fitting.silhouette import FaceSurface, OutsideDistance, fit_camera_to_silhouette, with_silhouette
 from pix2face.fitting.surface_pixels import surface_rows
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import MorphableModel
 
 CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
 Constraints = Literal["vertices", "surface"]

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32, Int, Int32
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 # Edge of a cell of the grid: well below the distance of the vertices that are looked for.
 CELL_MM = 2.0

@@ -17,12 +17,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 from numpy import ndarray
 
-from pix2face.camera import Camera, nearest_weak_perspective
-from pix2face.face_maps import FaceMaps, face_box
-from pix2face.fitting.levenberg_marquardt import LocalQuadratic, minimise
-from pix2face.fitting.linear_system import ImageSystem
-from pix2face.fitting.moments import Moments
-from pix2face.fitting.similarity import Similarity
+from pix2face.fitting.least_squares.levenberg_marquardt import LocalQuadratic, minimise
+from pix2face.fitting.least_squares.linear_system import ImageSystem
+from pix2face.fitting.least_squares.moments import Moments
+from pix2face.fitting.least_squares.similarity import Similarity
+from pix2face.geometry.camera import Camera, nearest_weak_perspective
+from pix2face.geometry.maps import FaceMaps, face_box
 
 # A vertex on the silhouette lies up to a pixel beyond the centre of the last pixel that shows the face. Predicted masks
 # lack one pixel more; to allow for that as well made photographs slightly worse.

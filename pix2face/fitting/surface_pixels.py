@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from pix2face.fitting.localise import ValidPixels
 from pix2face.fitting.prepared_model import evenly_spread, vertex_basis
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 # Rounding to 1/128 mm leaves a PNCC this far off its triangle at most.
 ON_SURFACE_MM = 0.01

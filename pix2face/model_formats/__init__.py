@@ -1,13 +1,12 @@
 """Readers of published models, one file each: a ``StoredModel`` in mm, in the frame in which it was published.
 
-``pix2face.model_import`` brings it to the project's frame.
+``pix2face.model_formats.model_import`` brings it to the project's frame.
 """
 
 from pathlib import Path
 
-from pix2face.checked_hdf5 import open_hdf5, read_text
 from pix2face.errors import InputFileError
-from pix2face.model_file import FORMAT, StoredModel
+from pix2face.files.checked_hdf5 import open_hdf5, read_text
 from pix2face.model_formats.bfm2009 import ORIGINAL_FILE, SHAPE_FILE, is_bfm2009, read_bfm2009
 from pix2face.model_formats.flame import read_flame
 from pix2face.model_formats.gnm import TEMPLATE, array_names, read_gnm
@@ -15,6 +14,7 @@ from pix2face.model_formats.ict_facekit import model_folder, read_ict_facekit
 from pix2face.model_formats.large_mat import is_mat5
 from pix2face.model_formats.statismo import is_statismo, read_statismo
 from pix2face.model_formats.surrey import is_surrey, read_surrey
+from pix2face.models.model_file import FORMAT, StoredModel
 
 SUPPORTED = (
     f"a folder with {SHAPE_FILE} and Model_Expression.mat, or with {ORIGINAL_FILE} (BFM 2009), a .h5 in statismo's "

@@ -18,8 +18,7 @@ from jaxtyping import Float32, Float64, Int32, Int64
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.landmarks import IBUG68, N_IBUG68
-from pix2face.model_file import StoredModel
+from pix2face.geometry.landmarks import IBUG68, N_IBUG68
 from pix2face.model_formats.checks import (
     basis_of_columns,
     coordinates,
@@ -30,7 +29,8 @@ from pix2face.model_formats.checks import (
 )
 from pix2face.model_formats.large_mat import mat_names, read_mat
 from pix2face.model_formats.tables import ibug68_vertices, table_rows
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.model_file import StoredModel
+from pix2face.models.morphable_model import MorphableModel
 
 PUBLISHED_BASIS = "bfm2009-300wlp"
 NEUTRAL_BASIS = "bfm2009-without-expressions"

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from pix2face.errors import InputFileError
-from pix2face.model_file import StoredModel
 from pix2face.model_formats.checks import basis_of_columns, coordinates, triangle_polygons
-from pix2face.restricted_pickle import as_array, read_pickle
+from pix2face.model_formats.restricted_pickle import as_array, read_pickle
+from pix2face.models.model_file import StoredModel
 
 MM_PER_METRE = 1000.0
 N_IDENTITY, N_EXPRESSION = 300, 100

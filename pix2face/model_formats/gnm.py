@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from numpy import ndarray
 
-from pix2face.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
 from pix2face.errors import InputFileError
-from pix2face.model_file import StoredModel
+from pix2face.files.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
 from pix2face.model_formats.checks import MAX_COMPONENTS, coordinates, triangle_polygons, vertex_numbers
+from pix2face.models.model_file import StoredModel
 
 MM_PER_METRE = 1000.0
 TEMPLATE = "template_vertex_positions"

@@ -17,10 +17,10 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.landmarks import IBUG68
-from pix2face.model_file import StoredModel
+from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats.checks import LARGEST_COORDINATE
 from pix2face.model_formats.tables import ibug68_vertices
+from pix2face.models.model_file import StoredModel
 
 NEUTRAL = "generic_neutral_mesh.obj"
 FOLDER = "FaceXModel"

@@ -1,4 +1,4 @@
-"""Large arrays of numbers from MAT 5 files, read one variable at a time; ``pix2face.mat5`` is for many small files.
+"""Large arrays of numbers from MAT 5 files, read one variable at a time; small files have ``pix2face.face_files.mat5``.
 
 SciPy believes every size that a file declares. Here the size of an array is held against its shape and against what
 the file (or, at deflate's best, its compressed bytes) can hold before memory is taken.
@@ -18,8 +18,8 @@ from typing import BinaryIO, final
 import numpy as np
 from numpy import ndarray
 
-from pix2face.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
 from pix2face.errors import InputFileError
+from pix2face.files.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
 
 _HEADER_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15

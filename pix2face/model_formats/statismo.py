@@ -16,12 +16,12 @@ from jaxtyping import Float64, Int32
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from pix2face.checked_hdf5 import open_hdf5, read_array, read_text
 from pix2face.errors import InputFileError
-from pix2face.landmarks import IBUG68, N_IBUG68
-from pix2face.model_file import StoredModel
+from pix2face.files.checked_hdf5 import open_hdf5, read_array, read_text
+from pix2face.geometry.landmarks import IBUG68, N_IBUG68
 from pix2face.model_formats.checks import basis_of_columns, coordinates, triangle_polygons
 from pix2face.model_formats.tables import MISSING, table_rows
+from pix2face.models.model_file import StoredModel
 
 MEAN = "shape/model/mean"
 MM_PER_METRE = 1000.0

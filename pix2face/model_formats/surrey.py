@@ -18,10 +18,10 @@ from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.landmarks import IBUG68
-from pix2face.model_file import StoredModel
+from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats.checks import LARGEST_COORDINATE, basis_of_columns, coordinates, triangle_polygons
 from pix2face.model_formats.tables import ibug68_vertices
+from pix2face.models.model_file import StoredModel
 
 N_VERTICES = 3448
 KNOWN_VERSIONS = range(1, 8)

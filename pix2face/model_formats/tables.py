@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int32
 from numpy import ndarray
 
-from pix2face.landmarks import N_IBUG68
+from pix2face.geometry.landmarks import N_IBUG68
 
 MISSING = -1
 

@@ -11,7 +11,10 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from pix2face.camera import (
+from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.face_files.w300lp import pose_of_camera
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.geometry.camera import (
     Camera,
     head_pose,
     linearised,
@@ -19,11 +22,8 @@ from pix2face.camera import (
     pinhole_of,
     weak_perspective_camera,
 )
-from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.fitting.face_fit import FaceFit
-from pix2face.landmark_visibility import visible_landmarks
-from pix2face.morphable_model import MorphableModel
-from pix2face.w300lp import pose_of_camera
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.photographs.landmark_visibility import visible_landmarks
 
 # A fit of some thousand coefficients has some ten thousand characters; nothing of this size is one.
 LARGEST_FILE_BYTES = 32 << 20

@@ -8,13 +8,13 @@ import trimesh
 from jaxtyping import Float, UInt8
 from numpy import ndarray
 
-from pix2face.camera import Camera
-from pix2face.crops import FaceBox, crop_camera, crop_image, square_crop
-from pix2face.face_maps import FaceMaps, map_picture, point_cloud
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
+from pix2face.geometry.maps import FaceMaps, map_picture, point_cloud
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import interpolate, rasterise
 from pix2face.photographs.texture import facing
-from pix2face.rasterise import interpolate, rasterise
 
 LANDMARK_COLOUR = (60, 255, 60)
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.

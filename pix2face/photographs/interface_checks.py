@@ -3,8 +3,8 @@
 import numpy as np
 from numpy import ndarray
 
-from pix2face.crops import FaceBox
 from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.geometry.crops import FaceBox
 
 SMALLEST_BOX_PX = 1.0
 
@@ -18,7 +18,7 @@ def check_photograph(image: ndarray) -> None:
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or not image.size:
         raise UsageError(
             f"expected a photograph of shape (height, width, 3), RGB, uint8, found {image.dtype} of shape "
-            f"{image.shape}; pix2face.images.read_photograph brings any file there"
+            f"{image.shape}; pix2face.files.images.read_photograph brings any file there"
         )
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float32, UInt16
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.predictor import Prediction
+from pix2face.inference.predictor import Prediction
 
 # 16-bit PNG: code = 128 mm + 32768, so a step is 1/128 mm; 0 is kept for pixels outside the mask.
 PNG16_STEPS_PER_MM = 128

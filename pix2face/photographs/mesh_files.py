@@ -18,9 +18,9 @@ from numpy import ndarray
 from PIL import Image
 
 from pix2face.errors import UsageError
-from pix2face.images import encode_image
-from pix2face.morphable_model import MorphableModel
-from pix2face.srgb import srgb_to_linear
+from pix2face.files.images import encode_image
+from pix2face.files.srgb import srgb_to_linear
+from pix2face.models.morphable_model import MorphableModel
 
 MeshFormat = Literal["obj", "ply", "glb"]
 

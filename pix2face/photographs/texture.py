@@ -9,13 +9,13 @@ from jaxtyping import Bool, Float, Float32, Float64, Int, Int32, UInt8
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
-from pix2face.camera import Camera
-from pix2face.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
 from pix2face.errors import UsageError
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.morphable_model import MorphableModel
-from pix2face.rasterise import rasterise
-from pix2face.vertex_normals import vertex_normals
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import rasterise
+from pix2face.models.vertex_normals import vertex_normals
 
 # The smallest texture with so many texels for the face is taken: three times as many as a crop has pixels.
 FACE_TEXELS = 180_000

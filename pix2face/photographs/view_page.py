@@ -18,14 +18,14 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from pix2face.camera import head_pose, nearest_weak_perspective
 from pix2face.command_line import printable
-from pix2face.crops import FaceBox, crop_image, square_crop
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.morphable_model import MorphableModel
+from pix2face.geometry.camera import head_pose, nearest_weak_perspective
+from pix2face.geometry.crops import FaceBox, crop_image, square_crop
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.vertex_normals import vertex_normals
 from pix2face.photographs.mesh_files import linear_colours, split_at_seams
 from pix2face.photographs.texture import face_texture, vertex_colours
-from pix2face.vertex_normals import vertex_normals
 
 PHOTOGRAPH_PX, PHOTOGRAPH_SCALE = 640, 2.0
 JPEG_QUALITY = 90

@@ -8,8 +8,8 @@ from typing import Any, final
 import h5py
 import numpy as np
 
-from pix2face.checked_hdf5 import fixed_text
 from pix2face.errors import UsageError
+from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.shards.layers import Layer
 from pix2face.shards.map_storage import DEFLATE_LEVEL
 

@@ -13,7 +13,7 @@ from jaxtyping import Shaped
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.face_maps import FIXED_POINT_STEPS_PER_MM
+from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 
 
 @final

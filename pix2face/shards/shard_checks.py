@@ -11,7 +11,7 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.face_maps import face_box
+from pix2face.geometry.maps import face_box
 from pix2face.shards.layers import LAYERS, SEEN_REGIONS, WHOLE_PICTURE_LAYERS, from_stored
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 

@@ -11,9 +11,9 @@ import numpy as np
 from isal import isal_zlib
 from numpy import ndarray
 
-from pix2face.checked_hdf5 import check_contained, read_text
-from pix2face.coefficients import LARGEST_SIDE_PX
 from pix2face.errors import InputFileError
+from pix2face.face_files.coefficients import LARGEST_SIDE_PX
+from pix2face.files.checked_hdf5 import check_contained, read_text
 from pix2face.shards.compressions import PLAIN, PREDICTED
 from pix2face.shards.layers import IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS, Layer
 from pix2face.shards.map_storage import Box

@@ -18,11 +18,12 @@ from isal.isal_zlib import crc32
 from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray
 
-from pix2face.camera import Camera
 from pix2face.errors import InputFileError, UsageError
-from pix2face.face_maps import FaceCut, FaceMaps
-from pix2face.images import decode_image
-from pix2face.picture_head import declared_size_px
+from pix2face.files.images import decode_image
+from pix2face.files.picture_head import declared_size_px
+from pix2face.files.text_columns import read_attributes
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.maps import FaceCut, FaceMaps
 from pix2face.shards.compressions import is_shuffle_deflate, load_filters, needs_plugin
 from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYERS, from_stored
 from pix2face.shards.map_storage import Box, undo_prediction, unpack_layer
@@ -36,7 +37,6 @@ from pix2face.shards.shard_layout import (
     read_header_fields,
 )
 from pix2face.shards.triplet import MAP_LAYERS, Triplet, check_has_layers
-from pix2face.text_columns import read_attributes
 
 __all__ = ["ShardHeader", "ShardReader", "Triplet", "shard_paths"]
 

@@ -12,9 +12,10 @@ import h5py
 import numpy as np
 from numpy import ndarray
 
-from pix2face.checked_hdf5 import fixed_text
 from pix2face.errors import InputFileError, UsageError
-from pix2face.face_maps import face_box
+from pix2face.files.checked_hdf5 import fixed_text
+from pix2face.files.text_columns import bounded_utf8
+from pix2face.geometry.maps import face_box
 from pix2face.shards.compressions import DEFAULT_COMPRESSION, Compression, create_layer_dataset, find_compression
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, to_stored
 from pix2face.shards.map_storage import pack_layer, unpack_layer
@@ -29,7 +30,6 @@ from pix2face.shards.shard_layout import (
 )
 from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.triplet import Triplet
-from pix2face.text_columns import bounded_utf8
 
 # Text has a fixed length for each shard: the longest of its samples decides, so one must not be without bounds.
 LARGEST_TEXT_BYTES = {"sample_id": 4096, "attributes": 16384}

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from pix2face.camera import Camera
 from pix2face.errors import UsageError
-from pix2face.face_maps import FaceMaps
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.maps import FaceMaps
 from pix2face.shards.layers import SEEN
 
 MASK = "mask"

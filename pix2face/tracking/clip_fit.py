@@ -9,18 +9,18 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 from scipy.linalg import cho_solve
 
-from pix2face.camera import WeakPerspective, nearest_weak_perspective, weak_perspective_camera
-from pix2face.contour_landmarks import with_contour
-from pix2face.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
-from pix2face.fitting.linear_system import cholesky
+from pix2face.fitting.least_squares.linear_system import cholesky
+from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.picture_measurement import CameraKind, PictureMeasurement, measure_picture
-from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
-from pix2face.landmarks import OUTER_EYE_CORNERS
-from pix2face.morphable_model import MorphableModel
-from pix2face.predictor import Prediction, Predictor
-from pix2face.refined_detection import refine_boxes
+from pix2face.geometry.camera import WeakPerspective, nearest_weak_perspective, weak_perspective_camera
+from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
+from pix2face.geometry.landmarks import OUTER_EYE_CORNERS
+from pix2face.inference.predictor import Prediction, Predictor
+from pix2face.landmark_choice.contour_landmarks import with_contour
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.photographs.refined_detection import refine_boxes
 
 Photograph = UInt8[ndarray, "_ _ 3"]
 

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from pix2face.crops import FaceBox
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit
+from pix2face.geometry.crops import FaceBox
 from pix2face.tracking.clip_fit import FrameFitter, MeasuredFace, carried, eye_distance_px
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
 from pix2face.tracking.smoothing import JitterMeter, Smoother

@@ -20,8 +20,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
-from pix2face.crops import FaceBox
 from pix2face.detectors.protocol import overlap
+from pix2face.geometry.crops import FaceBox
 
 BoxSource = Literal["detected", "interpolated", "held"]
 

@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.camera import head_pose, nearest_weak_perspective
-from pix2face.landmark_visibility import visible_landmarks
-from pix2face.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
+from pix2face.geometry.camera import head_pose, nearest_weak_perspective
+from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.photographs.fit_pictures import draw_landmarks
+from pix2face.photographs.landmark_visibility import visible_landmarks
 from pix2face.tracking.face_follower import TrackedFace, TrackedFrame
 from pix2face.tracking.face_tracks import BoxSource
 

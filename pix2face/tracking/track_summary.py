@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import final
 
 from pix2face.command_line import counted
-from pix2face.refined_detection import REFUTED_SEEN
+from pix2face.photographs.refined_detection import REFUTED_SEEN
 from pix2face.tracking.face_follower import FaceFollower
 from pix2face.tracking.face_tracks import FrameBox, TrackSummary, read_boxes
 from pix2face.tracking.track_files import BOX_SOURCES

@@ -15,7 +15,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.images import IMAGE_SUFFIXES, read_photograph
+from pix2face.files.images import IMAGE_SUFFIXES, read_photograph
 
 Frame = UInt8[ndarray, "h w 3"]
 

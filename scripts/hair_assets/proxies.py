@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy import ndarray
 
-from pix2face.model_file import read_stored_model
-from pix2face.subdivision import catmull_clark
+from pix2face.models.model_file import read_stored_model
+from pix2face.models.subdivision import catmull_clark
 from scripts.build_builtin_model import MM_PER_UNIT
 from scripts.builtin_model.wheel import AnnyWheel
 

@@ -10,7 +10,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from datagen.appearance.skin.layout import ATLAS_PX, ATLAS_UV, LARGEST_RATIO, SKINS
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 from scripts.skin_assets.places import places
 
 # Soft light and shadow are painted into the skins; real ones come from the renderer. Half of what is wider goes, and

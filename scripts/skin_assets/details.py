@@ -7,7 +7,7 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
 from datagen.appearance.skin.layout import DETAILS_PX, DETAILS_UV, LARGEST_GRADIENT
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 from scripts.skin_assets.places import places
 
 # Lines on the mean face, seen from the front: width in mm, depth, then points (x, y) in mm of the subject's left side

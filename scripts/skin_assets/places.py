@@ -5,7 +5,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.interpolate import LinearNDInterpolator
 
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 NOWHERE = -1000.0
 

@@ -19,12 +19,12 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from pix2face import Pix2Face
-from pix2face.annotations import find_annotations
-from pix2face.crops import FaceBox
-from pix2face.evaluation.metrics import landmark_errors
-from pix2face.images import read_photograph
-from pix2face.landmarks import IBUG68, INNER51
-from pix2face.refined_detection import refined_box
+from pix2face.face_files.annotations import find_annotations
+from pix2face.files.images import read_photograph
+from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.landmark_metrics import landmark_errors
+from pix2face.geometry.landmarks import IBUG68, INNER51
+from pix2face.photographs.refined_detection import refined_box
 from tests.benchmarks.surroundings import surroundings
 
 OVERLAY_PX = 320

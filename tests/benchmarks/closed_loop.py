@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from pix2face.camera import HeadPose, pinhole_of
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.geometry.camera import HeadPose, pinhole_of
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
 from tests.full_size_model import full_size_model
 from tests.pix2face.fitting.rendered_faces import KnownFace, render_known_face

@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from pix2face.crops import FaceBox
-from pix2face.detection import DETECTORS, Detector, open_detector
+from pix2face.detectors.detection import DETECTORS, Detector, open_detector
 from pix2face.detectors.protocol import overlap
-from pix2face.images import read_photograph
-from pix2face.morphable_model import builtin_model
-from pix2face.predictor import Predictor
-from pix2face.refined_detection import find_faces
+from pix2face.files.images import read_photograph
+from pix2face.geometry.crops import FaceBox
+from pix2face.inference.predictor import Predictor
+from pix2face.models.morphable_model import builtin_model
+from pix2face.photographs.refined_detection import find_faces
 from tests.benchmarks.surroundings import surroundings
 
 HIT, FALSE = 0.5, 0.3

@@ -13,11 +13,11 @@ import time
 import numpy as np
 import torch
 
-from pix2face.checkpoint import CheckpointHeader
-from pix2face.crops import FaceBox
-from pix2face.evaluation.bootstrap import Bootstrap, intervals, mean_of, median_of
+from pix2face.evaluation.figures.bootstrap import Bootstrap, intervals, mean_of, median_of
+from pix2face.geometry.crops import FaceBox
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.predictor import Predictor
 from pix2face.networks.paper import UNet, paper_widths
-from pix2face.predictor import Predictor
 from tests.benchmarks.surroundings import surroundings
 
 N_FACES, ROUNDS = 16, 4

@@ -17,13 +17,13 @@ from numpy import ndarray
 from datagen.opengl.gl_context import GLContext, create_gl_context
 from datagen.rendering.renderer import Renderer
 from datagen.sampling.faces import sample_faces
-from pix2face.camera import Camera, linearised
-from pix2face.crops import FaceBox, crop_camera
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps
-from pix2face.jitter import JitterRange, crop_maps, draw_jitter, jitter_crop
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel, builtin_model
-from pix2face.rasterise import RenderedMaps, render_maps
+from pix2face.geometry.camera import Camera, linearised
+from pix2face.geometry.crops import FaceBox, crop_camera
+from pix2face.geometry.jitter import JitterRange, crop_maps, draw_jitter, jitter_crop
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.maps import FaceMaps, fixed_point_to_maps
+from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.models.rasterise import RenderedMaps, render_maps
 from pix2face.shards.layers import LAYERS, to_stored
 from tests.benchmarks.surroundings import surroundings
 

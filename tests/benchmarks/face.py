@@ -22,10 +22,10 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from threadpoolctl import threadpool_limits
 
-from pix2face.crops import crop_image, square_crop
-from pix2face.default_checkpoint import PACKAGED
-from pix2face.images import read_photograph
-from pix2face.photographs.interface import Pix2Face
+from pix2face.api import Pix2Face
+from pix2face.files.images import read_photograph
+from pix2face.geometry.crops import crop_image, square_crop
+from pix2face.inference.default_checkpoint import PACKAGED
 from tests.benchmarks.surroundings import surroundings
 
 

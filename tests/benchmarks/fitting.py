@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from pix2face.fitting.camera_fit import fit_weak_perspective_camera
+from pix2face.fitting.cameras.camera_fit import fit_weak_perspective_camera
 from pix2face.fitting.face_fit import face_of_coefficients, fit_face
-from pix2face.fitting.linear_system import image_system
+from pix2face.fitting.least_squares.linear_system import image_system
+from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.localise import localise_prepared, valid_pixel_values
 from pix2face.fitting.noise import estimated_regularisation, white_noise_mm
 from pix2face.fitting.picture_measurement import (
@@ -29,8 +30,7 @@ from pix2face.fitting.picture_measurement import (
     correspondences,
 )
 from pix2face.fitting.prepared_model import prepared_model
-from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 from tests.benchmarks.closed_loop import MODELS, known_face, measure, summary
 from tests.benchmarks.surroundings import surroundings
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from pix2face.morphable_model import BATCH_BYTES, MorphableModel
+from pix2face.models.morphable_model import BATCH_BYTES, MorphableModel
 from tests.benchmarks.surroundings import surroundings
 
 

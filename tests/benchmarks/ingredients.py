@@ -18,7 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pix2face.errors import UsageError
-from pix2face.sample_filter import SAMPLE_ID, SampleFilter
+from pix2face.shards.sample_filter import SAMPLE_ID, SampleFilter
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.benchmarks.surroundings import surroundings
 

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from pix2face.camera import HeadPose
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.joint_fit import fit_joint
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.geometry.camera import HeadPose
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, KnownFace, render_known_face
 

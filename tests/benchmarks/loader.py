@@ -22,21 +22,21 @@ import cv2
 import numpy as np
 import torch
 
-from pix2face.images import decode_image
-from pix2face.jitter import JitterRange, draw_jitter
+from pix2face.files.images import decode_image
+from pix2face.geometry.jitter import JitterRange, draw_jitter
 from tests.benchmarks.surroundings import surroundings
-from training.batch_rows import cut, resample, vary_colours
-from training.box_cut import cut_around_box
-from training.dataset import batch_row, empty_batch, middle_corner
-from training.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
-from training.halving import halved
-from training.loader import BatchLoader
-from training.loss_log import memory_mb
-from training.presets import PRESETS
-from training.recipe import Recipe
-from training.sample_files import SampleFiles
-from training.shard_index import ShardIndex, index_shards
-from training.validation_set import inference_crop
+from training.data.batch_rows import cut, resample, vary_colours
+from training.data.box_cut import cut_around_box
+from training.data.dataset import batch_row, empty_batch, middle_corner
+from training.data.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
+from training.data.halving import halved
+from training.data.loader import BatchLoader
+from training.data.sample_files import SampleFiles
+from training.data.shard_index import ShardIndex, index_shards
+from training.loop.loss_log import memory_mb
+from training.loop.validation_set import inference_crop
+from training.recipe.presets import PRESETS
+from training.recipe.recipe import Recipe
 
 BATCH_SIZE = 24
 CACHE_BYTES = 2 * 10**9

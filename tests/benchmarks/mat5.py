@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 import scipy.io
 
-from pix2face.w300lp import read_coefficient_file, read_mat
+from pix2face.face_files.w300lp import read_coefficient_file, read_mat
 from tests.benchmarks.surroundings import surroundings
 
 FOLDERS = ("AFW", "HELEN", "IBUG", "LFPW", "AFW_Flip", "HELEN_Flip", "IBUG_Flip", "LFPW_Flip")

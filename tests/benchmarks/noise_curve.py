@@ -10,10 +10,10 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import FaceFit, fit_face
-from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
-from pix2face.morphable_model import builtin_model
+from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.closed_loop import measure, summary
 from tests.benchmarks.surroundings import surroundings
 from tests.pix2face.fitting.rendered_faces import KnownFace

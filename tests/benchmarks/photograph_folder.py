@@ -8,9 +8,9 @@ import numpy as np
 import scipy.io
 from numpy import ndarray
 
-from pix2face.model_file import StoredModel, write_stored_model
+from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.model_formats.bfm2009 import PUBLISHED_BASIS
-from pix2face.w300lp import read_coefficient_file
+from pix2face.models.model_file import StoredModel, write_stored_model
 from tests.full_size_model import full_size_model
 
 NATIVE_PX = 450

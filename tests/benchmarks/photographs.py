@@ -19,14 +19,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from datagen.appearance.configuration import DEFAULT, load_configuration
+from datagen.appearance.appearance_config import DEFAULT, load_configuration
 from datagen.jobs.executors import ProcessPool
 from datagen.jobs.pipeline import Listener, open_job, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.sampling.faces import sample_faces
-from pix2face.coefficients import save_coefficients
 from pix2face.errors import UsageError
-from pix2face.morphable_model import BUILTIN_MODEL, builtin_model
+from pix2face.face_files.coefficients import save_coefficients
+from pix2face.models.morphable_model import BUILTIN_MODEL, builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN, order_layers
 from tests.benchmarks.render import by_stage
 from tests.benchmarks.surroundings import surroundings

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from pix2face.sample_filter import SampleFilter
+from pix2face.shards.sample_filter import SampleFilter
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.benchmarks.surroundings import surroundings
 

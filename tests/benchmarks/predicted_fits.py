@@ -25,22 +25,22 @@ from jaxtyping import Float64
 from numpy import ndarray
 from threadpoolctl import threadpool_limits
 
-from pix2face.annotations import find_annotations
-from pix2face.camera import head_pose
-from pix2face.crops import FaceBox
-from pix2face.default_checkpoint import PACKAGED
-from pix2face.evaluation.benchmark_data import YAW_BINS, yaw_bin
-from pix2face.evaluation.metrics import nme
-from pix2face.face_maps import FaceMaps
+from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS, yaw_bin
+from pix2face.face_files.annotations import find_annotations
+from pix2face.files.images import read_photograph
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.from_landmarks import fit_landmarks
+from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.picture_measurement import PREDICTED_MAPS_VERTICES
-from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
-from pix2face.images import read_photograph
-from pix2face.landmark_file import with_own_landmarks
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel, builtin_model
-from pix2face.predictor import Predictor
+from pix2face.geometry.camera import head_pose
+from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.landmark_metrics import nme
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.maps import FaceMaps
+from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference.predictor import Predictor
+from pix2face.landmark_choice.landmark_file import with_own_landmarks
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
 
 Fit = Callable[[FaceMaps], FaceFit]

@@ -25,8 +25,8 @@ from numpy import ndarray
 from datagen.opengl.gl_context import GLContext, create_gl_context
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.screen_projection import project_to_screen
-from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
 from tests.meshes import mesh_model, sheet
 

@@ -26,13 +26,13 @@ import cv2
 import numpy as np
 import scipy.io
 
+from datagen.faces.sources import W300LPFolder
 from datagen.jobs.executors import ProcessPool
 from datagen.jobs.pipeline import JobSummary, Listener, open_job, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.opengl.gl_context import GLSettings, create_gl_context
 from datagen.rendering.renderer import Renderer
-from datagen.sources import W300LPFolder
-from pix2face.morphable_model import load_model
+from pix2face.models.morphable_model import load_model
 from tests.benchmarks.photograph_folder import (
     EXPRESSION_UNIT,
     IDENTITY_UNIT,

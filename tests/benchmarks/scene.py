@@ -20,21 +20,21 @@ from unittest import mock
 
 import numpy as np
 
-from datagen.appearance.configuration import AppearanceConfig, load_configuration
+from datagen.appearance.appearance_config import AppearanceConfig, load_configuration
+from datagen.appearance.drawing import appearance_textures, draw_appearance
 from datagen.appearance.light.head_occlusion import head_occlusion
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
-from datagen.appearance.whole import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import create_gl_context
-from datagen.rendering.scene_drawing import SceneDrawer
-from datagen.rendering.scene_head import SceneHead
-from datagen.rendering.scene_meshes import ObjectMeshes
-from datagen.rendering.scene_targets import SceneTarget
+from datagen.rendering.scenes.scene_drawing import SceneDrawer
+from datagen.rendering.scenes.scene_head import SceneHead
+from datagen.rendering.scenes.scene_meshes import ObjectMeshes
+from datagen.rendering.scenes.scene_targets import SceneTarget
 from datagen.sampling.faces import sample_faces
-from pix2face.camera import Camera
-from pix2face.coefficients import Face
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.face_files.coefficients import Face
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
 
 STAGES = {

@@ -20,7 +20,7 @@ from datagen.appearance.skin.tone import (
     lab_of_linear,
 )
 from datagen.opengl.gl_context import create_gl_context
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.surroundings import surroundings
 from tests.datagen.appearance.skin.painted_skin import ALBEDO, PaintedSkin, painted_skin
 

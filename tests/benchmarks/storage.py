@@ -25,7 +25,7 @@ import hdf5plugin
 import numpy as np
 from isal import isal_zlib
 
-from pix2face.images import decode_image
+from pix2face.files.images import decode_image
 from pix2face.shards.compressions import COMPRESSIONS
 from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.map_storage import predict, undo_prediction

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from pix2face.cli import main as pix2face_main
+from pix2face.commands.cli import main as pix2face_main
 from pix2face.tracking.smoothing import SMOOTHINGS, JitterMeter, open_smoother
 from tests.benchmarks.surroundings import surroundings
 
@@ -102,8 +102,8 @@ def measure_track(path: Path) -> dict[str, object]:
 
 def track_drawn_clip(loops: int, folder: Path) -> float:
     """Tracks a drawn clip of 30 frames so many times over; the largest memory of this process so far, in MB."""
-    from pix2face.images import encode_image
-    from pix2face.predictor import Predictor
+    from pix2face.files.images import encode_image
+    from pix2face.inference.predictor import Predictor
     from pix2face.tracking import track_cli
     from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces
     from tests.synthetic_models import small_head_model

@@ -19,22 +19,22 @@ import torch
 import tyro
 from torch import Tensor
 
-from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.checkpoint import CheckpointHeader
-from pix2face.crops import FaceBox
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.regularisation import PREDICTED_MAPS_REGULARISATION
-from pix2face.morphable_model import builtin_model
+from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.crops import FaceBox
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.predictor import Predictor
+from pix2face.models.morphable_model import builtin_model
+from pix2face.models.rasterise import render_maps
 from pix2face.networks.architectures import build_network
-from pix2face.predictor import Predictor
-from pix2face.rasterise import render_maps
 from tests.benchmarks.plain_unet import PlainUNet
 from tests.benchmarks.surroundings import surroundings
-from training.batches import Batch, network_input, target_planes
-from training.learner import ADAM_BETAS, Learner
-from training.losses import LossPlan
-from training.presets import PRESETS
-from training.recipe import Recipe
+from training.data.batches import Batch, network_input, target_planes
+from training.loop.learner import ADAM_BETAS, Learner
+from training.loop.losses import LossPlan
+from training.recipe.presets import PRESETS
+from training.recipe.recipe import Recipe
 
 SCALES_MM = (100.0, 20.0)
 STEPS_A_POINT = 10  # of a curve

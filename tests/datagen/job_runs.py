@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from datagen.sampling.faces import sample_faces
-from pix2face.coefficients import save_coefficients
-from pix2face.morphable_model import load_model
+from pix2face.face_files.coefficients import save_coefficients
+from pix2face.models.morphable_model import load_model
 from tests.model_files import write_small_head
 
 ROOT = Path(__file__).parents[2]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from datagen.cli import main
-from pix2face.coefficients import load_coefficients
-from pix2face.images import encode_image
-from pix2face.morphable_model import builtin_model
+from pix2face.face_files.coefficients import load_coefficients
+from pix2face.files.images import encode_image
+from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 from pix2face.shards.shard_writing import write_shard
 from tests.model_files import write_small_head

@@ -11,12 +11,12 @@ import scipy.io
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from pix2face.camera import FRONTAL, Camera, WeakPerspective, weak_perspective_camera
-from pix2face.crops import Crop, FaceBox, square_crop
 from pix2face.errors import DegenerateGeometryError
-from pix2face.face_maps import FaceMaps
-from pix2face.images import encode_image
-from pix2face.morphable_model import MorphableModel
+from pix2face.files.images import encode_image
+from pix2face.geometry.camera import FRONTAL, Camera, WeakPerspective, weak_perspective_camera
+from pix2face.geometry.crops import Crop, FaceBox, square_crop
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import MorphableModel
 from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 from pix2face.shards.shard_writing import write_shard

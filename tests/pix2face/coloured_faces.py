@@ -8,14 +8,14 @@ import torch
 from numpy import ndarray
 from torch import Tensor
 
-from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.crops import FaceBox
 from pix2face.detectors.protocol import DetectedFace, sure_boxes
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel
-from pix2face.predictor import Predictor
-from pix2face.rasterise import render_maps
-from tests.pix2face.seen_faces import header_of
+from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.inference.predictor import Predictor
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import render_maps
+from tests.pix2face.photographs.seen_faces import header_of
 
 HEIGHT_PX, WIDTH_PX = 120, 160
 SPAN_MM = 300.0  # of the 254 grey levels from 1 to 255

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pix2face.camera import Camera
-from pix2face.images import encode_image
+from pix2face.files.images import encode_image
+from pix2face.geometry.camera import Camera
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 

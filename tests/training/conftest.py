@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.images import encode_image
-from pix2face.morphable_model import MorphableModel
-from pix2face.rasterise import render_maps
+from pix2face.files.images import encode_image
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import render_maps
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model

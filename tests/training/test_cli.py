@@ -5,15 +5,15 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pix2face.checkpoint import load_checkpoint
-from pix2face.morphable_model import builtin_model
+from pix2face.inference.checkpoint import load_checkpoint
+from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
 from training.cli import main, next_command
-from training.presets import PRESETS
-from training.shard_index import index_shards
-from training.speed import duration_in_words, seconds_per_image
+from training.data.shard_index import index_shards
+from training.loop.speed import duration_in_words, seconds_per_image
+from training.recipe.presets import PRESETS
 from training.train_config import TrainConfig
 
 SMALL = [

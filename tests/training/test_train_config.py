@@ -1,7 +1,7 @@
 import pytest
 
 from pix2face.errors import UsageError
-from training.processes import Processes
+from training.loop.processes import Processes
 from training.train_config import TrainConfig
 
 

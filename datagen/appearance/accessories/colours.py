@@ -6,7 +6,7 @@ import numpy as np
 
 from datagen.appearance.accessories.weaves import WEAVES, layer_of
 from datagen.appearance.scene import Material
-from pix2face.srgb import srgb_to_linear
+from pix2face.files.srgb import srgb_to_linear
 
 Colour = tuple[float, float, float]
 

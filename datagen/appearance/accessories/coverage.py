@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from datagen.appearance.scene import PosedHead, SceneMesh
 from datagen.appearance.surface import Surface
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 
 VIEWS_DEG = (-45.0, 0.0, 45.0)
 _PIXELS, _SPAN_MM = 40, 300.0

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Float32, Int32
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 # The surface that can be touched, without ears: rays that look for it pass the rest.
 OUTER_REGIONS = ("skin", "brows", "lips", "scalp", "neck")

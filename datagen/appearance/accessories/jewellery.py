@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float64, Int32
 from numpy import ndarray
 
-from datagen.appearance.accessories.body import Body
+from datagen.appearance.accessories.clothing.body import Body
 from datagen.appearance.accessories.colours import BLACK, GOLD, SILVER, WHITE, Colour, draw_tint, smooth
+from datagen.appearance.accessories.hats.skull import fit_skull
 from datagen.appearance.accessories.head_fit import nearest_vertices
-from datagen.appearance.accessories.skull import fit_skull
-from datagen.appearance.accessories.solids import Solid, ellipsoid, joined, lathe, scene_mesh, tube
 from datagen.appearance.scene import PosedHead, SceneMesh
-from pix2face.morphable_model import MorphableModel
+from datagen.appearance.solids import Solid, ellipsoid, joined, lathe, scene_mesh, tube
+from pix2face.models.morphable_model import MorphableModel
 
 EARRINGS = ("none", "stud", "hoop", "drop")
 SOUND = ("none", "buds", "wired", "headphones", "headset", "round neck")

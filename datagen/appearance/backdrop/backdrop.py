@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.appearance.backdrop.configuration import HARD_BACKDROP, BackdropConfig
+from datagen.appearance.backdrop.backdrop_config import HARD_BACKDROP, BackdropConfig
 from datagen.appearance.backdrop.focus import defocused
 from datagen.appearance.backdrop.folder import list_pictures, read_crop
 from datagen.appearance.backdrop.panorama import panorama_view
@@ -17,9 +17,9 @@ from datagen.appearance.light.colour import LUMINANCE
 from datagen.appearance.light.environment_light import scaled_panorama
 from datagen.appearance.light.environments import environment, environment_names
 from datagen.appearance.light.sources import Light, PanoramaLight, Triple
-from pix2face.camera import Camera
 from pix2face.errors import UsageError
-from pix2face.srgb import srgb_to_linear
+from pix2face.files.srgb import srgb_to_linear
+from pix2face.geometry.camera import Camera
 
 __all__ = ["HARD_BACKDROP", "Backdrop", "BackdropConfig", "PersonPlace", "backdrop_pixels", "draw_backdrop"]
 

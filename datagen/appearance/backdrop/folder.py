@@ -10,7 +10,7 @@ from numpy import ndarray
 from PIL import Image, UnidentifiedImageError
 
 from pix2face.errors import InputFileError
-from pix2face.images import read_bytes
+from pix2face.files.images import read_bytes
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 # A picture is read at a half, a quarter or an eighth of its size where that is still fine enough.

@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from datagen.appearance.light.environments import panorama_place, picture_panorama
 from datagen.appearance.light.sources import PanoramaLight, environment_from_camera
-from pix2face.camera import Camera, pinhole_of
+from pix2face.geometry.camera import Camera, pinhole_of
 
 # Across a picture of an affine camera, which has no field of view of its own.
 AFFINE_VIEW_DEG = 25.0

@@ -19,7 +19,7 @@ from numpy import ndarray
 from scipy import sparse
 
 from pix2face.errors import InputFileError
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 MIRRORED = np.array([-1, 1, 1], dtype=np.float32)
 

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
-from datagen.appearance.accessories.solids import cross
 from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, brow_patch, read_picture
 from datagen.appearance.hair.colour import Colour, HairColour, brow_colour
-from datagen.appearance.hair.configuration import HairConfig
+from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.hair.styles import UNCUT_MM
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
-from pix2face.morphable_model import MorphableModel
+from datagen.appearance.solids import cross
+from pix2face.models.morphable_model import MorphableModel
 
 N_BROWS = 12
 LASH_STYLES = ("eyelashes01", "eyelashes02", "eyelashes03", "eyelashes04")

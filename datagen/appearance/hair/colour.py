@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy import ndarray
 
-from datagen.appearance.hair.configuration import HairConfig
+from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.person import Person
 
 Colour = tuple[float, float, float]

@@ -25,7 +25,7 @@ from datagen.appearance.hair.brows_and_lashes import (
     lash_mesh,
 )
 from datagen.appearance.hair.colour import HairColour, draw_hair_colour
-from datagen.appearance.hair.configuration import HARD_HAIR, HairConfig
+from datagen.appearance.hair.hair_config import HARD_HAIR, HairConfig
 from datagen.appearance.hair.parting import Parting, find_parting, mirrored_parting
 from datagen.appearance.hair.shape import CrownPlane, shaped, uncovered
 from datagen.appearance.hair.styles import STYLES, Hairdo, draw_hairdo

@@ -15,7 +15,7 @@ from numpy import ndarray
 from scipy.interpolate import LinearNDInterpolator
 
 from datagen.appearance.hair.bound_meshes import BoundMesh
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 
 # The face from the front: half its width, its lowest and highest row, and the size of a cell, mm.
 HALF_WIDTH_MM, LOW_MM, HIGH_MM, CELL_MM = 84.0, -80.0, 120.0, 2.0

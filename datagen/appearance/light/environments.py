@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from datagen.appearance.light.colour import LUMINANCE
 from datagen.appearance.light.harmonics import project_radiance
-from pix2face.srgb import srgb_to_linear
+from pix2face.files.srgb import srgb_to_linear
 
 # A lamp is what is this many times brighter than the mean, within so many degrees.
 LAMP_CONTRAST, LAMP_RADIUS_DEG = 4.0, 22.0

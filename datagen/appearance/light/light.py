@@ -11,9 +11,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.appearance.light.colour import LUMINANCE
-from datagen.appearance.light.configuration import HARD_LIGHT, LightConfig
 from datagen.appearance.light.environment_light import draw_environment_light, scaled_panorama
 from datagen.appearance.light.harmonics import point_light
+from datagen.appearance.light.light_config import HARD_LIGHT, LightConfig
 from datagen.appearance.light.setups import Colours, Setup, draw_setup, night_setup
 from datagen.appearance.light.shading import light_textures, light_uniforms, shadow_lights
 from datagen.appearance.light.sources import (

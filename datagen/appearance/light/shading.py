@@ -12,7 +12,7 @@ from datagen.appearance.light.environments import environment, environment_names
 from datagen.appearance.light.harmonics import N_HARMONICS, turned
 from datagen.appearance.light.sources import GOBOS, Light, environment_from_camera
 from datagen.appearance.scene import Texture, UniformValue
-from pix2face.camera import Camera, nearest_weak_perspective
+from pix2face.geometry.camera import Camera, nearest_weak_perspective
 
 MAX_LAMPS, MAX_PANORAMAS = 2, 2  # as in light.glsl
 # Each environment has so many layers, ever softer: as surfaces of rising roughness mirror it.

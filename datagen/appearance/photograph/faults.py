@@ -6,8 +6,8 @@ from typing import final
 
 import numpy as np
 
-from datagen.appearance.photograph.configuration import PhotographConfig
 from datagen.appearance.photograph.lens import Lens
+from datagen.appearance.photograph.photograph_config import PhotographConfig
 from datagen.appearance.photograph.processing import INTERPOLATIONS, Processing
 from datagen.appearance.photograph.sensor import Sensor, Tone
 

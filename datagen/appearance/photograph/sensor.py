@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.photograph.noise import noise_window
-from pix2face.srgb import linear_to_srgb
+from pix2face.files.srgb import linear_to_srgb
 
 # Of the mean: what exposure aims at, linear light. Skin in good light.
 MIDDLE_GREY = 0.24

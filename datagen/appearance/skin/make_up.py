@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from datagen.appearance.person import Person
-from datagen.appearance.skin.configuration import SkinConfig
+from datagen.appearance.skin.skin_config import SkinConfig
 
 Colour = tuple[float, float, float]
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.appearance.person import Person
-from datagen.appearance.skin.configuration import SkinConfig
+from datagen.appearance.skin.skin_config import SkinConfig
 
 MAX_MARKS = 12  # as in skin.glsl
 

@@ -4,7 +4,7 @@ Three steps: ``draw_skin`` decides, once for a sample; ``head_paint`` says where
 model; ``skin_uniforms`` and ``skin_textures`` tell ``skin.glsl``.
 """
 
-from datagen.appearance.skin.configuration import HARD_SKIN, SkinConfig
+from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
 from datagen.appearance.skin.traits import Skin, draw_skin
 from datagen.appearance.skin.uniforms import skin_textures, skin_uniforms
 from datagen.appearance.skin.zones import head_paint

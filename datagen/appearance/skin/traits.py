@@ -6,11 +6,11 @@ from typing import final
 import numpy as np
 
 from datagen.appearance.person import Person
-from datagen.appearance.skin.configuration import SkinConfig
 from datagen.appearance.skin.eyes import Eyes, Mouth, draw_eyes, draw_mouth
 from datagen.appearance.skin.layout import AGES, ORIGINS, SEXES, SKINS
 from datagen.appearance.skin.make_up import Colour, MakeUp, draw_make_up
 from datagen.appearance.skin.marks import Mark, draw_marks
+from datagen.appearance.skin.skin_config import SkinConfig
 
 # Of all persons; and where the scale's ends begin to grow rare: beyond, differences shrink instead of piling up.
 MIDDLE_MELANIN = 0.43

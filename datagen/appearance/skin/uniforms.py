@@ -26,7 +26,7 @@ from datagen.appearance.skin.tone import DERMIS, HAEMOGLOBIN, MELANIN, SURFACE, 
 from datagen.appearance.skin.traits import Skin
 from datagen.appearance.skin.zones import LidMargins
 from pix2face.errors import InputFileError
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 # Which expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth, of the lips,
 # and how much; those of one side (``...Left``, ``...Right``) do so there.

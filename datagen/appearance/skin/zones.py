@@ -12,7 +12,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from datagen.appearance.surface import Surface
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 LID_REACH_MM, HAIRLINE_REACH_MM, CAVITY_RADIUS_MM = 24.0, 48.0, 7.0
 # Height of the hair line (mm) over the angle around the head (radians, 0 the middle of the forehead, pi the nape).

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from datagen.appearance.configuration import DEFAULT, HARD, PRESETS
+from datagen.appearance.appearance_config import DEFAULT, HARD, PRESETS
+from datagen.appearance.drawing import appearance_textures, draw_appearance
 from datagen.appearance.light.head_occlusion import head_occlusion
 from datagen.appearance.photograph.border import Border
 from datagen.appearance.photograph.photograph import HARD_PHOTOGRAPH, PhotographConfig, develop, draw_photograph
 from datagen.appearance.scene import HEAD
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
-from datagen.appearance.whole import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
-from datagen.rendering.scene_drawing import SceneDrawer
+from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from datagen.sampling.faces import sample_faces
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.datagen.rendering.edges import FINER, edge_offsets, true_coverage
 
 MODEL = builtin_model()

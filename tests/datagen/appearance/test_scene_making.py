@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.appearance.configuration import HARD, PRESETS
+from datagen.appearance.appearance_config import HARD, PRESETS
+from datagen.appearance.drawing import appearance_textures, draw_appearance
 from datagen.appearance.light.head_occlusion import head_occlusion
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
-from datagen.appearance.whole import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering.scene_drawing import SceneDrawer
+from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from datagen.sampling.faces import sample_faces
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 
 SIZE, SEED = 128, 4
 MODEL = builtin_model()

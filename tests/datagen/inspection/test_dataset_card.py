@@ -14,7 +14,7 @@ import pytest
 from datagen.cli import main
 from datagen.inspection.dataset_card import CARD_FILE, write_card
 from pix2face.errors import UsageError
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.compressions import COMPRESSIONS, DEFAULT_COMPRESSION
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet
 from pix2face.shards.shard_writing import write_shard

@@ -23,8 +23,8 @@ from datagen.inspection.statistics_tables import (
     statistics_page,
     statistics_picture,
 )
-from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import UsageError
+from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 from pix2face.shards.shard_writing import write_shard
 

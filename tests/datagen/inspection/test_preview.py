@@ -21,7 +21,7 @@ from datagen.cli import main
 from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_colour
 from datagen.inspection.preview import contact_sheet, spread_triplets
 from datagen.inspection.preview_page import LARGEST_SIDE_PX, json_for_html, preview_page
-from pix2face.images import encode_image
+from pix2face.files.images import encode_image
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 from pix2face.shards.shard_writing import write_shard

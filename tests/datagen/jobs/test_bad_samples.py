@@ -11,15 +11,15 @@ import pytest
 
 from datagen.cli import main
 from datagen.sampling.faces import sample_faces
-from pix2face.camera import FRONTAL, Pinhole, pinhole_camera
-from pix2face.coefficients import FaceCoefficients, save_coefficients
-from pix2face.morphable_model import load_model
+from pix2face.face_files.coefficients import FaceCoefficients, save_coefficients
+from pix2face.geometry.camera import FRONTAL, Pinhole, pinhole_camera
+from pix2face.models.morphable_model import load_model
 from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.model_files import write_small_head
 from tests.pix2face.benchmark_files import frontal_camera, write_mat
-from tests.pix2face.test_picture_head import png_bomb
+from tests.pix2face.files.test_picture_head import png_bomb
 
 pytestmark = pytest.mark.gl
 

@@ -18,21 +18,21 @@ DRAW = """
 import sys
 import numpy as np
 from pathlib import Path
-from datagen.appearance.configuration import DEFAULT, PRESETS
+from datagen.appearance.appearance_config import DEFAULT, PRESETS
 from datagen.appearance.light.head_occlusion import head_occlusion
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
-from datagen.appearance.whole import appearance_textures, draw_appearance
+from datagen.appearance.drawing import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from datagen.appearance.backdrop.backdrop import backdrop_pixels
 from datagen.appearance.photograph.photograph import develop
 from datagen.appearance.scene import HEAD
-from datagen.jobs.bystanders import Bystanders
-from datagen.rendering.scene_drawing import SceneDrawer
+from datagen.samples.bystanders import Bystanders
+from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 try:
     gl = create_gl_context()
 except GLUnavailableError as error:

@@ -11,9 +11,9 @@ import pytest
 
 from datagen.cli import main
 from datagen.sampling.faces import sample_faces
-from pix2face.coefficients import save_coefficients
-from pix2face.model_file import write_stored_model
-from pix2face.morphable_model import load_model
+from pix2face.face_files.coefficients import save_coefficients
+from pix2face.models.model_file import write_stored_model
+from pix2face.models.morphable_model import load_model
 from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.model_files import stored_small_head, write_small_head

@@ -15,11 +15,11 @@ from datagen.jobs.executors import ProcessPool
 from datagen.jobs.pipeline import JobSummary, open_job, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.sampling.faces import sample_faces
-from pix2face.coefficients import load_coefficients, save_coefficients
 from pix2face.errors import UsageError
-from pix2face.images import decode_image
-from pix2face.morphable_model import load_model
-from pix2face.rasterise import render_maps
+from pix2face.face_files.coefficients import load_coefficients, save_coefficients
+from pix2face.files.images import decode_image
+from pix2face.models.morphable_model import load_model
+from pix2face.models.rasterise import render_maps
 from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader, shard_paths

@@ -16,9 +16,9 @@ from datagen.opengl.egl_devices import EGLDevice
 from datagen.opengl.gl_context import GLSettings, choose_rasteriser, create_gl_context
 from datagen.opengl.osmesa_context import load_osmesa
 from datagen.sampling.faces import sample_faces
-from pix2face.coefficients import save_coefficients
 from pix2face.errors import GLUnavailableError, UsageError
-from pix2face.morphable_model import load_model
+from pix2face.face_files.coefficients import save_coefficients
+from pix2face.models.morphable_model import load_model
 from tests.model_files import write_small_head
 
 SIZE = 128
@@ -28,9 +28,9 @@ import numpy as np
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from datagen.sampling.faces import sample_faces
-from pix2face.camera import Camera
+from pix2face.geometry.camera import Camera
 from pix2face.errors import GLUnavailableError
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 model = builtin_model()
 table = sample_faces(model, 6, 3, {SIZE})
 vertices = model.vertices(table.identity, table.expression)

@@ -5,7 +5,7 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.rendering.renderer import Renderer
-from pix2face.camera import Camera
+from pix2face.geometry.camera import Camera
 
 FINER = 8
 

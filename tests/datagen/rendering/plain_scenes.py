@@ -14,8 +14,8 @@ from datagen.appearance.surface import Surface
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering import scene_program
 from datagen.rendering.gl_mesh import shader_source
-from datagen.rendering.scene_drawing import SceneDrawer
-from pix2face.camera import (
+from datagen.rendering.scenes.scene_drawing import SceneDrawer
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -24,7 +24,7 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 
 LAMBERT = """
 vec3 light(Surface s, vec3 towards_camera) {

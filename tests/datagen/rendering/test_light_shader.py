@@ -13,9 +13,9 @@ from datagen.appearance.light.light import LightConfig, draw_light, light_textur
 from datagen.appearance.light.sources import Gobo, Lamplight, Light, PanoramaLight, environment_from_camera
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import shader_source
-from datagen.rendering.scene_program import SceneTextures
-from datagen.rendering.scene_shadows import ShadowMaps
-from pix2face.camera import WeakPerspective, weak_perspective_camera
+from datagen.rendering.scenes.scene_program import SceneTextures
+from datagen.rendering.scenes.scene_shadows import ShadowMaps
+from pix2face.geometry.camera import WeakPerspective, weak_perspective_camera
 
 pytestmark = pytest.mark.gl
 

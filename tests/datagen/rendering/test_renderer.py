@@ -11,11 +11,18 @@ from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.visibility import visible_landmarks
 from datagen.sampling.faces import sample_faces
-from pix2face.camera import Camera, HeadPose, WeakPerspective, linearised, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import MorphableModel, builtin_model
-from pix2face.rasterise import RenderedMaps, render_maps
+from pix2face.geometry.camera import (
+    Camera,
+    HeadPose,
+    WeakPerspective,
+    linearised,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.models.rasterise import RenderedMaps, render_maps
 from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl

@@ -11,8 +11,8 @@ import pytest
 
 from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
 from datagen.rendering.renderer import Renderer
-from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import GLUnavailableError
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl
@@ -24,10 +24,10 @@ import numpy as np
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from datagen.sampling.faces import sample_faces
-from pix2face.camera import Camera
+from pix2face.geometry.camera import Camera
 from pix2face.errors import GLUnavailableError
-from pix2face.morphable_model import builtin_model
-from pix2face.rasterise import render_maps
+from pix2face.models.morphable_model import builtin_model
+from pix2face.models.rasterise import render_maps
 model = builtin_model()
 table = sample_faces(model, 6, 3, 192)
 vertices = model.vertices(table.identity, table.expression)

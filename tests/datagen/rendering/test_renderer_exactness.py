@@ -11,7 +11,8 @@ from numpy import ndarray
 
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
-from pix2face.camera import (
+from pix2face.errors import DegenerateGeometryError
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -21,9 +22,8 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.errors import DegenerateGeometryError
-from pix2face.morphable_model import builtin_model
-from pix2face.rasterise import rasterise, render_maps
+from pix2face.models.morphable_model import builtin_model
+from pix2face.models.rasterise import rasterise, render_maps
 from tests.benchmarks.exactness import LIMIT_MM, RENDERED, errors_mm, faces, rendering_errors
 from tests.meshes import mesh_model, ray_casting, sheet, touching_lips
 from tests.synthetic_models import small_head_model

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from datagen.jobs.triplets import TripletMaker
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering import map_drawing
 from datagen.rendering.renderer import Renderer
-from pix2face import rasterise as oracle
-from pix2face.camera import (
+from datagen.samples.triplets import TripletMaker
+from pix2face.errors import UsageError
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -20,11 +20,11 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.errors import UsageError
-from pix2face.morphable_model import MorphableModel, builtin_model
-from pix2face.rasterise import render_maps
+from pix2face.models import rasterise as oracle
+from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.models.rasterise import render_maps
+from pix2face.models.surface_attributes import ATTRIBUTES, EXTRA_LAYERS, Attribute, camera_from_model_axes
 from pix2face.shards.layers import LAYERS
-from pix2face.surface_attributes import ATTRIBUTES, EXTRA_LAYERS, Attribute, camera_from_model_axes
 from tests.meshes import mesh_model
 from tests.synthetic_models import small_head_model
 

@@ -17,7 +17,7 @@ import numpy as np
 from datagen.appearance.scene import Texture
 from datagen.opengl.gl_context import create_gl_context
 from pix2face.errors import GLUnavailableError
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.datagen.rendering.plain_scenes import LAMBERT, ball, camera_at, plain_drawer, scene_of, sheet
 try:
     gl = create_gl_context()

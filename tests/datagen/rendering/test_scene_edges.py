@@ -6,8 +6,8 @@ import pytest
 
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
-from pix2face.camera import Camera
-from pix2face.morphable_model import builtin_model
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import builtin_model
 from tests.datagen.rendering.edges import FINER, edge_offsets, true_coverage
 from tests.datagen.rendering.plain_scenes import camera_at, plain_drawer, scene_of
 from tests.synthetic_models import small_head_model

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datagen.rendering.screen_projection import project_to_screen
-from pix2face.camera import Camera, HeadPose, Pinhole, linearised, pinhole_camera, rotation_of_pose
 from pix2face.errors import DegenerateGeometryError
+from pix2face.geometry.camera import Camera, HeadPose, Pinhole, linearised, pinhole_camera, rotation_of_pose
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()

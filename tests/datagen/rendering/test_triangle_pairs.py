@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy import ndarray
 
 from datagen.rendering.triangle_pairs import local_order, pair_triangles
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.meshes import sheet
 from tests.synthetic_models import small_head_model
 

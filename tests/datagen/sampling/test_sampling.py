@@ -5,12 +5,12 @@ import pytest
 
 from datagen.random_streams import generator_for
 from datagen.sampling.faces import SampledView, draw_expression, draw_view, sample_faces
-from pix2face.camera import Camera, head_pose, pinhole_of
-from pix2face.coefficients import FaceCoefficients
-from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
-from pix2face.evaluation.manifest import load_manifest
-from pix2face.morphable_model import builtin_model
+from pix2face.evaluation.benchmarks.manifest import load_manifest
+from pix2face.face_files.coefficients import FaceCoefficients
+from pix2face.geometry.camera import Camera, head_pose, pinhole_of
+from pix2face.geometry.crops import FaceBox
+from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
-from datagen.sampling.configuration import DEFAULT_GEOMETRY, HARD_GEOMETRY, GeometryConfig
 from datagen.sampling.expressions import (
     NAMED_EXPRESSIONS,
     DrawnExpression,
@@ -24,9 +23,10 @@ from datagen.sampling.expressions import (
 from datagen.sampling.faces import sample_faces
 from datagen.sampling.limits import SIDES, limited
 from datagen.sampling.recipes import EMOTIONS, EXTREMES, MAYBE, SPEECH
+from datagen.sampling.sampling_config import DEFAULT_GEOMETRY, HARD_GEOMETRY, GeometryConfig
 from datagen.sampling.teeth import ToothGuard
-from pix2face.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.morphable_model import builtin_model
+from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
 NAMES = tuple(builtin_model().named_expressions)

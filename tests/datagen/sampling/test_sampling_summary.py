@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.coefficient_summary import summarise_table
-from datagen.sampling.configuration import DEFAULT_GEOMETRY
+from datagen.faces.coefficient_summary import summarise_table
 from datagen.sampling.faces import sample_faces
+from datagen.sampling.sampling_config import DEFAULT_GEOMETRY
 from datagen.sampling.summary import drawn_shares
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
 

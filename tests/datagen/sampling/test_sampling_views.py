@@ -11,19 +11,19 @@ from hypothesis import strategies as st
 
 from datagen.cli import main
 from datagen.random_streams import generator_for
-from datagen.sampling.configuration import (
+from datagen.sampling.faces import sample_faces
+from datagen.sampling.sampling_config import (
     DEFAULT_GEOMETRY,
     HARD_GEOMETRY,
     PLAIN_GEOMETRY,
     GeometryConfig,
 )
-from datagen.sampling.faces import sample_faces
 from datagen.sampling.views import PhotographedView, camera_attributes, draw_photographed_view, photograph_face
-from pix2face.camera import Camera, HeadPose, WeakPerspective, head_pose, pinhole_of, weak_perspective_camera
-from pix2face.coefficients import load_coefficients
-from pix2face.crops import FaceBox
 from pix2face.errors import UsageError
-from pix2face.morphable_model import builtin_model
+from pix2face.face_files.coefficients import load_coefficients
+from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, head_pose, pinhole_of, weak_perspective_camera
+from pix2face.geometry.crops import FaceBox
+from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import tyro
 
-from pix2face.evaluation.compare_cli import CompareConfig
+from pix2face.evaluation.benchmarks.manifest import SPLITS
 from pix2face.evaluation.evaluate_cli import main
 from pix2face.evaluation.evaluate_config import EvaluateConfig
-from pix2face.evaluation.manifest import SPLITS
+from pix2face.evaluation.report.compare_cli import CompareConfig
 from pix2face.fitting.face_fit import fit_face
 from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph
 from tests.pix2face.evaluation_calls import (
@@ -30,7 +30,7 @@ from tests.pix2face.evaluation_calls import (
 @pytest.fixture
 def small_model(monkeypatch):
     """Whatever --model says, the small head is opened: evaluation needs no particular face."""
-    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
+    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: MODEL)
 
 
 def test_photographs_give_a_table_and_files_with_every_face_counted(tmp_path, small_model, capsys):
@@ -181,7 +181,7 @@ def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small
         measured.append(model.landmarks["ibug68"])
         return fit_face(maps, model, **options)
 
-    monkeypatch.setattr("pix2face.evaluation.measured_subject.fit_face", fit)
+    monkeypatch.setattr("pix2face.evaluation.subjects.measured_subject.fit_face", fit)
     write_ibug(tmp_path)
     write_heldout(tmp_path / "shards-heldout", MODEL)
     write_checkpoint(tmp_path / "checkpoint.safetensors", landmarks={"ibug68": tuple(range(68))})

@@ -18,7 +18,7 @@ from tests.pix2face.evaluation_calls import (
 @pytest.fixture
 def small_model(monkeypatch):
     """Whatever --model says, the small head is opened: evaluation needs no particular face."""
-    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
+    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: MODEL)
 
 
 def test_landmarks_of_another_system_are_measured_and_absent_faces_are_named(tmp_path, small_model, capsys):

@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from pix2face.crops import FaceBox
 from pix2face.errors import InputFileError, UsageError
-from pix2face.evaluation.benchmark_data import BenchmarkFace, BenchmarkItem
-from pix2face.evaluation.benchmark_search import find_benchmark
-from pix2face.evaluation.evaluation_report import EvaluationSettings, make_report
+from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkItem
+from pix2face.evaluation.benchmarks.benchmark_search import find_benchmark
+from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.evaluation.evaluator import BASELINE, Evaluator, evaluate_faces, mean_face_in_box
-from pix2face.evaluation.manifest import load_manifest
-from pix2face.evaluation.report_json import report_as_json
-from pix2face.evaluation.subjects import NetworkSubject
-from pix2face.evaluation.truth_errors import errors_of_maps
-from pix2face.face_maps import FaceMaps
+from pix2face.evaluation.report.evaluation_report import EvaluationSettings, make_report
+from pix2face.evaluation.report.report_json import report_as_json
+from pix2face.evaluation.subjects.subjects import NetworkSubject
+from pix2face.evaluation.subjects.truth_errors import errors_of_maps
+from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.maps import FaceMaps
 from tests.pix2face.benchmark_files import (
     StubFit,
     StubPredictor,

@@ -22,7 +22,7 @@ LENGTHS = {
 
 @pytest.fixture(autouse=True)
 def small_model(monkeypatch):
-    monkeypatch.setattr("pix2face.landmark_file.open_model", lambda name: MODEL)
+    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: MODEL)
 
 
 def figures(dev, reannotated, normaliser, threshold):

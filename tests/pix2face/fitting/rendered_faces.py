@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from pix2face.camera import (
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -14,9 +14,9 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.face_maps import FaceMaps, fixed_point_to_maps
-from pix2face.morphable_model import MorphableModel
-from pix2face.rasterise import render_maps, shows_outside
+from pix2face.geometry.maps import FaceMaps, fixed_point_to_maps
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import render_maps, shows_outside
 from pix2face.shards.layers import LAYERS, to_stored
 
 SIZE_PX = 256

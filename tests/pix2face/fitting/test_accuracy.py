@@ -3,8 +3,8 @@
 import pytest
 
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION
-from pix2face.morphable_model import builtin_model
+from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION
+from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.closed_loop import MODELS, measure, summary
 
 N_FACES = 4

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pix2face.camera import HeadPose, head_pose, pinhole_of
-from pix2face.crops import FaceBox, square_crop
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.prepared_model import evenly_spread
-from pix2face.fitting.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
-from pix2face.morphable_model import builtin_model
-from pix2face.rasterise import rasterise
+from pix2face.geometry.camera import HeadPose, head_pose, pinhole_of
+from pix2face.geometry.crops import FaceBox, square_crop
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import builtin_model
+from pix2face.models.rasterise import rasterise
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, render_known_face
 from tests.synthetic_models import small_head_model
 

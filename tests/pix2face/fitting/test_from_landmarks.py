@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.from_landmarks import LandmarkModel, fit_landmarks, fit_mean_to_landmarks
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from tests.synthetic_models import small_head_model
 
 MODEL = LandmarkModel.of(small_head_model())

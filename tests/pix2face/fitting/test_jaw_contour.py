@@ -7,14 +7,21 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from pix2face.annotations import find_annotations
-from pix2face.camera import Camera, HeadPose, WeakPerspective, head_pose, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import InputFileError
+from pix2face.face_files.annotations import find_annotations
+from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.fitting.from_landmarks import LandmarkModel, fit_landmarks
 from pix2face.fitting.jaw_contour import JAW, JawContour
-from pix2face.landmarks import MIRROR_IBUG68
-from pix2face.morphable_model import MorphableModel, builtin_model
-from pix2face.w300lp import read_coefficient_file
+from pix2face.geometry.camera import (
+    Camera,
+    HeadPose,
+    WeakPerspective,
+    head_pose,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
+from pix2face.geometry.landmarks import MIRROR_IBUG68
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 YAWS_DEG = (-60.0, -45.0, -30.0, 30.0, 45.0, 60.0)
 INNER_ONLY = np.where(np.arange(68) < 17, 0.0, 1.0)

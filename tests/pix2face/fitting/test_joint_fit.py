@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from pix2face.camera import HeadPose
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.joint_fit import fit_joint
 from pix2face.fitting.prepared_model import VertexGrid, patches_of, prepared_model
+from pix2face.geometry.camera import HeadPose
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.pix2face.fitting.test_noise import alike_over_patches
 from tests.synthetic_models import small_head_model

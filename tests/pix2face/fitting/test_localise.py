@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pix2face.camera import HeadPose
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.localise import localise_vertices
 from pix2face.fitting.prepared_model import spread_vertices
+from pix2face.geometry.camera import HeadPose
 from tests.pix2face.fitting.rendered_faces import SCALE, render_known_face
 from tests.synthetic_models import small_head_model
 

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pix2face.camera import HeadPose
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.noise import WHITE_NOISE_IS_STRONG_MM, white_noise_mm, without_white_noise
 from pix2face.fitting.picture_measurement import measure_picture
+from pix2face.geometry.camera import HeadPose
 from tests.benchmarks.closed_loop import with_noise
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.synthetic_models import small_head_model

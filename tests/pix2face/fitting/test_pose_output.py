@@ -5,9 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pix2face.camera import HeadPose, WeakPerspective, head_pose, nearest_weak_perspective, weak_perspective_camera
+from pix2face.face_files.w300lp import PoseParameters, camera_of_pose, points_of_pose, pose_of_camera
 from pix2face.fitting.face_fit import fit_face
-from pix2face.w300lp import PoseParameters, camera_of_pose, points_of_pose, pose_of_camera
+from pix2face.geometry.camera import (
+    HeadPose,
+    WeakPerspective,
+    head_pose,
+    nearest_weak_perspective,
+    weak_perspective_camera,
+)
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, render_known_face
 from tests.synthetic_models import small_head_model
 

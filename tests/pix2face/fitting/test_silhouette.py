@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from pix2face.camera import HeadPose, head_pose, nearest_weak_perspective
-from pix2face.face_maps import FaceMaps
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.joint_fit import fit_joint
-from pix2face.fitting.linear_system import image_system
+from pix2face.fitting.least_squares.linear_system import image_system
 from pix2face.fitting.prepared_model import prepared_model
 from pix2face.fitting.silhouette import SLACK_PX, FaceSurface, OutsideDistance, with_silhouette
-from pix2face.morphable_model import builtin_model
+from pix2face.geometry.camera import HeadPose, head_pose, nearest_weak_perspective
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import builtin_model
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, KnownFace, render_known_face
 
 MODEL = builtin_model()

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from pix2face.camera import HeadPose
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.localise import valid_pixel_values
 from pix2face.fitting.surface_pixels import _place_on_surface, surface_rows
+from pix2face.geometry.camera import HeadPose
 from tests.benchmarks.closed_loop import MODELS, measure, summary, with_noise
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.synthetic_models import small_head_model

@@ -12,10 +12,10 @@ import pytest
 import scipy.io
 from numpy import ndarray
 
-from pix2face.camera import Camera
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.landmarks import IBUG68, INNER51
-from pix2face.model_file import StoredModel, write_stored_model
+from pix2face.face_files.w300lp import camera_of_pose, read_coefficient_file
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.landmarks import IBUG68, INNER51
 from pix2face.model_formats import read_model
 from pix2face.model_formats.bfm2009 import (
     GUO_BASIS,
@@ -24,9 +24,9 @@ from pix2face.model_formats.bfm2009 import (
     inner_mouth_vertices,
     standard_deviations_of_300wlp,
 )
-from pix2face.model_import import import_model
-from pix2face.morphable_model import load_model
-from pix2face.w300lp import camera_of_pose, read_coefficient_file
+from pix2face.model_formats.model_import import import_model
+from pix2face.models.model_file import StoredModel, write_stored_model
+from pix2face.models.morphable_model import load_model
 from tests.published_models import Head, write_bfm, write_guo, write_original_bfm
 
 N_ORIGINAL, N_TRIMMED, N_IDENTITY, N_EXPRESSION = 53490, 53215, 199, 29

@@ -9,10 +9,10 @@ import pytest
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.landmarks import IBUG68
-from pix2face.model_file import StoredModel, write_stored_model
+from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats import read_model
-from pix2face.morphable_model import load_model
+from pix2face.models.model_file import StoredModel, write_stored_model
+from pix2face.models.morphable_model import load_model
 from tests.published_models import (
     Head,
     small_head,

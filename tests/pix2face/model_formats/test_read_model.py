@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 
 from pix2face.errors import InputFileError
-from pix2face.landmarks import IBUG68
+from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats import read_model
 from tests.model_files import write_small_head
 from tests.published_models import (

@@ -9,11 +9,11 @@ import pytest
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.landmarks import IBUG68
-from pix2face.model_file import read_stored_model, write_stored_model
+from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats import read_model
-from pix2face.model_import import import_model
-from pix2face.morphable_model import load_model
+from pix2face.model_formats.model_import import import_model
+from pix2face.models.model_file import read_stored_model, write_stored_model
+from pix2face.models.morphable_model import load_model
 
 TOLERANCE_MM = 1e-3
 

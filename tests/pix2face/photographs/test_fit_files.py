@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pix2face.camera import Camera, HeadPose, Pinhole, pinhole_camera
 from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.face_files.w300lp import PoseParameters, camera_of_pose
 from pix2face.fitting.face_fit import FaceFit
+from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera
 from pix2face.photographs.fit_files import fit_to_json, read_fit, write_fit
-from pix2face.w300lp import PoseParameters, camera_of_pose
-from tests.pix2face.seen_faces import HEIGHT_PX, photographed_face
+from tests.pix2face.photographs.seen_faces import HEIGHT_PX, photographed_face
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()

@@ -8,7 +8,9 @@ import pytest
 import trimesh
 from numpy import ndarray
 
-from pix2face.camera import (
+from pix2face.errors import DegenerateGeometryError
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -17,10 +19,9 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.crops import FaceBox, crop_camera, crop_image, square_crop
-from pix2face.errors import DegenerateGeometryError
-from pix2face.face_maps import FaceMaps
-from pix2face.fitting.face_fit import FaceFit
+from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.rasterise import render_maps
 from pix2face.photographs.fit_pictures import (
     LANDMARK_COLOUR,
     OVERLAY_SCALE,
@@ -29,7 +30,6 @@ from pix2face.photographs.fit_pictures import (
     draw_overlay,
     write_point_cloud,
 )
-from pix2face.rasterise import render_maps
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()

@@ -8,11 +8,11 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pix2face.crops import FaceBox, square_crop
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.face_maps import FaceMaps
+from pix2face.geometry.crops import FaceBox, square_crop
+from pix2face.geometry.maps import FaceMaps
+from pix2face.inference.predictor import Prediction
 from pix2face.photographs.map_files import MAP_FORMATS, PNG16_STEPS_PER_MM, maps_to_png16, parse_formats
-from pix2face.predictor import Prediction
 
 SIZE_PX = 48
 

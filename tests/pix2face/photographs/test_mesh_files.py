@@ -9,8 +9,8 @@ import trimesh
 from numpy import ndarray
 
 from pix2face.errors import UsageError
-from pix2face.images import read_photograph
-from pix2face.morphable_model import MorphableModel
+from pix2face.files.images import read_photograph
+from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.mesh_files import (
     FaceMesh,
     linear_colours,

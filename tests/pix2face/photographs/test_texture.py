@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from pix2face.camera import (
+from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.fitting.face_fit import FaceFit
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -16,11 +18,9 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.face_fit import FaceFit
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import interpolate, rasterise
 from pix2face.photographs.texture import NO_COLOUR, face_texture, facing, vertex_colours
-from pix2face.rasterise import interpolate, rasterise
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
 

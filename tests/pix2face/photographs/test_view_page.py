@@ -12,10 +12,10 @@ import pytest
 from numpy import ndarray
 
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.morphable_model import MorphableModel
+from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.view_page import ViewedFace, face_data, view_page
 from tests.browser import visit
-from tests.pix2face.seen_faces import photographed_face
+from tests.pix2face.photographs.seen_faces import photographed_face
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
 

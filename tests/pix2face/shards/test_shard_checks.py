@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import pytest
 
-from pix2face.checked_hdf5 import fixed_text
 from pix2face.errors import UsageError
+from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.shards.shard_checks import verify_folder, verify_shard
 from pix2face.shards.shard_writing import write_shard
 from pix2face.shards.triplet import Triplet

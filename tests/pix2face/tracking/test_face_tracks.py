@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pix2face.box_files import read_box_file
-from pix2face.crops import FaceBox
+from pix2face.face_files.box_files import read_box_file
+from pix2face.geometry.crops import FaceBox
 from pix2face.tracking.face_tracks import (
     FaceTracker,
     FrameBox,

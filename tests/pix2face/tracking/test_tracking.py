@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pix2face.crops import FaceBox, crop_camera, square_crop
+from pix2face.files.images import encode_image
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import face_of_coefficients
 from pix2face.fitting.picture_measurement import measure_picture
-from pix2face.images import encode_image
-from pix2face.morphable_model import MorphableModel
-from pix2face.rasterise import render_maps
+from pix2face.geometry.crops import FaceBox, crop_camera, square_crop
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import render_maps
 from pix2face.tracking import video
 from pix2face.tracking.clip_fit import FrameFitter, carried, expression_of, eye_distance_px
 from pix2face.tracking.face_follower import (

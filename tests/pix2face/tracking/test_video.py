@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.images import encode_image
+from pix2face.files.images import encode_image
 from pix2face.tracking.video import OverlayVideo, open_frames
 
 

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from datagen.appearance.accessories.head_fit import triangles_of
 from datagen.appearance.scene import PosedHead
 from datagen.appearance.surface import Surface
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 
 
 def random_head(seed: int, expression_strength: float = 0.5) -> PosedHead:

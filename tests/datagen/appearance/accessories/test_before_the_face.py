@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.appearance.accessories.body import fit_body
-from datagen.appearance.accessories.hands import POSES, draw_hand, hand_meshes
+from datagen.appearance.accessories.before_face.hands import POSES, draw_hand, hand_meshes
+from datagen.appearance.accessories.before_face.held import HELD, draw_held, held_meshes
+from datagen.appearance.accessories.before_face.masks import MASKS, draw_mask, mask_meshes
+from datagen.appearance.accessories.before_face.occluders import THINGS, draw_thing, thing_meshes
+from datagen.appearance.accessories.clothing.body import fit_body
+from datagen.appearance.accessories.hats.headwear import headwear_meshes
+from datagen.appearance.accessories.hats.headwear_choice import HATS, draw_headwear
 from datagen.appearance.accessories.head_fit import triangles_of
-from datagen.appearance.accessories.headwear import headwear_meshes
-from datagen.appearance.accessories.headwear_choice import HATS, draw_headwear
-from datagen.appearance.accessories.held import HELD, draw_held, held_meshes
 from datagen.appearance.accessories.jewellery import PIERCINGS, SOUND, Jewellery, jewellery_meshes
-from datagen.appearance.accessories.masks import MASKS, draw_mask, mask_meshes
-from datagen.appearance.accessories.occluders import THINGS, draw_thing, thing_meshes
-from datagen.appearance.accessories.solids import box, ellipsoid, lathe, tube
 from datagen.appearance.accessories.weaves import WEAVES, layer_of, weave_textures
 from datagen.appearance.person import draw_person
+from datagen.appearance.solids import box, ellipsoid, lathe, tube
 from tests.datagen.appearance.accessories.heads import outside_mm, random_head
 
 OUTSIDE = ("skin", "brows", "lips", "scalp", "neck")

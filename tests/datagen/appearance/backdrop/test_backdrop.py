@@ -17,7 +17,8 @@ from datagen.appearance.backdrop.patterns import PATTERNS, draw_pattern
 from datagen.appearance.light.environments import environment, panorama_grid, picture_panorama
 from datagen.appearance.light.light import Light, LightConfig, draw_light
 from datagen.appearance.light.sources import PanoramaLight
-from pix2face.camera import (
+from pix2face.errors import InputFileError, UsageError
+from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     Pinhole,
@@ -26,7 +27,6 @@ from pix2face.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.errors import InputFileError, UsageError
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

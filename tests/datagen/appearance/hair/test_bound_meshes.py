@@ -13,7 +13,7 @@ from datagen.appearance.hair.hair import LAYERS
 from datagen.appearance.scene import PosedHead
 from datagen.appearance.surface import Surface
 from pix2face.errors import InputFileError
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 N_HEADS = 30
 PLAIN_BROWS = Brows(

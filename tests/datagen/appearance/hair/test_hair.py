@@ -6,9 +6,9 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from datagen.appearance.accessories.hats.fedora import FEDORA_CROWN, fedora_mesh
 from datagen.appearance.hair.bound_meshes import bound_mesh
 from datagen.appearance.hair.colour import melanin_to_linear
-from datagen.appearance.hair.fedora import FEDORA_CROWN, fedora_mesh
 from datagen.appearance.hair.hair import (
     HARD_HAIR,
     LAYERS,
@@ -26,7 +26,7 @@ from datagen.appearance.person import Person, draw_person
 from datagen.appearance.scene import SCENE_LABELS, PosedHead
 from datagen.appearance.surface import Surface
 from pix2face.errors import UsageError
-from pix2face.morphable_model import MorphableModel, builtin_model
+from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 SOMEBODY = Person(age_years=30, femininity=0.5, african=0.3, asian=0.3, caucasian=0.4, melanin=0.4)
 NO_HAT = None

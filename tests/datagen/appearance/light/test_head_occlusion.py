@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from datagen.appearance.light.head_occlusion import head_occlusion
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
 IBUG = {"nose tip": 30, "chin": 8, "under the nose": 33, "inner corner": 39, "between the lips": 62}

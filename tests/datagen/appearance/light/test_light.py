@@ -33,8 +33,8 @@ from datagen.appearance.light.sources import (
     direction_of,
     seen_illuminance,
 )
-from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.errors import UsageError
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 
 KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")
 

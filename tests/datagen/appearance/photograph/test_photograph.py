@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datagen.appearance.photograph.border import FILLINGS, Border
-from datagen.appearance.photograph.configuration import FAULTS
 from datagen.appearance.photograph.lens import Lens, expose_through
 from datagen.appearance.photograph.noise import noise_window
 from datagen.appearance.photograph.photograph import (
@@ -21,6 +20,7 @@ from datagen.appearance.photograph.photograph import (
     draw_photograph,
     encode,
 )
+from datagen.appearance.photograph.photograph_config import FAULTS
 from datagen.appearance.photograph.sensor import MIDDLE_GREY, Sensor, Tone, sense, tone, tone_curve
 from pix2face.errors import UsageError
 

@@ -16,9 +16,9 @@ from datagen.appearance.surface import Surface
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering import scene_program
 from datagen.rendering.gl_mesh import shader_source
-from datagen.rendering.scene_drawing import SceneDrawer
-from pix2face.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.morphable_model import MorphableModel
+from datagen.rendering.scenes.scene_drawing import SceneDrawer
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.models.morphable_model import MorphableModel
 
 # What is drawn in place of lit skin.
 ALBEDO = "s.albedo"

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from datagen.appearance.configuration import HARD, PRESETS
+from datagen.appearance.appearance_config import HARD, PRESETS
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
 from datagen.sampling.faces import sample_faces
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.datagen.rendering.plain_scenes import camera_at
 
 pytestmark = pytest.mark.gl

@@ -12,7 +12,7 @@ from datagen.appearance.skin.marks import Mark
 from datagen.appearance.skin.skin import HARD_SKIN, SkinConfig, draw_skin
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
 from datagen.opengl.gl_context import GLContext
-from pix2face.morphable_model import builtin_model
+from pix2face.models.morphable_model import builtin_model
 from tests.datagen.appearance.skin.painted_skin import RELIEF, PaintedSkin, painted_skin
 
 PLAIN = SkinConfig(make_up_share=0.0, face_paint_share=0.0, vitiligo_share=0.0, moles=0.0, acne_share=0.0)

@@ -9,8 +9,8 @@ from datagen.appearance.skin.layout import ATLAS_UV, DETAILS_UV, LARGEST_RATIO, 
 from datagen.appearance.skin.skin import head_paint, skin_textures
 from datagen.appearance.skin.uniforms import FOLDING
 from datagen.appearance.skin.zones import LidMargins
-from pix2face.landmarks import IBUG68
-from pix2face.morphable_model import builtin_model
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.morphable_model import builtin_model
 
 MODEL = builtin_model()
 PAINT = head_paint(MODEL)

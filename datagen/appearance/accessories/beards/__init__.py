@@ -1,0 +1,1 @@
+"""Beards and their texture."""

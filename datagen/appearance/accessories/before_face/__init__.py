@@ -1,0 +1,1 @@
+"""Hands, masks and objects before the face."""

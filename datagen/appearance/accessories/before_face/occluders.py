@@ -1,0 +1,192 @@
+"""Things that stand between camera and face: boxes, balls, poles, leaves, sheets with text, fences, other people."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from datagen.appearance.accessories.colours import (
+    WHITE,
+    Colour,
+    cloth,
+    draw_cloth_colour,
+    draw_tint,
+    skin_material,
+    smooth,
+)
+from datagen.appearance.accessories.weaves import WEAVES, layer_of
+from datagen.appearance.scene import Material, SceneMesh
+from datagen.appearance.solids import Solid, box, ellipsoid, joined, scene_mesh, sheet, tube
+
+THINGS = ("box", "ball", "pole", "leaves", "paper", "panel", "lattice", "person", "cloth")
+_WEIGHTS = (0.12, 0.08, 0.10, 0.10, 0.12, 0.16, 0.05, 0.15, 0.12)
+CENTRE = np.array([0.0, 10.0, 30.0])
+_PANEL_WEAVES = ("jersey", "wood", "print", "paper", "plaid", "flowers", "leather", "check", "brushed", "camouflage")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Thing:
+    """Something in front.
+
+    Attributes:
+        kind: One of ``THINGS``.
+        azimuth_deg: From where it is seen before the face: 0 straight ahead, positive to the subject's left.
+        elevation_deg: Above.
+        distance_mm: From the middle of the head.
+        aside_deg: In which direction it is moved aside, about the line of sight.
+        aside_mm: How far.
+        size: Factor on its usual size.
+        turn_deg: About the line of sight.
+        tip_deg: About the horizontal.
+        weave: Of its surface.
+        colour: Linear.
+        second: Of pattern or hair, linear.
+        seed: Of details.
+    """
+
+    kind: str
+    azimuth_deg: float
+    elevation_deg: float
+    distance_mm: float
+    aside_deg: float
+    aside_mm: float
+    size: float
+    turn_deg: float
+    tip_deg: float
+    weave: str
+    colour: Colour
+    second: Colour
+    seed: int
+
+
+def draw_thing(rng: np.random.Generator) -> Thing:
+    """Draws something in front, a part of it before the face."""
+    kind = str(rng.choice(THINGS, p=np.array(_WEIGHTS) / sum(_WEIGHTS)))
+    weave = {"paper": "paper", "lattice": "lattice", "leaves": "leaf"}.get(kind) or str(rng.choice(_PANEL_WEAVES))
+    green = draw_tint(rng, 0.6, float(rng.uniform(0.3, 0.6)))
+    colour = draw_cloth_colour(rng) if rng.uniform() < 0.6 else draw_tint(rng, float(rng.uniform(0.2, 0.9)), 0.6)
+    if kind == "leaves":
+        colour = (round(0.4 * green[1], 4), max(green), round(0.25 * green[1], 4))
+    if kind == "paper":
+        colour = WHITE
+    tone = float(rng.uniform())
+    if kind == "person":
+        colour = (round(0.62 - 0.5 * tone, 4), round(0.42 - 0.37 * tone, 4), round(0.33 - 0.30 * tone, 4))
+    return Thing(
+        kind=kind,
+        azimuth_deg=round(float(np.clip(rng.normal(0, 40), -85, 85)), 2),
+        elevation_deg=round(float(rng.normal(0, 12)), 2),
+        distance_mm=round(float(rng.uniform(170, 280)), 2),
+        aside_deg=round(float(rng.uniform(0, 360)), 2),
+        aside_mm=round(float(rng.uniform(25, 110)), 2),
+        size=round(float(np.exp(rng.normal(0, 0.35))), 3),
+        turn_deg=round(float(rng.uniform(-180, 180) if kind != "person" else rng.normal(0, 12)), 2),
+        tip_deg=round(float(rng.normal(0, 15)), 2),
+        weave=weave,
+        colour=colour,
+        second=draw_cloth_colour(rng) if kind != "paper" else (0.02, 0.02, 0.03),
+        seed=int(rng.integers(2**31)),
+    )
+
+
+def thing_meshes(thing: Thing) -> list[SceneMesh]:
+    """Its meshes, model frame, whatever the head."""
+    turn, place = _placed(thing)
+    surface = cloth(thing.weave, thing.colour, thing.second, 0.75)
+    pieces: list[tuple[Solid, Material]]
+    if thing.kind == "person":
+        pieces = _person(thing)
+    elif thing.kind in ("lattice", "leaves"):
+        pieces = [(_lattice() if thing.kind == "lattice" else _leaves(thing), _cut_out(thing))]
+    else:
+        pieces = [(_plain(thing), smooth(thing.colour, 0.35) if thing.kind in ("ball", "pole") else surface)]
+    return [
+        scene_mesh(f"occluder/{thing.kind}{i}", "occluder", made.placed(turn, place, thing.size), material)
+        for i, (made, material) in enumerate(pieces)
+    ]
+
+
+def _placed(thing: Thing) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
+    """Its axes (x to its right as seen from it, y up, z away from the face) and its place."""
+    view = Rotation.from_euler("yx", [thing.azimuth_deg, -thing.elevation_deg], degrees=True)
+    own = Rotation.from_euler("zx", [thing.turn_deg, thing.tip_deg], degrees=True)
+    aside = np.deg2rad(thing.aside_deg)
+    # What is large begins where it is moved to, so that its edge lies before the face.
+    reach = (
+        thing.aside_mm
+        + {"panel": 95.0, "person": 70.0, "cloth": 75.0, "box": 40.0, "paper": 60.0}.get(thing.kind, 0.0) * thing.size
+    )
+    local = np.array([np.cos(aside) * reach, np.sin(aside) * reach, thing.distance_mm])
+    if thing.kind == "person":  # a shoulder or a head comes in from the side or from below
+        local[1] = -abs(local[1])
+    return (view * own).as_matrix(), CENTRE + view.apply(local)
+
+
+def _cut_out(thing: Thing) -> Material:
+    return Material(
+        kind="object",
+        texture=WEAVES,
+        layer=layer_of(thing.weave),
+        colour=thing.colour,
+        roughness=0.6,
+        numbers=(*thing.second, 0.0),
+        is_blended=True,
+    )
+
+
+def _plain(thing: Thing) -> Solid:
+    rng = np.random.default_rng(thing.seed)
+    if thing.kind == "box":
+        size = rng.uniform([50, 60, 20], [120, 150, 70])
+        return box((float(size[0]), float(size[1]), float(size[2])))
+    if thing.kind == "ball":
+        radius = float(rng.uniform(25, 60))
+        return ellipsoid((radius, radius, radius), 13, 20)
+    if thing.kind == "pole":
+        radius = float(rng.uniform(6, 22))
+        return tube(np.array([[0.0, y, 0.0] for y in (-600, -200, 200, 600)]), radius, (0, 0, 1), 14)
+    if thing.kind == "paper":
+        bend = float(rng.uniform(-30, 30))
+        x, y = np.meshgrid(np.linspace(-75, 75, 9), np.linspace(105, -105, 9))
+        return sheet(np.stack([x, y, bend * (x / 75) ** 2], axis=-1))
+    if thing.kind == "cloth":
+        x, y = np.meshgrid(np.linspace(-95, 95, 25), np.linspace(200, -200, 25))
+        waves = sum(np.sin(x * rng.uniform(0.02, 0.12) + y * rng.normal(0, 0.02) + rng.uniform(0, 6)) for _ in range(3))
+        return sheet(np.stack([x + 3 * waves, y, 6 * waves], axis=-1), (3.0, 6.0))
+    return box((200.0, 260.0, 4.0), float(rng.uniform(1, 3)))
+
+
+def _lattice() -> Solid:
+    x, y = np.meshgrid(np.linspace(-320, 320, 2), np.linspace(320, -320, 2))
+    return sheet(np.stack([x, y, 0 * x], axis=-1), (9.0, 9.0))
+
+
+def _leaves(thing: Thing) -> Solid:
+    rng = np.random.default_rng(thing.seed)
+    leaves = []
+    for _ in range(int(rng.integers(3, 14))):
+        long, wide = rng.uniform(35, 110), rng.uniform(15, 45)
+        x, y = np.meshgrid(np.linspace(-0.5, 0.5, 4), np.linspace(0, 1, 6))
+        bend = rng.uniform(0, 0.3) * long * y**2
+        leaf = sheet(np.stack([wide * x, -long * y, -bend + 4 * np.abs(x)], axis=-1))
+        turn = Rotation.from_euler("zxy", rng.normal(0, [1.2, 0.5, 0.5])).as_matrix()
+        leaves.append(leaf.placed(turn, rng.normal(0, [45, 55, 15])))
+    return joined(leaves)
+
+
+def _person(thing: Thing) -> list[tuple[Solid, Material]]:
+    """Somebody nearer to the camera, seen from behind or beside: a head of hair, a neck, shoulders."""
+    head = ellipsoid((76, 108, 92), 13, 20)
+    hair = ellipsoid((83, 92, 98), 13, 20).placed(np.eye(3), np.array([0.0, 30.0, 14.0]))
+    neck = tube(np.array([[0.0, -60, 10], [0, -120, 18], [0, -170, 20]]), 55.0, (0, 0, 1), 12)
+    shoulders = ellipsoid((215, 95, 110), 11, 20).placed(np.eye(3), np.array([0.0, -245.0, 20.0]))
+    chest = tube(np.array([[0.0, -240, 20], [0, -420, 20], [0, -600, 20]]), np.array([[200.0, 105]] * 3), (0, 0, 1), 16)
+    return [
+        (joined([head, neck]), skin_material(thing.colour)),
+        (hair, cloth("fleece", tuple(round(0.3 * part, 4) for part in thing.second), thing.second, 0.6)),  # type: ignore[arg-type]
+        (joined([shoulders, chest]), cloth(thing.weave, thing.second, thing.colour)),
+    ]

@@ -1,0 +1,1 @@
+"""Clothes, collars and the body beneath."""

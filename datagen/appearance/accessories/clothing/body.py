@@ -1,0 +1,203 @@
+"""Neck and shoulders under a head: a surface that starts at the rim of the model's neck and turns with the torso."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float32, Float64, Int32, Int64
+from numpy import ndarray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from datagen.appearance.accessories.head_fit import neck_rim
+from datagen.appearance.scene import PosedHead
+from datagen.appearance.solids import Solid, grid_normals, grid_triangles, sheet, solid, unit
+
+# Place along the body: -1 the rim of the neck, 0 where it meets the shoulders, 1 the chest. Of each ring below the rim:
+# place, half width, z of back and front, y of front, back and sides; mm.
+_RINGS = np.array(
+    [
+        [-0.60, 51, -71, 27, -127, -55, -97],
+        [-0.25, 52, -84, 15, -149, -87, -120],
+        [0.00, 58, -97, 8, -163, -112, -136],
+        [0.15, 90, -112, 28, -178, -130, -150],
+        [0.40, 150, -122, 52, -203, -160, -168],
+        [0.60, 190, -126, 66, -232, -195, -190],
+        [0.75, 210, -126, 74, -265, -235, -228],
+        [1.00, 220, -122, 84, -420, -420, -420],
+    ],
+    dtype=np.float64,
+)
+_PLACES = np.concatenate([np.linspace(-1, 0, 9), [0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0]])
+_INSIDE = -1.07  # place of the vertices next to the rim
+_PIVOT = np.array([0.0, -135.0, -45.0])
+_FINE_ROWS = 3  # of the skin: under the rim, the rim, and the one below
+_LAP_MM = 0.7  # how deep the neck reaches under the rim
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Neck and shoulders as a grid: rows from the rim down, columns from the back over the right side to the front.
+
+    Attributes:
+        points: mm, model frame.
+        normals: Unit, outward.
+        lap: What continues the neck upward, a little below the skin of the head.
+        head_from_torso: How the torso is turned.
+        shift: What moves the mean head's neck to that of this head, mm.
+    """
+
+    points: Float32[ndarray, "r c 3"]
+    normals: Float32[ndarray, "r c 3"]
+    lap: Float32[ndarray, "c 3"]
+    head_from_torso: Float64[ndarray, "3 3"]
+    shift: Float64[ndarray, "3"]
+
+    def at(
+        self, place: Float[ndarray, "*#n"], turn: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
+    ) -> Float32[ndarray, "*_ 3"]:
+        """Points above the surface.
+
+        Args:
+            place: Along the body, -1 to 1.
+            turn: Around it: 0 the front, 0.25 the left side, 0.5 the back; any number of turns.
+            above_mm: Distance from the skin.
+        """
+        place, turn, above_mm = np.broadcast_arrays(place, turn, above_mm)
+        rows = np.interp(place, _PLACES, np.arange(len(_PLACES)))
+        around = self.points.shape[1] - 1
+        columns = np.mod(np.asarray(turn) + 0.5, 1.0) * around
+        row = np.minimum(rows.astype(np.intp), len(_PLACES) - 2)
+        column = np.minimum(columns.astype(np.intp), around - 1)
+        down, along = (rows - row).astype(np.float32), (columns - column).astype(np.float32)
+        height = np.asarray(above_mm, dtype=np.float32)[..., None]
+        first = row * (around + 1) + column
+        found = np.zeros((*rows.shape, 6), dtype=np.float32)
+        for step, share in (
+            (0, (1 - down) * (1 - along)),
+            (1, (1 - down) * along),
+            (around + 1, down * (1 - along)),
+            (around + 2, down * along),
+        ):
+            found += share[..., None] * self._grid.take(first + step, axis=0)
+        return found[..., :3] + height * found[..., 3:]
+
+    @cached_property
+    def _grid(self) -> Float32[ndarray, "n 6"]:
+        """Points and normals side by side."""
+        return np.concatenate([self.points, self.normals], axis=-1).reshape(-1, 6)
+
+    def skin(self, down_to: float) -> Solid:
+        """The bare surface from under the rim down to a place.
+
+        Next to the rim it has the head's vertices, farther down every second: what is drawn five times, for shadows and
+        for the picture, should not be finer than anybody sees.
+        """
+        rows = min(max(int(np.searchsorted(_PLACES, down_to)) + 2, _FINE_ROWS), len(_PLACES))
+        points = np.concatenate([self.lap[None], self.points[:rows]])
+        normals = np.concatenate([self.normals[:1], self.normals[:rows]])
+        kept, triangles = _thinned_grid(len(points), points.shape[1])
+        whole = sheet(points, (8.0, 8.0 * rows / len(_PLACES)), normals=normals)
+        return solid(whole.vertices[kept], triangles, whole.uv[kept], whole.normals[kept])
+
+
+def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: float = 1.0) -> Body:
+    """Makes the body of a head.
+
+    Args:
+        head: The head; its neck's rim is the first ring.
+        head_from_torso: Turns the torso from where the head alone would have it, model frame.
+        breadth: Of the shoulders, 1 is a man's.
+    """
+    rim, inside = (indices[::-1] for indices in neck_rim(head.model))
+    edge, inner = head.vertices[rim].astype(np.float64), head.vertices[inside].astype(np.float64)
+    mean = head.model.mean[rim]
+    shift = edge[:-1].mean(axis=0) - mean[:-1].mean(axis=0)
+    size = float(np.ptp(edge[:, 0]) / np.ptp(mean[:, 0]))
+    rings = _rings(len(rim), size, breadth) + shift
+    ahead = _smoothed_around(inner - edge)
+    keys = np.concatenate([(edge + ahead)[None], edge[None], rings])
+    points = (_spline_weights() @ keys.reshape(len(keys), -1)).reshape(-1, *keys.shape[1:])
+    points = _turned(points, np.asarray(head_from_torso, dtype=np.float64), _PIVOT + shift)
+    points[0] = edge
+    normals = grid_normals(points, is_closed=True)
+    at_rim = head.normals[rim]
+    normals[0] = at_rim
+    normals[1] = unit(normals[1] + 0.5 * at_rim)
+    lap = inner - _LAP_MM * head.normals[inside]
+    return Body(points.astype(np.float32), normals, lap.astype(np.float32), np.asarray(head_from_torso, float), shift)
+
+
+def _rings(columns: int, size: float, breadth: float) -> Float64[ndarray, "k c 3"]:
+    """The rings below the rim, mean head."""
+    place = _RINGS[:, :1]
+    wide = np.where(place < 0.1, size, np.where(place < 0.3, 0.5 + 0.5 * size, breadth))
+    rings = _mean_rings(columns).copy()
+    rings[..., 0] *= wide
+    return rings
+
+
+@lru_cache(maxsize=4)
+def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
+    """The same in their own width."""
+    angle = np.linspace(0, 2 * np.pi, columns)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    place, width, back, front, y_front, y_back, y_side = _RINGS.T[:, :, None]
+    boxy = 1 - 0.3 * np.clip(place / 0.6, 0, 1)
+    x = -width * np.sign(sine) * np.abs(sine) ** boxy
+    z = 0.5 * (front + back) - 0.5 * (front - back) * np.sign(cosine) * np.abs(cosine) ** boxy
+    ahead = 0.5 * (1 - cosine)
+    y = y_front * ahead + y_back * (1 - ahead) + (y_side - 0.5 * (y_front + y_back)) * sine**2
+    return np.stack([x, y, z], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[ndarray, "t 3"]]:
+    """A grid that has every second column from its fourth row on: which vertices are left, and triangles over them."""
+    assert columns % 2, "the last column lies on the first, so a rim of an even number of vertices has an odd one"
+    fine, thin = _FINE_ROWS * columns, np.arange(0, columns, 2)
+    below = np.arange(_FINE_ROWS, rows)[:, None] * columns + thin
+    kept = np.concatenate([np.arange(fine), below.reshape(-1)])
+    left, right = np.arange(len(thin) - 1), np.arange(1, len(thin))
+    seam = fine - columns + thin
+    # Where two columns become one: a fan of three triangles, so that nothing gapes.
+    a, b = seam[:-1], seam[1:]
+    middle = a + 1
+    fan = [(a, fine + left, middle), (middle, fine + left, fine + right), (middle, fine + right, b)]
+    parts = [
+        grid_triangles(_FINE_ROWS, columns),
+        np.stack([np.stack(corners, axis=1) for corners in fan], axis=1).reshape(-1, 3),
+        fine + grid_triangles(rows - _FINE_ROWS, len(thin)),
+    ]
+    triangles = np.concatenate(parts).astype(np.int32)
+    for each in (kept, triangles):
+        each.setflags(write=False)
+    return kept, triangles
+
+
+@lru_cache(maxsize=1)
+def _spline_weights() -> Float64[ndarray, "r k"]:
+    """Rows of the grid from the rings, smooth along the body."""
+    keys = np.concatenate([[_INSIDE, -1.0], _RINGS[:, 0]])
+    return np.asarray(CubicSpline(keys, np.eye(len(keys)), bc_type="natural")(_PLACES))
+
+
+def _smoothed_around(vectors: Float64[ndarray, "c 3"]) -> Float64[ndarray, "c 3"]:
+    """A mean over some columns, of a ring whose last column is its first."""
+    ring = vectors[:-1]
+    wide = np.concatenate([ring[-5:], ring, ring[:4]])
+    summed = np.cumsum(wide, axis=0)
+    smooth = (summed[9:] - summed[:-9]) / 9
+    return np.concatenate([smooth, smooth[:1]])
+
+
+def _turned(
+    points: Float64[ndarray, "r c 3"], head_from_torso: Float64[ndarray, "3 3"], pivot: Float64[ndarray, "3"]
+) -> Float64[ndarray, "r c 3"]:
+    """Turns rows with the torso: not at all at the rim, wholly from the shoulders on."""
+    share = np.clip(_PLACES + 1, 0, 1)
+    share = share * share * (3 - 2 * share)
+    turns = Rotation.from_rotvec(share[:, None] * Rotation.from_matrix(head_from_torso).as_rotvec()).as_matrix()
+    return (points - pivot) @ turns.transpose(0, 2, 1) + pivot

@@ -1,0 +1,180 @@
+"""Collars, lapels, ties, hoods that lie on the shoulders, straps and scarves: what ends a garment at the neck."""
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from datagen.appearance.accessories.clothing.body import Body
+from datagen.appearance.accessories.clothing.clothes_choice import Clothes
+from datagen.appearance.solids import Solid, joined, sheet, tube, unit
+
+# What a piece is made of ("outer", "inner", "trim", "rib"), and its shape.
+Piece = tuple[str, Solid]
+
+
+def collar_solids(garment: str, body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
+    """The pieces of a garment's neck, and a scarf over it."""
+    pieces: list[Piece] = []
+    if garment in ("t-shirt", "v-neck", "sweater", "hoodie"):
+        pieces.append(("rib", _rib(body, neckline, cut, 5.0 if garment == "sweater" else 3.5)))
+    if garment == "hoodie":
+        pieces += [("outer", _hood(body, cut)), ("inner", _strings(body, cut))]
+    if garment in ("shirt", "suit"):
+        opened = 0.012 if cut.has_tie else 0.02 + 0.05 * cut.depth
+        pieces.append(("inner" if garment == "suit" else "outer", _shirt_collar(body, opened)))
+    if cut.has_tie and garment in ("shirt", "suit"):
+        pieces.append(("trim", _tie(body, cut)))
+    if garment == "suit":
+        pieces.append(("outer", _lapels(body, cut, neckline)))
+    if garment == "turtleneck":
+        pieces.append(("rib", _standing(body, -0.55, cut, rolls=True)))
+    if garment == "zipped":
+        pieces.append(("outer", _standing(body, -0.45, cut, rolls=False)))
+    if garment == "straps":
+        pieces.append(("outer", _straps(body, neckline, cut)))
+    if cut.scarf > 0:
+        pieces.append(("trim", _scarf(body, cut)))
+    return pieces
+
+
+def _rib(body: Body, neckline: Float[ndarray, " c"], cut: Clothes, half_mm: float) -> Solid:
+    """The knitted band along a neckline."""
+    turn = np.linspace(0, 1, len(neckline))
+    path = body.at(neckline, turn, 1.5 + cut.looseness_mm * 0.5)
+    outward = unit(body.at(neckline, turn, 10.0) - body.at(neckline, turn, 0.0))
+    inner = body.at(np.maximum(neckline - 0.012 * half_mm, -1), turn, 1.0)
+    below = body.at(neckline + 0.02, turn, cut.looseness_mm + 2.2)
+    rows = np.stack([inner, path + 1.5 * outward, below])
+    return sheet(rows, (90.0, 1.0), is_closed=True)
+
+
+def _hood(body: Body, cut: Clothes) -> Solid:
+    """A hood that lies on back and shoulders: a thick roll, higher behind."""
+    turn = np.linspace(0.06, 0.94, 33)
+    behind = np.sin(np.pi * (turn - 0.06) / 0.88)
+    path = body.at(0.10 + 0.04 * np.cos(2 * np.pi * turn), turn, cut.looseness_mm + 8 + 14 * behind)
+    radii = np.stack([9 + 14 * behind, 8 + 20 * behind], axis=1)
+    return tube(path, radii, _up(body), sides=10)
+
+
+def _strings(body: Body, cut: Clothes) -> Solid:
+    strings = []
+    for side in (-1, 1):
+        place = np.linspace(0.1, 0.1 + 0.35 + 0.1 * (cut.seed % 5) / 5, 8)
+        strings.append(tube(body.at(place, np.full(8, side * 0.045), cut.looseness_mm + 7), 2.2, sides=5))
+    return joined(strings)
+
+
+def _shirt_collar(body: Body, opened: float) -> Solid:
+    """A band around the neck, folded over, with points in front."""
+    turn = np.linspace(opened, 1 - opened, 41)
+    near = np.exp(-((np.minimum(turn, 1 - turn) - opened) / 0.07))
+    ones = np.ones_like(turn)
+    rise = 1 - 0.35 * near
+    profile = [
+        (0.03 * ones, 2.5 * ones),
+        (-0.40 * rise, 3.5 * ones),
+        (-0.43 * rise, 5.5 * ones),
+        (-0.38 * rise, 8.0 * ones),
+        (-0.10 * ones, 12.0 - 1.0 * near),
+        (0.07 + 0.15 * near, 9.0 + 2.0 * near),
+    ]
+    leaning = turn + np.where(turn < 0.5, 1, -1) * 0.012 * near
+    rows = [
+        body.at(place, leaning if i == len(profile) - 1 else turn, above) for i, (place, above) in enumerate(profile)
+    ]
+    return sheet(np.stack(rows), (12.0, 2.0))
+
+
+def _tie(body: Body, cut: Clothes) -> Solid:
+    """A knot, and the blade that hangs from it."""
+    place = np.array([-0.10, -0.04, 0.04, 0.06, 0.12, 0.3, 0.6, 1.0])
+    half_mm = np.array([13.0, 15.0, 11.0, 10.0, 16.0, 22.0, 30.0, 38.0])
+    above = np.array([7.0, 14.0, 14.0, 10.0, 7.0, 6.0, 6.0, 6.0]) + 0.4 * cut.looseness_mm
+    middle = body.at(place, np.zeros(8), above)
+    sideways = unit(body.at(place, np.full(8, 0.02), 0.0) - body.at(place, np.full(8, -0.02), 0.0))
+    across = np.array([-1.0, -0.6, 0, 0.6, 1])
+    dome = body.at(place, np.zeros(8), above + 4) - middle
+    points = middle[:, None] + (half_mm[:, None] * across)[..., None] * sideways[:, None]
+    return sheet(points + (1 - across**2)[None, :, None] * dome[:, None], (2.0, 8.0))
+
+
+def _lapels(body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> Solid:
+    """Lapels along the neckline and the collar behind the neck that they come from."""
+    turn = np.linspace(0, 1, len(neckline))
+    above = cut.looseness_mm + 6.0
+    sides = []
+    for side in (-1, 1):
+        s = np.linspace(0.004, 0.30, 15)
+        place = np.interp(s, turn, neckline)
+        wide = 0.055 * np.clip(1 - np.abs(s - 0.13) / 0.13, 0.1, 1)
+        rows = [
+            body.at(place, side * (s + part * wide), above + 3 + 3 * np.sin(np.pi * part)) for part in (0.0, 0.5, 1.0)
+        ]
+        sides.append(sheet(np.stack(rows if side > 0 else rows[::-1]), (8.0, 2.0)))
+    around = np.linspace(0.17, 0.83, 25)
+    profile = [(0.04, 6.0), (-0.22, 7.0), (-0.24, 10.0), (0.0, 14.0), (0.12, above + 6)]
+    band = np.stack([body.at(np.full(25, place), around, height) for place, height in profile])
+    return joined([*sides, sheet(band, (8.0, 2.0))])
+
+
+def _standing(body: Body, top: float, cut: Clothes, *, rolls: bool) -> Solid:
+    """A collar that stands around the neck, rolled over or with an open edge."""
+    turn = np.linspace(0, 1, 49)
+    wobble = 1 + 0.06 * np.sin(2 * np.pi * 3 * turn + cut.seed % 7)
+    loose = 3.0 if rolls else 6.0
+    profile = [(0.08, cut.looseness_mm + 2), (-0.02, loose + 2.5), (0.6 * top, loose + 1.5), (top, loose)]
+    if rolls:
+        profile = [
+            (0.05, loose + 3),
+            (-0.05, loose + 4.5),
+            (0.6 * top, loose + 6),
+            (top, loose + 4),
+            (top - 0.02, loose + 2),
+            (top, loose),
+            (0.5 * top, loose),
+        ]
+    else:
+        profile += [(top - 0.01, loose - 1.5), (0.5 * top, loose - 2.5)]
+    rows = [body.at(np.clip(place * wobble, -0.98, 1), turn, height) for place, height in profile[::-1]]
+    return sheet(np.stack(rows), (24.0, 3.0), is_closed=True)
+
+
+def _straps(body: Body, neckline: Float[ndarray, " c"], cut: Clothes) -> Solid:
+    """Two straps over the shoulders."""
+    half_mm = 3.0 + 12.0 * cut.depth
+    straps = []
+    for side in (-1, 1):
+        s = np.linspace(0, 1, 17)
+        turn = np.interp(s, [0, 0.3, 0.5, 0.7, 1], [0.10, 0.16, 0.25, 0.34, 0.40])
+        top = np.interp(s, [0, 0.3, 0.5, 0.7, 1], [0.0, 0.32, 0.26, 0.32, 0.0])
+        low = np.interp(turn, np.linspace(0, 1, len(neckline)), neckline) + 0.03
+        place = np.where(top > 0, np.minimum(low, low + (0.26 - low) * np.sin(np.pi * s) ** 0.6), low)
+        path = body.at(place, side * turn, 2.0)
+        upward = body.at(place, side * turn, 12.0) - path
+        ahead = np.gradient(path, axis=0)
+        sideways = unit(np.cross(ahead, upward)) * half_mm * side
+        straps.append(sheet(np.stack([path - sideways, path + 0.15 * upward, path + sideways])[::side], (8.0, 1.0)))
+    return joined(straps)
+
+
+def _scarf(body: Body, cut: Clothes) -> Solid:
+    """Two turns around the neck, and an end that hangs down."""
+    turn = np.linspace(0, 2, 57)
+    rng = np.random.default_rng(cut.seed)
+    waves = sum(np.sin(2 * np.pi * k * turn + rng.uniform(0, 6)) for k in (1, 3, 5)) / 3
+    place = -0.05 - 0.28 * (turn - 1) + 0.05 * waves
+    path = body.at(np.clip(place, -0.7, 1), turn + 0.07, cut.scarf * (0.75 + 0.15 * waves))
+    radii = cut.scarf * np.stack([0.8 + 0.15 * waves, 1.05 - 0.2 * waves], axis=1)
+    ring = tube(path, radii, _up(body), sides=9)
+    down = np.linspace(0.0, 0.9, 9)
+    end = body.at(down, np.full(9, 0.05), cut.looseness_mm + cut.scarf * np.linspace(1.5, 0.6, 9))
+    hanging = tube(
+        end, np.tile([[0.5 * cut.scarf, 1.9 * cut.scarf]], (9, 1)), tuple(body.head_from_torso[:, 0]), sides=8
+    )
+    return joined([ring, hanging])
+
+
+def _up(body: Body) -> tuple[float, float, float]:
+    x, y, z = (float(part) for part in body.head_from_torso[:, 1])
+    return x, y, z

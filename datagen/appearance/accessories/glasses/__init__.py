@@ -1,0 +1,1 @@
+"""Glasses: shapes, fit and choice."""

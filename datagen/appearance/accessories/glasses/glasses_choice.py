@@ -1,0 +1,123 @@
+"""Which glasses people wear, and how."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from datagen.appearance.accessories.colours import BLACK, GOLD, SILVER, Colour, draw_tint
+from datagen.appearance.accessories.glasses.glasses_shapes import SHAPES
+from datagen.appearance.person import Person
+
+RIMS = ("full", "half", "none", "goggles")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Glasses:
+    """A pair of glasses.
+
+    Attributes:
+        shape: One of ``SHAPES``.
+        rim: One of ``RIMS``.
+        width_mm: Of a lens.
+        height_mm: Of a lens.
+        bridge_mm: Between the lenses.
+        thickness_mm: Half width of the rim.
+        is_metal: Instead of plastic.
+        colour: Of the frame, linear.
+        lens_colour: Linear.
+        lens_alpha: 0 clear to 1 opaque.
+        mirror: Light that a coating mirrors; 0 bare glass.
+        gradient: How much darker lenses are above than below.
+        slip_mm: How far down the nose they sit.
+        lift: 0 on the nose, 1 pushed up on the hair.
+        tilt_deg: Top of the lenses forward.
+        skew_deg: How crooked they sit.
+    """
+
+    shape: str
+    rim: str
+    width_mm: float
+    height_mm: float
+    bridge_mm: float
+    thickness_mm: float
+    is_metal: bool
+    colour: Colour
+    lens_colour: Colour
+    lens_alpha: float
+    mirror: float
+    gradient: float
+    slip_mm: float
+    lift: float
+    tilt_deg: float
+    skew_deg: float
+
+
+def draw_glasses(rng: np.random.Generator, person: Person, *, is_dark: bool, goggle_share: float = 0.0) -> Glasses:
+    """Draws glasses or sunglasses."""
+    if rng.uniform() < goggle_share:
+        return _draw_goggles(rng)
+    shape = str(rng.choice(SHAPES))
+    rim = str(rng.choice(["full", "half", "none"], p=[0.74, 0.14, 0.12]))
+    is_metal = bool(rng.uniform() < (0.75 if shape in ("aviator", "round") or rim != "full" else 0.3))
+    width = float(rng.uniform(44, 56) + 5 * is_dark)
+    aspect = {"round": 0.95, "rectangle": 0.62, "aviator": 0.86, "cat-eye": 0.72, "square": 0.82, "oval": 0.68}[shape]
+    is_mirrored = is_dark and rng.uniform() < 0.25
+    is_tinted = not is_dark and rng.uniform() < 0.08
+    alpha = rng.uniform(0.80, 0.96) if is_dark else rng.uniform(0.2, 0.5) if is_tinted else rng.uniform(0.0, 0.05)
+    tint = draw_tint(rng, 0.8 if is_mirrored or is_tinted else rng.uniform(0, 0.5), 0.9 if is_mirrored else 0.18)
+    place = rng.choice(["nose", "low", "hair"], p=[0.88, 0.08, 0.04] if not is_dark else [0.84, 0.04, 0.12])
+    return Glasses(
+        shape=shape,
+        rim=rim,
+        width_mm=round(width, 2),
+        height_mm=round(float(width * aspect * rng.uniform(0.9, 1.1)), 2),
+        bridge_mm=round(float(rng.uniform(15, 21)), 2),
+        thickness_mm=round(float(rng.uniform(0.5, 0.9) if is_metal else rng.gamma(4, 0.4) + 0.8), 2),
+        is_metal=is_metal,
+        colour=_frame_colour(rng, is_metal),
+        lens_colour=tint,
+        lens_alpha=round(float(alpha), 3),
+        mirror=round(float(rng.uniform(0.3, 0.8)), 3) if is_mirrored else 0.0,
+        gradient=round(float(rng.uniform(0, 0.35)), 3) if is_dark or is_tinted else 0.0,
+        slip_mm=round(float(rng.uniform(10, 20) if place == "low" else rng.uniform(0, 4)), 2),
+        lift=round(float(rng.uniform(0.85, 1.0)), 3) if place == "hair" else 0.0,
+        tilt_deg=round(float(rng.uniform(3, 10)), 2),
+        skew_deg=round(float(rng.normal(0, 1.0)), 2),
+    )
+
+
+def _draw_goggles(rng: np.random.Generator) -> Glasses:
+    """Swimming goggles (small) or ski goggles (large)."""
+    is_ski = bool(rng.uniform() < 0.5)
+    return Glasses(
+        shape="oval" if not is_ski else "square",
+        rim="goggles",
+        width_mm=round(float(rng.uniform(70, 76) if is_ski else rng.uniform(48, 54)), 2),
+        height_mm=round(float(rng.uniform(66, 74) if is_ski else rng.uniform(34, 40)), 2),
+        bridge_mm=2.0 if is_ski else 14.0,
+        thickness_mm=5.0 if is_ski else 3.5,
+        is_metal=False,
+        colour=draw_tint(rng, float(rng.uniform(0, 0.8)), float(rng.uniform(0.1, 0.9))),
+        lens_colour=draw_tint(rng, 0.7, 0.5),
+        lens_alpha=round(float(rng.uniform(0.3, 0.95)), 3),
+        mirror=round(float(rng.uniform(0.1, 0.7)), 3),
+        gradient=0.0,
+        slip_mm=0.0,
+        lift=0.9 if rng.uniform() < 0.2 else 0.0,
+        tilt_deg=3.0,
+        skew_deg=0.0,
+    )
+
+
+def _frame_colour(rng: np.random.Generator, is_metal: bool) -> Colour:
+    if is_metal:
+        return (GOLD, SILVER, (0.05, 0.05, 0.055))[int(rng.choice(3, p=[0.3, 0.35, 0.35]))]
+    kind = rng.uniform()
+    if kind < 0.5:
+        return BLACK
+    if kind < 0.75:
+        shade = float(rng.uniform(0.04, 0.16))
+        return round(shade, 4), round(shade * 0.45, 4), round(shade * 0.2, 4)  # tortoiseshell
+    return draw_tint(rng, float(rng.uniform(0.1, 0.7)), float(rng.uniform(0.2, 0.9)))

@@ -1,0 +1,1 @@
+"""Hats, scarves and what else covers the hair."""

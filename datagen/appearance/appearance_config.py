@@ -1,0 +1,134 @@
+"""The configuration of synthetic photographs: one table for each part, three presets, one file of TOML.
+
+A new ingredient is a field of its part's configuration; a new part is a field here and in ``whole.Appearance``.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, final
+
+from datagen.appearance.accessories.accessories_config import HARD_ACCESSORIES, AccessoriesConfig
+from datagen.appearance.backdrop.backdrop_config import HARD_BACKDROP, BackdropConfig
+from datagen.appearance.config_files import read_toml, replaced
+from datagen.appearance.hair.hair_config import HARD_HAIR, HairConfig
+from datagen.appearance.light.light_config import HARD_LIGHT, LightConfig
+from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, PhotographConfig
+from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
+from datagen.sampling.sampling_config import HARD_GEOMETRY, PLAIN_GEOMETRY, GeometryConfig
+from pix2face.errors import UsageError
+
+DEFAULT, HARD, PLAIN = "default", "hard", "plain"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class AppearanceConfig:
+    """What synthetic photographs are drawn from.
+
+    Attributes:
+        preset: What it started from. ``plain``: heads without hair, clothes and surroundings, painted region by
+            region; of the tables below only geometry counts. The only one for models other than the built-in one.
+        geometry: Poses, cameras, crops, expressions: what ``datagen sample`` draws. All others are drawn by
+            ``datagen render``.
+        skin: Skin, eyes, mouth, make-up.
+        hair: Hair, brows, lashes.
+        accessories: Glasses, beards, hats, clothes, hands and what else stands before a face.
+        light: Environments, lamps, shadows.
+        backdrop: What is behind.
+        photograph: Lens, sensor, processing, border, file.
+    """
+
+    preset: str = DEFAULT
+    geometry: GeometryConfig = field(default_factory=GeometryConfig)
+    skin: SkinConfig = field(default_factory=SkinConfig)
+    hair: HairConfig = field(default_factory=HairConfig)
+    accessories: AccessoriesConfig = field(default_factory=AccessoriesConfig)
+    light: LightConfig = field(default_factory=LightConfig)
+    backdrop: BackdropConfig = field(default_factory=BackdropConfig)
+    photograph: PhotographConfig = field(default_factory=PhotographConfig)
+
+    def check(self) -> None:
+        """Makes sure that the numbers make sense.
+
+        Raises:
+            UsageError: One does not.
+        """
+        for part in _parts(self):
+            getattr(self, part).check()
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing but heads is drawn."""
+        return self.preset == PLAIN
+
+    def described(self) -> dict[str, Any]:
+        """What shards say of it: the preset, what differs from it, and a hash of all of it."""
+        base = PRESETS[self.preset]
+        changed = {
+            f"appearance.{part}.{name}": value
+            for part in _parts(self)
+            for name, value in asdict(getattr(self, part)).items()
+            if value != getattr(getattr(base, part), name)
+        }
+        if self.is_plain:
+            return {"appearance": PLAIN}
+        digest = hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+        return {"appearance": self.preset, "appearance_sha256": digest, **changed}
+
+
+def _parts(config: AppearanceConfig) -> list[str]:
+    return [part.name for part in fields(config) if part.name != "preset"]
+
+
+PRESETS: Mapping[str, AppearanceConfig] = MappingProxyType(
+    {
+        PLAIN: AppearanceConfig(preset=PLAIN, geometry=PLAIN_GEOMETRY),
+        DEFAULT: AppearanceConfig(),
+        HARD: AppearanceConfig(
+            preset=HARD,
+            geometry=HARD_GEOMETRY,
+            skin=HARD_SKIN,
+            hair=HARD_HAIR,
+            accessories=HARD_ACCESSORIES,
+            light=HARD_LIGHT,
+            backdrop=HARD_BACKDROP,
+            photograph=HARD_PHOTOGRAPH,
+        ),
+    }
+)
+
+
+def load_configuration(name: str) -> AppearanceConfig:
+    """The configuration of a preset's name, or of a file.
+
+    Args:
+        name: ``plain``, ``default``, ``hard``, or the path of a TOML file: tables as ``datagen appearance`` prints
+            them, of which any may be missing, and ``preset = "hard"`` where others than the default's values shall
+            fill in.
+
+    Raises:
+        UsageError: There is neither such a preset nor such a file, or a number makes no sense.
+        InputFileError: The file is no TOML, or names what there is not.
+    """
+    if name in PRESETS:
+        return PRESETS[name]
+    path = Path(name)
+    if not path.is_file():
+        raise UsageError(
+            f"--appearance: expected {', '.join(PRESETS)} or a TOML file, found {name!r}; `datagen appearance` prints "
+            "one to start from"
+        )
+    given = read_toml(path)
+    base = given.get("preset", DEFAULT)
+    if base not in PRESETS:
+        raise UsageError(f"{path}: preset: expected {', '.join(PRESETS)}, found {base!r}")
+    configuration = replaced(PRESETS[base], given, str(path))
+    try:
+        configuration.check()
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
+    return configuration

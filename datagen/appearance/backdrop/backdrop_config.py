@@ -1,0 +1,64 @@
+"""What stands behind heads, and how often."""
+
+from dataclasses import dataclass
+from typing import Annotated, final
+
+from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, check_weights
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class BackdropConfig:
+    """What is behind the head.
+
+    Attributes:
+        same_environment_weight: Weight of the environment that lights the face, where one does.
+        other_environment_weight: Of any other environment.
+        pattern_weight: Of walls, clutter, text, tiles, foliage, lights and other patterns of our own.
+        plain_weight: Of one colour: white, black, grey, green, blue, any.
+        folder: A folder of pictures, searched with all that is below it; empty for none.
+        folder_share: How many backdrops come from that folder, if there is one.
+        widened_share: How many views of environments take in more than the camera would, and so show more detail.
+        widest_view_deg: Across the picture, of those.
+        blur: Smallest and largest radius of the blur out of focus, as a share of the picture's width.
+        sharp_share: How many backdrops are in focus.
+        brightness: Smallest and largest brightness beside the light on the face, where it is not the environment's.
+        people_share: How often other people are behind.
+        most_people: How many at most; 0 for none.
+    """
+
+    same_environment_weight: FromZero = 0.45
+    other_environment_weight: FromZero = 0.15
+    pattern_weight: FromZero = 0.32
+    plain_weight: FromZero = 0.08
+    folder: str = ""
+    folder_share: Share = 0.6
+    widened_share: Share = 0.6
+    widest_view_deg: Annotated[float, Limits(10, 150)] = 100.0
+    blur: Annotated[Range, Limits(0, 0.5, is_open=True)] = (0.002, 0.05)
+    sharp_share: Share = 0.3
+    brightness: Annotated[Range, Limits(0, 10, is_open=True)] = (0.4, 2.2)
+    people_share: Share = 0.06
+    most_people: Annotated[int, Limits(0, 3)] = 3
+
+    def check(self) -> None:
+        """Refuses numbers that nothing can be drawn from.
+
+        Raises:
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
+        """
+        check_limits("backdrop", self)
+        kinds = ("same_environment", "other_environment", "pattern", "plain")
+        check_weights("backdrop", self, *(f"{kind}_weight" for kind in kinds))
+
+
+# Seldom calm, seldom out of focus.
+HARD_BACKDROP = BackdropConfig(
+    same_environment_weight=0.3,
+    other_environment_weight=0.15,
+    pattern_weight=0.47,
+    blur=(0.001, 0.06),
+    sharp_share=0.55,
+    brightness=(0.1, 3.0),
+    people_share=0.2,
+)

@@ -1,0 +1,131 @@
+"""The whole appearance of a synthetic photograph: its parts, each from a random stream of its own.
+
+A part that is configured otherwise, or draws one number more, changes nothing else in the picture. So two sets that
+differ in one ingredient differ in nothing but that ingredient.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Any, final
+
+from datagen.appearance.accessories.choice import Accessories, accessory_textures, draw_accessories
+from datagen.appearance.appearance_config import AppearanceConfig
+from datagen.appearance.backdrop.backdrop import Backdrop, draw_backdrop
+from datagen.appearance.hair.hair import Hair, draw_hair, hair_textures
+from datagen.appearance.light.light import Light, draw_light, light_textures
+from datagen.appearance.person import Person, draw_person
+from datagen.appearance.photograph.photograph import Photograph, draw_photograph
+from datagen.appearance.scene import Texture
+from datagen.appearance.skin.skin import Skin, draw_skin, skin_textures
+from datagen.appearance.torso import Torso, draw_torso
+from datagen.random_streams import generator_for
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Appearance:
+    """Everything that a synthetic photograph has beside the shape and the pose of its face.
+
+    Attributes:
+        person: Who it is.
+        torso: How the body stands.
+        skin: Skin, eyes, mouth, make-up.
+        hair: Hair, brows, lashes.
+        accessories: What is worn, and what stands before the face.
+        light: What light falls on it.
+        backdrop: What is behind.
+        photograph: What camera and file make of it.
+    """
+
+    person: Person
+    torso: Torso
+    skin: Skin
+    hair: Hair
+    accessories: Accessories
+    light: Light
+    backdrop: Backdrop
+    photograph: Photograph
+
+
+def draw_appearance(seed: int, sample_id: str, config: AppearanceConfig) -> Appearance:
+    """Draws the appearance of one sample; the same for the same seed, id and configuration."""
+
+    def stream(part: str) -> Any:
+        return generator_for(seed, f"{sample_id}/{part}")
+
+    person = draw_person(stream("person"))
+    light = draw_light(stream("light"), config.light)
+    return Appearance(
+        person=person,
+        torso=draw_torso(stream("torso")),
+        skin=draw_skin(stream("skin"), config.skin, person),
+        hair=draw_hair(stream("hair"), config.hair, person),
+        accessories=draw_accessories(stream("accessories"), config.accessories, person),
+        light=light,
+        backdrop=draw_backdrop(stream("backdrop"), config.backdrop, light),
+        photograph=draw_photograph(stream("photograph"), config.photograph),
+    )
+
+
+def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
+    """What is stored with a sample, to filter by: ``part.name`` of what was drawn.
+
+    Numbers have four digits, yes and no are 1 and 0, of lists of things it is how many there are. Left out are numbers
+    that are 0 (``pix2face.shards.sample_filter`` knows), colours, places and other lists of numbers, seeds, and what
+    says nothing that anybody would choose by: the job's seed, its configuration and the sample's id give all of them
+    again.
+    """
+    found: dict[str, str | float] = {}
+    for part in fields(appearance):
+        _describe(getattr(appearance, part.name), part.name, found)
+    return found
+
+
+@lru_cache(maxsize=1)
+def appearance_textures() -> Mapping[str, Texture]:
+    """The textures of all parts, by the name of their sampler."""
+    return {**skin_textures(), **hair_textures(), **light_textures(), **accessory_textures()}
+
+
+# What says how something is drawn, and nothing about the picture that anybody would choose by.
+_ONLY_TO_DRAW = frozenset(
+    [
+        "seed",
+        "enlarged_by",
+        "read_noise_share",
+        "metering_strength",
+        "motion_bend",
+        "scale_mm",
+        "roll_off",
+        "root_darkness",
+        "tips_from_mm",
+        "tips_to_mm",
+        "sway_mm",
+        "shift_mm",
+        "apart_mm",
+        "uneven_mm",
+    ]
+)
+
+
+def _describe(part: Any, prefix: str, into: dict[str, str | float]) -> None:
+    """Adds a part of an appearance; at least one attribute says that it is there."""
+    n_before, zeros = len(into), []
+    for name, value in vars(part).items():
+        if name in _ONLY_TO_DRAW or value is None:
+            continue
+        stored = f"{prefix}.{name}"
+        if isinstance(value, tuple) and value and isinstance(value[0], float | int | tuple):
+            continue
+        number = len(value) if isinstance(value, tuple) else value
+        if isinstance(number, str):
+            into[stored] = number
+        elif not isinstance(number, bool | int | float):
+            _describe(number, stored, into)
+        elif number:
+            into[stored] = float(f"{number:.4g}")
+        else:
+            zeros.append(stored)
+    if len(into) == n_before and zeros:
+        into[zeros[0]] = 0.0

@@ -1,0 +1,168 @@
+"""How often lens, sensor, processing and file do what to a synthetic photograph."""
+
+from dataclasses import dataclass
+from typing import Annotated, final
+
+from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, check_parts, check_weights
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class PhotographConfig:
+    """Shares and ranges of what a photograph suffers.
+
+    Lengths are shares of the picture's side, so that a picture of twice the pixels shows the same.
+
+    Attributes:
+        bad_share: Of pictures that are bad in some way; the ``bad_`` weights below say in which.
+        second_fault_share: Of bad pictures that have two faults.
+        bad_exposure: Weight of pictures that are far too dark or too bright, crushed or burnt out.
+        bad_colour: Weight of wrong white balance, and of colours that are much too strong or too weak.
+        bad_focus: Weight of pictures out of focus.
+        bad_motion: Weight of pictures blurred by motion.
+        bad_noise: Weight of noise that everybody sees.
+        bad_resolution: Weight of small pictures that were enlarged.
+        bad_file: Weight of low JPEG quality and oversharpening.
+        bad_film: Weight of old photographs: fading, scratches, dust, grain.
+        bad_screen: Weight of photographs of a screen.
+        bad_interlace: Weight of television frames whose lines come from two moments.
+        bad_posterised: Weight of pictures with few colours.
+        bad_glare: Weight of light that falls into the lens.
+        face_metering_share: Of cameras that expose for the face; the others expose for the whole picture.
+        metering_strength: From and to: 0 takes light as it is, 1 makes all pictures equally bright.
+        exposure_error_ev: Standard deviation of the exposure, in stops.
+        largest_exposure_error_ev: Of pictures that are badly exposed.
+        white_balance: From and to: 0 leaves the colour of the light, 1 takes all of it for grey.
+        white_balance_error: Standard deviation of the logarithm of the colour channels' gains.
+        film_curve_share: Of pictures whose highlights roll off; in the others they are cut.
+        warmth: Median gain of red, and loss of blue: cameras and people keep skin warm.
+        median_contrast: Of the slope at middle grey beside that of the sRGB curve.
+        contrast: Deviation of the logarithm of the contrast.
+        gamma: Deviation of the logarithm of the exponent after the sRGB curve.
+        saturation: Deviation of the logarithm of the saturation.
+        vignetting_share: Of pictures with dark corners.
+        defocus: Mean radius of the blur of decent pictures, three times it at most; 0.004 is a pixel of 256.
+        bad_defocus: Radius of the blur of pictures out of focus, from and to.
+        bad_motion_length: Of the path, from and to.
+        chromatic_aberration_share: Of lenses that magnify colours differently.
+        bloom_share: Of lenses in which highlights glow.
+        noise: Mean standard deviation of decent pictures' noise at middle grey, linear light, 1 is white.
+        bad_noise_deviation: From and to.
+        resolution_px: Side of enlarged pictures, from and to; a face takes about 0.63 of it.
+        monochrome_share: Of pictures in black and white.
+        toned_share: Of those that are sepia or toned otherwise.
+        smoothed_share: Of pictures whose skin a program made smooth.
+        sharpened_share: Of pictures that are sharpened, with haloes.
+        overlay_share: Of pictures with a watermark, text or date.
+        jpeg_quality: Of most files, from and to.
+        bad_jpeg_quality: From and to.
+        twice_jpeg_share: Of pictures that were compressed before.
+        border_share: Of crops that reach beyond the photograph's border.
+        largest_border: How far, on one side.
+        letterbox_share: Of pictures in a frame: bars on two opposite sides.
+    """
+
+    bad_share: Share = 0.2
+    second_fault_share: Share = 0.2
+    bad_exposure: FromZero = 1.0
+    bad_colour: FromZero = 0.8
+    bad_focus: FromZero = 1.0
+    bad_motion: FromZero = 1.0
+    bad_noise: FromZero = 1.0
+    bad_resolution: FromZero = 1.8
+    bad_file: FromZero = 1.0
+    bad_film: FromZero = 0.7
+    bad_screen: FromZero = 0.25
+    bad_interlace: FromZero = 0.25
+    bad_posterised: FromZero = 0.2
+    bad_glare: FromZero = 0.6
+    face_metering_share: Share = 0.6
+    metering_strength: Annotated[Range, Limits(0, 1)] = (0.65, 1.0)
+    exposure_error_ev: FromZero = 0.45
+    largest_exposure_error_ev: Annotated[float, Limits(0, 4)] = 1.6
+    white_balance: Annotated[Range, Limits(0, 1)] = (0.2, 0.8)
+    white_balance_error: FromZero = 0.04
+    warmth: Annotated[float, Limits(0, 0.5)] = 0.05
+    film_curve_share: Share = 0.6
+    median_contrast: Annotated[float, Limits(0.2, 5)] = 1.3
+    contrast: FromZero = 0.18
+    gamma: FromZero = 0.08
+    saturation: FromZero = 0.15
+    vignetting_share: Share = 0.25
+    defocus: FromZero = 0.0015
+    bad_defocus: Annotated[Range, Limits(0, 0.1)] = (0.006, 0.020)
+    bad_motion_length: Annotated[Range, Limits(0, 0.3)] = (0.02, 0.07)
+    chromatic_aberration_share: Share = 0.10
+    bloom_share: Share = 0.12
+    noise: FromZero = 0.006
+    bad_noise_deviation: Annotated[Range, Limits(0)] = (0.025, 0.09)
+    resolution_px: Annotated[Range, Limits(8, 16384)] = (38.0, 120.0)
+    monochrome_share: Share = 0.06
+    toned_share: Share = 0.25
+    smoothed_share: Share = 0.04
+    sharpened_share: Share = 0.25
+    overlay_share: Share = 0.03
+    jpeg_quality: Annotated[Range, Limits(1, 100)] = (65.0, 98.0)
+    bad_jpeg_quality: Annotated[Range, Limits(1, 100)] = (30.0, 50.0)
+    twice_jpeg_share: Share = 0.25
+    border_share: Share = 0.25
+    largest_border: Annotated[float, Limits(0, 0.45)] = 0.4
+    letterbox_share: Share = 0.02
+
+    def check(self) -> None:
+        """Refuses numbers that nothing can be drawn from.
+
+        Raises:
+            UsageError: Names the first field that is wrong, what was expected of it and what was found.
+        """
+        check_limits("photograph", self)
+        check_parts("photograph", self, "border_share", "letterbox_share")
+        if self.bad_share:
+            check_weights("photograph", self, *(f"bad_{name}" for name in FAULTS))
+
+
+# What a bad picture can be bad in: ``bad_NAME`` is its weight.
+FAULTS = (
+    "exposure",
+    "colour",
+    "focus",
+    "motion",
+    "noise",
+    "resolution",
+    "file",
+    "film",
+    "screen",
+    "interlace",
+    "posterised",
+    "glare",
+)
+
+# Rarer things more often, extremes wider.
+HARD_PHOTOGRAPH = PhotographConfig(
+    bad_share=0.65,
+    second_fault_share=0.4,
+    exposure_error_ev=0.6,
+    largest_exposure_error_ev=2.2,
+    white_balance=(0.0, 0.9),
+    white_balance_error=0.1,
+    contrast=0.28,
+    gamma=0.15,
+    saturation=0.3,
+    vignetting_share=0.4,
+    defocus=0.003,
+    bad_defocus=(0.01, 0.035),
+    bad_motion_length=(0.03, 0.12),
+    chromatic_aberration_share=0.2,
+    bloom_share=0.2,
+    noise=0.012,
+    bad_noise_deviation=(0.04, 0.14),
+    resolution_px=(32.0, 90.0),
+    monochrome_share=0.15,
+    smoothed_share=0.06,
+    overlay_share=0.08,
+    jpeg_quality=(45.0, 95.0),
+    bad_jpeg_quality=(15.0, 40.0),
+    twice_jpeg_share=0.5,
+    border_share=0.4,
+    letterbox_share=0.06,
+)

@@ -1,0 +1,1 @@
+"""What OpenGL this machine has, and what to do where it does not work."""

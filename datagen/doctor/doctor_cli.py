@@ -1,0 +1,99 @@
+"""The command ``datagen doctor``: which OpenGL there is, whether it draws what it should, and what to do if not."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from datagen.doctor.doctor import Diagnosis, diagnose
+from datagen.doctor.gl_probe import BackendProbe, devices_apart, probe_backend_apart
+from datagen.doctor.gl_surroundings import Surroundings, survey, versions
+from datagen.opengl.gl_context import BACKENDS, GLSettings, Rasteriser
+from pix2face.command_line import EXIT_ERROR, printable, progress_bar
+
+console = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class DoctorConfig:
+    """Configuration of ``datagen doctor``."""
+
+    gl: str | None = None
+    """Judge this backend alone: ``egl`` or ``osmesa``. Without it PIX2FACE_GL, or EGL before OSMesa."""
+    device: int | None = None
+    """Judge this of the devices that EGL lists, from 0. Without it PIX2FACE_GL_DEVICE, or EGL's first."""
+    rasteriser: Rasteriser = "auto"
+    """Judge this path. Without it PIX2FACE_RASTERISER, or compute where the driver has OpenGL 4.3."""
+    json: bool = False
+    """Print everything as JSON instead of tables."""
+
+
+def doctor(config: Annotated[DoctorConfig, tyro.conf.arg(name="")]) -> int:
+    """Say which OpenGL there is, hold a test render against the oracle, and name the remedy for what fails.
+
+    The exit status is 0 where renders can be trusted, 2 where not.
+    """
+    settings = GLSettings(config.gl, config.device, config.rasteriser).resolved()
+    with progress_bar(console, "probing", 1 + len(BACKENDS)) as advance:
+        surroundings = survey(devices_apart())
+        advance()
+        probes = []
+        for backend in BACKENDS:
+            device = settings.device if backend == "egl" else None
+            probes.append(probe_backend_apart(replace(settings, backend=backend, device=device, rasteriser="auto")))
+            advance()
+    diagnosis = diagnose(surroundings, probes, settings)
+    if config.json:
+        print(json.dumps(_as_json(settings, surroundings, probes, diagnosis), indent=2))
+    else:
+        _show(Console(), surroundings, probes, diagnosis)
+    return 0 if diagnosis.is_healthy else EXIT_ERROR
+
+
+def _as_json(
+    settings: GLSettings, surroundings: Surroundings, probes: Sequence[BackendProbe], diagnosis: Diagnosis
+) -> dict[str, object]:
+    return {
+        "healthy": diagnosis.is_healthy,
+        "settings": asdict(settings),
+        "diagnosis": asdict(diagnosis),
+        "backends": [asdict(probe) for probe in probes],
+        "surroundings": asdict(surroundings),
+        "versions": versions(),
+    }
+
+
+def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProbe], diagnosis: Diagnosis) -> None:
+    _print(out, "versions: " + ", ".join(f"{name} {number}" for name, number in versions().items()))
+    for device in surroundings.devices:
+        _print(out, f"EGL device {device.index}: {device.description}")
+    for name, value in surroundings.environment.items():
+        _print(out, f"{name}={value}")
+    table = Table(
+        "backend", "rasteriser", "mask px", "differ", "> 0.02 mm", "99.9 %, mm", "ms", title="against the oracle"
+    )
+    for probe in probes:
+        if not probe.error:
+            _print(out, f"{probe.backend}: {probe.renderer}, OpenGL {probe.gl_version}")
+        for check in probe.checks:
+            counts = [check.mask_px, check.mask_differs_px, check.off_px]
+            shown = [*map(str, counts), f"{check.typical_worst_mm:.2g}", f"{check.milliseconds:.1f}"]
+            table.add_row(probe.backend, check.rasteriser, *(["draws nothing"] if check.error else shown))
+    if table.row_count:
+        out.print(table)
+    for finding in diagnosis.findings:
+        _print(out, f"{finding.level}: {finding.what}")
+        if finding.remedy:
+            _print(out, f"  remedy: {finding.remedy}")
+    if diagnosis.rasteriser:
+        _print(out, f"draws with {diagnosis.backend}, rasteriser {diagnosis.rasteriser} ({diagnosis.reason})")
+    _print(out, "healthy" if diagnosis.is_healthy else "not healthy: see the errors above")
+
+
+def _print(out: Console, line: str) -> None:
+    out.print(Text(printable(line)), soft_wrap=True)

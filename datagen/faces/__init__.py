@@ -1,0 +1,1 @@
+"""Where faces come from: coefficient files, 300W-LP, annotated photographs."""

@@ -1,0 +1,201 @@
+"""The commands ``datagen coeffs`` and ``datagen fit``: tables of coefficients from folders, and between models."""
+
+import multiprocessing
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from datagen.faces.coefficient_summary import CoefficientSummary, group_reasons, summarise_folder, summarise_table
+from datagen.faces.conversion import ConversionJob, ConversionSummary, convert, open_job
+from datagen.faces.model_transfer import Through, transfer_table
+from datagen.faces.sources import coefficient_paths
+from datagen.faces.text_files import REJECTED_FILE
+from pix2face.command_line import (
+    EXIT_REJECTED,
+    check_max_rejected,
+    check_output_file,
+    counted,
+    printable,
+    progress_bar,
+    say,
+)
+from pix2face.errors import UsageError
+from pix2face.face_files.coefficients import load_coefficients, moved_path, save_coefficients
+from pix2face.models.morphable_model import BUILTIN_MODEL, open_model
+
+console = Console(stderr=True)
+SHOWN_REASONS = 10
+
+
+@dataclass(frozen=True)
+class CoeffsConvertConfig:
+    """Read a folder of 300W-LP or AFLW2000-3D files into one table.
+
+    With an imported BFM 2009 their coefficients are taken (in standard deviations); any other model is fitted to their
+    landmarks.
+    """
+
+    source: Annotated[Path, tyro.conf.arg(name="from")]
+    """Folder of .mat files with their pictures, with its subfolders."""
+    out: Path
+    """Table to write (.h5). Faces that cannot be used are listed in rejected.jsonl beside it."""
+    model: str = BUILTIN_MODEL
+    """``builtin``, or a model file made by ``datagen model import``."""
+    workers: int = os.cpu_count() or 1
+    """Processes that read and fit."""
+    max_rejected: int = 0
+    """How many faces may be rejected before the exit status says so (3)."""
+
+
+@dataclass(frozen=True)
+class CoeffsInfoConfig:
+    """Print counts, model, poses, spread of the coefficients, what is rare and what was rejected."""
+
+    source: Annotated[Path, tyro.conf.Positional]
+    """A table (.h5), or a folder of 300W-LP or AFLW2000-3D files."""
+
+
+@dataclass(frozen=True)
+class CoeffsRetargetConfig:
+    """Bring a table of one model to another model. The residual is printed."""
+
+    source: Annotated[Path, tyro.conf.arg(name="from")]
+    """Table of coefficients (.h5)."""
+    to: str
+    """The other model: ``builtin``, or a model file."""
+    out: Path
+    """Table to write (.h5)."""
+    from_model: str = BUILTIN_MODEL
+    """The model of the table."""
+    through: Through = "dense"
+    """``dense``: nearest points of the two mean faces; ``landmarks``: the 68 landmarks alone."""
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """Configuration of ``datagen fit``."""
+
+    landmarks: Path
+    """Folder of photographs with 68 points each: .pts (iBUG) or .mat with pt3d_68 beside the picture, dlib's .xml."""
+    out: Path
+    """Table to write (.h5). Faces that cannot be used are listed in rejected.jsonl beside it."""
+    model: str = BUILTIN_MODEL
+    """``builtin``, or a model file made by ``datagen model import``."""
+    workers: int = os.cpu_count() or 1
+    """Processes that fit."""
+    max_rejected: int = 0
+    """How many faces may be rejected before the exit status says so (3)."""
+
+
+def coeffs(
+    command: Annotated[
+        Annotated[CoeffsConvertConfig, tyro.conf.subcommand("convert", prefix_name=False)]
+        | Annotated[CoeffsInfoConfig, tyro.conf.subcommand("info", prefix_name=False)]
+        | Annotated[CoeffsRetargetConfig, tyro.conf.subcommand("retarget", prefix_name=False)],
+        tyro.conf.arg(name=""),
+    ],
+) -> int:
+    """Convert coefficient files into a table, describe one, or bring one to another model."""
+    if isinstance(command, CoeffsConvertConfig):
+        return _run(ConversionJob(command.source, "300wlp", command.model), command)
+    return _info(command) if isinstance(command, CoeffsInfoConfig) else _retarget(command)
+
+
+def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
+    """Fit a model to photographs with annotated landmarks: camera, identity and expression of each face."""
+    return _run(ConversionJob(config.landmarks, "annotated", config.model), config)
+
+
+def _run(job: ConversionJob, config: CoeffsConvertConfig | FitConfig) -> int:
+    check_max_rejected(config.max_rejected)
+    if config.workers < 1:
+        raise UsageError(f"expected at least one worker (--workers), found {config.workers}")
+    check_output_file(config.out, (".h5",))
+    model, source = open_job(job)
+    n = len(source.sample_ids)
+    say(console, f"{counted(n, 'face')} in {job.folder}; model: {model.name} ({model.sha256[:12]})")
+    with _executor(config.workers) as executor, progress_bar(console, "reading", n) as advance:
+        summary = convert(job, config.out, executor, advance)
+    return _report(summary, config)
+
+
+def _report(summary: ConversionSummary, config: CoeffsConvertConfig | FitConfig) -> int:
+    say(console, f"{counted(summary.n_faces, 'face')} -> {config.out}")
+    if summary.rejected:
+        say(console, f"{len(summary.rejected)} rejected, listed in {config.out.parent / REJECTED_FILE}:")
+        for reason, count in group_reasons(summary.rejected)[:SHOWN_REASONS]:
+            say(console, f"  {count} x {reason}")
+    model = "" if config.model == BUILTIN_MODEL else f" --model {config.model}"
+    say(console, f"next: datagen coeffs info {config.out}; datagen render --coeffs {config.out}{model} --out shards/")
+    return EXIT_REJECTED if len(summary.rejected) > config.max_rejected else 0
+
+
+@contextmanager
+def _executor(workers: int) -> Iterator[Executor | None]:
+    """Where faces are read: here, or in processes of one thread each."""
+    if workers == 1:
+        yield None
+        return
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
+        yield executor
+
+
+def _info(config: CoeffsInfoConfig) -> int:
+    if config.source.is_dir():
+        n = len(coefficient_paths(config.source))
+        if not n:
+            raise UsageError(f"{config.source}: expected .mat files of 300W-LP or AFLW2000-3D, found none")
+        with progress_bar(console, "reading", n) as advance:
+            summary = summarise_folder(config.source, advance)
+    elif config.source.is_file():
+        summary = summarise_table(load_coefficients(config.source))
+    else:
+        raise UsageError(
+            f"{config.source}: expected a table (.h5) or a folder of coefficient files, found nothing there"
+        )
+    _print(summary, config.source)
+    return 0
+
+
+def _print(summary: CoefficientSummary, source: Path) -> None:
+    table = Table(show_header=False, title=Text(printable(source.name)))
+    table.add_column()
+    table.add_column(overflow="fold")
+    rows = dict(summary.facts)
+    for angle, bins in (summary.shares | summary.drawn).items():
+        rows[f"{angle}, share"] = ", ".join(f"{name}: {100 * share:.1f} %" for name, share in bins.items())
+    rows["rare (under 5 %)"] = ", ".join(summary.rare) or "no bin"
+    rows["rejected"] = str(sum(count for _, count in summary.reasons))
+    for name, value in rows.items():
+        table.add_row(name, Text(printable(value)))
+    for reason, count in summary.reasons[:SHOWN_REASONS]:
+        table.add_row("", Text(printable(f"{count} x {reason}")))
+    Console().print(table)
+
+
+def _retarget(config: CoeffsRetargetConfig) -> int:
+    check_output_file(config.out, (".h5",))
+    source, target = open_model(config.from_model), open_model(config.to)
+    table, residual = transfer_table(load_coefficients(config.source), source, target, config.through)
+    paths = (moved_path(path, config.source.parent, config.out.parent) for path in table.image_paths)
+    table = replace(table, image_paths=tuple(paths))
+    save_coefficients(table, config.out)
+    say(
+        console,
+        f"{counted(len(table), 'face')} of {source.name} -> {target.name} by {residual.n_points} points "
+        f"({residual.through}): residual {residual.mean_mm:.2f} mm mean, {residual.percentile_95_mm:.2f} mm at 95 % "
+        f"(mean faces {residual.alignment_mm:.2f} mm apart); RMS of the coefficients {residual.rms:.2f}",
+    )
+    say(console, f"-> {config.out}")
+    return 0

@@ -1,0 +1,112 @@
+"""Faces from annotated photographs: camera, identity and expression of any model, fitted to 68 points.
+
+Points that a person set are fitted robustly (some are guessed behind hair or a hand), with jaw points that slide along
+the outline; points that are projections of a 3D model (``pt3d_68``) belong to fixed vertices, and their depth is known.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy import ndarray
+
+from datagen.faces.sources import FaceSource, folder_sha256, is_text, picture_of
+from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError
+from pix2face.face_files.annotations import AnnotatedFace, find_annotations
+from pix2face.face_files.coefficients import Face
+from pix2face.files.picture_size import read_size_px
+from pix2face.fitting.from_landmarks import LandmarkFit, LandmarkModel, fit_landmarks
+from pix2face.fitting.jaw_contour import JawContour
+from pix2face.geometry.crops import FaceBox
+from pix2face.models.morphable_model import MorphableModel
+
+# A fit whose typical point is farther off is no fit: the points are no face, or in another order.
+LARGEST_RESIDUAL = 0.10
+# A point below this keeps so little weight that it counts as wrong.
+DISTRUST = 0.25
+
+
+@final
+class AnnotatedFolder(FaceSource):
+    """The annotated faces below a folder.
+
+    Args:
+        folder: ``.pts`` or ``.mat`` beside pictures, or lists in dlib's XML.
+        model: What is fitted.
+    """
+
+    def __init__(self, folder: Path, model: MorphableModel) -> None:
+        self._model = LandmarkModel.of(model)
+        self._contour = JawContour.of(model)
+        self._annotations = find_annotations(folder)
+        self.sample_ids = tuple(annotation.name for annotation in self._annotations)
+        self.sha256 = folder_sha256(
+            self.sample_ids,
+            ((each.path, each.image_path or picture_of(each.path)) for each in self._annotations),
+        )
+        self.licence = f"photographs and annotations: terms of their source; model: {model.licence}"
+
+    def face(self, index: int) -> Face:
+        """Fits one face."""
+        annotation = self._annotations[index]
+        if not is_text(annotation.name):
+            raise SampleRejectedError(f"{annotation.name!r}: expected a file name in UTF-8; rename it")
+        try:
+            annotated = annotation.load()
+            height_px, width_px = read_size_px(annotated.image_path)
+            fit = fit_annotated_face(self._model, self._contour, annotated)
+            attributes = describe_fit(fit, annotated)
+        except (InputFileError, DegenerateGeometryError) as error:
+            raise SampleRejectedError(f"{annotation.name}: {error}") from error
+        return Face(
+            sample_id=annotation.name,
+            identity=fit.identity.astype(np.float32),
+            expression=fit.expression.astype(np.float32),
+            camera=fit.camera,
+            height_px=height_px,
+            width_px=width_px,
+            image_path=annotated.image_path,
+            attributes=attributes,
+        )
+
+
+def fit_annotated_face(model: LandmarkModel, contour: JawContour, annotated: AnnotatedFace) -> LandmarkFit:
+    """Fits a model to one annotation, in the way that suits where its points come from.
+
+    Raises:
+        DegenerateGeometryError: The points determine no face, or are no face.
+    """
+    by_hand = annotated.follows_outline
+    fit = fit_landmarks(
+        model,
+        annotated.landmarks2d,
+        depths_px=annotated.depths_px,
+        robust=by_hand,
+        contour=contour if by_hand else None,
+    )
+    residual = relative_residual(fit, annotated, np.median)
+    if not residual <= LARGEST_RESIDUAL:
+        raise DegenerateGeometryError(
+            f"expected points of a face, found a median residual of {100 * residual:.0f} % of the face box: "
+            "are they 68 iBUG points in their order?"
+        )
+    return fit
+
+
+def relative_residual(fit: LandmarkFit, annotated: AnnotatedFace, summary: Callable[[ndarray], Any] = np.mean) -> float:
+    """Distances between given and matched points (mean, or another summary) over sqrt(w h) of the given ones' box."""
+    box = FaceBox.around(annotated.landmarks2d)
+    present = np.isfinite(annotated.landmarks2d).all(axis=1)
+    distances = np.linalg.norm((fit.matched2d - annotated.landmarks2d)[present], axis=1)
+    return float(summary(distances)) / float(np.sqrt(box.width * box.height))
+
+
+def describe_fit(fit: LandmarkFit, annotated: AnnotatedFace) -> dict[str, str | float]:
+    """What the table keeps of a fit."""
+    way = "annotated points, jaw along the outline" if annotated.follows_outline else "pt3d_68"
+    return {
+        "geometry": f"fitted to {way}",
+        "residual_percent": round(100 * relative_residual(fit, annotated), 3),
+        "distrusted_points": int((fit.trust < DISTRUST).sum()),
+    }

@@ -1,0 +1,239 @@
+"""Where faces come from: a table of coefficients, or a folder of 300W-LP files.
+
+A folder of 300W-LP needs a decision for each file: with BFM 2009 imported, its coefficients are the geometry; with any
+other model they mean nothing, and the model is fitted to the file's landmarks instead (retargeting).
+"""
+
+import hashlib
+import json
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from datagen.faces.retarget import Retargeter
+from pix2face.errors import InputFileError, ModelMismatchError, SampleRejectedError, UsageError
+from pix2face.face_files.annotations import picture_beside
+from pix2face.face_files.coefficients import Face, FaceCoefficients, load_coefficients
+from pix2face.face_files.w300lp import N_LIGHTING, CoefficientFile, camera_of_pose, read_coefficient_file
+from pix2face.files.picture_size import read_size_px
+from pix2face.model_formats.bfm2009 import standard_deviations_of_300wlp
+from pix2face.models.morphable_model import MorphableModel
+
+LANDMARK_FOLDER = "landmarks"
+
+
+class FaceSource(ABC):
+    """A sequence of faces of one model.
+
+    Attributes:
+        sample_ids: Unique, in the order of work.
+        licence: Terms of what the faces come from.
+        sha256: Of what tells this source from another of the same name: a table's content, a folder's names
+            and sizes of files.
+        n_lighting: How many numbers describe the lighting of a face; 0 where that is unknown.
+        has_photographs: Faces come with photographs, some of them at least.
+    """
+
+    sample_ids: tuple[str, ...]
+    licence: str
+    sha256: str
+    n_lighting: int = 0
+    has_photographs: bool
+
+    @abstractmethod
+    def face(self, index: int) -> Face:
+        """Reads or fits one face.
+
+        Raises:
+            SampleRejectedError: This one cannot be used, with the reason.
+        """
+
+
+def open_source(path: Path, model: MorphableModel) -> FaceSource:
+    """Opens what ``--coeffs`` names: a table (.h5) or a folder of 300W-LP or AFLW2000-3D files.
+
+    Raises:
+        UsageError: There is nothing there, or no coefficient file in it.
+        InputFileError: The table cannot be read.
+        ModelMismatchError: The table belongs to another model.
+    """
+    if path.is_dir():
+        return W300LPFolder(path, model)
+    if path.is_file():
+        return TableSource(path, model)
+    raise UsageError(
+        f"{path}: expected a folder of 300W-LP files or a table of coefficients (.h5), found nothing there"
+    )
+
+
+@final
+class TableSource(FaceSource):
+    """The faces of a coefficient table."""
+
+    def __init__(self, path: Path, model: MorphableModel) -> None:
+        self._table: FaceCoefficients = load_coefficients(path)
+        self._folder = path.parent
+        if self._table.model_sha256 != model.sha256:
+            raise ModelMismatchError(
+                f"{path}: coefficients belong to model {self._table.model_name} ({self._table.model_sha256[:12]}), "
+                f"found model {model.name} ({model.sha256[:12]}); give the former with --model"
+            )
+        found = self._table.identity.shape[1], self._table.expression.shape[1]
+        if found != (model.n_identity, model.n_expression):
+            raise InputFileError(
+                f"{path}: expected {model.n_identity} identity and {model.n_expression} expression coefficients for "
+                f"model {model.name}, found {found[0]} and {found[1]}; make the table again with `datagen sample`"
+            )
+        self.sample_ids = self._table.sample_ids
+        self.licence = self._table.licence or model.licence
+        self.n_lighting = 0 if self._table.lighting is None else self._table.lighting.shape[1]
+        self.has_photographs = any(self._table.image_paths)
+        self.sha256 = _table_sha256(self._table)
+
+    def face(self, index: int) -> Face:
+        """One row of the table; a photograph must be one by its head, and of the size that the row says."""
+        face = self._table.face(index, self._folder)
+        if face.image_path is not None:
+            size_px = _declared_size_of(face.image_path)
+            if size_px != (face.height_px, face.width_px):
+                raise SampleRejectedError(
+                    f"{face.image_path}: expected a picture of {face.width_px} x {face.height_px} pixels, as the table "
+                    f"says, found {size_px[1]} x {size_px[0]}"
+                )
+        return face
+
+
+@final
+class W300LPFolder(FaceSource):
+    """The faces of a folder of 300W-LP or AFLW2000-3D, with its subfolders.
+
+    Args:
+        folder: With a picture beside each file, as distributed.
+        model: With BFM 2009 the coefficients of the files are taken; any other model is fitted to their landmarks.
+    """
+
+    n_lighting = N_LIGHTING
+    has_photographs = True
+
+    def __init__(self, folder: Path, model: MorphableModel) -> None:
+        self._folder = folder
+        self._deviations = standard_deviations_of_300wlp(model)
+        self._retargeter = None if self._deviations else Retargeter(model, folder)
+        paths = coefficient_paths(folder)
+        if not paths:
+            raise UsageError(
+                f"{folder}: expected .mat files of 300W-LP or AFLW2000-3D beside their pictures, found none"
+            )
+        self._paths = paths
+        self.sample_ids = tuple(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
+        self.sha256 = folder_sha256(self.sample_ids, map(self._files_of, paths))
+        self.licence = f"pictures: 300W-LP / AFLW2000-3D, research use only; model: {model.licence}"
+
+    def face(self, index: int) -> Face:
+        """Reads one file with its picture, and fits the model where the coefficients are not its own."""
+        path = self._paths[index]
+        if not is_text(self.sample_ids[index]):
+            raise SampleRejectedError(f"{path}: expected a file name in UTF-8, which shards can hold; rename it")
+        try:
+            file = read_coefficient_file(path)
+            image_path = picture_beside(path)
+        except InputFileError as error:
+            raise SampleRejectedError(str(error)) from error
+        return self._face(index, file, image_path, _declared_size_of(image_path))
+
+    def _files_of(self, path: Path) -> tuple[Path | None, ...]:
+        """What decides the content of a sample."""
+        landmarks = (self._retargeter.landmark_path(path),) if self._retargeter else ()
+        return path, picture_of(path), *landmarks
+
+    def _face(self, index: int, file: CoefficientFile, image_path: Path, size_px: tuple[int, int]) -> Face:
+        if self._deviations:
+            identity, expression = (
+                values / deviations
+                for values, deviations in zip((file.identity, file.expression), self._deviations, strict=True)
+            )
+            camera, method = camera_of_pose(file.pose, size_px[0]), "coefficients of the file"
+        else:
+            assert self._retargeter is not None
+            identity, expression, camera, method = self._retargeter.fit(file, size_px[0])
+        if file.pose.scale < 0:
+            method += ", negative scale undone"
+        return Face(
+            sample_id=self.sample_ids[index],
+            identity=identity.astype(np.float32),
+            expression=expression.astype(np.float32),
+            camera=camera,
+            height_px=size_px[0],
+            width_px=size_px[1],
+            image_path=image_path,
+            attributes={"geometry": method},
+            lighting=file.lighting,
+        )
+
+
+def _table_sha256(table: FaceCoefficients) -> str:
+    digest = hashlib.sha256(json.dumps([table.sample_ids, table.image_paths, table.attributes]).encode())
+    for values in (table.identity, table.expression, table.cameras, table.sizes_px):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def _declared_size_of(path: Path) -> tuple[int, int]:
+    """Height and width of a photograph by its head; whether the rest of it decodes is seen when it is taken.
+
+    Raises:
+        SampleRejectedError: It is no picture, or no ordinary file (a device may have no end).
+    """
+    try:
+        return read_size_px(path)
+    except InputFileError as error:
+        raise SampleRejectedError(str(error)) from error
+
+
+def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[Sequence[Path | None]]) -> str:
+    """What tells a folder from another: the names of its faces, and the sizes of their files.
+
+    Sizes are there for the asking, and the same wherever the folder is copied to. Contents would have to be read, all
+    of them before the first picture is drawn; times differ from copy to copy.
+
+    Args:
+        sample_ids: The names.
+        files: For each those that its content depends on: of its coefficients or points, its picture; None is one
+            that is not there.
+    """
+    sizes = [[_size_bytes(path) for path in of_one] for of_one in files]
+    return hashlib.sha256(json.dumps([sample_ids, sizes]).encode()).hexdigest()
+
+
+def picture_of(path: Path) -> Path | None:
+    """The picture beside a file, if there is one."""
+    try:
+        return picture_beside(path)
+    except InputFileError:
+        return None
+
+
+def _size_bytes(path: Path | None) -> int | None:
+    """The size of a file; None where there is none, or it cannot be asked."""
+    try:
+        return None if path is None else path.stat().st_size
+    except (OSError, ValueError):
+        return None
+
+
+def is_text(name: str) -> bool:
+    """Whether a name is text: on Linux a file name is bytes, and those that are not UTF-8 become lone surrogates."""
+    return not any("\ud800" <= character <= "\udfff" for character in name)
+
+
+def coefficient_paths(folder: Path) -> list[Path]:
+    """All .mat files but those of the landmark folder, sorted. Links to folders are not followed: loops do no harm."""
+    paths = []
+    for root, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if name != LANDMARK_FOLDER)
+        paths += [Path(root) / name for name in names if name.endswith(".mat") and not name.endswith("_pts.mat")]
+    return sorted(paths)

@@ -1,0 +1,300 @@
+"""Draws a scene: a head and everything around it, lit, with shadows, and what each pixel shows.
+
+Steps, in the order that costs least where the processor draws. There the set-up of triangles is dear, those of a face
+are smaller than a pixel, and every triangle in a block of pixels would shade the whole block.
+
+1. A depth map from each light, of a coarser head and of the objects.
+2. What is seen: which triangle of the head, or which kind of object, at three samples a pixel in each direction.
+3. The head, shaded once for each pixel from the triangle at its centre.
+4. Opaque objects, once for each pixel.
+5. Edges: where two surfaces share a pixel.
+6. What is transparent, from far to near.
+7. The picture: at an edge, each sample takes the colour of the pixel beside it that shows the same surface.
+"""
+
+from collections.abc import Mapping
+from typing import final
+
+import moderngl
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+
+from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
+from datagen.opengl.gl_context import GLContext
+from datagen.rendering.gl_mesh import KeptBySize
+from datagen.rendering.scenes.scene_camera import SceneView, view_scene
+from datagen.rendering.scenes.scene_head import SceneHead
+from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, joined
+from datagen.rendering.scenes.scene_openings import Openings
+from datagen.rendering.scenes.scene_program import (
+    HEAD_KINDS,
+    KINDS,
+    PURPOSES,
+    UNITS,
+    SceneProgram,
+    SceneTextures,
+    compile_head,
+    compile_object,
+    set_uniforms,
+    used_programs,
+)
+from datagen.rendering.scenes.scene_shadows import SKY, LightView, ShadowMaps
+from datagen.rendering.scenes.scene_targets import SceneTarget, make_target
+from pix2face.errors import GLUnavailableError
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel
+
+# Of the head's height, from below.
+NECK_MM = 50.0
+# Steps 7 in which nothing is transparent, or something is: first all pixels, then those at edges.
+PICTURES = ("PLAIN", "EDGES", "BLENDED", "EDGES BLENDED")
+
+
+@final
+class SceneDrawer:
+    """Draws scenes with heads of one model.
+
+    Args:
+        model: Triangles and texture coordinates.
+        gl: Where to draw. It is made current whenever something is drawn.
+        textures: Of all parts, by the sampler's name.
+        head_paint: Eight numbers for each vertex, for ``skin.glsl``.
+        occlusion: How much ambient light arrives at each vertex, 0..1.
+
+    Raises:
+        UsageError: Paint or a texture has the wrong size or kind.
+    """
+
+    def __init__(
+        self,
+        model: MorphableModel,
+        gl: GLContext,
+        textures: Mapping[str, Texture],
+        head_paint: Float32[ndarray, "v 8"],
+        occlusion: Float32[ndarray, " v"],
+    ) -> None:
+        gl.make_current()
+        self._gl = gl
+        context = self._context = gl.context
+        self._textures = SceneTextures(textures, context)
+        self._programs = {
+            **{name: compile_head(context, name) for name in HEAD_KINDS},
+            "head depth": SceneProgram(context, ("whole_vertex",), ("head_depth_fragment",)),
+            "head kind": SceneProgram(context, ("whole_vertex",), ("head_kind_fragment",)),
+            "bare": SceneProgram(context, ("bare_vertex",), ("bare_fragment",)),
+            "seen": SceneProgram(context, ("bare_vertex",), ("seen_fragment",)),
+            "edges": SceneProgram(context, ("whole_vertex",), ("visibility", "edges_fragment")),
+            **{name: _compile_picture(context, name) for name in PICTURES},
+        }
+        for kind in KINDS:
+            for purpose in PURPOSES:
+                self._programs[f"{kind} {purpose}"] = compile_object(context, kind, purpose)
+        self._head = SceneHead(model, context, head_paint, occlusion, (self._programs["bare"], self._programs["seen"]))
+        drawn = {name: program for name, program in self._programs.items() if "vertex" in program.attributes}
+        self._openings = Openings(model)
+        self._objects = ObjectMeshes(context, drawn)
+        whole = {name: self._programs[name] for name in ("head depth", "head kind", *HEAD_KINDS, "edges", *PICTURES)}
+        self._whole = {name: context.vertex_array(program.program, []) for name, program in whole.items()}
+        self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
+        self._targets = KeptBySize(lambda height, width: make_target(context, height, width), SceneTarget.release)
+        set_uniforms(list(self._programs.values()), self._textures.units)
+
+    def draw(self, scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
+        """Draws a scene.
+
+        Args:
+            scene: What stands before the camera.
+            camera: From the model frame to the picture.
+            height: Rows of the picture.
+            width: Its columns.
+
+        Raises:
+            DegenerateGeometryError: The camera flattens space.
+            UsageError: A mesh or a uniform has the wrong size.
+            GLUnavailableError: The driver reports an error.
+        """
+        self._gl.make_current()
+        view = view_scene(scene, camera, height, width)
+        self._head.load(scene.head)
+        self._objects.load(scene.meshes, camera.matrix[2])
+        self._textures.bind()
+        target = self._targets.get(height, width)
+        target.bind()
+        used = used_programs(self._programs, self._objects.kinds(scene.meshes))
+        programs = list(used.values())
+        set_uniforms(programs, scene.uniforms)
+        set_uniforms(programs, self._draw_shadows(scene, used))
+        set_uniforms(programs, view.uniforms)
+        self._draw_seen(scene, view, target, self._openings.box(scene.head.vertices, camera, height, width))
+        self._draw_opaque(scene, target)
+        self._draw_edges(target)
+        self._draw_blended(scene, target)
+        self._draw_picture(target)
+        colours, labels = target.read()
+        self._check()
+        return ScenePicture(radiance=colours[..., :3], coverage=np.clip(colours[..., 3], 0, 1), labels=labels)
+
+    def release(self) -> None:
+        """Gives everything back to the driver."""
+        self._gl.make_current()
+        self._context.detect_framebuffer(0).use()  # or what is released would be bound again by the next that draws
+        self._targets.release_all()
+        for each in (self._objects, self._head, self._shadows, self._textures):
+            each.release()
+        for array in self._whole.values():
+            array.release()
+        for program in self._programs.values():
+            program.release()
+
+    def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
+        """Step 1; what the shaders need to know of it."""
+        shadowing = [program for name, program in used.items() if name == "bare" or name.endswith(" object_shadow")]
+        # What lies around the neck and lower takes the sky from little but itself.
+        chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
+        high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
+        casts = [mesh.casts_shadow for mesh in scene.meshes]
+
+        def casters(light: int, view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
+            place = np.append(towards_light, 0)
+            set_uniforms(shadowing, {"clip_from_model": view.clip_from_model, "camera_place": place})
+            # What turns away from a light would only shade what turns away as well.
+            self._context.front_face, self._context.cull_face = "ccw", "back"
+            self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+            self._head.draw_shadow()
+            self._context.enable_only(moderngl.DEPTH_TEST)
+            opaque = [run for run in self._objects.opaque if casts[run.mesh] and (light != SKY or high[run.mesh])]
+            for run in joined(opaque):
+                self._objects.draw("bare", run)
+            for run in self._objects.soft:
+                if casts[run.mesh]:
+                    self._draw_run(scene, run, "object_shadow")
+
+        return self._shadows.draw(scene.head.vertices, scene.lights, casters)
+
+    def _draw_seen(
+        self, scene: Scene, view: SceneView, target: SceneTarget, inside: tuple[int, int, int, int] | None
+    ) -> None:
+        """Step 2; ``inside`` is where backs of the head's triangles may be seen."""
+        context, framebuffer = self._context, target.seen
+        width, height = framebuffer.size
+        framebuffer.use()
+        framebuffer.clear()
+        finer = np.array([(width - 1) / width, (height - 1) / height, 1, 1])
+        program = self._programs["seen"]
+        program.set({"clip_from_model": finer[:, None] * view.clip_from_model, "object_label": 0.0})
+        context.front_face = "cw" if view.outside_is_clockwise else "ccw"
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        context.cull_face = "back"
+        self._head.draw()
+        if inside is not None:
+            left, top, right, bottom = inside
+            framebuffer.scissor = 2 * left, 2 * top, 2 * (right - left) + 1, 2 * (bottom - top) + 1
+            context.cull_face = "front"
+            self._head.draw()
+            framebuffer.scissor = 0, 0, width, height
+        context.enable_only(moderngl.DEPTH_TEST)
+        for run in self._objects.opaque:
+            program.set({"object_label": -float(SCENE_LABELS.index(scene.meshes[run.mesh].label))})
+            self._objects.draw("seen", run)
+
+    def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
+        """Steps 3 and 4."""
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        target.colours.use()
+        target.colours.clear()
+        self._whole["head depth"].render(moderngl.TRIANGLES, vertices=3)
+        self._draw_head(target)
+        target.colours.use()
+        if not self._objects.opaque:
+            return
+        # Depth first: what another object hides, or the front of its own, is not worth shading.
+        target.colours.color_mask = False, False, False, False
+        target.colours.use()
+        for run in joined(self._objects.opaque):
+            self._objects.draw("bare", run)
+        target.colours.color_mask = True, True, True, True
+        target.colours.use()
+        self._context.depth_func = "<="
+        for run in self._objects.opaque:
+            self._draw_run(scene, run, "object")
+        self._context.depth_func = "<"
+
+    def _draw_head(self, target: SceneTarget) -> None:
+        """Step 3: nothing but a test of depth spares pixels that show something else."""
+        kinds = target.kinds
+        kinds.color_mask, kinds.depth_mask = (False, False, False, False), True
+        kinds.use()
+        kinds.clear()
+        self._context.depth_func = "1"  # always: depth is what is written
+        self._whole["head kind"].render(moderngl.TRIANGLES, vertices=3)
+        kinds.color_mask, kinds.depth_mask = (True, True, True, True), False
+        kinds.use()
+        self._context.depth_func = "<"
+        for kind in HEAD_KINDS:
+            self._whole[kind].render(moderngl.TRIANGLES, vertices=3)
+
+    def _draw_edges(self, target: SceneTarget) -> None:
+        """Step 5."""
+        target.edges.use()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = "1"  # always: depth is what is written
+        self._whole["edges"].render(moderngl.TRIANGLES, vertices=3)
+        self._context.depth_func = "<"
+
+    def _draw_blended(self, scene: Scene, target: SceneTarget) -> None:
+        """Step 6."""
+        if not self._objects.blended:
+            return
+        context = self._context
+        target.blended.depth_mask = False
+        target.blended.use()
+        target.blended.clear()
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.depth_func = "<="
+        context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+        for run in self._objects.blended:
+            self._draw_run(scene, run, "blended")
+        context.depth_func = "<"
+
+    def _draw_picture(self, target: SceneTarget) -> None:
+        """Step 7."""
+        target.picture.use()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        whole, edges = PICTURES[2:] if self._objects.blended else PICTURES[:2]
+        self._context.depth_func = "1"  # always: depth says where edges are
+        self._whole[whole].render(moderngl.TRIANGLES, vertices=3)
+        self._context.depth_func = "<"
+        self._whole[edges].render(moderngl.TRIANGLES, vertices=3)
+
+    def _draw_run(self, scene: Scene, run: Run, purpose: str) -> None:
+        """Draws some triangles of an object in its material."""
+        mesh = scene.meshes[run.mesh]
+        material = mesh.material
+        name = f"{material.kind} {purpose}"
+        unit = self._textures.units.get(material.texture)
+        self._programs[name].set(
+            {
+                "material_colour": material.colour,
+                "material_alpha": material.alpha,
+                "material_roughness": material.roughness,
+                "material_reflectance": material.reflectance,
+                "material_numbers": material.numbers,
+                "material_layer": material.layer,
+                "material_texture": UNITS["no_texture"] if unit is None else unit,
+                "has_texture": unit is not None,
+                "label": SCENE_LABELS.index(mesh.label) / 255,
+            }
+        )
+        self._objects.draw(name, run)
+
+    def _check(self) -> None:
+        error = self._context.error
+        if error != "GL_NO_ERROR":
+            raise GLUnavailableError(
+                f"expected {self._gl.renderer} to draw a scene, found {error}; is its memory full?"
+            )
+
+
+def _compile_picture(context: moderngl.Context, name: str) -> SceneProgram:
+    return SceneProgram(context, ("whole_vertex",), ("visibility", "resolve_fragment"), name.split())

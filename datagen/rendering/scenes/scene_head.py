@@ -1,0 +1,150 @@
+"""The head of a scene in the driver: vertices to draw what is seen, textures to shade pixels from."""
+
+from typing import Any, final
+
+import moderngl
+import numpy as np
+from jaxtyping import Float32, Int32, Int64, Shaped
+from numpy import ndarray
+
+from datagen.appearance.scene import PosedHead
+from datagen.rendering.gl_mesh import TEXTURE_WIDTH
+from datagen.rendering.scenes.scene_openings import WITHIN
+from datagen.rendering.scenes.scene_program import UNITS, SceneProgram
+from pix2face.errors import UsageError
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.vertex_normals import vertex_normals
+
+# Shadows are cast by a coarser head: the vertices in a cube of this size become one.
+SHADOW_CELL_MM = 6.0
+
+
+@final
+class SceneHead:
+    """See the module. Vertices stand once for each texture coordinate they have.
+
+    Args:
+        model: Triangles and texture coordinates; without these, uv is 0.
+        context: Where.
+        paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
+        occlusion: How much ambient light arrives at each vertex, 0..1.
+        programs: That draws depth alone, and that draws which triangle a sample sees.
+    """
+
+    def __init__(
+        self,
+        model: MorphableModel,
+        context: moderngl.Context,
+        paint: Float32[ndarray, "n 8"],
+        occlusion: Float32[ndarray, " m"],
+        programs: tuple[SceneProgram, SceneProgram],
+    ) -> None:
+        n_vertices = len(model.mean)
+        if len(paint) != n_vertices or len(occlusion) != n_vertices:
+            raise UsageError(
+                f"expected paint and occlusion of {n_vertices:,} vertices, found {len(paint):,} and {len(occlusion):,}"
+            )
+        self._source, uv, triangles = split_by_uv(model)
+        rows = -(-len(self._source) // TEXTURE_WIDTH)
+        self._moving = {name: np.zeros((rows * TEXTURE_WIDTH, 4), np.float32) for name in ("positions", "normals")}
+        for place, values in enumerate(self._moving.values()):
+            values[: len(uv), 3] = uv[:, place]
+        home = np.concatenate([model.mean, occlusion[:, None]], axis=1)[self._source]
+        static = {"places": home, "paint0": paint[self._source, :4], "paint1": paint[self._source, 4:]}
+        self._textures = {f"head_{name}": list_texture(context, each) for name, each in static.items()}
+        self._textures |= {f"head_{name}": list_texture(context, each) for name, each in self._moving.items()}
+        corners = np.column_stack([triangles, painted_kinds(uv, triangles)])
+        self._textures["head_corners"] = list_texture(context, corners)
+        self._vertices = context.buffer(reserve=self._moving["positions"].nbytes, dynamic=True)
+        self._buffers = [
+            self._vertices,
+            context.buffer(triangles),
+            context.buffer(coarse_triangles(model, self._source)),
+        ]
+        content: list[Any] = [(self._vertices, "3f4 4x1", "vertex")]
+        bare, seen = programs
+        self._whole = context.vertex_array(seen.program, content, self._buffers[1])
+        self._coarse = context.vertex_array(bare.program, content, self._buffers[2])
+
+    def load(self, head: PosedHead) -> None:
+        """Uploads a face, and binds what shades it."""
+        for (name, moving), values in zip(self._moving.items(), (head.vertices, head.normals), strict=True):
+            moving[: len(self._source), :3] = values.take(self._source, axis=0)  # three times as fast as by brackets
+            self._textures[f"head_{name}"].write(moving)
+        self._vertices.write(self._moving["positions"])
+        for name, texture in self._textures.items():
+            texture.use(UNITS[name])
+
+    def draw(self) -> None:
+        """Draws which triangle each sample sees."""
+        self._whole.render(moderngl.TRIANGLES)
+
+    def draw_shadow(self) -> None:
+        """Draws the depth of the coarser head."""
+        self._coarse.render(moderngl.TRIANGLES)
+
+    def release(self) -> None:
+        """Gives everything back to the driver."""
+        kept: list[Any] = [self._whole, self._coarse, *self._buffers, *self._textures.values()]
+        for each in kept:
+            each.release()
+
+
+def split_by_uv(
+    model: MorphableModel,
+) -> tuple[Int64[ndarray, " s"], Float32[ndarray, "s 2"], Int32[ndarray, "t 3"]]:
+    """Vertices that stand once for each texture coordinate they have.
+
+    Returns:
+        The model's vertex of each, its texture coordinates with v downward, and the triangles over them.
+    """
+    if model.uv is None or model.uv_triangles is None:
+        n_vertices = len(model.mean)
+        return np.arange(n_vertices), np.zeros((n_vertices, 2), dtype=np.float32), np.ascontiguousarray(model.triangles)
+    key = model.triangles.reshape(-1).astype(np.int64) << 32 | model.uv_triangles.reshape(-1)
+    split, corners = np.unique(key, return_inverse=True)
+    uv = model.uv[split & 0xFFFFFFFF] * np.array([1, -1], dtype=np.float32) + np.array([0, 1], dtype=np.float32)
+    # Vertices without a triangle are left out: nothing draws them.
+    return split >> 32, uv, np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.int32)
+
+
+def painted_kinds(uv: Float32[ndarray, "s 2"], triangles: Int32[ndarray, "t 3"]) -> Int32[ndarray, " t"]:
+    """Which of ``HEAD_KINDS`` paints each triangle, by islands of MakeHuman's texture coordinates, v downward."""
+    u, v = uv[triangles].mean(axis=1).T
+    eyes = (u > 0.75) & (v < 0.075)
+    inside = ((v < 0.13) | (v > 0.86) | (u < 0.2)) & ~((u > 0.32) & (u < 0.45))
+    return np.where(eyes, 1, np.where(inside, 2, 0)).astype(np.int32)
+
+
+def coarse_triangles(model: MorphableModel, source: Int64[ndarray, " s"]) -> Int32[ndarray, "u 3"]:
+    """Triangles of a coarser head over the split vertices: near vertices that face alike become one of them.
+
+    A vertex stays where the face moves it, so the coarse head follows expressions. Lips and lids that touch face in
+    different directions and stay apart.
+    """
+    mean = model.mean.astype(np.float64)
+    normals = vertex_normals(mean, model.triangles)
+    octant = (normals[:, :2] > 0) @ [1, 2]
+    cell = np.floor(mean / SHADOW_CELL_MM).astype(np.int64)
+    _, group = np.unique(np.column_stack([cell, octant]), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    centre = np.stack([np.bincount(group, weights=axis) for axis in mean.T], axis=1) / np.bincount(group)[:, None]
+    by_distance = np.lexsort((np.linalg.norm(mean - centre[group], axis=1), group))
+    chosen = by_distance[np.unique(group[by_distance], return_index=True)[1]]
+    outer = ~np.isin(np.array(model.region_names)[model.triangle_regions], WITHIN)
+    coarse = chosen[group[model.triangles[outer]]]
+    whole = (coarse != np.roll(coarse, 1, axis=1)).all(axis=1)
+    split = np.full(len(mean), -1, dtype=np.int64)
+    split[source[::-1]] = np.arange(len(source))[::-1]
+    return np.ascontiguousarray(np.unique(split[coarse[whole]], axis=0), dtype=np.int32)
+
+
+def list_texture(context: moderngl.Context, values: Shaped[ndarray, "n c"]) -> moderngl.Texture:
+    """A texture of a list of up to four numbers each."""
+    rows = max(1, -(-len(values) // TEXTURE_WIDTH))
+    is_float = values.dtype.kind == "f"
+    padded = np.zeros((rows * TEXTURE_WIDTH, 4), dtype=np.float32 if is_float else np.uint32)
+    padded[: len(values), : values.shape[1]] = values
+    texture = context.texture((TEXTURE_WIDTH, rows), 4, padded, dtype="f4" if is_float else "u4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture

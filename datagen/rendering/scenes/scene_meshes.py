@@ -1,0 +1,187 @@
+"""What is in a scene beside the head, in the driver."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import moderngl
+import numpy as np
+from jaxtyping import Float, Float32, Int32, Int64
+from numpy import ndarray
+
+from datagen.appearance.scene import SceneMesh
+from datagen.rendering.scenes.scene_program import MaterialKind, SceneProgram
+from pix2face.errors import UsageError
+
+# Blended meshes that lie within one another are drawn in turns, far to near, in at most so many draws.
+MAX_TURNS = 24
+LAYOUT = {"vertex": 3, "normal": 3, "uv": 2}  # numbers of each
+
+
+@final
+@dataclass(frozen=True)
+class Run:
+    """Triangles of one mesh that are drawn at once.
+
+    Attributes:
+        mesh: Which of the scene's meshes.
+        first: Where they begin, in corners.
+        count: How many corners.
+    """
+
+    mesh: int
+    first: int
+    count: int
+
+
+@final
+class ObjectMeshes:
+    """All meshes of a scene but the head's, in one buffer of vertices and one of triangles.
+
+    Args:
+        context: Where.
+        programs: What may draw them, by name.
+
+    Attributes:
+        opaque: Runs of meshes that hide what is behind.
+        blended: Runs of the others, far to near.
+        soft: The same triangles mesh by mesh, which takes fewer draws, for what asks for no order.
+    """
+
+    def __init__(self, context: moderngl.Context, programs: Mapping[str, SceneProgram]) -> None:
+        self._context, self._programs = context, programs
+        self.opaque: list[Run] = []
+        self.blended: list[Run] = []
+        self.soft: list[Run] = []
+        self._vertices: moderngl.Buffer | None = None
+        self._corners: moderngl.Buffer | None = None
+        self._arrays: dict[str, moderngl.VertexArray] = {}
+
+    def load(self, meshes: Sequence[SceneMesh], depth_row: Float[ndarray, "4"]) -> None:
+        """Uploads the meshes of a scene; ``depth_row`` gives the depth of points, the farther the larger."""
+        self.opaque, self.blended, self.soft = [], [], []
+        if not meshes:
+            return
+        for mesh in meshes:
+            _check(mesh)
+        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        vertices = np.empty((starts[-1], sum(LAYOUT.values())), dtype=np.float32)
+        for mesh, start in zip(meshes, starts, strict=False):
+            rows = vertices[start : start + len(mesh.vertices)]
+            rows[:, :3], rows[:, 3:6], rows[:, 6:] = mesh.vertices, mesh.normals, mesh.uv
+        # Under a hat nothing may be left of a head's hair.
+        drawn = [place for place, mesh in enumerate(meshes) if len(mesh.triangles)]
+        solid = [place for place in drawn if not meshes[place].material.is_blended]
+        soft = [place for place in drawn if meshes[place].material.is_blended]
+        parts, first = [], 0
+        for places, runs in ((solid, self.opaque), (soft, self.soft)):
+            for place in places:
+                parts.append(meshes[place].triangles + np.int32(starts[place]))
+                runs.append(Run(place, first, parts[-1].size))
+                first += parts[-1].size
+        if soft:
+            triangles = parts[len(solid) :]
+            depth = vertices[:, :3] @ depth_row[:3].astype(np.float32)
+            order, turns = far_to_near(triangles, depth)
+            parts.append(np.concatenate(triangles)[order])
+            for which, count in turns:
+                self.blended.append(Run(soft[which], first, 3 * count))
+                first += 3 * count
+        if parts:
+            self._upload(vertices, np.concatenate(parts))
+
+    def kinds(self, meshes: Sequence[SceneMesh]) -> dict[str, set[MaterialKind]]:
+        """Which kinds of objects the loaded scene draws, by ``PURPOSES``."""
+        solid, soft = ({meshes[run.mesh].material.kind for run in runs} for runs in (self.opaque, self.soft))
+        return {"object": solid, "blended": soft, "object_shadow": soft}
+
+    def draw(self, name: str, run: Run) -> None:
+        """Draws a run with one of the programs."""
+        self._arrays[name].render(moderngl.TRIANGLES, vertices=run.count, first=run.first)
+
+    def release(self) -> None:
+        """Gives everything back to the driver."""
+        for each in (*self._arrays.values(), self._vertices, self._corners):
+            if each is not None:
+                each.release()
+        self._arrays, self._vertices, self._corners = {}, None, None
+
+    def _upload(self, vertices: Float32[ndarray, "v 8"], corners: Int32[ndarray, "t 3"]) -> None:
+        kept = self._vertices, self._corners
+        wanted = vertices.nbytes, corners.nbytes
+        if any(buffer is None or buffer.size < size for buffer, size in zip(kept, wanted, strict=True)):
+            self.release()
+            # Half as much again: the next scene may have longer hair.
+            self._vertices, self._corners = (
+                self._context.buffer(reserve=size * 3 // 2, dynamic=True) for size in wanted
+            )
+            for name, program in self._programs.items():
+                content = (self._vertices, *_layout(program))
+                self._arrays[name] = self._context.vertex_array(program.program, [content], self._corners)
+        assert self._vertices is not None
+        assert self._corners is not None
+        self._vertices.write(vertices)
+        self._corners.write(np.ascontiguousarray(corners, dtype=np.int32))
+
+
+def joined(runs: Sequence[Run]) -> list[Run]:
+    """Runs that lie one behind the other as one, for what does not ask whose triangles they are: fewer draws."""
+    found: list[Run] = []
+    for run in runs:
+        if found and run.first == found[-1].first + found[-1].count:
+            found[-1] = replace(found[-1], count=found[-1].count + run.count)
+        else:
+            found.append(run)
+    return found
+
+
+def far_to_near(
+    triangles: Sequence[Int32[ndarray, "_ 3"]], depth: Float32[ndarray, " v"]
+) -> tuple[Int64[ndarray, " t"], list[tuple[int, int]]]:
+    """An order of the triangles of several meshes from far to near, and which mesh has its turn for how many of them.
+
+    Meshes that lie within one another take turns; where that takes too many, the order of triangles of different
+    meshes is kept in coarser and coarser slabs of depth, down to the order of the meshes' mean depths.
+    """
+    owner = np.repeat(np.arange(len(triangles)), [len(each) for each in triangles])
+    corners = np.concatenate(triangles)
+    middle = depth[corners[:, 0]] + depth[corners[:, 1]] + depth[corners[:, 2]]
+    order = np.argsort(-middle, kind="stable")
+    if len(triangles) == 1:
+        return order, [(0, len(owner))]
+    mean = np.bincount(owner, weights=middle) / np.maximum(np.bincount(owner), 1)
+    rank = np.empty(len(mean), dtype=np.int64)
+    rank[np.argsort(-mean, kind="stable")] = np.arange(len(mean))
+    by_depth, sorted_rank, sorted_depth = order, rank[owner[order]], middle[order]
+    share = (sorted_depth[0] - sorted_depth) / max(float(sorted_depth[0] - sorted_depth[-1]), 1e-6)
+    for slabs in (256, 64, 32, 16, 8, 4, 2, 1):
+        slab = np.minimum((slabs * share).astype(np.int64), slabs - 1)
+        key = slab * len(mean) + sorted_rank
+        # Numbers of 16 bits are sorted in one go.
+        order = by_depth[np.argsort(key.astype(np.uint16) if key.max() < 1 << 16 else key, kind="stable")]
+        starts = np.flatnonzero(np.diff(owner[order], prepend=-1))
+        if len(starts) <= max(MAX_TURNS, len(triangles)):
+            break
+    counts = np.diff(np.append(starts, len(owner)))
+    return order, [(int(owner[order[start]]), int(count)) for start, count in zip(starts, counts, strict=True)]
+
+
+def _layout(program: SceneProgram) -> tuple[str, ...]:
+    """The layout of a vertex without the attributes that the program's compiler has dropped."""
+    used = [name for name in LAYOUT if name in program.attributes]
+    forms = [f"{n}f4" if name in used else f"{4 * n}x1" for name, n in LAYOUT.items()]
+    return (" ".join(forms), *used)
+
+
+def _check(mesh: SceneMesh) -> None:
+    n_vertices = len(mesh.vertices)
+    shapes = (mesh.vertices.shape, mesh.normals.shape, mesh.uv.shape)
+    if shapes != ((n_vertices, 3), (n_vertices, 3), (n_vertices, 2)):
+        raise UsageError(f"mesh {mesh.name}: expected vertices, normals and uv of one length, found {shapes}")
+    if len(mesh.triangles) and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < n_vertices:
+        raise UsageError(
+            f"mesh {mesh.name}: expected triangles over {n_vertices} vertices, found vertex numbers from "
+            f"{mesh.triangles.min()} to {mesh.triangles.max()}"
+        )
+    if not np.isfinite(mesh.vertices).all():
+        raise UsageError(f"mesh {mesh.name}: expected finite vertices, found others")

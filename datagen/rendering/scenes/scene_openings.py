@@ -1,0 +1,67 @@
+"""Where the inside of a head may be seen: backs of triangles show themselves through openings of the mesh alone.
+
+Triangles that turn their back are half of all, and drawing them costs half of the time. A mesh that is closed but for
+some openings shows them nowhere else.
+"""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Float32, Int64
+from numpy import ndarray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import shows_outside
+
+# Parts that other parts hide on all sides: their openings do not count.
+WITHIN = ("mouth_inside", "teeth", "tongue")
+
+
+@final
+class Openings:
+    """The openings of a model's mesh.
+
+    Args:
+        model: Triangles and regions.
+    """
+
+    def __init__(self, model: MorphableModel) -> None:
+        edges = _open_edges(model)
+        n_vertices = len(model.mean)
+        graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices))
+        loop_of_vertex = connected_components(graph, directed=False)[1]
+        self._loops = [edges[loop_of_vertex[edges[:, 0]] == loop] for loop in np.unique(loop_of_vertex[edges[:, 0]])]
+
+    def box(
+        self, vertices: Float32[ndarray, "v 3"], camera: Camera, height: int, width: int
+    ) -> tuple[int, int, int, int] | None:
+        """The part of an image in which the inside of the head may be seen: left, top, right, bottom; None: nowhere."""
+        lids = np.concatenate([_lid(vertices[loop]) for loop in self._loops] or [np.zeros((0, 3, 3))])
+        points = lids.reshape(-1, 3)
+        if (points @ camera.matrix[3, :3] + camera.matrix[3, 3] <= 0).any():
+            return 0, 0, width, height
+        facing = shows_outside(camera, points, np.arange(len(points)).reshape(-1, 3))
+        if not facing.any():
+            return None
+        image = np.clip(camera.project(lids[facing].reshape(-1, 3)), 0, [width, height])
+        (left, top), (right, bottom) = np.floor(image.min(axis=0)), np.ceil(image.max(axis=0))
+        return (int(left), int(top), int(right), int(bottom)) if left < right and top < bottom else None
+
+
+def _open_edges(model: MorphableModel) -> Int64[ndarray, "e 2"]:
+    """Edges of one triangle alone, as that triangle runs through them."""
+    outer = ~np.isin(np.array(model.region_names)[model.triangle_regions], WITHIN)
+    triangles = model.triangles.astype(np.int64)
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    key = np.sort(edges, axis=1) @ [len(model.mean), 1]
+    _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    return edges[(count[inverse] == 1) & np.repeat(outer, 3)]
+
+
+def _lid(edges: Float32[ndarray, "e 2 3"]) -> Float32[ndarray, "e 3 3"]:
+    """Triangles from the edges of an opening to its middle: a ray gets in where one of them shows its outside."""
+    middle = np.broadcast_to(edges.reshape(-1, 3).mean(axis=0), (len(edges), 1, 3))
+    return np.concatenate([edges[:, ::-1], middle], axis=1)

@@ -1,0 +1,1 @@
+"""From a face to a sample: maps, picture, attributes."""

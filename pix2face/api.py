@@ -1,0 +1,303 @@
+"""The whole of inference behind one object: photographs in; maps, cameras, meshes and landmarks out."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.detectors.detection import DEFAULT_DETECTOR, Detector, open_detector
+from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.fitting.joint_fit import fit_joint
+from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
+from pix2face.geometry.crops import FaceBox, image_centre_in_crop
+from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference.predictor import Prediction, Predictor
+from pix2face.landmark_choice.landmark_file import with_own_landmarks
+from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.photographs.interface_checks import check_box, check_photograph
+from pix2face.photographs.refined_detection import find_faces
+
+
+@final
+class Pix2Face:
+    """Dense 3D faces from photographs: a network, its morphable model and a face detector.
+
+    It keeps nothing between calls. Photographs are RGB, 8 bit, as ``pix2face.files.images.read_photograph`` reads them;
+    pixels are (x, y) with centres at +0.5; millimetres are those of the model frame (docs/conventions.md).
+
+    Args:
+        predictor: The network.
+        model: The morphable model that the network was trained for; None where maps are all that is wanted.
+        detector: What finds faces; None takes the default of ``pix2face.detectors.detection``.
+        refine: Whether a first prediction in the detector's boxes corrects, confirms and refutes them; needs the model.
+
+    Raises:
+        ModelMismatchError: The network was trained for another model.
+    """
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        model: MorphableModel | None,
+        detector: Detector | None = None,
+        refine: bool = True,
+    ) -> None:
+        if model is not None:
+            predictor.header.check_model(model.name, model.sha256)
+        self.predictor = predictor
+        self._model = model
+        self._detector = detector
+        self._refine = refine
+
+    @property
+    def model(self) -> MorphableModel:
+        """The morphable model.
+
+        Raises:
+            UsageError: There is none.
+        """
+        if self._model is None:
+            raise UsageError("expected a morphable model to fit, found none; name one when loading Pix2Face")
+        return self._model
+
+    @classmethod
+    def load(
+        cls,
+        checkpoint: Path | str | None = None,
+        model: MorphableModel | str | None = BUILTIN_MODEL,
+        device: str | None = None,
+        detector: str = DEFAULT_DETECTOR,
+        refine: bool = True,
+        *,
+        own_landmarks: bool | None = None,
+    ) -> "Pix2Face":
+        """Opens a checkpoint and the model that it was trained for.
+
+        Args:
+            checkpoint: What training wrote; None takes the packaged one.
+            model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
+            device: Name of a torch device; None takes a GPU where there is one.
+            detector: Name of a face detector, one of ``pix2face.detectors.detection.DETECTORS``.
+            refine: As in the class.
+            own_landmarks: Whether landmarks that the checkpoint brings along take the place of the model's; None means
+                that they do unless a model is given, not the name of one.
+
+        Raises:
+            InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
+            ModelMismatchError: The checkpoint was trained for another model.
+            UsageError: No checkpoint was named, and there is none to take instead; or no such detector or device.
+        """
+        path = PACKAGED if checkpoint is None else Path(checkpoint)
+        predictor = Predictor.load(path, device)
+        opened = open_model(model) if isinstance(model, str) else model
+        if opened is not None and (isinstance(model, str) if own_landmarks is None else own_landmarks):
+            opened = with_own_landmarks(opened, predictor.header)
+        return cls(predictor, opened, open_detector(detector), refine)
+
+    def find_faces(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
+        """The boxes of the faces in a photograph, largest first; empty where there is none.
+
+        Raises:
+            UsageError: The photograph is not 8-bit RGB.
+        """
+        check_photograph(image)
+        detector = self._detector or open_detector()
+        if self._refine and self._model is not None:
+            return find_faces(image, detector, self.predictor, self._model)
+        return detector.detect(image)
+
+    def predict(self, image: UInt8[ndarray, "h w 3"], boxes: Sequence[FaceBox] | None = None) -> list[Prediction]:
+        """The maps of every face of one photograph.
+
+        Args:
+            image: RGB.
+            boxes: Where the faces are, as tight boxes of their landmarks; None detects them.
+
+        Returns:
+            One for each box, in their order; empty where there is no face.
+
+        Raises:
+            DegenerateGeometryError: A box has no extent, or the network's output is not finite.
+        """
+        return self.predict_batch([image], None if boxes is None else [boxes])[0]
+
+    def predict_batch(
+        self, images: Sequence[UInt8[ndarray, "_ _ 3"]], boxes: Sequence[Sequence[FaceBox]] | None = None
+    ) -> list[list[Prediction]]:
+        """The maps of every face of several photographs, of any sizes; the network sees many faces at once.
+
+        Args:
+            images: RGB.
+            boxes: For each photograph as in ``predict``.
+
+        Raises:
+            DegenerateGeometryError: As ``predict``.
+            UsageError: Photographs and lists of boxes differ in number, or a photograph is not 8-bit RGB.
+        """
+        for image in images:
+            check_photograph(image)
+        if boxes is None:
+            boxes = [self.find_faces(image) for image in images]
+        if len(boxes) != len(images):
+            raise UsageError(f"expected boxes for each of {len(images)} photographs, found {len(boxes)} lists of boxes")
+        faces = [(image, box) for image, own in zip(images, boxes, strict=True) for box in own]
+        for _, box in faces:
+            check_box(box)
+        predictions = self.predictor.predict_many(faces)
+        for prediction in predictions:
+            prediction.check_finite()
+        ends = np.cumsum([len(own) for own in boxes]).tolist()
+        return [predictions[end - len(own) : end] for end, own in zip(ends, boxes, strict=True)]
+
+    def fit(
+        self,
+        image: UInt8[ndarray, "h w 3"],
+        boxes: Sequence[FaceBox] | None = None,
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
+        reprojection_rounds: int = 0,
+        silhouette: bool = True,
+    ) -> list[FaceFit]:
+        """Camera, coefficients, mesh and landmarks of every face of one photograph, in its pixels.
+
+        Args:
+            image: RGB.
+            boxes: As in ``predict``.
+            camera: "affine", "weak-perspective", "pinhole" (its principal point is the centre of the photograph), or
+                "auto": a pinhole where perspective shows, else weak perspective.
+            regularisation: Tikhonov weight of the coefficients, in mm^2; None estimates it from the maps, which
+                takes longer.
+            reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
+            silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of
+                weak-perspective cameras.
+
+        Raises:
+            DegenerateGeometryError: As ``predict``, or the maps of a face do not determine it.
+        """
+        height, width = image.shape[:2]
+        return [
+            self.fit_prediction(
+                prediction,
+                (height, width),
+                camera=camera,
+                regularisation=regularisation,
+                reprojection_rounds=reprojection_rounds,
+                silhouette=silhouette,
+            )
+            for prediction in self.predict(image, boxes)
+        ]
+
+    def fit_prediction(
+        self,
+        prediction: Prediction,
+        image_size_px: tuple[int, int],
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
+        reprojection_rounds: int = 0,
+        silhouette: bool = True,
+    ) -> FaceFit:
+        """As ``fit``, from maps that are there already.
+
+        Args:
+            prediction: Of one face.
+            image_size_px: Height and width of the photograph.
+            camera: As in ``fit``.
+            regularisation: As in ``fit``.
+            reprojection_rounds: As in ``fit``.
+            silhouette: As in ``fit``.
+
+        Raises:
+            DegenerateGeometryError: The maps do not determine camera and coefficients, or are not finite.
+        """
+        prediction.check_finite()
+        return fit_face(
+            prediction.maps,
+            self.model,
+            camera_kind=camera,
+            regularisation=regularisation,
+            principal_point_px=image_centre_in_crop(prediction.crop, image_size_px),
+            reprojection_rounds=reprojection_rounds,
+            silhouette=silhouette,
+        ).in_image(prediction.crop)
+
+    def fit_joint(
+        self,
+        images: Sequence[UInt8[ndarray, "_ _ 3"]],
+        boxes: Sequence[FaceBox] | None = None,
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
+        silhouette: bool = True,
+    ) -> list[FaceFit]:
+        """Fits photographs of one person: one identity, and for each photograph its camera and expression (Eq. 5).
+
+        Args:
+            images: RGB, each showing the person.
+            boxes: For each photograph where the person is; None takes the largest face.
+            camera: As in ``fit``.
+            regularisation: As in ``fit``.
+            silhouette: As in ``fit``.
+
+        Returns:
+            One fit for each photograph, in its pixels; all have the same identity.
+
+        Raises:
+            DegenerateGeometryError: As ``fit``, or no face is found in a photograph.
+            UsageError: As ``predict_batch``.
+        """
+        if boxes is None:
+            boxes = [self._largest_face(image, index) for index, image in enumerate(images)]
+        predictions = [prediction for (prediction,) in self.predict_batch(images, [[box] for box in boxes])]
+        sizes = [(image.shape[0], image.shape[1]) for image in images]
+        return self.fit_predictions_joint(
+            predictions, sizes, camera=camera, regularisation=regularisation, silhouette=silhouette
+        )
+
+    def fit_predictions_joint(
+        self,
+        predictions: Sequence[Prediction],
+        image_sizes_px: Sequence[tuple[int, int]],
+        *,
+        camera: CameraKind = "weak-perspective",
+        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
+        silhouette: bool = True,
+    ) -> list[FaceFit]:
+        """As ``fit_joint``, from maps that are there already.
+
+        Args:
+            predictions: Of one face in each photograph.
+            image_sizes_px: Height and width of each.
+            camera: As in ``fit``.
+            regularisation: As in ``fit``.
+            silhouette: As in ``fit``.
+
+        Raises:
+            DegenerateGeometryError: As ``fit_prediction``, or there is no photograph.
+        """
+        for prediction in predictions:
+            prediction.check_finite()
+        principal_points = [
+            image_centre_in_crop(prediction.crop, size)
+            for prediction, size in zip(predictions, image_sizes_px, strict=True)
+        ]
+        joint = fit_joint(
+            (prediction.maps for prediction in predictions),
+            self.model,
+            camera_kind=camera,
+            regularisation=regularisation,
+            principal_points_px=principal_points,
+            silhouette=silhouette,
+        )
+        return [fit.in_image(prediction.crop) for fit, prediction in zip(joint.fits, predictions, strict=True)]
+
+    def _largest_face(self, image: UInt8[ndarray, "h w 3"], index: int) -> FaceBox:
+        boxes = self.find_faces(image)
+        if not boxes:
+            raise DegenerateGeometryError(f"no face found in photograph {index} (from 0); say where it is with boxes")
+        return boxes[0]

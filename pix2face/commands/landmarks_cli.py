@@ -1,0 +1,220 @@
+"""The command ``pix2face landmarks``: choose the vertices that annotated frames say the landmarks are; show them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from jaxtyping import Float64
+from numpy import ndarray
+from rich.console import Console
+from rich.table import Table
+
+from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, progress_bar, say
+from pix2face.commands.photograph_jobs import write_picture
+from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
+from pix2face.face_files.annotations import AnnotatedFace, Annotation, find_annotations
+from pix2face.face_files.coefficients import load_coefficients
+from pix2face.files.images import read_photograph
+from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
+from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference.predictor import Predictor
+from pix2face.landmark_choice.landmark_file import load_landmarks, save_landmarks, with_landmarks
+from pix2face.landmark_choice.landmark_selection import LandmarkSelection, ReprojectionErrors, fold_of_frame
+from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.photographs.landmark_pictures import draw_model_landmarks
+
+PROBLEMS_SHOWN = 10
+console = Console(stderr=True)
+
+FittedFrame = tuple[Camera, Float64[ndarray, "v 3"]]
+# From an annotation and its points to the camera and the mesh of its frame.
+FitFrame = Callable[[Annotation, AnnotatedFace], FittedFrame]
+
+
+@dataclass(frozen=True)
+class LandmarksSelectConfig:
+    """Choose, for each landmark, the vertex with the least mean reprojection error over annotated frames."""
+
+    data: Path
+    """Folder of annotated photographs (.pts beside the picture, .mat of AFLW2000-3D, dlib's .xml), with subfolders."""
+    out: Path = Path("landmarks.json")
+    """File to write; --landmarks of other commands takes it."""
+    scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = IBUG68
+    """Which points the annotations hold."""
+    checkpoint: Path | None = None
+    """Fit the maps that this network predicts, as the paper does; default is the packaged one."""
+    coeffs: Path | None = None
+    """Take the fits of this table instead (as ``datagen fit`` writes it), matched by name."""
+    model: str = BUILTIN_MODEL
+    """``builtin`` or a model file: that of the checkpoint or the table."""
+    folds: int = 5
+    """Parts of the frames that are held out in turn, to measure the choice on frames without a part in it."""
+
+
+@dataclass(frozen=True)
+class LandmarksShowConfig:
+    """Draw the mean face from three sides with its landmarks in green; those of a file in red."""
+
+    file: Annotated[Path | None, tyro.conf.Positional] = None
+    """What ``pix2face landmarks select`` wrote."""
+    out: Path = Path("landmarks.png")
+    """Picture to write (.png or .jpg)."""
+    scheme: str = IBUG68
+    """Which landmarks of the model to draw, where no file is given."""
+    model: str = BUILTIN_MODEL
+    """``builtin`` or a model file."""
+
+
+LandmarksCommand = (
+    Annotated[LandmarksSelectConfig, tyro.conf.subcommand("select")]
+    | Annotated[LandmarksShowConfig, tyro.conf.subcommand("show")]
+)
+
+
+def landmarks(command: Annotated[LandmarksCommand, tyro.conf.arg(name="")]) -> int:
+    """Choose which vertices of a model are its landmarks, from annotated frames; show where they lie."""
+    return _select(command) if isinstance(command, LandmarksSelectConfig) else _show(command)
+
+
+def _show(config: LandmarksShowConfig) -> int:
+    check_output_file(config.out, (".png", ".jpg"))
+    model = open_model(config.model)
+    scheme = config.scheme if config.file is None else load_landmarks(config.file).scheme
+    choices = [model.landmarks[scheme]] if scheme in model.landmarks else []
+    if config.file is not None:
+        choices.append(with_landmarks(model, config.file).landmarks[scheme])
+    if not choices:
+        known = ", ".join(sorted(model.landmarks)) or "none"
+        raise UsageError(f"expected landmarks {scheme!r} in the model {model.name}, found {known}")
+    write_picture(config.out, draw_model_landmarks(model, choices))
+    say(console, f"{scheme} of {model.name} -> {config.out}")
+    return 0
+
+
+def _select(config: LandmarksSelectConfig) -> int:
+    check_output_file(config.out, (".json",))
+    if config.checkpoint is not None and config.coeffs is not None:
+        raise UsageError("expected --checkpoint (fit predicted maps) or --coeffs (take fits as given), found both")
+    annotations = find_annotations(config.data, config.scheme)
+    model = open_model(config.model)
+    candidates = np.flatnonzero(model.is_face_vertex)
+    errors = ReprojectionErrors(candidates, SCHEMES[config.scheme], config.folds)
+    if config.coeffs is not None:
+        fit_frame, origin = _given_fits(model, config.coeffs), str(config.coeffs.name)
+    else:
+        checkpoint = config.checkpoint or PACKAGED
+        fit_frame, origin = _predicted_fits(model, checkpoint), f"maps predicted by {checkpoint.name}"
+    problems = _measure(annotations, fit_frame, candidates, errors, config)
+    if len(problems) == len(annotations):
+        raise UsageError(f"{config.data}: expected frames that can be fitted, found none: {problems[0]}")
+    selection = errors.select()
+    n_frames = len(annotations) - len(problems)
+    about = {"data": config.data.name, "fits": origin, "n_frames": n_frames, "folds": config.folds}
+    save_landmarks(config.out, model, config.scheme, selection, about)
+    _report(config, model, errors, selection)
+    for problem in problems[:PROBLEMS_SHOWN]:
+        say(console, problem)
+    left_out = f", {counted(len(problems), 'frame')} left out" if problems else ""
+    say(console, f"{counted(n_frames, 'frame')}{left_out} -> {config.out}; use it with --landmarks {config.out}")
+    return EXIT_REJECTED if problems else 0
+
+
+def _measure(
+    annotations: list[Annotation],
+    fit_frame: FitFrame,
+    candidates: ndarray,
+    errors: ReprojectionErrors,
+    config: LandmarksSelectConfig,
+) -> list[str]:
+    """Fits every frame and counts its errors; returns what went wrong, a line for each frame left out."""
+    problems = []
+    with progress_bar(console, "frames", len(annotations)) as advance:
+        for index, annotation in enumerate(annotations):
+            try:
+                annotated = annotation.load()
+                camera, vertices = fit_frame(annotation, annotated)
+                fold = fold_of_frame(index, len(annotations), config.folds)
+                errors.add(fold, camera.project(vertices[candidates]), annotated.landmarks2d)
+            except (InputFileError, DegenerateGeometryError) as error:
+                problems.append(f"{annotation.name}: {error}")
+            advance()
+    return problems
+
+
+def _given_fits(model: MorphableModel, path: Path) -> FitFrame:
+    table = load_coefficients(path)
+    if table.model_sha256 != model.sha256:
+        raise ModelMismatchError(
+            f"{path}: fits of the model {table.model_name} ({table.model_sha256[:12]}), found {model.name} "
+            f"({model.sha256[:12]}); give the former with --model"
+        )
+    row_of = {sample_id: row for row, sample_id in enumerate(table.sample_ids)}
+
+    def fit_frame(annotation: Annotation, _: AnnotatedFace) -> FittedFrame:
+        row = row_of.get(annotation.name)
+        if row is None:
+            raise InputFileError(f"expected its fit in {path}, found none of this name")
+        vertices = model.vertices(table.identity[row : row + 1], table.expression[row : row + 1])[0]
+        return Camera(table.cameras[row]), vertices.astype(np.float64)
+
+    return fit_frame
+
+
+def _predicted_fits(model: MorphableModel, checkpoint: Path) -> FitFrame:
+    predictor = Predictor.load(checkpoint)
+    predictor.header.check_model(model.name, model.sha256)
+    framing = next((scheme for scheme in (IBUG68, *model.landmarks) if scheme in model.landmarks), None)
+    if framing is None:
+        raise UsageError(f"expected a model with landmarks to frame faces by, {model.name} has none; give --coeffs")
+
+    def fit_frame(_: Annotation, annotated: AnnotatedFace) -> FittedFrame:
+        image = read_photograph(annotated.image_path)
+        present = np.isfinite(annotated.landmarks2d).all(axis=1)
+        box = FaceBox.around(annotated.landmarks2d[present])
+        # Points of another scheme have another box: the landmarks of a first fit give the one that crops go by.
+        for _turn in range(1 if len(annotated.landmarks2d) == SCHEMES[IBUG68] else 2):
+            prediction = predictor.predict(image, box)
+            fitted = fit_face(
+                prediction.maps,
+                model,
+                regularisation=PREDICTED_MAPS_REGULARISATION,
+                scheme=framing,
+                silhouette=True,
+            ).in_image(prediction.crop)
+            box = FaceBox.around(fitted.landmarks2d)
+        return fitted.camera, fitted.vertices.astype(np.float64)
+
+    return fit_frame
+
+
+def _report(
+    config: LandmarksSelectConfig, model: MorphableModel, errors: ReprojectionErrors, selection: LandmarkSelection
+) -> None:
+    """Prints the errors by part of the face; those of the model's present vertices beside them."""
+    own = model.landmarks.get(config.scheme)
+    present = None if own is None else errors.of(own)
+    table = Table(title=f"{config.scheme}: mean error, % of sqrt(w h) of the annotated points' box")
+    for heading in ("part", "vertices of the model", "chosen", "chosen, on held-out frames"):
+        table.add_column(heading, justify="left" if heading == "part" else "right")
+    for part, members in _parts(config.scheme).items():
+        row = [None if present is None else present[members], selection.error[members]]
+        row.append(selection.held_out_error[members])
+        table.add_row(part, *("-" if values is None else f"{100 * np.nanmean(values):.2f}" for values in row))
+    Console().print(table)
+
+
+def _parts(scheme: str) -> dict[str, Any]:
+    everything = list(range(SCHEMES[scheme]))
+    if scheme == IBUG68:
+        return {**{part: list(members) for part, members in IBUG68_PARTS.items()}, "all": everything}
+    if scheme == "inner51":
+        inner = {part: [INNER51.index(m) for m in members] for part, members in IBUG68_PARTS.items() if part != "jaw"}
+        return {**inner, "all": everything}
+    return {"all": everything}

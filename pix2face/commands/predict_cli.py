@@ -1,0 +1,45 @@
+"""The command ``pix2face predict``: photographs in, maps out."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, final
+
+import tyro
+from rich.console import Console
+
+from pix2face.command_line import prepare_output_folder
+from pix2face.commands.face_options import FaceOptions
+from pix2face.commands.photograph_jobs import SeenFace, check_photographs, for_each_face, write_maps_picture
+from pix2face.photographs.map_files import MAP_FORMATS, parse_formats
+
+
+@final
+@dataclass(frozen=True)
+class PredictConfig:
+    """Configuration of ``pix2face predict``."""
+
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Photographs."""
+    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = field(default_factory=FaceOptions)
+    """Network, model and face boxes."""
+    out: Path = Path("out/predict")
+    """Folder for the maps."""
+    format: str = "npz"
+    """How to write the maps, several separated by commas: npz, png16 (16-bit PNG), exr (32-bit OpenEXR)."""
+
+
+def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
+    """Predict the maps of every face (PNCC and offset in mm, mask) and a picture of them, NAME-maps.png."""
+    check_photographs(config.images)
+    config.faces.check()
+    formats = parse_formats(config.format)
+    finder = config.faces.open(needs_model=False)
+    prepare_output_folder(config.out)
+
+    def use(face: SeenFace) -> None:
+        for name in formats:
+            MAP_FORMATS[name](config.out, face.name, face.prediction)
+        write_maps_picture(config.out, face)
+
+    console = Console(stderr=True)
+    return for_each_face(config.images, finder, console, use).report(console, config.out)

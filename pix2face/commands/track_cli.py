@@ -1,0 +1,297 @@
+"""The command ``pix2face track``: a video in; landmarks, pose and identity of its faces, and an overlay out."""
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, final, get_args
+
+import cv2
+import tyro
+from jaxtyping import UInt8
+from numpy import ndarray
+from rich.console import Console
+
+from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
+from pix2face.detectors.detection import open_detector
+from pix2face.errors import InputFileError, UsageError
+from pix2face.face_files.box_files import read_box_file
+from pix2face.fitting.least_squares.regularisation import (
+    PREDICTED_MAPS_REGULARISATION,
+    Regularisation,
+    check_regularisation,
+    lambda_or_none,
+)
+from pix2face.fitting.picture_measurement import HELD_CAMERAS, CameraKind
+from pix2face.geometry.crops import FaceBox
+from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference.predictor import Predictor
+from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
+from pix2face.models.morphable_model import BUILTIN_MODEL
+from pix2face.tracking.clip_fit import FrameFitter
+from pix2face.tracking.face_follower import (
+    IDENTITY_FRAMES,
+    FaceFollower,
+    find_boxes,
+    find_identities,
+    follow_faces,
+    identity_step,
+)
+from pix2face.tracking.face_tracks import (
+    LEAST_SHARE_DETECTED,
+    FaceTracker,
+    TrackSummary,
+    boxes_of_every_frame,
+    lasting_faces,
+    main_face,
+)
+from pix2face.tracking.smoothing import Smoothing, open_smoother
+from pix2face.tracking.track_files import ClipConstants, TrackFiles, TrackFormat, draw_frame
+from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
+from pix2face.tracking.video import FrameSource, OverlayVideo, open_frames
+
+console = Console(stderr=True)
+
+Find = Callable[[int, UInt8[ndarray, "_ _ 3"]], Sequence[FaceBox] | None]
+
+# Below, the maps of a face tell little: a pixel of the network's input is then a part of a pixel of the video.
+SMALL_FACE_PX = 40.0
+
+
+@final
+@dataclass(frozen=True)
+class TrackConfig:
+    """Configuration of ``pix2face track``."""
+
+    video: Annotated[Path, tyro.conf.Positional]
+    """Video file, folder of frames, or pattern such as frames/%05d.png."""
+    out: Path = Path("out/track")
+    """Folder for boxes, landmarks, overlay and summary."""
+    checkpoint: Path | None = None
+    """What training wrote; default is the packaged one."""
+    model: str = BUILTIN_MODEL
+    """``builtin`` or a model file: the one that the checkpoint was trained for."""
+    landmarks: Path | None = None
+    """Which vertices the landmarks are: a file of ``pix2face landmarks select``. Without it those that the checkpoint
+    chooses, or else the model's own."""
+    device: str | None = None
+    """Torch device, such as cpu or cuda; default is a GPU where there is one."""
+    detector: str = "lbp-quick"
+    """What finds faces: lbp-quick, lbp (finds more, takes five times as long), dlib (the paper's; pip install
+    'pix2face[dlib]')."""
+    detect_every: int = 1
+    """Detect in each so-manieth frame only; boxes between are interpolated."""
+    boxes: Path | None = None
+    """File of face boxes instead of a detector: CSV with a line frame,left,top,right,bottom above (frames from 0), or
+    JSON; for a folder of frames also by file name. The boxes.csv of an earlier run is one."""
+    refine: bool = True
+    """Correct each box by a first prediction."""
+    all_faces: bool = False
+    """Follow every face through the frames in which it is; without it, the main face through all frames."""
+    smoothing: Smoothing = "mean3"
+    """none, mean3 (mean of three frames, the paper's), one-euro (looks at no frame ahead), spline (smoothest)."""
+    camera: CameraKind = "weak-perspective"
+    """Camera of the fits; the principal point of a pinhole is the centre of the frame."""
+    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
+    """Tikhonov weight of the coefficients, in mm^2; with ``estimate`` each frame's own noise sets it."""
+    silhouette: bool = True
+    """Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of weak-perspective cameras."""
+    contour: Literal["off", "2d"] = "off"
+    """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
+    identity_frames: int = IDENTITY_FRAMES
+    """From how many frames the identity comes, evenly spread over the clip."""
+    write: Annotated[str, tyro.conf.arg(metavar="csv,npz,pts,video")] = "csv,npz,video"
+    """What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (one file a frame), video
+    (overlay.mp4)."""
+
+
+def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
+    """Follow faces through a video: landmarks and pose of every frame, one identity, an overlay, and their jitter."""
+    formats = _check_call(config)
+    _silence_decoders()
+    source = open_frames(config.video)
+    model = open_model_with(config.model, config.landmarks)
+    predictor = Predictor.load(config.checkpoint or PACKAGED, config.device)
+    if config.landmarks is None:
+        model = with_own_landmarks(model, predictor.header)
+    predictor.header.check_model(model.name, model.sha256)
+    slides_jaw = config.contour == "2d"
+    regularisation = lambda_or_none(config.regularisation)
+    fitter = FrameFitter(predictor, model, config.camera, regularisation, config.refine, slides_jaw, config.silhouette)
+    find = _finder(config, source)
+    prepare_output_folder(config.out)
+    boxes = config.out / "boxes.csv"
+    n_frames, tracks = _detect(config, source, find, boxes)
+    faces = _faces(config, tracks, n_frames)
+    n_looks = sum(-(-own.n_detected // identity_step(own.n_detected, config.identity_frames)) for own in faces)
+    with progress_bar(console, "identity", n_looks) as advance:
+        detected = [(own.detected(boxes), own.n_detected) for own in faces]
+        identities = find_identities(source, detected, fitter, at_most=config.identity_frames, advance=advance)
+    followers = [FaceFollower(fitter, own, open_smoother(config.smoothing, source.fps)) for own in identities]
+    try:
+        _follow(config, source, faces, followers, fitter, formats)
+    finally:  # also when interrupted
+        summary = {
+            **_job_summary(config, source, fitter, n_frames),
+            "faces": [face_summary(*own, config.out) for own in zip(faces, followers, strict=True)],
+        }
+        (config.out / "track.json").write_text(json.dumps(summary, indent=1) + "\n")
+    for face, follower in zip(faces, followers, strict=True):
+        for line in face_report(face, follower, config.smoothing):
+            say(console, line)
+    return 0
+
+
+def _silence_decoders() -> None:
+    """Errors of a video are said once, by us: FFmpeg and OpenCV write lines of their own to stderr otherwise."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+
+
+def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
+    """What to write; refuses what can never work, before anything takes time.
+
+    Raises:
+        UsageError: An option is out of its range, or there is no such format.
+    """
+    known = get_args(TrackFormat)
+    formats = tuple(own.strip() for own in config.write.split(",") if own.strip())
+    unknown = [own for own in formats if own not in known]
+    if unknown or not formats:
+        raise UsageError(f"expected --write of {', '.join(known)}, separated by commas, found {config.write!r}")
+    if config.detect_every < 1:
+        raise UsageError(f"expected --detect-every of 1 or more, found {config.detect_every}")
+    if config.identity_frames < 1:
+        raise UsageError(f"expected --identity-frames of 1 or more, found {config.identity_frames}")
+    check_regularisation(config.regularisation)
+    return tuple(own for own in known if own in formats)
+
+
+def _finder(config: TrackConfig, source: FrameSource) -> Find:
+    """From the number of a frame and the frame to its boxes: from a file, or by the detector.
+
+    Of a frame that it does not name, a file says nothing: it may name every hundredth.
+
+    Raises:
+        Pix2FaceError: The file cannot be used, or what the detector needs is not installed.
+    """
+    if config.boxes is None:
+        detector = open_detector(config.detector)
+        return lambda index, image: detector.detect(image)
+    given = read_box_file(config.boxes)
+    if source.pictures:
+        return lambda index, image: given.of_frame(index) or given.of_image(source.pictures[index]) or None
+    return lambda index, image: given.of_frame(index) or None
+
+
+def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -> tuple[int, Sequence[TrackSummary]]:
+    """First pass: the number of frames, and the faces found in them, whose boxes are in the file.
+
+    Raises:
+        InputFileError: No frame, or no face in any.
+    """
+    with (
+        boxes.open("w", newline="", encoding="utf-8") as file,
+        progress_bar(console, "detect", source.n_announced) as advance,
+    ):
+        tracker = FaceTracker(file, source.fps)
+        n_frames = find_boxes(source, find, tracker, every=config.detect_every, advance=advance)
+    if source.is_cut_short(n_frames):
+        say(
+            console,
+            f"warning: {source.path}: {source.n_announced} frames announced, {n_frames} decoded: an edit list hides "
+            "the rest, or the file is cut off or damaged; going on with what there is",
+        )
+    if not tracker.tracks:
+        by = f"in {config.boxes}" if config.boxes else f"by the detector {config.detector}"
+        raise InputFileError(
+            f"{source.path}: expected a face, found none {by} in {counted(n_frames, 'frame')}; "
+            "try another --detector, or say where it is with --boxes"
+        )
+    return n_frames, tracker.tracks
+
+
+def _faces(config: TrackConfig, tracks: Sequence[TrackSummary], n_frames: int) -> list[ClipFace]:
+    least = 0.0 if config.boxes else LEAST_SHARE_DETECTED / config.detect_every
+    chosen = [[own] for own in lasting_faces(tracks, least)] if config.all_faces else [main_face(tracks, least)]
+    faces = []
+    for index, own in enumerate(chosen):
+        folder = config.out / f"face-{index}" if config.all_faces else config.out
+        prepare_output_folder(folder)
+        size_px = sum(part.weight for part in own) / sum(part.n_detected for part in own)
+        if size_px < SMALL_FACE_PX:
+            say(
+                console,
+                f"warning: {folder}: the face is {size_px:.0f} px large; below {SMALL_FACE_PX:.0f} little is seen",
+            )
+        faces.append(
+            ClipFace(folder, own, range(own[0].first, own[0].last + 1) if config.all_faces else range(n_frames))
+        )
+    return faces
+
+
+def _follow(
+    config: TrackConfig,
+    source: FrameSource,
+    faces: Sequence[ClipFace],
+    followers: Sequence[FaceFollower],
+    fitter: FrameFitter,
+    formats: tuple[TrackFormat, ...],
+) -> None:
+    """Third pass: fits every frame, and writes it as soon as it is smoothed."""
+    every_box = [boxes_of_every_frame(own.detected(config.out / "boxes.csv"), own.frames) for own in faces]
+    model = fitter.model
+    n_frames = max(own.frames.stop for own in faces)
+
+    def open_files(index: int) -> TrackFiles:
+        constants = ClipConstants(source.fps, followers[index].identity, model.name, model.sha256)
+        return TrackFiles(faces[index].folder, formats, constants)
+
+    for index in range(len(faces)):
+        open_files(index).close()  # whatever an earlier run left there
+    with ExitStack() as stack:
+        files: dict[int, TrackFiles] = {}  # of the faces in the picture: a long clip has more than a process may open
+        overlay = None
+        if "video" in formats:
+            overlay = stack.enter_context(OverlayVideo(config.out / "overlay.mp4", source.fps))
+        advance = stack.enter_context(progress_bar(console, "track", n_frames))
+        for frame in follow_faces(source, every_box, followers, fitter):
+            for index, own in frame.faces.items():
+                if index not in files:
+                    files[index] = stack.enter_context(open_files(index))
+                files[index].write(own)
+                faces[index].counts.update([own.box.source, *(() if own.is_fitted else ("carried",))])
+                if frame.index == faces[index].frames[-1]:
+                    files[index].close()
+            if overlay is not None:
+                overlay.write(draw_frame(frame))
+            advance()
+
+
+def _landmarks_of(config: TrackConfig, fitter: FrameFitter) -> str:
+    """Who chose which vertices the landmarks are: a file, the checkpoint or the model."""
+    if config.landmarks is not None:
+        return str(config.landmarks)
+    return "checkpoint" if fitter.predictor.header.landmarks else "model"
+
+
+def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, n_frames: int) -> dict[str, object]:
+    return {
+        "video": str(config.video),
+        "fps": source.fps,
+        "frames": n_frames,
+        "frames_announced": source.n_announced,
+        "detector": None if config.boxes else config.detector,
+        "smoothing": config.smoothing,
+        "camera": config.camera,
+        "regularisation": config.regularisation,
+        "silhouette": config.silhouette and config.camera in HELD_CAMERAS,
+        "contour": config.contour,
+        "landmarks": _landmarks_of(config, fitter),
+        "refine": config.refine,
+        "detect_every": config.detect_every,
+        "model": {"name": fitter.model.name, "sha256": fitter.model.sha256},
+        "licence": fitter.predictor.header.licence,
+    }

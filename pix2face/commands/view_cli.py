@@ -1,0 +1,113 @@
+"""The command ``pix2face view``: photographs or fits in, a page that turns the faces out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, final
+
+import numpy as np
+import trimesh
+import tyro
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+from rich.console import Console
+
+from pix2face.command_line import check_output_file, say
+from pix2face.commands.face_options import FaceOptions, FitOptions
+from pix2face.commands.photograph_jobs import SeenFace, Tally, for_each_face, located
+from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from pix2face.files.images import read_photograph
+from pix2face.geometry.crops import crop_image
+from pix2face.geometry.maps import point_cloud
+from pix2face.models.morphable_model import MorphableModel, open_model
+from pix2face.photographs.fit_files import read_fit
+from pix2face.photographs.view_page import FaceData, ViewedFace, face_data, view_page
+
+
+@final
+@dataclass(frozen=True)
+class ViewConfig:
+    """Configuration of ``pix2face view``."""
+
+    inputs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote."""
+    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = field(default_factory=FaceOptions)
+    """Network, model and face boxes."""
+    out: Path = Path("out/view.html")
+    """The page; a file that any browser opens, without a network."""
+    how: Annotated[FitOptions, tyro.conf.arg(name="")] = field(default_factory=FitOptions)
+    """Camera and coefficients of photographs."""
+
+
+def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
+    """Write a page that turns the fitted mesh and point cloud of every face beside its photograph."""
+    if not config.inputs:
+        raise UsageError("expected at least one photograph or fit (.json)")
+    config.faces.check()
+    config.how.check()
+    check_output_file(config.out, (".html",))
+    console, shown = Console(stderr=True), list[FaceData]()
+    fits = [path for path in config.inputs if path.suffix.lower() == ".json"]
+    photographs = [path for path in config.inputs if path.suffix.lower() != ".json"]
+    if fits and config.faces.landmarks is not None:
+        raise UsageError(
+            f"--landmarks: expected photographs alone, found {fits[0]}, which keeps the landmarks it was written with; "
+            "give --landmarks to `pix2face fit`"
+        )
+    tally = _fit_photographs(config, photographs, console, shown.append) if photographs else Tally()
+    model = open_model(config.faces.model) if fits else None
+    for path in fits:
+        try:
+            assert model is not None
+            shown.append(face_data(_stored_face(path, model), model))
+            tally.n_faces += 1
+        except (InputFileError, DegenerateGeometryError) as error:
+            tally.problems.append(located(error, path))
+    if shown:
+        config.out.parent.mkdir(parents=True, exist_ok=True)
+        page = view_page(shown, f"pix2face: {config.inputs[0].stem}")
+        config.out.write_text(page, encoding="utf-8", errors="backslashreplace")
+    else:
+        say(console, f"no face to show: {config.out} is not written")
+    tally.n_photographs = len(config.inputs)
+    return tally.report(console, config.out)
+
+
+def _fit_photographs(
+    config: ViewConfig, photographs: list[Path], console: Console, show: Callable[[FaceData], None]
+) -> Tally:
+    finder = config.faces.open()
+    pix2face = finder.pix2face
+
+    def use(face: SeenFace) -> None:
+        fitted = config.how.fit(pix2face, face.prediction, face.size_px)
+        points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
+        show(face_data(ViewedFace(face.name, face.image, fitted, points, colours), pix2face.model))
+
+    return for_each_face(photographs, finder, console, use)
+
+
+def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:
+    """The face of a fit's file, with its photograph and, where it lies beside the file, its point cloud.
+
+    Raises:
+        InputFileError: The file or the photograph it names cannot be read.
+        ModelMismatchError: It is the fit of another model.
+    """
+    stored = read_fit(path, model)
+    points, colours = _stored_points(path.with_name(f"{path.stem}-points.ply"))
+    return ViewedFace(path.stem, read_photograph(stored.photograph), stored.fit, points, colours)
+
+
+def _stored_points(path: Path) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:
+    if not path.is_file():
+        return np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.uint8)
+    try:
+        with path.open("rb") as file:
+            cloud = trimesh.load(file, file_type="ply")
+        if not isinstance(cloud, trimesh.PointCloud):
+            raise TypeError("a mesh")
+        points, colours = np.asarray(cloud.vertices, dtype=np.float32), np.asarray(cloud.colors)[:, :3]
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError) as error:
+        raise InputFileError(f"{path}: expected a point cloud that `pix2face fit` wrote, found another file") from error
+    return points, colours.astype(np.uint8)

@@ -1,0 +1,1 @@
+"""Which faces belong to a benchmark, and where they lie on disk."""

@@ -1,0 +1,95 @@
+"""Errors of the head's pose by bins of the true yaw: how large they are, and which way they lean."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, final, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS, yaw_bin
+
+ANGLES = ("pitch", "yaw", "roll")
+ALL_FACES = "all"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """How far off the pose of a head was found, degrees.
+
+    Attributes:
+        angles: Found minus true pitch, yaw, roll.
+        rotation: The angle between the found and the true head, 0 to 180.
+    """
+
+    angles: Float64[ndarray, "3"]
+    rotation: float
+
+
+@runtime_checkable
+class PosedResult(Protocol):
+    """A face whose pose was perhaps found and is perhaps known."""
+
+    @property
+    def yaw_deg(self) -> float | None:
+        """True yaw."""
+
+    @property
+    def pose_errors_deg(self) -> PoseErrors | None:
+        """Where the pose is known and was found."""
+
+
+@final
+@dataclass(frozen=True)
+class PoseSummary:
+    """Errors of a set of poses, degrees; a pose that leans towards the front has a yaw bias against its own sign.
+
+    Attributes:
+        n_images: Faces whose pose is known and was found.
+        mean_absolute_deg: For pitch, yaw and roll; None without faces.
+        bias_deg: Mean of found minus true.
+        mean_of_angles_deg: Of the three mean absolute errors: the figure that the literature compares.
+        mean_rotation_deg: Mean of the angles between the found and the true head.
+        yaw_shrinkage_deg: Mean of found minus true |yaw|: below 0 where heads are taken for less turned than they are.
+    """
+
+    n_images: int
+    mean_absolute_deg: dict[str, float | None]
+    bias_deg: dict[str, float | None]
+    mean_of_angles_deg: float | None
+    mean_rotation_deg: float | None
+    yaw_shrinkage_deg: float | None
+
+
+def summarise_poses(results: Sequence[PosedResult]) -> dict[str, PoseSummary] | None:
+    """For each bin of |yaw|, and for all faces; None where no face has a true and a found pose."""
+    known = [
+        (result.yaw_deg, result.pose_errors_deg.angles, result.pose_errors_deg.rotation)
+        for result in results
+        if result.yaw_deg is not None and result.pose_errors_deg is not None
+    ]
+    if not known:
+        return None
+    yaws, errors, rotations = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
+    bins = np.array([yaw_bin(float(yaw)) for yaw in yaws], dtype=np.str_)
+    chosen = {name: bins == name for name in YAW_BINS} | {ALL_FACES: np.ones(len(bins), dtype=bool)}
+    return {name: _summarise(yaws[rows], errors[rows], rotations[rows]) for name, rows in chosen.items()}
+
+
+def _summarise(
+    yaws: Float64[ndarray, " n"], errors: Float64[ndarray, "n 3"], rotations: Float64[ndarray, " n"]
+) -> PoseSummary:
+    if not len(errors):
+        nothing: dict[str, float | None] = dict.fromkeys(ANGLES)
+        return PoseSummary(0, nothing, dict(nothing), None, None, None)
+    absolute, bias = np.abs(errors).mean(axis=0), errors.mean(axis=0)
+    return PoseSummary(
+        n_images=len(errors),
+        mean_absolute_deg=dict(zip(ANGLES, absolute.tolist(), strict=True)),
+        bias_deg=dict(zip(ANGLES, bias.tolist(), strict=True)),
+        mean_of_angles_deg=float(absolute.mean()),
+        mean_rotation_deg=float(rotations.mean()),
+        yaw_shrinkage_deg=float((np.abs(yaws + errors[:, 1]) - np.abs(yaws)).mean()),
+    )

@@ -1,0 +1,1 @@
+"""Reports as text, JSON and HTML, and comparisons of two of them."""

@@ -1,0 +1,215 @@
+"""Two evaluations of the same benchmark, face by face: which is better, and whether that could be chance."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from numpy import ndarray
+
+from pix2face.errors import InputFileError, UsageError
+from pix2face.evaluation.figures.bootstrap import (
+    Bootstrap,
+    Interval,
+    Statistic,
+    cluster_indices,
+    intervals,
+    mean_of,
+    weighted_mean_of,
+)
+from pix2face.evaluation.report.report_json import FORMAT, SCHEMA_VERSION
+from pix2face.geometry.landmark_metrics import POINT_SETS
+
+# What must be the same in both for their errors to mean the same.
+SAME = ("split", "truth", "normaliser", "threshold")
+LARGEST_BYTES = 1 << 30
+LARGEST_ERROR = 1e9
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class StoredReport:
+    """What a comparison needs of a ``report.json``.
+
+    Attributes:
+        path: The file.
+        benchmark: Split, truth, normaliser, threshold and more.
+        method: What was measured.
+        errors: For each point set the error of each face, by name; infinity for a face that was not found.
+        clips: The clip of each face, or its own name.
+        landmarks: Which vertices of the model were measured, in words.
+    """
+
+    path: Path
+    benchmark: Mapping[str, Any]
+    method: str
+    errors: Mapping[str, Mapping[str, float]]
+    clips: Mapping[str, str]
+    landmarks: str
+
+
+@final
+@dataclass(frozen=True)
+class PointComparison:
+    """B against A over one point set; differences are B minus A, so that below 0 B is better (not so for the area).
+
+    Attributes:
+        n_both_found: Faces that both found: the means are over them.
+        mean_a: Mean error, a fraction.
+        mean_b: Mean error.
+        difference: Of the means.
+        share_b_better: Of all common faces, those with a smaller error in B; one that only B found is among them.
+        share_a_better: The same the other way; what is left are ties.
+        difference_of_area: Of the areas under the curve over all common faces.
+        difference_of_failure_rate: Over all common faces.
+        intervals: 95 % intervals of ``difference``, ``difference_of_area``, ``difference_of_failure_rate``.
+    """
+
+    n_both_found: int
+    mean_a: float | None
+    mean_b: float | None
+    difference: float | None
+    share_b_better: float
+    share_a_better: float
+    difference_of_area: float
+    difference_of_failure_rate: float
+    intervals: dict[str, Interval | None]
+
+
+@final
+@dataclass(frozen=True)
+class Comparison:
+    """Two reports side by side.
+
+    Attributes:
+        n_common: Faces in both; everything below is over these.
+        only_a: Names of faces that A alone has.
+        only_b: Names of faces that B alone has.
+        n_drawn: How many images (or clips) the draws are made of.
+        points: For each point set the figures.
+    """
+
+    n_common: int
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    n_drawn: int
+    points: dict[str, PointComparison]
+
+    @property
+    def has_same_faces(self) -> bool:
+        """Whether both reports are of the same faces."""
+        return not self.only_a and not self.only_b
+
+
+def read_report(path: Path) -> StoredReport:
+    """Reads what ``evaluate`` wrote.
+
+    Raises:
+        InputFileError: It cannot be read, is no JSON, no report, of another schema, or lacks something.
+    """
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise InputFileError(f"{path}: expected a report.json of evaluate, found {path.stat().st_size >> 20} MB")
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise InputFileError(f"{path}: expected a report.json of evaluate, cannot read it: {error}") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InputFileError(f"{path}: expected a report.json of evaluate, found other JSON; evaluate again")
+    if content.get("schema_version") != SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: expected schema {SCHEMA_VERSION}, found {content.get('schema_version')!r}; evaluate again"
+        )
+    try:
+        return _stored_report(path, content)
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputFileError(
+            f"{path}: expected a complete report.json of evaluate, found it damaged: {error}"
+        ) from error
+
+
+def compare_reports(a: StoredReport, b: StoredReport, bootstrap: Bootstrap) -> Comparison:
+    """Compares two evaluations over the faces that both have, by a paired bootstrap.
+
+    Each draw takes the same faces (of video: the same clips) of both, so that what makes a face hard for both cancels.
+
+    Raises:
+        UsageError: They are of different splits, truths, normalisers or thresholds, or have no face in common.
+    """
+    for key in SAME:
+        if a.benchmark.get(key) != b.benchmark.get(key):
+            raise UsageError(
+                f"expected two reports of the same {key}, found {a.benchmark.get(key)!r} in {a.path} and "
+                f"{b.benchmark.get(key)!r} in {b.path}: their errors do not mean the same"
+            )
+    common = [name for name in a.clips if name in b.clips]
+    if not common:
+        raise UsageError(f"expected reports with faces in common, found none in {a.path} and {b.path}")
+    clusters = cluster_indices([a.clips[name] for name in common])
+    threshold = float(a.benchmark["threshold"])
+    points = {}
+    for name in POINT_SETS:
+        own, other = (np.array([report.errors[name][face] for face in common]) for report in (a, b))
+        points[name] = _compare(own, other, threshold, clusters, bootstrap)
+    return Comparison(
+        n_common=len(common),
+        only_a=tuple(name for name in a.clips if name not in b.clips),
+        only_b=tuple(name for name in b.clips if name not in a.clips),
+        n_drawn=int(clusters.max()) + 1,
+        points=points,
+    )
+
+
+def _stored_report(path: Path, content: Mapping[str, Any]) -> StoredReport:
+    faces = content["faces"]
+    names = [str(face["name"]) for face in faces]
+    if len(set(names)) < len(names):
+        raise ValueError("a face is in it twice")
+    errors = {
+        points: {name: _error(face["errors"][points]) for name, face in zip(names, faces, strict=True)}
+        for points in POINT_SETS
+    }
+    benchmark = {key: content["benchmark"][key] for key in (*SAME, "box_rule", "title")}
+    if not 0 < float(benchmark["threshold"]) < np.inf:
+        raise ValueError(f"a threshold of {benchmark['threshold']}")
+    clips = {name: str(face["clip"] or name) for name, face in zip(names, faces, strict=True)}
+    return StoredReport(
+        path, benchmark, str(content["method"]), errors, clips, str(content["subject"].get("landmarks", "not stated"))
+    )
+
+
+def _error(value: float | None) -> float:
+    if value is None:
+        return float("inf")
+    if not 0 <= value <= LARGEST_ERROR:
+        raise ValueError(f"an error of {value}")
+    return float(value)
+
+
+def _compare(
+    a: Float64[ndarray, " n"], b: Float64[ndarray, " n"], threshold: float, clusters: ndarray, bootstrap: Bootstrap
+) -> PointComparison:
+    both: Bool[ndarray, " n"] = np.isfinite(a) & np.isfinite(b)
+    difference = np.full(len(a), np.inf)
+    difference[both] = b[both] - a[both]
+    area = np.clip(1 - b / threshold, 0, None) - np.clip(1 - a / threshold, 0, None)
+    failures = (b > threshold).astype(np.float64) - (a > threshold)
+    statistics: dict[str, Statistic] = {
+        "difference": mean_of(difference),
+        "difference_of_area": weighted_mean_of(area),
+        "difference_of_failure_rate": weighted_mean_of(failures),
+    }
+    n_both = int(both.sum())
+    return PointComparison(
+        n_both_found=n_both,
+        mean_a=float(a[both].mean()) if n_both else None,
+        mean_b=float(b[both].mean()) if n_both else None,
+        difference=float(difference[both].mean()) if n_both else None,
+        share_b_better=float((b < a).mean()),
+        share_a_better=float((a < b).mean()),
+        difference_of_area=float(area.mean()),
+        difference_of_failure_rate=float(failures.mean()),
+        intervals=intervals(statistics, clusters, bootstrap),
+    )

@@ -1,0 +1,289 @@
+"""What a reader is shown of an evaluation: tables as text, and a note for everything without which they say little."""
+
+from collections.abc import Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from pix2face.command_line import counted, printable
+from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS
+from pix2face.evaluation.figures.attribute_bins import ErrorsByAttribute
+from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Interval
+from pix2face.evaluation.figures.pose_summary import ANGLES
+from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, Report, ReportRow
+from pix2face.geometry.alignment3d import ALIGNMENTS
+from pix2face.geometry.landmark_metrics import ErrorSummary, Normaliser
+
+N_NAMES_SHOWN = 10
+NO_FIGURE = "–"
+NORMALISERS: dict[Normaliser, str] = {
+    "outer-eye": "distance of the true outer eye corners",
+    "inter-pupil": "distance of the means of the six true points of each eye",
+    "box-sqrt": "sqrt(width x height) of the tight box of the true 68 points",
+    "box-diagonal": "diagonal of the tight box of the true 68 points",
+}
+METHODS = {
+    "network": "landmarks of the fit to the maps",
+    "predictions": "landmarks of another system, from its file",
+    "oracle": "NOT A RESULT: the model fitted to the truth itself, to show how much of an error is the model's",
+}
+
+# As headings: the columns of a table are narrow.
+SHORT_GROUPS = dict(zip(YAW_BINS, ("to 30°", "to 60°", "above"), strict=True))
+
+Cells = tuple[list[str], list[list[str]]]
+
+
+def table_cells(report: Report) -> Cells:
+    """Headings and lines of the main table, as text; errors in per cent."""
+    groups = list(report.rows[0].groups)
+    threshold = f"{100 * report.manifest.threshold:g} %"
+    is_binned = report.manifest.groups == "yaw"
+    headings = [SHORT_GROUPS.get(group, group) for group in groups] if len(groups) > 1 else []
+    columns = ["in %", "points", *headings, *(["mean of bins"] if is_binned else [])]
+    columns += [f"mean of {report.manifest.what_is_counted}s", "median", f"AUC to {threshold}"]
+    columns += [f"above {threshold}", "not found"]
+    lines = [_line(row, with_groups=len(groups) > 1, is_binned=is_binned) for row in report.rows]
+    counts = [f"{report.manifest.what_is_counted}s", NO_FIGURE]
+    counts += [str(report.rows[0].groups[group].n_images) for group in groups if len(groups) > 1]
+    counts += [NO_FIGURE] * is_binned + [str(len(report.results)), *[NO_FIGURE] * 4]
+    return columns, [*lines, counts]
+
+
+def interval_cells(report: Report) -> Cells:
+    """The 95 % intervals of the headline figures; errors in per cent."""
+    names = {"mean_of_groups": "mean of bins", "mean": "mean", "median": "median"}
+    names |= {"area_under_curve": "AUC", "failure_rate": "above threshold"}
+    if report.manifest.groups != "yaw":
+        del names["mean_of_groups"]
+    lines = [[row.method, row.points, *(_interval(row.intervals.get(name)) for name in names)] for row in report.rows]
+    return [f"{100 * CONFIDENCE:g} % interval, in %", "points", *names.values()], lines
+
+
+def part_cells(report: Report) -> Cells:
+    """The error of each part of the face; in per cent."""
+    parts = {method: report.mean_of_parts(method) for method in report.methods}
+    lines = [[method, *(_number(value) for value in own.values())] for method, own in parts.items()]
+    return ["in %", *next(iter(parts.values()))], lines
+
+
+def cells3d(report: Report) -> Cells | None:
+    """Distances in space, in the unit of the data; None where the truth has none."""
+    if not report.rows3d:
+        return None
+    threshold = report.manifest.threshold3d or 0
+    columns = ["distance in 3D", "points", "mean", "interval", "median", f"AUC to {threshold:g}, %", "not found"]
+    lines = []
+    for row in report.rows3d:
+        own = row.all_images
+        figures = [_number(own.mean, 1, 3), _interval(row.intervals["mean"], 1), _number(own.median, 1, 3)]
+        lines.append([row.method, row.points, *figures, _number(own.area_under_curve, 100, 1), str(own.n_failed)])
+    return columns, lines
+
+
+def pose_cells(report: Report) -> Cells | None:
+    """Errors of the pose by bin; None where truth or subject have no pose."""
+    if report.poses is None:
+        return None
+    columns = ["pose, degrees", report.manifest.what_is_counted + "s"]
+    columns += [f"{angle} {what}" for angle in ANGLES for what in ("MAE", "bias")]
+    columns += ["mean of MAEs", "rotation", "|yaw| bias"]
+    lines = []
+    for name, own in report.poses.items():
+        figures = [_number(values[angle], 1) for angle in ANGLES for values in (own.mean_absolute_deg, own.bias_deg)]
+        means = (own.mean_of_angles_deg, own.mean_rotation_deg, own.yaw_shrinkage_deg)
+        figures += [_number(value, 1) for value in means]
+        lines.append([SHORT_GROUPS.get(name, name), str(own.n_images), *figures])
+    return columns, lines
+
+
+def attribute_cells(own: ErrorsByAttribute, report: Report) -> Cells:
+    """Errors over 68 points in bins of an attribute; in per cent."""
+    above = f"above {100 * report.manifest.threshold:g} %"
+    columns = [f"{own.attribute}, in %", f"{report.manifest.what_is_counted}s", "mean", "interval", "median"]
+    lines = []
+    for row in own.bins:
+        found = row.errors
+        line = [row.name, str(found.n_images), _number(found.mean), _interval(row.interval), _number(found.median)]
+        lines.append([*line, _number(found.failure_rate, digits=1), str(found.n_failed)])
+    return [*columns, above, "not found"], lines
+
+
+def all_cells(report: Report) -> list[Cells]:
+    """Every table that the report has, the main one first."""
+    tables: Sequence[Cells | None] = (
+        table_cells(report),
+        interval_cells(report) if report.settings.bootstrap.n_resamples else None,
+        part_cells(report),
+        cells3d(report),
+        pose_cells(report),
+        *(attribute_cells(own, report) for own in report.by),
+    )
+    return [cells for cells in tables if cells is not None]
+
+
+def report_tables(report: Report) -> list[Table]:
+    """The tables for a terminal."""
+    titles = [report.manifest.title, *[""] * len(all_cells(report))]
+    return [terminal_table(title, cells) for title, cells in zip(titles, all_cells(report), strict=False)]
+
+
+def terminal_table(title: str, cells: Cells) -> Table:
+    """A table for a terminal, no word of it cut."""
+    # Names and texts may come from shards, which anybody may have written.
+    columns, lines = [printable(cell) for cell in cells[0]], [[printable(cell) for cell in line] for line in cells[1]]
+    table = Table(title=escape(title) or None, box=SIMPLE_HEAD, padding=0, show_edge=False)
+    for i, column in enumerate(columns):
+        table.add_column(
+            escape(column),
+            justify="left" if i == 0 else "right",
+            vertical="bottom",
+            width=_width(column, [line[i] for line in lines]),
+        )
+    for line in lines:
+        table.add_row(*(escape(cell) for cell in line))
+    return table
+
+
+def _width(column: str, cells: Sequence[str]) -> int:
+    """Columns of a terminal without which a heading's word or a figure would be cut."""
+    return max(len(word) for word in (*column.split(), *cells))
+
+
+def report_notes(report: Report) -> list[str]:
+    """Everything without which the tables say little, a line each: plain text."""
+    manifest, settings = report.manifest, report.settings
+    jaw = "slide to the visible outline (--contour 2d)" if settings.contour == "2d" else "are fixed points of the model"
+    notes = [
+        _what_was_evaluated(report),
+        f"Truth [{manifest.truth}]: {manifest.ground_truth}.",
+        f"Error: mean distance over 68 points (51: without the jaw) / {NORMALISERS[manifest.normaliser]} "
+        f"[{manifest.normaliser}], in %. AUC and failures: threshold {100 * manifest.threshold:g} %.",
+        f"Box of the crop: {manifest.box_rule}.",
+        f"Row {settings.method}: {METHODS[settings.method]}. Row baseline: {BASELINE_RULE}.",
+    ]
+    if settings.method != "predictions":
+        notes.append(f"Jaw points {jaw}.")
+    if manifest.groups == "yaw":
+        notes.insert(
+            3, "Columns: |yaw| to 30°, above 30° to 60°, above 60°; mean of bins: their unweighted mean, the headline."
+        )
+    notes += [_failure_note(report), *_interval_notes(report), *_space_notes(report), *_pose_notes(report)]
+    notes += _attribute_notes(report)
+    if report.n_unusual_angles:
+        notes.append(
+            f"{counted(report.n_unusual_angles, 'image')} with an angle beyond ±99° in the truth: "
+            "kept, in the bin of the |yaw| wrapped to 180°."
+        )
+    notes += [f"{key}: {value}" for key, value in report.subject.items() if isinstance(value, str)]
+    return notes + _map_notes(report) + _lists(report)
+
+
+def _what_was_evaluated(report: Report) -> str:
+    manifest = report.manifest
+    if manifest.kind != "clips":
+        return f"Evaluated {len(report.results)} of {manifest.n_samples} images of {manifest.split}."
+    n_clips = len({result.clip for result in report.results})
+    return (
+        f"Evaluated {counted(len(report.results), 'frame')} of {counted(n_clips, 'clip')}; {manifest.split} has "
+        f"{manifest.n_samples} clips to test on."
+    )
+
+
+def _failure_note(report: Report) -> str:
+    rule = "A face that was not found counts as an error above every threshold; means and medians are over those found"
+    row = report.rows[0]
+    if not row.all_images.n_failed:
+        return f"{rule} (here all)."
+    return (
+        f"{rule}. Were the {row.all_images.n_failed} not found given the error of the baseline, the mean over "
+        f"{report.manifest.what_is_counted}s would be {_number(row.mean_failures_as_baseline)} % (68 points)."
+    )
+
+
+def _interval_notes(report: Report) -> list[str]:
+    bootstrap = report.settings.bootstrap
+    if not bootstrap.n_resamples:
+        return []
+    drawn = "clips (frames of one are not independent)" if report.results[:1] and report.results[0].clip else "images"
+    if all(interval is None for interval in report.rows[0].intervals.values()):
+        return [f"No intervals: expected at least two {drawn} to draw from."]
+    return [f"Intervals: percentile bootstrap over {drawn}, {bootstrap.n_resamples} resamples, seed {bootstrap.seed}."]
+
+
+def _space_notes(report: Report) -> list[str]:
+    if not report.rows3d:
+        return []
+    alignment = report.settings.alignment
+    return [f"3D: distance in the data's unit; landmarks compared [{alignment}] {ALIGNMENTS[alignment]}."]
+
+
+def _pose_notes(report: Report) -> list[str]:
+    if report.poses is None:
+        return []
+    n_left_out = len(report.results) - report.poses["all"].n_images
+    return [
+        "Pose: found minus true; positive pitch looks up, positive yaw turns to the picture's left, positive roll "
+        "clockwise. MAE: mean absolute error. Rotation: mean angle between the found and the true head; near profiles "
+        "pitch and roll turn about almost one axis, and say little apart. "
+        f"Left out: {counted(n_left_out, 'image')} without a pose, with an angle beyond ±99°, or mirrored (negative "
+        "scale)."
+    ]
+
+
+def _attribute_notes(report: Report) -> list[str]:
+    if not report.by:
+        return []
+    names = ", ".join(own.attribute for own in report.by)
+    return [f"By {names}: 68 points; numbers in quarters of the {report.manifest.what_is_counted}s, equal ones in one."]
+
+
+def _map_notes(report: Report) -> list[str]:
+    notes, maps, coefficients = [], report.maps, report.coefficients
+    if maps is not None:
+        notes.append(
+            "Maps, means over images of the mean distance over the pixels of the crop that truth and prediction call "
+            f"face: PNCC {_number(maps.pncc_mm, 1, 1)} mm, offset {_number(maps.offset_mm, 1, 1)} mm "
+            f"(predicting no offset: {_number(maps.offset_baseline_mm, 1, 1)} mm), mask IoU {maps.mask_iou:.3f}."
+        )
+    if coefficients is not None:
+        notes.append(
+            "Coefficients, RMS in standard deviations (saying zero in brackets), means over images: identity "
+            f"{_number(coefficients.identity_rms, 1)} ({_number(coefficients.identity_baseline_rms, 1)}), expression "
+            f"{_number(coefficients.expression_rms, 1)} ({_number(coefficients.expression_baseline_rms, 1)}); vertices "
+            f"{coefficients.shape_mm:.2f} mm (mean face {coefficients.shape_baseline_mm:.2f} mm)."
+        )
+    return notes
+
+
+def _lists(report: Report) -> list[str]:
+    notes = []
+    failed = [f"{result.name} ({result.failure})" for result in report.results if result.failure is not None]
+    unreadable = [f"{face.name} ({face.reason})" for face in report.unreadable]
+    for what, names in (("missing", list(report.missing)), ("unreadable", unreadable), ("not found", failed)):
+        if names:
+            more = len(names) - N_NAMES_SHOWN
+            shown = ", ".join(names[:N_NAMES_SHOWN]) + (f" and {more} more (all in report.json)" if more > 0 else "")
+            notes.append(f"{len(names)} {what}: {shown}.")
+    return notes
+
+
+def _line(row: ReportRow, *, with_groups: bool, is_binned: bool) -> list[str]:
+    cells = [row.method, row.points]
+    if with_groups:
+        cells += [_number(summary.mean) for summary in row.groups.values()]
+    if is_binned:
+        cells.append(_number(row.mean_of_groups))
+    summary: ErrorSummary = row.all_images
+    cells += [_number(summary.mean), _number(summary.median)]
+    cells += [_number(value, digits=1) for value in (summary.area_under_curve, summary.failure_rate)]
+    return [*cells, str(summary.n_failed)]
+
+
+def _interval(interval: Interval | None, factor: float = 100) -> str:
+    return NO_FIGURE if interval is None else f"{factor * interval[0]:.2f}–{factor * interval[1]:.2f}"
+
+
+def _number(value: float | None, factor: float = 100, digits: int = 2) -> str:
+    return NO_FIGURE if value is None or value != value else f"{factor * value:.{digits}f}"

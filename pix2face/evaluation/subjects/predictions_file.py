@@ -1,0 +1,198 @@
+"""Landmarks of any system, in a file: ``.npz`` or ``.csv`` (layout: docs/evaluation.md).
+
+A system that found no face writes NaN, or leaves the face out; both count as failures when it is measured.
+"""
+
+import csv
+import io
+import math
+import zipfile
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, final
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from numpy.lib import format as npy_format
+
+from pix2face.errors import InputFileError
+from pix2face.geometry.landmarks import N_IBUG68
+
+# Where the centre of the first pixel lies: at 0, at 1, or (the project's own frame) at 0.5.
+PixelFrame = Literal["0-based", "1-based", "half-pixel"]
+TO_PROJECT_PX: Mapping[PixelFrame, float] = {"0-based": 0.5, "1-based": -0.5, "half-pixel": 0.0}
+LARGEST_COORDINATE = 1e9
+NPZ_ARRAYS = ("names", "landmarks", "landmarks3d", "pose_deg")
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PredictedLandmarks:
+    """What a system says of some faces.
+
+    Attributes:
+        source: The file.
+        names: One for each face, all different.
+        landmarks2d: Pixels of the picture, centres at +0.5; NaN where no face was found.
+        landmarks3d: In the system's unit and axes, or None.
+        pose_deg: Pitch, yaw, roll with the signs of 300W-LP, or None.
+    """
+
+    source: Path
+    names: tuple[str, ...]
+    landmarks2d: Float64[ndarray, "n 68 2"]
+    landmarks3d: Float64[ndarray, "n 68 3"] | None = None
+    pose_deg: Float64[ndarray, "n 3"] | None = None
+
+
+def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLandmarks:
+    """Reads a file of landmarks.
+
+    Args:
+        path: ``.npz`` with ``names`` (N) and ``landmarks`` (N, 68, 2 or 3), and optionally ``landmarks3d`` (N, 68, 3)
+            and ``pose_deg`` (N, 3); or ``.csv`` with a heading ``name,x0,y0,...,x67,y67`` (or with ``z0`` to ``z67``).
+        frame: Where the file has its pixel centres.
+
+    Raises:
+        InputFileError: It cannot be read, lacks an array, has wrong shapes, or a name twice.
+    """
+    if path.suffix.lower() not in (".npz", ".csv"):
+        raise InputFileError(f"{path}: expected predictions as .npz or .csv, found {path.suffix or 'no ending'!r}")
+    arrays = _read_npz(path) if path.suffix.lower() == ".npz" else _read_csv(path)
+    names = _names(path, arrays["names"])
+    landmarks = _numbers(path, "landmarks", arrays["landmarks"], (len(names), N_IBUG68), (2, 3))
+    points3d = _optional(path, arrays, "landmarks3d", (len(names), N_IBUG68))
+    if points3d is None and landmarks.shape[2] == 3:
+        points3d = landmarks
+    return PredictedLandmarks(
+        source=path,
+        names=names,
+        landmarks2d=landmarks[..., :2] + TO_PROJECT_PX[frame],
+        landmarks3d=points3d,
+        pose_deg=_optional(path, arrays, "pose_deg", (len(names),)),
+    )
+
+
+def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
+    """Writes the ``.npz`` that ``read_predictions`` reads, 0-based with integer centres."""
+    arrays: dict[str, Any] = {
+        "names": np.asarray(predicted.names, dtype=np.str_),
+        "landmarks": predicted.landmarks2d - TO_PROJECT_PX["0-based"],
+    }
+    for name in ("landmarks3d", "pose_deg"):
+        values = getattr(predicted, name)
+        if values is not None:
+            arrays[name] = values
+    np.savez_compressed(path, **arrays)
+
+
+def read_arrays(path: Path, wanted: Collection[str]) -> dict[str, ndarray]:
+    """The wanted arrays of an ``.npz`` file that are in it; pickles are refused.
+
+    Raises:
+        OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError: It is missing, damaged, or no such file.
+    """
+    with zipfile.ZipFile(path) as archive:
+        found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        return {name: _read_array(archive, found[name]) for name in wanted if name in found}
+
+
+def _read_npz(path: Path) -> dict[str, ndarray]:
+    try:
+        arrays = read_arrays(path, NPZ_ARRAYS)
+    except (OSError, zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
+        raise InputFileError(f"{path}: expected an .npz file of predictions, cannot read it: {error}") from error
+    lacking = [name for name in ("names", "landmarks") if name not in arrays]
+    if lacking:
+        raise InputFileError(f"{path}: expected the arrays names and landmarks, missing {' and '.join(lacking)}")
+    return arrays
+
+
+def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> ndarray:
+    """One array, of which no more is allocated than the file holds: a declared shape is not believed."""
+    with archive.open(info) as stream:
+        version = npy_format.read_magic(stream)
+        read_header = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
+        shape, _, dtype = read_header(stream)
+    if math.prod(shape) * dtype.itemsize > info.file_size:
+        raise ValueError(f"{info.filename} is cut off")
+    with archive.open(info) as stream:
+        return np.asarray(npy_format.read_array(stream, allow_pickle=False))
+
+
+def _read_csv(path: Path) -> dict[str, ndarray]:
+    try:
+        rows = [row for row in csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"))) if row]
+    except OSError as error:
+        raise InputFileError(
+            f"{path}: expected a .csv file of predictions, cannot read it: {error.strerror}"
+        ) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputFileError(f"{path}: expected the text of a .csv file of predictions, found: {error}") from error
+    heading = [word.strip() for word in rows[0]] if rows else []
+    axes = next((axes for axes in ("xy", "xyz") if heading == _csv_heading(axes)), None)
+    if axes is None:
+        raise InputFileError(
+            f"{path}: expected the heading name,x0,y0,...,x{N_IBUG68 - 1},y{N_IBUG68 - 1} (or name,x0,y0,z0,...), "
+            f"found {','.join(heading[:4]) or 'nothing'}... of {len(heading)} columns"
+        )
+    wrong = next((number for number, row in enumerate(rows[1:], 2) if len(row) != len(heading)), None)
+    if wrong is not None:
+        raise InputFileError(f"{path}: expected {len(heading)} columns in row {wrong}, found {len(rows[wrong - 1])}")
+    return {
+        "names": np.array([row[0] for row in rows[1:]], dtype=np.str_),
+        "landmarks": np.array(_csv_numbers(path, rows[1:])).reshape(len(rows) - 1, N_IBUG68, len(axes)),
+    }
+
+
+def _csv_heading(axes: str) -> list[str]:
+    return ["name", *(f"{axis}{index}" for index in range(N_IBUG68) for axis in axes)]
+
+
+def _csv_numbers(path: Path, rows: Sequence[Sequence[str]]) -> list[list[float]]:
+    numbers: list[list[float]] = []
+    for row_number, row in enumerate(rows, 2):
+        try:
+            numbers.append([float(word) if word.strip() else math.nan for word in row[1:]])
+        except ValueError as error:
+            raise InputFileError(f"{path}: expected numbers in row {row_number}, found: {error}") from error
+    return numbers
+
+
+def _names(path: Path, names: ndarray) -> tuple[str, ...]:
+    if names.ndim != 1 or names.dtype.kind not in "US" or not len(names):
+        raise InputFileError(
+            f"{path}: expected names as a list of texts, found an array of shape {names.shape} and type {names.dtype}"
+        )
+    texts = [name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name) for name in names.tolist()]
+    twice = next((name for name in texts if texts.count(name) > 1), None) if len(set(texts)) < len(texts) else None
+    if twice is not None:
+        raise InputFileError(f"{path}: expected each name once, found {twice!r} {texts.count(twice)} times")
+    return tuple(texts)
+
+
+def _optional(
+    path: Path, arrays: Mapping[str, ndarray], name: str, shape: tuple[int, ...]
+) -> Float64[ndarray, "*n 3"] | None:
+    return _numbers(path, name, arrays[name], shape, (3,)) if name in arrays else None
+
+
+def _numbers(
+    path: Path, name: str, values: ndarray, shape: tuple[int, ...], last: tuple[int, ...]
+) -> Float64[ndarray, "*n c"]:
+    wanted = [(*shape, size) for size in last]
+    if values.shape not in wanted or values.dtype.kind not in "fiu":
+        raise InputFileError(
+            f"{path}: expected {name} as numbers of shape {' or '.join(map(str, wanted))}, "
+            f"found shape {values.shape} and type {values.dtype}"
+        )
+    numbers = values.astype(np.float64)
+    finite = numbers[np.isfinite(numbers)]
+    if len(finite) and np.abs(finite).max() > LARGEST_COORDINATE:
+        raise InputFileError(
+            f"{path}: expected {name} up to ±{LARGEST_COORDINATE:g}, found {np.abs(finite).max():g}; say NaN where no "
+            "face was found"
+        )
+    return numbers

@@ -1,0 +1,298 @@
+"""What an evaluation can measure: a network with a fit, another system's file, or the model fitted to the truth."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any, Protocol, final, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Float64, UInt8
+from numpy import ndarray
+
+from pix2face.errors import DegenerateGeometryError
+from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
+from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
+from pix2face.fitting.face_fit import CameraKind, fit_face
+from pix2face.fitting.from_landmarks import fit_landmarks
+from pix2face.fitting.jaw_contour import JawContour
+from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION
+from pix2face.geometry.camera import Camera, head_pose
+from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.maps import FaceMaps
+from pix2face.landmark_choice.contour_landmarks import contour_landmarks2d
+from pix2face.models.morphable_model import MorphableModel
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FoundFace:
+    """What a subject says of one face.
+
+    Attributes:
+        landmarks2d: Image pixels; None where it found nothing.
+        failure: Why it found nothing, or None.
+        landmarks3d: In a unit and axes of its own.
+        pose_deg: Pitch, yaw, roll with the signs of 300W-LP.
+        maps: In the pixels of the crop.
+        crop: Of the maps.
+        identity: Standard deviations.
+        expression: Standard deviations.
+    """
+
+    landmarks2d: Float64[ndarray, "68 2"] | None
+    failure: str | None = None
+    landmarks3d: Float64[ndarray, "68 3"] | None = None
+    pose_deg: Float64[ndarray, "3"] | None = None
+    maps: FaceMaps | None = None
+    crop: Crop | None = None
+    identity: Float64[ndarray, " k"] | None = None
+    expression: Float64[ndarray, " e"] | None = None
+
+
+@runtime_checkable
+class Subject(Protocol):
+    """What is measured."""
+
+    @property
+    def method(self) -> str:
+        """What tables call it, in a word."""
+
+    @property
+    def needs_images(self) -> bool:
+        """Whether it looks at pictures."""
+
+    def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
+        """What it says of some faces, in their order."""
+
+
+@runtime_checkable
+class PredictedMaps(Protocol):
+    """Maps in the pixels of a crop."""
+
+    @property
+    def maps(self) -> FaceMaps:
+        """The maps."""
+
+    @property
+    def crop(self) -> Crop:
+        """Where they lie in the image."""
+
+    def check_finite(self) -> None:
+        """Raises DegenerateGeometryError where the network's output was not finite."""
+
+
+@runtime_checkable
+class MapPredictor(Protocol):
+    """Predicts maps from pictures."""
+
+    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> Sequence[PredictedMaps]:
+        """Maps of the faces in boxes."""
+
+
+@runtime_checkable
+class FittedFace(Protocol):
+    """A fit, of which the evaluation wants the landmarks and what explains them."""
+
+    @property
+    def camera(self) -> Camera:
+        """From the model frame to the pixels that were fitted."""
+
+    @property
+    def identity(self) -> Float64[ndarray, " k"]:
+        """Standard deviations."""
+
+    @property
+    def expression(self) -> Float64[ndarray, " e"]:
+        """Standard deviations."""
+
+    @property
+    def landmarks2d(self) -> Float[ndarray, "68 2"]:
+        """Projected landmarks in the pixels that were fitted."""
+
+    @property
+    def landmarks3d(self) -> Float[ndarray, "68 3"]:
+        """mm, model frame."""
+
+    def in_image(self, crop: Crop) -> "FittedFace":
+        """The same in the pixels of the image that the crop was taken from."""
+
+
+# From maps, and where the image's centre lies in them (the principal point of a pinhole), to a fitted face.
+Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FittedFace]
+# The box that a face is looked for in; raises DegenerateGeometryError where there is none.
+BoxRule = Callable[[BenchmarkFace], FaceBox]
+# Which landmarks of a fit are compared: fixed points of the model, or jaw points on the visible outline.
+LandmarksOf = Callable[[Any], Float64[ndarray, "68 2"]]
+
+# A benchmark states the poses of the very model that is fitted.
+OWN_FRAME = np.eye(3)
+
+
+def true_box(face: BenchmarkFace) -> FaceBox:
+    """The tight box of the true landmarks: the rule of the benchmarks here."""
+    return FaceBox.around(face.landmarks2d)
+
+
+def fitted_landmarks(fitted: FittedFace) -> Float64[ndarray, "68 2"]:
+    """The landmarks of a fit: fixed points of the model."""
+    return np.asarray(fitted.landmarks2d, dtype=np.float64)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NetworkSubject:
+    """A network and a fit to its maps.
+
+    Attributes:
+        predictor: Picture and box to maps.
+        fit: Maps to a fitted face; raises DegenerateGeometryError where they hold none.
+        box_rule: Where it looks.
+        landmarks_of: The landmarks of a fit, in the picture.
+        model_from_stated: As ``pose_of``: what face the benchmark's poses are of.
+    """
+
+    predictor: MapPredictor
+    fit: Fit
+    box_rule: BoxRule = true_box
+    landmarks_of: LandmarksOf = fitted_landmarks
+    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
+    method = "network"
+    needs_images = True
+
+    def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
+        """Predicts the maps of all faces in one pass and fits each."""
+        found: list[FoundFace | None] = [None] * len(faces)
+        wanted: list[tuple[int, UInt8[ndarray, "h w 3"], FaceBox]] = []
+        for index, face in enumerate(faces):
+            image = face.with_image().image
+            assert image is not None
+            try:
+                wanted.append((index, image, self.box_rule(face)))
+            except DegenerateGeometryError as error:
+                found[index] = FoundFace(landmarks2d=None, failure=str(error))
+        predictions = self.predictor.predict_batch([(image, box) for _, image, box in wanted]) if wanted else []
+        for (index, image, _), prediction in zip(wanted, predictions, strict=True):
+            found[index] = self._fitted(prediction, image)
+        return [face for face in found if face is not None]
+
+    def _fitted(self, prediction: PredictedMaps, image: UInt8[ndarray, "h w 3"]) -> FoundFace:
+        image_centre = image_centre_in_crop(prediction.crop, (image.shape[0], image.shape[1]))
+        try:
+            prediction.check_finite()
+            fitted = self.fit(prediction.maps, image_centre).in_image(prediction.crop)
+        except DegenerateGeometryError as error:
+            return FoundFace(landmarks2d=None, failure=str(error), maps=prediction.maps, crop=prediction.crop)
+        return _found(fitted, self.landmarks_of, self.model_from_stated, prediction)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PredictionsSubject:
+    """Landmarks that another system wrote to a file.
+
+    Attributes:
+        predicted: The file's content.
+        row_of_name: For each face of the benchmark that is in the file its row.
+    """
+
+    predicted: PredictedLandmarks
+    row_of_name: Mapping[str, int]
+    method = "predictions"
+    needs_images = False
+
+    def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
+        """Looks the faces up."""
+        return [self._row(self.row_of_name.get(face.name)) for face in faces]
+
+    def _row(self, row: int | None) -> FoundFace:
+        if row is None:
+            return FoundFace(landmarks2d=None, failure=f"absent from {self.predicted.source.name}")
+        landmarks2d = self.predicted.landmarks2d[row]
+        if not np.isfinite(landmarks2d).all():
+            return FoundFace(landmarks2d=None, failure=f"NaN or infinity in {self.predicted.source.name}")
+        points3d, poses = self.predicted.landmarks3d, self.predicted.pose_deg
+        pose = None if poses is None or not np.isfinite(poses[row]).all() else poses[row]
+        return FoundFace(
+            landmarks2d=landmarks2d, landmarks3d=None if points3d is None else points3d[row], pose_deg=pose
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OracleSubject:
+    """The model fitted to the truth itself: what no network could better, since the model or the fit cannot.
+
+    True maps where the truth has them, else true landmarks.
+
+    Attributes:
+        model: What is fitted.
+        slides_jaw: Whether jaw points slide to the visible outline.
+        camera: Of the fit to maps; landmarks are fitted by weak perspective.
+        model_from_stated: As ``pose_of``.
+    """
+
+    model: MorphableModel
+    slides_jaw: bool = False
+    camera: CameraKind = "weak-perspective"
+    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
+    method = "oracle"
+    needs_images = False
+
+    @cached_property
+    def _contour(self) -> JawContour | None:
+        return JawContour.of(self.model) if self.slides_jaw else None
+
+    def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
+        """Fits each face."""
+        return [self._fit(face) for face in faces]
+
+    def _fit(self, face: BenchmarkFace) -> FoundFace:
+        try:
+            if face.maps is not None:
+                landmarks_of = partial(contour_landmarks2d, model=self.model) if self.slides_jaw else fitted_landmarks
+                fitted_maps = fit_face(
+                    face.maps, self.model, camera_kind=self.camera, regularisation=EXACT_MAPS_REGULARISATION
+                )
+                return _found(fitted_maps, landmarks_of, self.model_from_stated)
+            fitted = fit_landmarks(self.model, face.landmarks2d, contour=self._contour)
+        except DegenerateGeometryError as error:
+            return FoundFace(landmarks2d=None, failure=str(error))
+        vertices = self.model.vertices(fitted.identity[None], fitted.expression[None])[0]
+        return FoundFace(
+            landmarks2d=fitted.matched2d,
+            landmarks3d=vertices[self.model.landmarks[IBUG68]].astype(np.float64),
+            pose_deg=pose_of(fitted.camera, self.model_from_stated),
+            identity=fitted.identity,
+            expression=fitted.expression,
+        )
+
+
+def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRAME) -> Float64[ndarray, "3"]:
+    """Pitch, yaw, roll in degrees with the signs of 300W-LP.
+
+    Args:
+        camera: From the model frame to any pixels.
+        model_from_stated: Rotation to the model frame from the frame of the face that the poses shall be of.
+    """
+    turn = np.eye(4)
+    turn[:3, :3] = model_from_stated
+    pose = head_pose(Camera(camera.matrix @ turn))
+    return np.array([pose.pitch_deg, pose.yaw_deg, pose.roll_deg])
+
+
+def _found(
+    fitted: FittedFace,
+    landmarks_of: LandmarksOf,
+    model_from_stated: Float64[ndarray, "3 3"],
+    prediction: PredictedMaps | None = None,
+) -> FoundFace:
+    return FoundFace(
+        landmarks2d=landmarks_of(fitted),
+        landmarks3d=np.asarray(fitted.landmarks3d, dtype=np.float64),
+        pose_deg=pose_of(fitted.camera, model_from_stated),
+        maps=None if prediction is None else prediction.maps,
+        crop=None if prediction is None else prediction.crop,
+        identity=fitted.identity,
+        expression=fitted.expression,
+    )

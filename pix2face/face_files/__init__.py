@@ -1,0 +1,1 @@
+"""Files that describe faces: coefficients, annotations, boxes."""

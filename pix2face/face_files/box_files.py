@@ -1,0 +1,115 @@
+"""Face boxes from a file, where another detector or a person has found the faces (layout: docs/file_formats.md).
+
+CSV with a header, one face a line: ``image,left,top,right,bottom`` (further columns are ignored). JSON: an object with
+a list of ``[left, top, right, bottom]`` for each image. An image is named by its path, or by its file name alone; the
+frame of a video by its number, counted from 0. Boxes are tight around the 68 landmarks, in pixels of the picture as
+people see it (orientation tag applied), with pixel centres at +0.5.
+"""
+
+import csv
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from pix2face.errors import InputFileError
+from pix2face.geometry.crops import FaceBox
+
+COLUMNS = ("left", "top", "right", "bottom")
+NAME_COLUMNS = ("image", "frame")
+LARGEST_BOX_PX = 1e6
+
+
+@final
+@dataclass(frozen=True)
+class BoxFile:
+    """Boxes by the name of their picture.
+
+    Attributes:
+        path: The file, for messages.
+        boxes: For each name its boxes, largest first.
+    """
+
+    path: Path
+    boxes: Mapping[str, tuple[FaceBox, ...]]
+
+    def of_image(self, path: Path) -> tuple[FaceBox, ...]:
+        """The boxes of a picture, largest first; empty where the file names none."""
+        for name in (str(path), path.as_posix(), path.name):
+            if name in self.boxes:
+                return self.boxes[name]
+        return ()
+
+    def of_frame(self, frame: int) -> tuple[FaceBox, ...]:
+        """The boxes of a frame of a video, counted from 0, largest first; empty where the file names none."""
+        return self.boxes.get(str(frame), ())
+
+
+def read_box_file(path: Path) -> BoxFile:
+    """Reads a CSV or JSON file of face boxes.
+
+    Raises:
+        InputFileError: It is missing, of another format, or holds a box without extent or beyond all pictures.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputFileError(f"{path}: expected a file of face boxes, cannot read it ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputFileError(f"{path}: expected a CSV or JSON file of face boxes, found binary data") from error
+    rows = _json_rows(path, text) if path.suffix.lower() == ".json" else _csv_rows(path, text)
+    boxes: dict[str, list[FaceBox]] = {}
+    for where, name, sides in rows:
+        boxes.setdefault(name, []).append(_box(path, where, sides))
+    if not boxes:
+        raise InputFileError(f"{path}: expected at least one face box, found none")
+    ordered = {name: tuple(sorted(own, key=lambda box: -box.longer_side)) for name, own in boxes.items()}
+    return BoxFile(path, ordered)
+
+
+def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, str, Iterable[Any]]]:
+    reader = csv.DictReader(text.splitlines())
+    columns = [name.strip() for name in reader.fieldnames or ()]
+    reader.fieldnames = columns
+    name_column = next((name for name in NAME_COLUMNS if name in columns), None)
+    if name_column is None or not set(COLUMNS) <= set(columns):
+        raise InputFileError(
+            f"{path}: expected a first line with the columns image (or frame), {', '.join(COLUMNS)}, "
+            f"found {','.join(columns)[:80]!r}"
+        )
+    try:
+        for row in reader:
+            yield f"line {reader.line_num}", str(row[name_column] or "").strip(), [row[side] for side in COLUMNS]
+    except csv.Error as error:
+        raise InputFileError(f"{path}: expected CSV, found at line {reader.line_num}: {error}") from error
+
+
+def _json_rows(path: Path, text: str) -> Iterator[tuple[str, str, Iterable[Any]]]:
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputFileError(f"{path}: expected JSON, found: {error}") from error
+    if not isinstance(content, dict):
+        raise InputFileError(f"{path}: expected an object of lists of boxes by image, found a {type(content).__name__}")
+    for name, boxes in content.items():
+        if not isinstance(boxes, list) or not all(isinstance(box, list) for box in boxes):
+            raise InputFileError(f"{path}: expected a list of [left, top, right, bottom] for {name!r}, found {boxes!r}")
+        for box in boxes:
+            yield repr(name), name, box
+
+
+def _box(path: Path, where: str, sides: Iterable[Any]) -> FaceBox:
+    found = list(sides)
+    try:
+        left, top, right, bottom = (float(side) for side in found)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputFileError(f"{path}, {where}: expected four numbers, found {found!r}") from error
+    if not (np.abs([left, top, right, bottom]).max() <= LARGEST_BOX_PX and right - left >= 1 and bottom - top >= 1):
+        raise InputFileError(
+            f"{path}, {where}: expected left < right and top < bottom by a pixel or more, at most a million pixels, "
+            f"found {found!r}"
+        )
+    return FaceBox(left, top, right, bottom)

@@ -1,0 +1,256 @@
+"""Coefficients of faces: what a renderer needs to know of each, as a table with a file of its own."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, final
+
+import h5py
+import numpy as np
+from jaxtyping import Float, Float32, Float64, Int32
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+from pix2face.files.checked_hdf5 import check_contained, fixed_text, read_text
+from pix2face.files.text_columns import json_lines, read_attributes, read_json_lines
+from pix2face.geometry.camera import Camera
+
+FORMAT = "pix2face-coefficients"
+SCHEMA_VERSION = 2
+# What OpenGL can draw everywhere; a table that asks for more, or a shard of more, is damaged.
+LARGEST_SIDE_PX = 16384
+# Type and shape of each column, rows aside; None is any length.
+_COLUMNS: dict[str, tuple[Any, tuple[int | None, ...]]] = {
+    "identity": (np.float32, (None,)),
+    "expression": (np.float32, (None,)),
+    "cameras": (np.float64, (4, 4)),
+    "sizes_px": (np.int32, (2,)),
+}
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Face:
+    """One face: its coefficients, the camera that sees it, and the picture that it belongs to.
+
+    Attributes:
+        sample_id: Unique in its source.
+        identity: Standard deviations.
+        expression: Standard deviations.
+        camera: Sees the model in the picture.
+        height_px: Height of the picture.
+        width_px: Width of the picture.
+        image_path: The photograph, or None where a picture is to be rendered.
+        attributes: What else is known, to filter on.
+        lighting: As the source describes it (``Illum_Para`` of 300W-LP), or None.
+    """
+
+    sample_id: str
+    identity: Float[ndarray, " k"]
+    expression: Float[ndarray, " e"]
+    camera: Camera
+    height_px: int
+    width_px: int
+    image_path: Path | None = None
+    attributes: Mapping[str, str | float] = field(default_factory=dict)
+    lighting: Float[ndarray, " l"] | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FaceCoefficients:
+    """A table of faces of one model.
+
+    Attributes:
+        model_name: The model that the coefficients belong to.
+        model_sha256: Its hash.
+        sample_ids: One for each face, unique.
+        identity: Standard deviations.
+        expression: Standard deviations.
+        cameras: One ``Camera.matrix`` for each face.
+        sizes_px: Height and width of each picture.
+        image_paths: Photographs, relative to the file; empty where a picture is to be rendered.
+        configuration: How the table was made, as JSON.
+        licence: Terms of what the table was made from; empty where nothing but the model's are known.
+        attributes: What else is known of each face, as JSON; none at all, or one for each.
+        lighting: One row for each face, NaN where unknown; or None.
+        rejected: What the source held and the table does not: id and reason.
+    """
+
+    model_name: str
+    model_sha256: str
+    sample_ids: tuple[str, ...]
+    identity: Float32[ndarray, "n k"]
+    expression: Float32[ndarray, "n e"]
+    cameras: Float64[ndarray, "n 4 4"]
+    sizes_px: Int32[ndarray, "n 2"]
+    image_paths: tuple[str, ...]
+    configuration: str = "{}"
+    licence: str = ""
+    attributes: tuple[str, ...] = ()
+    lighting: Float32[ndarray, "n l"] | None = None
+    rejected: tuple[tuple[str, str], ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.sample_ids)
+
+    def face(self, index: int, folder: Path) -> Face:
+        """One row. Photographs are looked for relative to ``folder``."""
+        image_path = self.image_paths[index]
+        lighting = None if self.lighting is None else self.lighting[index]
+        return Face(
+            sample_id=self.sample_ids[index],
+            identity=self.identity[index],
+            expression=self.expression[index],
+            camera=Camera(self.cameras[index]),
+            height_px=int(self.sizes_px[index, 0]),
+            width_px=int(self.sizes_px[index, 1]),
+            image_path=folder / image_path if image_path else None,
+            attributes=json.loads(self.attributes[index]) if self.attributes else {},
+            lighting=None if lighting is None or np.isnan(lighting).any() else lighting,
+        )
+
+
+def save_coefficients(table: FaceCoefficients, path: Path) -> None:
+    """Writes a table; a file appears under its name only when it is complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        with h5py.File(temporary, "w", track_order=False) as file:
+            write_table_header(file, table)
+            for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
+                file.create_dataset(name, data=getattr(table, name), track_times=False)
+            attributes = [json.loads(text) for text in table.attributes]
+            for name, values in {
+                "sample_ids": table.sample_ids,
+                "image_paths": table.image_paths,
+                "attributes": attributes,
+                "rejected": table.rejected,
+            }.items():
+                file.create_dataset(name, data=json_lines(values), track_times=False)
+        temporary.rename(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load_coefficients(path: Path) -> FaceCoefficients:
+    """Reads a table.
+
+    Raises:
+        InputFileError: The file is missing, no table, truncated, of a newer schema, or holds columns of other shapes,
+            values that are not finite, or sizes that no picture has.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            _check_format(file, path)
+            check_contained(file, path)
+            texts = {name: _texts(file, name, path) for name in ("sample_ids", "image_paths")}
+            n = len(texts["sample_ids"])
+            columns: dict[str, Any] = {**texts, **{name: _column(file, path, name, n) for name in _COLUMNS}}
+            if "lighting" in file:
+                columns["lighting"] = _column(file, path, "lighting", n)
+            for name in ("model_name", "model_sha256", "configuration"):
+                columns[name] = read_text(file.attrs, path, name)
+            columns["licence"] = read_text(file.attrs, path, "licence") if "licence" in file.attrs else ""
+            if "attributes" in file:
+                columns["attributes"] = tuple(map(json.dumps, read_json_lines(file, "attributes", path)))
+            if "rejected" in file:
+                rejected = read_json_lines(file, "rejected", path)
+                columns["rejected"] = tuple((str(name), str(reason)) for name, reason in rejected)
+    except (OSError, KeyError, ValueError, RuntimeError, TypeError, AttributeError) as error:
+        raise InputFileError(
+            f"{path}: expected a table of coefficients (as `datagen sample` writes it), found a file that cannot be "
+            f"read as one ({error})"
+        ) from error
+    table = FaceCoefficients(**columns)
+    _check_rows(table, path)
+    return table
+
+
+def write_table_header(file: h5py.File, table: Any) -> None:
+    """Writes what holds for all faces of a table: ``model_name``, ``model_sha256``, ``configuration``, ``licence``."""
+    file.attrs["format"] = fixed_text(FORMAT)
+    file.attrs["schema_version"] = SCHEMA_VERSION
+    for name in ("model_name", "model_sha256", "configuration", "licence"):
+        file.attrs[name] = fixed_text(getattr(table, name))
+
+
+def moved_path(image_path: str, old_folder: Path, new_folder: Path) -> str:
+    """A photograph's path relative to another folder than before; empty stays empty."""
+    return os.path.relpath(old_folder / image_path, new_folder) if image_path else ""
+
+
+def configuration_to_json(configuration: Mapping[str, object]) -> str:
+    """A resolved configuration as it is stored in everything that a command writes."""
+    return json.dumps(configuration, sort_keys=True, default=str)
+
+
+def _check_format(file: h5py.File, path: Path) -> None:
+    # Schema 1 had text of variable length, which is not read here: damaged, it could end the process.
+    is_old = "format" in file.attrs and file.attrs.get_id("format").dtype.kind == "O" and "sizes_px" in file
+    found = FORMAT if is_old else read_text(file.attrs, path, "format") if "format" in file.attrs else None
+    if found != FORMAT:
+        raise InputFileError(f"{path}: expected a table with format={FORMAT!r}, found format={found!r}")
+    version = int(file.attrs["schema_version"])
+    if version > SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
+        )
+    if version < SCHEMA_VERSION or is_old:
+        raise InputFileError(
+            f"{path}: expected a table of schema {SCHEMA_VERSION}, found {version} of an earlier version; make it "
+            "again (`datagen sample`, `datagen fit` or `datagen coeffs`)"
+        )
+
+
+def _column(file: h5py.File, path: Path, name: str, n: int) -> ndarray:
+    dtype, shape = _COLUMNS.get(name, (np.float32, (None,)))  # lighting is like identity
+    if not isinstance(file[name], h5py.Dataset):
+        raise InputFileError(f"{path}: expected numbers as {name}, found {file[name]}")
+    found = file[name].shape
+    if len(found) != 1 + len(shape) or any(a not in (None, b) for a, b in zip((n, *shape), found, strict=True)):
+        wanted = ", ".join("any" if length is None else str(length) for length in (n, *shape))
+        raise InputFileError(f"{path}: expected {name} of shape ({wanted}), found {found}")
+    return np.asarray(file[name][()].astype(dtype))
+
+
+def _check_rows(table: FaceCoefficients, path: Path) -> None:
+    n = len(table)
+    for texts, count in (("image_paths", n), ("attributes", n if table.attributes else 0)):
+        if len(getattr(table, texts)) != count:
+            raise InputFileError(f"{path}: expected {count} rows of {texts}, found {len(getattr(table, texts))}")
+    _check_attributes(table, path)
+    for name in ("identity", "expression", "cameras"):
+        values = getattr(table, name)
+        bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+        if bad.any():
+            raise InputFileError(f"{path}: {name} of {table.sample_ids[int(bad.argmax())]!r} is not finite")
+    outside = ((table.sizes_px < 1) | (table.sizes_px > LARGEST_SIDE_PX)).any(axis=1)
+    if outside.any():
+        index = int(outside.argmax())
+        raise InputFileError(
+            f"{path}: expected pictures of 1 to {LARGEST_SIDE_PX} pixels, found {table.sizes_px[index].tolist()} for "
+            f"{table.sample_ids[index]!r}"
+        )
+    if len(set(table.sample_ids)) < n:
+        raise InputFileError(f"{path}: expected unique sample ids, found {n - len(set(table.sample_ids))} repeated")
+
+
+def _check_attributes(table: FaceCoefficients, path: Path) -> None:
+    for sample_id, text in zip(table.sample_ids, table.attributes, strict=False):
+        try:
+            read_attributes(text)
+        except ValueError as error:
+            raise InputFileError(
+                f"{path}: expected a JSON object of texts and numbers as attributes of {sample_id!r}, "
+                f"found {text[:40]!r}"
+            ) from error
+
+
+def _texts(file: h5py.File, name: str, path: Path) -> tuple[str, ...]:
+    values = read_json_lines(file, name, path)
+    if not all(isinstance(value, str) for value in values):
+        raise InputFileError(f"{path}: expected texts as {name}, found others")
+    return tuple(values)

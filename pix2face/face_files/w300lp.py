@@ -1,0 +1,249 @@
+"""Coefficient files of 300W-LP and AFLW2000-3D: one MAT 5 file for each picture (docs/conventions.md)."""
+
+import math
+import os
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+from pix2face.face_files.mat5 import names_in_mat5, read_mat5
+from pix2face.geometry.camera import (
+    FRONTAL,
+    Camera,
+    HeadPose,
+    WeakPerspective,
+    head_pose,
+    nearest_weak_perspective,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
+from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
+
+N_IDENTITY = 199
+N_EXPRESSION = 29
+N_LIGHTING = 10
+# Files of this kind hold some 10 KB; a file far beyond that is something else and is not read.
+USUAL_FILE_BYTES = 64 << 10
+LARGEST_FILE_BYTES = 4 << 20
+
+_LENGTHS = {
+    "Shape_Para": N_IDENTITY,
+    "Exp_Para": N_EXPRESSION,
+    "Pose_Para": 7,
+    "Illum_Para": N_LIGHTING,
+    "pt2d": 2 * N_IBUG68,
+    "pt3d_68": 3 * N_IBUG68,
+}
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PoseParameters:
+    """``Pose_Para``: V = f R S + t in the authors' frame (x right, y up, z towards the viewer, pixels).
+
+    Attributes:
+        head: Pitch, yaw and roll as they stand in the file (they may exceed ±180°).
+        translation_px: tx, ty, tz.
+        scale: f, pixels per µm. Negative in a few files of AFLW2000-3D.
+    """
+
+    head: HeadPose
+    translation_px: Float64[ndarray, "3"]
+    scale: float
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CoefficientFile:
+    """What a ``.mat`` file says, cast to float64 and otherwise untouched.
+
+    Attributes:
+        path: The file.
+        identity: ``Shape_Para``, in the units of BFM 2009's stored basis (not standard deviations).
+        expression: ``Exp_Para``, likewise.
+        pose: ``Pose_Para``.
+        landmarks2d: ``pt2d`` where it has 68 points, in the project's pixels, else None. They belong to the source
+            photograph: right only for the copy ``_0``.
+        landmarks3d: ``pt3d_68`` in the project's pixels (u, v) with depth (pixels, larger is farther), or None. Where
+            the scale is negative the face of the file is inside out; the depth here is that of the face the right
+            side out, as in ``camera_of_pose``.
+        lighting: ``Illum_Para`` as it stands, or None.
+    """
+
+    path: Path
+    identity: Float64[ndarray, "199"]
+    expression: Float64[ndarray, "29"]
+    pose: PoseParameters
+    landmarks2d: Float64[ndarray, "68 2"] | None
+    landmarks3d: Float64[ndarray, "68 3"] | None
+    lighting: Float64[ndarray, "10"] | None
+
+
+def read_coefficient_file(path: Path) -> CoefficientFile:
+    """Reads a ``.mat`` file of 300W-LP or AFLW2000-3D.
+
+    Raises:
+        InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
+    """
+    fields = read_mat(path, _LENGTHS.keys())
+    missing = [name for name in ("Shape_Para", "Exp_Para", "Pose_Para") if name not in fields]
+    if missing:
+        raise InputFileError(
+            f"{path}: expected a coefficient file of 300W-LP or AFLW2000-3D, missing are {', '.join(missing)}; "
+            f"found {', '.join(names_in_mat5(_read_small_file(path))) or 'nothing'} in it"
+        )
+    if "pt2d" in fields and fields["pt2d"].shape != (2, 68):
+        del fields["pt2d"]  # AFLW2000-3D has 21 points there, with -1 for missing ones
+    numbers = _numbers(path, fields)
+    pose, points2d, points3d = (numbers.get(name) for name in ("Pose_Para", "pt2d", "pt3d_68"))
+    assert pose is not None
+    if pose[6] == 0:
+        raise InputFileError(f"{path}: expected a scale in Pose_Para, found 0")
+    towards_viewer = math.copysign(1, pose[6])
+    return CoefficientFile(
+        path=path,
+        identity=numbers["Shape_Para"],
+        expression=numbers["Exp_Para"],
+        pose=PoseParameters(
+            head=HeadPose(*np.degrees(pose[:3]).tolist()), translation_px=pose[3:6], scale=float(pose[6])
+        ),
+        landmarks2d=None if points2d is None else matlab_to_pixels(points2d.reshape(2, 68).T),
+        landmarks3d=None if points3d is None else points3d.reshape(3, 68).T * [1, 1, -towards_viewer] - [0.5, 0.5, 0],
+        lighting=numbers.get("Illum_Para"),
+    )
+
+
+def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
+    """Reads the landmarks of one picture from 300W-LP's ``landmarks/`` folder, in the project's pixels.
+
+    ``pts_3d``, the projections of the model's own landmarks, where the file has it; else ``pts_2d``, whose jaw follows
+    the visible outline.
+
+    Raises:
+        InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
+    """
+    fields = read_mat(path, ("pts_3d", "pts_2d"))
+    name = next((name for name in ("pts_3d", "pts_2d") if name in fields), None)
+    if name is None:
+        raise InputFileError(f"{path}: expected pts_3d or pts_2d of 300W-LP's landmarks folder, found neither")
+    points = fields[name].astype(np.float64)
+    if points.shape != (68, 2):
+        raise InputFileError(f"{path}: expected {name} of shape (68, 2), found {points.shape}")
+    if not np.isfinite(points).all():
+        raise InputFileError(f"{path}: expected finite numbers in {name}, found NaN or infinity")
+    return matlab_to_pixels(points)
+
+
+def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
+    """Reads the 21 points of AFLW that files of AFLW2000-3D hold as ``pt2d``, in the project's pixels.
+
+    They are points set by hand where they are visible. Missing ones stand in the files as (-1, 452) or (-1, -1) and are
+    NaN here: 452 is H + 1 - (-1), so these points went through the same turn of the y axis as all else in these files,
+    and are counted from 1 like it.
+
+    Raises:
+        InputFileError: Missing, truncated or foreign file; other counts; values that are not finite.
+    """
+    points = read_mat(path, ("pt2d",)).get("pt2d")
+    if points is None or points.shape != (2, 21):
+        found = "none" if points is None else f"an array of {' x '.join(map(str, points.shape))}"
+        raise InputFileError(f"{path}: expected pt2d with 21 points (AFLW2000-3D), found {found}")
+    points = points.T.astype(np.float64)
+    if not np.isfinite(points).all():
+        raise InputFileError(f"{path}: expected finite numbers in pt2d, found NaN or infinity")
+    missing = points[:, :1] < 0
+    return np.where(missing, np.nan, matlab_to_pixels(points))
+
+
+def camera_of_pose(pose: PoseParameters, image_height_px: int) -> Camera:
+    """The camera that ``Pose_Para`` describes, for model points in mm.
+
+    A negative scale would turn the face inside out; the camera returned gives the same pixels with a positive one
+    (-f R and f diag(-1, -1, 1) R agree in x and y), so that nearer points stay nearer.
+
+    Args:
+        pose: From the file.
+        image_height_px: Height of the picture: the file's y axis points up from its lower edge.
+    """
+    rotation = rotation_of_pose(pose.head)
+    if pose.scale < 0:
+        rotation = np.diag([-1.0, -1.0, 1.0]) @ rotation
+    # V is in the authors' 1-based frame; 0-based, with centres at integers: u = V_x - 1, v = H - V_y. Ours: + 0.5.
+    translation = np.array([pose.translation_px[0] - 0.5, image_height_px - pose.translation_px[1] + 0.5])
+    return weak_perspective_camera(WeakPerspective(abs(pose.scale) * 1000, rotation, translation))
+
+
+def pose_of_camera(camera: Camera, image_height_px: int) -> PoseParameters:
+    """``Pose_Para`` of a camera: the inverse of ``camera_of_pose``, for what 300W-LP's tools read.
+
+    Of a pinhole, or an affine camera that is not weak perspective, the nearest weak perspective. The depth translation
+    tz, which no picture tells, is 0.
+
+    Args:
+        camera: From the model frame (mm) to the picture.
+        image_height_px: Height of the picture: 300W-LP's y axis points up from its lower edge.
+    """
+    parameters = nearest_weak_perspective(camera)
+    tx, ty = parameters.translation_px
+    translation = np.array([tx + 0.5, image_height_px - ty + 0.5, 0.0])
+    return PoseParameters(head=head_pose(camera), translation_px=translation, scale=parameters.scale / 1000)
+
+
+def points_of_pose(
+    points_um: Float[ndarray, "n 3"], pose: PoseParameters, image_height_px: int
+) -> Float64[ndarray, "n 3"]:
+    """Model points (µm) posed as the authors do, in their own 1-based frame: exactly what ``pt3d_68`` holds."""
+    rotated = points_um @ (FRONTAL @ rotation_of_pose(pose.head)).T
+    posed = pose.scale * rotated + pose.translation_px
+    posed[:, 1] = image_height_px + 1 - posed[:, 1]
+    return np.asarray(posed, dtype=np.float64)
+
+
+def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:
+    """1-based coordinates with integer centres to the project's pixels (centres at +0.5)."""
+    return points + ONE_BASED_TO_CENTRES_PX
+
+
+def read_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
+    """Reads named variables of a small MAT 5 file; those that it lacks are left out.
+
+    Raises:
+        InputFileError: The file is missing, too large, truncated, or no MAT 5 file.
+    """
+    return read_mat5(_read_small_file(path), names, str(path))
+
+
+def _read_small_file(path: Path) -> bytes:
+    # Without a file object: opening one takes longer than reading these files does.
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe that nobody writes to would wait forever
+        try:
+            content = os.read(descriptor, USUAL_FILE_BYTES)
+            while len(content) >= USUAL_FILE_BYTES and (more := os.read(descriptor, LARGEST_FILE_BYTES)):
+                content += more
+                if len(content) > LARGEST_FILE_BYTES:
+                    found = os.fstat(descriptor).st_size >> 20
+                    raise InputFileError(f"{path}: expected a coefficient file of some 10 KB, found {found} MB")
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise InputFileError(f"{path}: expected a coefficient file, cannot read it: {error.strerror}") from error
+    return content
+
+
+def _numbers(path: Path, fields: Mapping[str, ndarray]) -> dict[str, Float64[ndarray, " _"]]:
+    """Casts the fields; several rows one behind the other."""
+    numbers = {name: values.ravel().astype(np.float64) for name, values in fields.items()}
+    for name, values in numbers.items():
+        if len(values) != _LENGTHS[name]:
+            raise InputFileError(f"{path}: expected {_LENGTHS[name]} numbers in {name}, found {len(values)}")
+    if not np.isfinite(np.concatenate(list(numbers.values()))).all():
+        bad = ", ".join(name for name, values in numbers.items() if not np.isfinite(values).all())
+        raise InputFileError(f"{path}: expected finite numbers in {bad}, found NaN or infinity")
+    return numbers

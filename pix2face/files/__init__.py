@@ -1,0 +1,1 @@
+"""Reading and writing files: HDF5, text, pictures."""

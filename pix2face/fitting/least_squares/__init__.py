@@ -1,0 +1,1 @@
+"""Linear and non-linear least squares."""

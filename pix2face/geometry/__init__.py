@@ -1,0 +1,1 @@
+"""Cameras, crops, maps and landmarks: what pictures and models have in common."""

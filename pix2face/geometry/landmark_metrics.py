@@ -1,0 +1,136 @@
+"""Errors of landmarks: normalised mean error, error curve, area under it, failure rate.
+
+A face whose fit failed has the error infinity. It stays in every count: the curve never reaches it and the failure rate
+includes it. Only means and medians are taken over the successes, and say so by ``n_failed``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from pix2face.errors import DegenerateGeometryError
+from pix2face.geometry.landmarks import IBUG68_PARTS, INNER51, LEFT_EYE, OUTER_EYE_CORNERS, RIGHT_EYE
+
+# What the distances are divided by. Papers differ; no function here has a default.
+Normaliser = Literal["outer-eye", "inter-pupil", "box-sqrt", "box-diagonal"]
+
+ALL68 = tuple(range(68))
+POINT_SETS = {"68": ALL68, "51": INNER51}
+PARTS = IBUG68_PARTS
+
+
+@final
+@dataclass(frozen=True)
+class ErrorSummary:
+    """What a table says about a set of faces; fractions, not per cent.
+
+    Attributes:
+        n_images: Faces evaluated, failed ones included.
+        n_failed: Faces without a fit (error infinity).
+        mean: Mean error over the successes; None where there are none.
+        median: Median error over the successes; None where there are none.
+        area_under_curve: Over all faces, from 0 to the threshold, 1 is perfect; None where there are no faces.
+        failure_rate: Fraction of all faces with an error above the threshold; None where there are no faces.
+    """
+
+    n_images: int
+    n_failed: int
+    mean: float | None
+    median: float | None
+    area_under_curve: float | None
+    failure_rate: float | None
+
+
+def normalising_distance(truth: Float[ndarray, "68 2"], normaliser: Normaliser) -> float:
+    """The length in pixels that errors are divided by, from the true landmarks.
+
+    ``outer-eye``: distance of the outer eye corners. ``inter-pupil``: distance of the means of each eye's six points.
+    ``box-sqrt``: sqrt(w h) of the tight box of all points. ``box-diagonal``: its diagonal.
+
+    Raises:
+        DegenerateGeometryError: The length is zero or not finite.
+    """
+    width, height = np.ptp(truth, axis=0)
+    lengths = {
+        "outer-eye": np.linalg.norm(truth[OUTER_EYE_CORNERS[1]] - truth[OUTER_EYE_CORNERS[0]]),
+        "inter-pupil": np.linalg.norm(truth[list(LEFT_EYE)].mean(axis=0) - truth[list(RIGHT_EYE)].mean(axis=0)),
+        "box-sqrt": np.sqrt(width * height),
+        "box-diagonal": np.hypot(width, height),
+    }
+    length = float(lengths[normaliser])
+    if not (np.isfinite(length) and length > 0):
+        raise DegenerateGeometryError(f"expected a positive length for the normaliser {normaliser}, found {length} px")
+    return length
+
+
+def landmark_errors(
+    predicted: Float[ndarray, "68 2"], truth: Float[ndarray, "68 2"], normaliser: Normaliser
+) -> Float64[ndarray, "68"]:
+    """The distance of each landmark from its true place, divided by a length of all true landmarks.
+
+    Returns:
+        Fractions; infinity for a predicted point that is not finite.
+
+    Raises:
+        DegenerateGeometryError: The normaliser is zero or not finite.
+    """
+    distances = np.linalg.norm(predicted.astype(np.float64) - truth, axis=1) / normalising_distance(truth, normaliser)
+    return np.where(np.isfinite(distances), distances, np.inf)
+
+
+def nme(
+    predicted: Float[ndarray, "68 2"],
+    truth: Float[ndarray, "68 2"],
+    normaliser: Normaliser,
+    points: Sequence[int] = ALL68,
+) -> float:
+    """Normalised mean error of one face: mean distance over ``points``, divided by a length of all true landmarks.
+
+    Returns:
+        A fraction (0.03 is 3 %); infinity where a predicted point is not finite.
+
+    Raises:
+        DegenerateGeometryError: The normaliser is zero or not finite.
+    """
+    return float(landmark_errors(predicted, truth, normaliser)[list(points)].mean())
+
+
+def error_curve(errors: Float[ndarray, " n"], threshold: float, n: int = 201) -> Float64[ndarray, "steps 2"]:
+    """The cumulative error distribution from 0 to a threshold.
+
+    Returns:
+        Rows of (error, fraction of all faces with at most this error).
+    """
+    steps = np.linspace(0, threshold, n)
+    counts = np.searchsorted(np.sort(errors), steps, side="right")
+    return np.column_stack([steps, counts / max(len(errors), 1)])
+
+
+def area_under_curve(errors: Float[ndarray, " n"], threshold: float) -> float:
+    """Area under the error curve from 0 to a threshold, divided by the threshold; exact, without steps.
+
+    A face of error e contributes a step of height 1/n from e on, so the area is the mean of max(0, 1 - e / threshold).
+    """
+    return float(np.clip(1 - errors / threshold, 0, None).mean())
+
+
+def failure_rate(errors: Float[ndarray, " n"], threshold: float) -> float:
+    """Fraction of faces with an error above a threshold."""
+    return float((errors > threshold).mean())
+
+
+def summarise(errors: Float[ndarray, " n"], threshold: float) -> ErrorSummary:
+    """Everything that a table says about a set of faces."""
+    fitted = errors[np.isfinite(errors)]
+    return ErrorSummary(
+        n_images=len(errors),
+        n_failed=len(errors) - len(fitted),
+        mean=float(fitted.mean()) if len(fitted) else None,
+        median=float(np.median(fitted)) if len(fitted) else None,
+        area_under_curve=area_under_curve(errors, threshold) if len(errors) else None,
+        failure_rate=failure_rate(errors, threshold) if len(errors) else None,
+    )

@@ -1,0 +1,206 @@
+"""The checkpoint: weights as safetensors with one JSON header (layout: docs/file_formats.md). Loading runs no code."""
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, final
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.geometry.crops import INFERENCE_SCALE
+from pix2face.inference.runs import CHECKPOINT_NAME
+from pix2face.networks.architectures import build_network
+from pix2face.networks.paper import MAP_PLANES, paper_widths
+
+METADATA_KEY = "pix2face-checkpoint"
+SCHEMA_VERSION = 2
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class CheckpointHeader:
+    """What is needed to use the weights, and where they come from.
+
+    Attributes:
+        model_name: The morphable model whose PNCC and offset the network predicts.
+        model_sha256: Its hash.
+        size_px: Side of the network's input.
+        widths: Filters of each of its levels.
+        pncc_scale_mm: The first three planes times this are PNCC in mm.
+        offset_scale_mm: The other three planes times this are offsets in mm.
+        smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
+        licence: Terms that the training data put on the weights.
+        configuration: The resolved configuration of the training, as JSON.
+        epoch: Complete epochs trained.
+        samples: Samples seen in training.
+        crop_scale: Side of the crop that the network is given of a face, in units of the longer side of its box.
+        architecture: One of ``networks.architectures.ARCHITECTURES``.
+        planes: Of the output: 6, or 7 with the mask's logit after them, or 8 with that of the seen part, too.
+        landmarks: For schemes whose vertices were chosen on fits to this network's own maps, those vertices.
+        schema_version: Layout of the file.
+    """
+
+    model_name: str
+    model_sha256: str
+    size_px: int
+    widths: tuple[int, ...]
+    pncc_scale_mm: float
+    offset_scale_mm: float
+    smallest_radius_mm: float
+    licence: str
+    configuration: str
+    epoch: int
+    samples: int = 0
+    crop_scale: float = INFERENCE_SCALE
+    architecture: str = "paper"
+    planes: int = MAP_PLANES
+    landmarks: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    schema_version: int = SCHEMA_VERSION
+
+    @property
+    def filters(self) -> int:
+        """Filters of the first level."""
+        return self.widths[0]
+
+    @classmethod
+    def from_json(cls, fields: Mapping[str, Any]) -> "CheckpointHeader":
+        """What ``asdict`` made, of this schema or an earlier one, after a way through JSON.
+
+        Raises:
+            TypeError: A field is missing, unknown, or of another type.
+            ValueError: One has a value that no network has.
+        """
+        known = dict(fields)
+        if known["schema_version"] == 1:  # the paper's network was the only one, told by its first level
+            known |= {"widths": paper_widths(known["size_px"], known.pop("filters")), "schema_version": SCHEMA_VERSION}
+        known["widths"] = tuple(int(width) for width in known.get("widths", ()))
+        chosen = dict(known.get("landmarks", {}))
+        known["landmarks"] = {str(scheme): tuple(map(int, vertices)) for scheme, vertices in chosen.items()}
+        return cls(**known)
+
+    def check_model(self, name: str, sha256: str) -> None:
+        """Makes sure that a model is the one whose maps the network predicts.
+
+        Raises:
+            ModelMismatchError: It is another one.
+        """
+        if sha256 != self.model_sha256:
+            raise ModelMismatchError(
+                f"the checkpoint was trained for the morphable model {self.model_name!r} "
+                f"({self.model_sha256[:12]}), the one in use is {name!r} ({sha256[:12]}); "
+                "choose the former with --model, or another checkpoint with --checkpoint"
+            )
+
+
+def save_checkpoint(
+    path: Path, header: CheckpointHeader, network: nn.Module, precision: torch.dtype = torch.float32
+) -> None:
+    """Writes a checkpoint; a file of that name is replaced at once or not at all.
+
+    Args:
+        path: Where to.
+        header: Says what the network is.
+        network: Its weights are written.
+        precision: Of the weights in the file: float16 halves it, and is computed with in float32 all the same. Norms
+            and biases stay float32: they are few, and variances of norms overflow float16.
+    """
+    tensors = network.state_dict()
+    vectors = {name: tensor for name, tensor in tensors.items() if tensor.ndim <= 1}
+    write_tensors(path, METADATA_KEY, asdict(header), _in_precision(tensors, precision) | vectors)
+
+
+def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
+    """Reads a checkpoint; the network computes in float32, whatever its file is in.
+
+    Raises:
+        InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
+    """
+    fields, tensors = read_header(path, METADATA_KEY, SCHEMA_VERSION), read_tensors(path)
+    try:
+        header = CheckpointHeader.from_json(fields)
+        network = build_network(header.architecture, header.size_px, header.widths, header.planes)
+        network.load_state_dict(_in_precision(tensors, torch.float32))
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputFileError(
+            f"{path}: header and weights do not make a network ({reason}); train or fetch it again"
+        ) from error
+    return header, network.eval()
+
+
+def _in_precision(tensors: Mapping[str, Tensor], precision: torch.dtype) -> dict[str, Tensor]:
+    """Numbers in another precision; counts stay counts."""
+    return {name: tensor.to(precision) if tensor.is_floating_point() else tensor for name, tensor in tensors.items()}
+
+
+def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
+    """Writes named tensors and one JSON header under a temporary name, then renames.
+
+    Args:
+        path: Where to; its folder is made.
+        key: Says what kind of file it is.
+        header: What JSON can hold, with ``schema_version``.
+        tensors: On any device, of any layout.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.part")
+    stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    try:
+        save_file(stored, temporary, metadata={key: json.dumps(header, sort_keys=True)})
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:
+    """Reads the header that ``write_tensors`` wrote, and no tensor.
+
+    Raises:
+        InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
+    """
+    with _open(path) as file:
+        metadata = file.metadata() or {}
+    try:
+        header = json.loads(metadata[key])
+        version = int(header["schema_version"])
+    except (KeyError, TypeError, ValueError) as error:
+        found = ", ".join(sorted(metadata)) or "no metadata"
+        raise InputFileError(f"{path}: expected {key} in the safetensors header, found {found}") from error
+    if version > newest_schema:
+        raise InputFileError(
+            f"{path}: {key} schema {version} is newer than {newest_schema}, which this version reads; upgrade pix2face"
+        )
+    return header
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Reads the tensors that ``write_tensors`` wrote.
+
+    Raises:
+        InputFileError: The file is missing, truncated or foreign.
+    """
+    with _open(path) as file:
+        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    """Opens a safetensors file, which checks that it is whole."""
+    if path.is_dir():
+        raise InputFileError(f"{path}: expected a checkpoint, found a folder; training writes {path / CHECKPOINT_NAME}")
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such file; `train --shards DIR` writes checkpoints, --checkpoint names one")
+    try:
+        with safe_open(path, framework="pt") as file:
+            yield file
+    except (SafetensorError, OSError) as error:
+        raise InputFileError(
+            f"{path}: expected a complete safetensors file, found one that cannot be read ({error}); "
+            "fetch or write it again"
+        ) from error

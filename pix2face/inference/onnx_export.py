@@ -1,0 +1,108 @@
+"""The network as ONNX, for programs without torch, and back (layout: docs/file_formats.md)."""
+
+import json
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pix2face.errors import InputFileError, UsageError
+from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_checkpoint
+
+INPUT_NAME, OUTPUT_NAME = "image", "maps"
+OPSET = 18
+DESCRIPTION = (
+    "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
+    "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, where "
+    "there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel "
+    "(not where the picture ends); plane 7, where "
+    f"there is one, is above 0 where the face is seen. The scales are in the metadata entry {METADATA_KEY!r} (JSON)."
+)
+
+
+def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
+    """Writes the network of a checkpoint as ONNX, the checkpoint's header as JSON in its metadata.
+
+    The batch may have any size. A file of that name is replaced at once or not at all.
+
+    Args:
+        checkpoint: What training wrote.
+        out: Where to; its folder is made.
+
+    Returns:
+        The header.
+
+    Raises:
+        InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
+        UsageError: The packages for ONNX are not installed.
+    """
+    onnx = _package("onnx")
+    _package("onnxscript")
+    header, network = load_checkpoint(checkpoint)
+    # Two pictures, since a batch of one would be taken for a constant.
+    example = torch.zeros(2, 3, header.size_px, header.size_px)
+    with warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore")  # the exporter warns of its own future
+        program = torch.onnx.export(
+            network,
+            (example,),
+            input_names=[INPUT_NAME],
+            output_names=[OUTPUT_NAME],
+            dynamic_shapes=({0: torch.export.Dim("batch", min=1)},),
+            opset_version=OPSET,
+            dynamo=True,
+            verbose=False,
+        )
+    assert program is not None
+    model = program.model_proto
+    onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(asdict(header), sort_keys=True)})
+    model.doc_string = DESCRIPTION
+    model.producer_name = "pix2face"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    temporary = out.with_name(f".{out.name}.part")
+    try:
+        onnx.save(model, str(temporary))
+        temporary.replace(out)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return header
+
+
+def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]:
+    """Opens what ``export_onnx`` wrote, to run on the CPU by onnxruntime.
+
+    Raises:
+        InputFileError: The file is missing, truncated, not ours, or of a newer schema.
+        UsageError: onnxruntime is not installed.
+    """
+    runtime = _package("onnxruntime")
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such file; `pix2face export` writes ONNX files")
+    try:
+        session = runtime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+    except Exception as error:  # the runtime's errors have no base of their own
+        raise InputFileError(f"{path}: expected an ONNX file, found one that cannot be read ({error})") from error
+    try:
+        fields = json.loads(session.get_modelmeta().custom_metadata_map[METADATA_KEY])
+        if int(fields["schema_version"]) > SCHEMA_VERSION:
+            raise InputFileError(f"{path}: schema {fields['schema_version']} is newer than {SCHEMA_VERSION}; upgrade")
+        header = CheckpointHeader.from_json(fields)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
+
+    def network(images: Tensor) -> Tensor:
+        maps = session.run([OUTPUT_NAME], {INPUT_NAME: images.cpu().contiguous().numpy()})[0]
+        return torch.from_numpy(maps)
+
+    return header, network
+
+
+def _package(name: str) -> Any:
+    try:
+        return __import__(name)
+    except ImportError as error:
+        raise UsageError(f"expected the package {name}, which ONNX needs; run: pip install 'pix2face[onnx]'") from error

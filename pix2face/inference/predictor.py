@@ -1,0 +1,178 @@
+"""Pictures in, maps out: NumPy on both sides, torch in between."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import final
+
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
+from pix2face.geometry.maps import FaceMaps, eroded, valid_pixels
+from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
+from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+from pix2face.networks.paper import MAP_PLANES
+
+# The network is no faster with more faces at a time, and memory stays small.
+FACES_AT_A_TIME = 16
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What the network sees in one face.
+
+    Attributes:
+        maps: In the pixels of the crop.
+        crop: Leads back to the pixels of the picture.
+        n_undefined: Pixels where the network's output is not finite; they are outside the mask.
+    """
+
+    maps: FaceMaps
+    crop: Crop
+    n_undefined: int = 0
+
+    def check_finite(self) -> None:
+        """Makes sure that the network's output was finite.
+
+        Raises:
+            DegenerateGeometryError: It was not: the weights are of no use.
+        """
+        if self.n_undefined:
+            n_pixels = self.maps.mask.size
+            raise DegenerateGeometryError(
+                f"expected finite maps from the network, found {self.n_undefined} of {n_pixels} pixels that are not; "
+                "its training diverged or its checkpoint is damaged: choose another with --checkpoint"
+            )
+
+
+@final
+class Predictor:
+    """A network with what is needed around it. It keeps nothing between calls.
+
+    Args:
+        network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits.
+        header: Size, scales and model of the network.
+        device: Where the network is; pictures are sent there.
+    """
+
+    def __init__(
+        self, network: Callable[[Tensor], Tensor], header: CheckpointHeader, device: torch.device | str = "cpu"
+    ) -> None:
+        self.header = header
+        self._network = network
+        self._device = torch.device(device)
+
+    @classmethod
+    def load(cls, path: Path, device: str | None = None) -> "Predictor":
+        """Opens a checkpoint.
+
+        Args:
+            path: What training wrote; or what ``export_onnx`` wrote (.onnx), which runs on the CPU.
+            device: Name of a torch device; None takes a GPU where there is one.
+
+        Raises:
+            InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
+            UsageError: No such device (of ONNX: none but the CPU), or the package for ONNX is not installed.
+        """
+        if path.suffix.lower() == ".onnx":
+            from pix2face.inference.onnx_export import load_onnx
+
+            if device not in (None, "cpu"):
+                raise UsageError(
+                    f"{path}: expected --device cpu, where ONNX files run here, found {device!r}; the checkpoint that "
+                    "it was exported from runs on any"
+                )
+            own_header, run = load_onnx(path)
+            return cls(run, own_header)
+        header, network = load_checkpoint(path)
+        chosen = _device(device)
+        return cls(network.to(chosen), header, chosen)
+
+    def with_crop_scale(self, crop_scale: float) -> "Predictor":
+        """The same network, given crops of another size (``CheckpointHeader.crop_scale``)."""
+        return Predictor(self._network, replace(self.header, crop_scale=crop_scale), self._device)
+
+    def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> Prediction:
+        """The maps of one face.
+
+        Args:
+            image: RGB.
+            box: The tight box of the face's 68 landmarks, in pixels of the image.
+        """
+        return self.predict_batch([(image, box)])[0]
+
+    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
+        """The maps of several faces, of one picture or of many, in one pass of the network.
+
+        Args:
+            faces: For each face its picture (RGB) and its box. All are in memory at once: a few dozen are plenty.
+                ``predict_many`` takes any number.
+        """
+        if not faces:
+            return []
+        crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
+        pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
+        planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
+        found = [read_planes(own, self.header) for own in planes]
+        return [
+            Prediction(replace(own.maps, in_photograph=pixels_in_image(crop, image.shape[:2])), crop, own.n_undefined)
+            for own, crop, (image, _) in zip(found, crops, faces, strict=True)
+        ]
+
+    def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
+        """As ``predict_batch`` for any number of faces, in as many passes as it takes to keep memory small."""
+        starts = range(0, len(faces), FACES_AT_A_TIME)
+        return [own for start in starts for own in self.predict_batch(faces[start : start + FACES_AT_A_TIME])]
+
+    def _planes(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b s s planes"]:
+        with torch.inference_mode():
+            batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(self._device)
+            planes = self._network(batch).float().permute(0, 2, 3, 1)
+            return np.ascontiguousarray(planes.cpu().numpy())
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ReadPlanes:
+    """What the network's planes say, in millimetres; the fields are those of Prediction."""
+
+    maps: FaceMaps
+    n_undefined: int
+
+
+def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> ReadPlanes:
+    """From a network's output to maps in millimetres, 0 where they do not hold.
+
+    Args:
+        planes: Maps in units of the header's scales, then logits of masks, where there are any. Is overwritten.
+        header: Of the network.
+    """
+    undefined = ~np.isfinite(planes).all(axis=2)
+    planes[undefined] = 0
+    pncc = planes[..., :3] * np.float32(header.pncc_scale_mm)
+    offset = planes[..., 3:MAP_PLANES] * np.float32(header.offset_scale_mm)
+    # Where the network does not say it, PNCC does, by how far it is from the background's.
+    is_told = header.planes > MASK_PLANE
+    mask = eroded(planes[..., MASK_PLANE] > 0) if is_told else valid_pixels(pncc, header.smallest_radius_mm)
+    mask &= ~undefined
+    pncc[~mask] = 0
+    offset[~mask] = 0
+    seen = mask & (planes[..., SEEN_PLANE] > 0) if header.planes > SEEN_PLANE else None
+    return ReadPlanes(FaceMaps(pncc, offset, mask, seen), int(undefined.sum()))
+
+
+def _device(name: str | None) -> torch.device:
+    """The device of a name; None takes a GPU where there is one."""
+    try:
+        device = torch.device(name or ("cuda" if torch.cuda.is_available() else "cpu"))
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).splitlines()[0]
+        raise UsageError(f"expected a torch device that is there, such as cpu, found {name!r} ({reason})") from error
+    return device

@@ -1,0 +1,1 @@
+"""Which vertices of a model are its landmarks."""

@@ -1,0 +1,146 @@
+"""Landmarks of a model chosen by the user: a JSON file that says which vertex is which (docs/file_formats.md)."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, final
+
+import numpy as np
+
+from pix2face.errors import InputFileError, ModelMismatchError, UsageError
+from pix2face.files.images import read_bytes
+from pix2face.geometry.landmarks import SCHEMES
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.landmark_choice.landmark_selection import LandmarkSelection
+from pix2face.models.morphable_model import MorphableModel, open_model
+
+FORMAT = "pix2face-landmarks"
+SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True)
+class LandmarkChoice:
+    """Which vertices of which model are the landmarks of a scheme.
+
+    Attributes:
+        scheme: One of ``landmarks.SCHEMES``.
+        vertices: One for each landmark.
+        model_name: The model.
+        model_sha256: Its hash: vertices of another mesh mean nothing.
+    """
+
+    scheme: str
+    vertices: tuple[int, ...]
+    model_name: str
+    model_sha256: str
+
+
+def save_landmarks(
+    path: Path, model: MorphableModel, scheme: str, selection: LandmarkSelection, origin: dict[str, Any]
+) -> None:
+    """Writes a choice with its errors.
+
+    Args:
+        path: Where to.
+        model: Whose vertices were chosen.
+        scheme: Of the landmarks.
+        selection: The vertices and their errors.
+        origin: What the choice was made on, for the reader of the file.
+    """
+    content = {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "scheme": scheme,
+        "model": {"name": model.name, "sha256": model.sha256},
+        "vertices": selection.vertices.tolist(),
+        "error": selection.error.round(6).tolist(),
+        "held_out_error": selection.held_out_error.round(6).tolist(),
+        "n_frames": selection.n_frames.tolist(),
+        "origin": origin,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def load_landmarks(path: Path) -> LandmarkChoice:
+    """Reads a choice.
+
+    Raises:
+        InputFileError: The file is missing, no such file, of a newer schema, or has another number of landmarks.
+    """
+    try:
+        content = json.loads(read_bytes(path))
+        if content["format"] != FORMAT:
+            raise ValueError(f"format={content['format']!r}")
+        if int(content["schema_version"]) > SCHEMA_VERSION:
+            raise InputFileError(
+                f"{path}: schema {content['schema_version']} is newer than {SCHEMA_VERSION}, which this version reads; "
+                "upgrade pix2face"
+            )
+        scheme, vertices = str(content["scheme"]), tuple(int(vertex) for vertex in content["vertices"])
+        model = content["model"]
+        choice = LandmarkChoice(scheme, vertices, str(model["name"]), str(model["sha256"]))
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise InputFileError(
+            f"{path}: expected landmarks as `pix2face landmarks select` writes them, found something else ({error})"
+        ) from error
+    if len(vertices) != SCHEMES.get(scheme):
+        raise InputFileError(f"{path}: expected the {SCHEMES.get(scheme)} vertices of {scheme}, found {len(vertices)}")
+    return choice
+
+
+def open_model_with(name_or_path: str, landmarks: Path | None) -> MorphableModel:
+    """Opens a model, with the landmarks of a file in place of its own where one is given.
+
+    Raises:
+        Pix2FaceError: As ``open_model`` and ``with_landmarks``.
+    """
+    model = open_model(name_or_path)
+    return model if landmarks is None else with_landmarks(model, landmarks)
+
+
+def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
+    """The model with the landmarks of a file in place of its own of the same scheme.
+
+    Raises:
+        InputFileError: As ``load_landmarks``, or a vertex that the model does not have.
+        ModelMismatchError: The file was made for another model.
+    """
+    choice = load_landmarks(path)
+    if choice.model_sha256 != model.sha256:
+        raise ModelMismatchError(
+            f"{path}: landmarks of the model {choice.model_name} ({choice.model_sha256[:12]}), found "
+            f"{model.name} ({model.sha256[:12]}); choose them again with `pix2face landmarks select`"
+        )
+    try:
+        return with_vertices(model, choice.scheme, choice.vertices)
+    except UsageError as error:
+        raise InputFileError(f"{path}: {error}") from error
+
+
+def with_vertices(model: MorphableModel, scheme: str, vertices: Sequence[int]) -> MorphableModel:
+    """The model with other vertices for the landmarks of a scheme.
+
+    Raises:
+        UsageError: It has no such vertex.
+    """
+    chosen = np.array(vertices)
+    if not ((chosen >= 0) & (chosen < len(model.mean))).all():
+        raise UsageError(f"expected vertices of 0 to {len(model.mean) - 1}, found {chosen.max()}")
+    return replace(model, landmarks=MappingProxyType({**model.landmarks, scheme: chosen.astype(np.int32)}))
+
+
+def with_own_landmarks(model: MorphableModel, header: CheckpointHeader) -> MorphableModel:
+    """The model with a network's own choice of landmarks in place of the model's, where it has one.
+
+    Raises:
+        ModelMismatchError: The network was trained for another model.
+        UsageError: The model has no such vertex.
+    """
+    header.check_model(model.name, model.sha256)
+    for scheme, vertices in header.landmarks.items():
+        model = with_vertices(model, scheme, vertices)
+    return model

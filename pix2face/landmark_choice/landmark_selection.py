@@ -1,0 +1,129 @@
+"""Which vertex of a model is which landmark: the one that annotated frames say.
+
+Each frame has a fitted face (camera and mesh) and annotated points. Of all vertices of the face the one whose
+projections lie nearest to a landmark's annotations, on average over the frames, becomes that landmark. How good the
+choice is, frames say that had no part in it: the frames are split into folds, and each fold is measured with the
+vertices that the other folds choose.
+
+Source: Crispell and Bazik 2017, Section 4 ("Landmark Localization").
+
+Deviation from the paper: errors are divided by the size of the face before they are averaged, so that frames count
+alike whatever their resolution; and the error is cross-validated.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float64, Int
+from numpy import ndarray
+
+from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.geometry.crops import FaceBox
+
+LEAST_FOLDS = 2
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LandmarkSelection:
+    """The vertices chosen for the landmarks of a scheme, and their errors as shares of sqrt(w h) of the face's box.
+
+    Attributes:
+        vertices: Of the model, one for each landmark.
+        error: Mean error of each over all frames: those that chose it. Too good to be believed.
+        held_out_error: Mean error of each over frames that had no part in the choice.
+        n_frames: How many frames have each landmark.
+    """
+
+    vertices: Int[ndarray, " m"]
+    error: Float64[ndarray, " m"]
+    held_out_error: Float64[ndarray, " m"]
+    n_frames: Int[ndarray, " m"]
+
+
+@final
+class ReprojectionErrors:
+    """Sums of reprojection errors by fold, landmark and candidate vertex; memory does not grow with the frames.
+
+    Args:
+        candidates: The vertices to choose from.
+        n_landmarks: Points in the scheme.
+        n_folds: Parts of the frames that are held out in turn.
+
+    Raises:
+        UsageError: Fewer than two folds.
+    """
+
+    def __init__(self, candidates: Int[ndarray, " v"], n_landmarks: int, n_folds: int) -> None:
+        if n_folds < LEAST_FOLDS:
+            raise UsageError(f"--folds: expected {LEAST_FOLDS} or more, found {n_folds}")
+        self._candidates = candidates
+        self._sums = np.zeros((n_folds, n_landmarks, len(candidates)))
+        self._counts = np.zeros((n_folds, n_landmarks), dtype=np.int64)
+
+    def add(self, fold: int, projected: Float[ndarray, "v 2"], annotated: Float64[ndarray, "m 2"]) -> None:
+        """Counts one frame.
+
+        Args:
+            fold: Which part of the frames it belongs to.
+            projected: The candidates in the picture, pixels.
+            annotated: The landmarks in the picture, pixels; NaN where one is missing.
+
+        Raises:
+            DegenerateGeometryError: The annotated points have no extent, or the projections are not finite.
+        """
+        present = np.isfinite(annotated).all(axis=1)
+        if not np.isfinite(projected).all():
+            raise DegenerateGeometryError("expected a fit with finite projections, found some that are not")
+        box = FaceBox.around(annotated)
+        if not box.width * box.height > 0:
+            raise DegenerateGeometryError("expected annotated points around a face, found them all in one line")
+        size_px = float(np.sqrt(box.width * box.height))
+        for landmark in np.flatnonzero(present):
+            distances = np.linalg.norm(projected - annotated[landmark], axis=1)
+            self._sums[fold, landmark] += distances / size_px
+        self._counts[fold] += present
+
+    def of(self, vertices: Int[ndarray, " m"]) -> Float64[ndarray, " m"]:
+        """Mean error of given vertices over all frames, such as those that a model has now.
+
+        Args:
+            vertices: Of the model, one for each landmark; NaN is returned for one that is no candidate.
+        """
+        place = {int(vertex): index for index, vertex in enumerate(self._candidates)}
+        mean = self._mean(self._sums.sum(axis=0), self._counts.sum(axis=0))
+        return np.array([mean[row, place[int(v)]] if int(v) in place else np.nan for row, v in enumerate(vertices)])
+
+    def select(self) -> LandmarkSelection:
+        """Chooses.
+
+        Raises:
+            UsageError: A landmark is annotated in too few frames to be chosen and checked.
+        """
+        counts, sums = self._counts.sum(axis=0), self._sums.sum(axis=0)
+        seldom = np.flatnonzero(((counts - self._counts) == 0).any(axis=0))
+        if len(seldom):
+            raise UsageError(
+                f"expected every landmark in frames of at least two folds, found landmark {seldom[0]} in "
+                f"{counts[seldom[0]]} frames; give more frames, or fewer --folds"
+            )
+        rows = np.arange(len(counts))
+        chosen = sums.argmin(axis=1)
+        others = (sums - self._sums).argmin(axis=2)
+        held_out = np.stack([own[rows, choice] for own, choice in zip(self._sums, others, strict=True)]).sum(axis=0)
+        return LandmarkSelection(
+            vertices=self._candidates[chosen],
+            error=sums[rows, chosen] / counts,
+            held_out_error=held_out / counts,
+            n_frames=counts,
+        )
+
+    @staticmethod
+    def _mean(sums: Float64[ndarray, "m v"], counts: Int[ndarray, " m"]) -> Float64[ndarray, "m v"]:
+        return np.asarray(sums / np.maximum(counts, 1)[:, None])
+
+
+def fold_of_frame(index: int, n_frames: int, n_folds: int) -> int:
+    """The fold of a frame in the order of names: runs of neighbours, so that a clip's frames stay together."""
+    return index * n_folds // n_frames

@@ -1,0 +1,1 @@
+"""The morphable model: its file, its mesh, the reference rasteriser."""

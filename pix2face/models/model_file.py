@@ -1,0 +1,273 @@
+"""The project's own file of a morphable model: one ``.h5`` whatever the source (layout: docs/file_formats.md)."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast, final
+
+import h5py
+import numpy as np
+from jaxtyping import Float32, Float64, Int32, UInt8
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_text
+
+FORMAT = "pix2face-morphable-model"
+SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Alignment:
+    """How an imported model came to the project's frame. No scale was applied beyond the published unit.
+
+    Attributes:
+        frame_from_file: Rigid transform (mm) from the published frame to the project's.
+        residual_mm: RMS distance that is left, to the built-in model's landmarks or, by correspondence, its surface.
+        landmark_scale: The scale that a similarity fit to the landmarks would have wanted; NaN where there are none.
+    """
+
+    frame_from_file: Float64[ndarray, "4 4"]
+    residual_mm: float
+    landmark_scale: float
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StoredModel:
+    """A model as its file holds it: at the control mesh, before refinement. Units and frames as in MorphableModel.
+
+    Attributes:
+        polygons: Quads, counter-clockwise seen from outside; a triangle has -1 in the last place.
+        polygon_regions: Index into ``region_names`` for each polygon.
+        uv_polygons: For each polygon its texture coordinates, or None.
+        landmarks: Vertex indices, valid after ``refinement_steps`` steps and more.
+        source_vertices: For each control vertex its index in the mesh that the model was made from, or None.
+        refinement_steps: Catmull-Clark steps that loading does by default.
+        published_basis: Name of the published basis whose coefficient files the model understands, or empty.
+        identity_unit: One standard deviation of each identity component in the unit of those files, or None.
+        expression_unit: Likewise for expression.
+        approximate_landmarks: Which of the 68 iBUG landmarks come by correspondence with the built-in model.
+        albedo_mean: Mean colour of each vertex, RGB, 0..1, encoded as published, or None.
+        albedo_basis: Colour for one standard deviation of each component, or None.
+        alignment: How the model came to this frame; None where it stands as published.
+    """
+
+    name: str
+    licence: str
+    origin: str
+    mean: Float32[ndarray, "v 3"]
+    identity_basis: Float32[ndarray, "k v 3"]
+    expression_basis: Float32[ndarray, "e v 3"]
+    polygons: Int32[ndarray, "p 4"]
+    polygon_regions: UInt8[ndarray, " p"]
+    region_names: tuple[str, ...]
+    face_regions: tuple[str, ...]
+    landmarks: Mapping[str, Int32[ndarray, " _"]]
+    uv: Float32[ndarray, "u 2"] | None = None
+    uv_polygons: Int32[ndarray, "p 4"] | None = None
+    symmetry: Int32[ndarray, " v"] | None = None
+    source_vertices: Int32[ndarray, " v"] | None = None
+    named_expressions: Mapping[str, Float32[ndarray, " e"]] = field(default_factory=dict)
+    refinement_steps: int = 0
+    published_basis: str = ""
+    identity_unit: Float64[ndarray, " k"] | None = None
+    expression_unit: Float64[ndarray, " e"] | None = None
+    approximate_landmarks: Int32[ndarray, " _"] | None = None
+    albedo_mean: Float32[ndarray, "v 3"] | None = None
+    albedo_basis: Float32[ndarray, "a v 3"] | None = None
+    alignment: Alignment | None = None
+
+
+_ARRAYS: dict[str, Any] = {
+    "mean": np.float32,
+    "polygons": np.int32,
+    "polygon_regions": np.uint8,
+    "uv": np.float32,
+    "uv_polygons": np.int32,
+    "symmetry": np.int32,
+    "source_vertices": np.int32,
+    "identity_unit": np.float64,
+    "expression_unit": np.float64,
+    "approximate_landmarks": np.int32,
+    "albedo_mean": np.float32,
+    "albedo_basis": np.float32,
+}
+_TEXTS = ("name", "licence", "origin", "published_basis", "region_names", "face_regions")
+_ALIGNMENT = ("frame_from_file", "residual_mm", "landmark_scale")
+# Random-looking floats hardly shrink, and unpacking them costs every process that opens the model a second.
+COMPRESSED_BYTES = 4 << 20
+
+
+def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False) -> None:
+    """Writes a model.
+
+    Args:
+        model: What to write.
+        path: Where to; its folder is made.
+        quantise: Store the bases as int16 with one step per component (a quarter of the size; the step is
+            1/32767 of the component's largest value). Off for imported models, which stay exact.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w", track_order=False) as file:
+        _write_text(file, "format", FORMAT)
+        file.attrs["schema_version"] = SCHEMA_VERSION
+        for name in ("name", "licence", "origin", "published_basis"):
+            _write_text(file, name, getattr(model, name))
+        file.attrs["refinement_steps"] = model.refinement_steps
+        _write_text(file, "region_names", json.dumps(model.region_names))
+        _write_text(file, "face_regions", json.dumps(model.face_regions))
+        for name in _ARRAYS:
+            _write_array(file, name, getattr(model, name))
+        _write_basis(file, "identity_basis", model.identity_basis, quantise)
+        _write_basis(file, "expression_basis", model.expression_basis, quantise)
+        for name, indices in model.landmarks.items():
+            _write_array(file, f"landmarks/{name}", indices)
+        for name, coefficients in model.named_expressions.items():
+            _write_array(file, f"named_expressions/{name}", coefficients)
+        if model.alignment is not None:
+            for name in _ALIGNMENT:
+                _write_array(file, f"alignment/{name}", np.asarray(getattr(model.alignment, name), dtype=np.float64))
+
+
+def read_stored_model(path: Path) -> tuple[StoredModel, str]:
+    """Reads a model and hashes its content.
+
+    Returns:
+        The model, and the SHA-256 of its attributes and arrays (not of the file: compression does not matter).
+
+    Raises:
+        InputFileError: The file is missing, not a model, truncated, or of a newer schema.
+    """
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such model file; `datagen model import` makes one, `builtin` needs none")
+    try:
+        with open_hdf5(path) as file:
+            _check_format(file, path)
+            return _checked(_read(file, path), path), _content_sha256(file, path)
+    except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
+        raise InputFileError(
+            f"{path}: expected a model in the project's .h5 layout, found a file that cannot be read as one ({error})"
+        ) from error
+
+
+def _read(file: h5py.File, path: Path) -> StoredModel:
+    texts = {name: read_text(file.attrs, path, name) for name in _TEXTS}
+    arrays = {name: _array(file, name, dtype) for name, dtype in _ARRAYS.items() if name in file}
+    return StoredModel(
+        name=texts["name"],
+        licence=texts["licence"],
+        origin=texts["origin"],
+        published_basis=texts["published_basis"],
+        identity_basis=_read_basis(file, "identity_basis"),
+        expression_basis=_read_basis(file, "expression_basis"),
+        region_names=tuple(json.loads(texts["region_names"])),
+        face_regions=tuple(json.loads(texts["face_regions"])),
+        landmarks={name: _array(file, f"landmarks/{name}", np.int32) for name in file.get("landmarks", ())},
+        named_expressions={
+            name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
+        },
+        refinement_steps=int(file.attrs["refinement_steps"]),
+        alignment=_read_alignment(file),
+        **arrays,
+    )
+
+
+def _read_alignment(file: h5py.File) -> Alignment | None:
+    if "alignment" not in file:
+        return None
+    frame = _array(file, "alignment/frame_from_file", np.float64)
+    residual, scale = (float(file[f"alignment/{name}"][()]) for name in _ALIGNMENT[1:])
+    return Alignment(frame_from_file=frame, residual_mm=residual, landmark_scale=scale)
+
+
+def _checked(model: StoredModel, path: Path) -> StoredModel:
+    """The model, if its arrays fit each other: a damaged index would be met far from here otherwise."""
+    n = len(model.mean)
+    bases = [
+        model.identity_basis,
+        model.expression_basis,
+        *([] if model.albedo_basis is None else [model.albedo_basis]),
+    ]
+    tables = [model.polygons, *([] if model.symmetry is None else [model.symmetry])]
+    if model.refinement_steps == 0:  # otherwise landmarks may be vertices that refinement makes
+        tables += model.landmarks.values()
+    fits = (
+        model.mean.shape == (n, 3)
+        and all(basis.ndim == 3 and basis.shape[1:] == (n, 3) for basis in bases)
+        and model.polygons.ndim == 2
+        and model.polygons.shape[1] == 4
+        and len(model.polygon_regions) == len(model.polygons)
+        and int(model.polygon_regions.max(initial=0)) < max(len(model.region_names), 1)
+        and all(int(table.max(initial=-1)) < n for table in tables)
+        and all(int(table.min(initial=0)) >= 0 for table in [model.polygons[:, :3], *tables[1:]])
+        and bool(np.isfinite(model.mean).all())
+    )
+    if not fits:
+        raise InputFileError(
+            f"{path}: expected a model whose tables fit its {n} vertices, found some that do not; import it again"
+        )
+    return model
+
+
+def _check_format(file: h5py.File, path: Path) -> None:
+    found = read_text(file.attrs, path, "format") if "format" in file.attrs else None
+    if found != FORMAT:
+        raise InputFileError(
+            f"{path}: expected a file with format={FORMAT!r}, found format={found!r}; "
+            "published models are brought into it by `datagen model import`"
+        )
+    version = int(file.attrs.get("schema_version", 0))
+    if version > SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: model schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
+        )
+
+
+def _write_array(file: h5py.File, name: str, array: ndarray | None) -> None:
+    if array is not None:
+        compressed = array.size > 0 and array.ndim and (array.dtype == np.int16 or array.nbytes <= COMPRESSED_BYTES)
+        options: dict[str, Any] = {"compression": "gzip", "compression_opts": 9, "shuffle": True} if compressed else {}
+        file.create_dataset(name, data=array, track_times=False, **options)
+
+
+def _write_basis(file: h5py.File, name: str, basis: ndarray, quantise: bool) -> None:
+    if not quantise or not basis.size:
+        _write_array(file, name, basis)
+        return
+    step = np.abs(basis).reshape(len(basis), -1).max(axis=1) / 32767
+    step = np.where(step > 0, step, 1).astype(np.float32)
+    _write_array(file, name, np.rint(basis / step[:, None, None]).astype(np.int16))
+    _write_array(file, f"{name}_step", step)
+
+
+def _read_basis(file: h5py.File, name: str) -> Float32[ndarray, "k v 3"]:
+    basis = _array(file, name, np.float32)
+    if f"{name}_step" in file:
+        basis *= _array(file, f"{name}_step", np.float32)[:, None, None]
+    return basis
+
+
+def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
+    return cast(ndarray, file[name][()].astype(dtype))
+
+
+def _write_text(file: h5py.File, name: str, text: str) -> None:
+    file.attrs[name] = fixed_text(text)
+
+
+def _content_sha256(file: h5py.File, path: Path) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(file.attrs):
+        is_text = name in (*_TEXTS, "format")
+        digest.update(f"{name}={read_text(file.attrs, path, name) if is_text else int(file.attrs[name])};".encode())
+    names: list[str] = []
+    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+    for name in sorted(names):
+        array = np.ascontiguousarray(file[name][()])
+        digest.update(f"{name}:{array.dtype.str}:{array.shape};".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()

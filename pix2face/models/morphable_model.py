@@ -1,0 +1,219 @@
+"""The morphable model in memory: X = mean + identity + expression, with the tables that the mesh carries.
+
+Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8
+from numpy import ndarray
+
+from pix2face.models.model_file import StoredModel, read_stored_model
+from pix2face.models.subdivision import refine
+
+BUILTIN_MODEL = "builtin"
+
+# Vertices of some hundred faces: matrix products are as fast as they get, and memory stays small.
+BATCH_BYTES = 64 << 20
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MorphableModel:
+    """A linear face model over one triangle mesh.
+
+    Attributes:
+        name: What the model is called in messages and reports.
+        licence: Terms under which the model may be used.
+        origin: Where it comes from, for people.
+        sha256: Hash of the content of its file: what shards and checkpoints carry.
+        mean: Vertices with all coefficients zero, expression mean included, in mm, model frame
+            (x to the subject's left, y up, z out of the face, origin inside the head).
+        identity_basis: mm per standard deviation.
+        expression_basis: mm per standard deviation.
+        triangles: Vertex indices, counter-clockwise seen from outside.
+        triangle_regions: Index into ``region_names`` for each triangle.
+        region_names: Names of the regions.
+        face_regions: The regions where maps hold.
+        landmarks: For each scheme the vertex of each landmark, in the scheme's order.
+        uv: Texture coordinates, v upward, or None.
+        uv_triangles: For each triangle its three texture coordinates (they split along seams), or None.
+        symmetry: For each vertex its mirror image, or None where the mesh is not symmetric.
+        named_expressions: Expression coefficients of shapes that have a name.
+        published_basis: Name of the published basis whose coefficient files the model understands, or empty.
+        identity_unit: One standard deviation of each identity component in the unit of those files, or None.
+        expression_unit: Likewise for expression.
+        approximate_landmarks: Which of the 68 iBUG landmarks came by correspondence with the built-in model on import.
+        albedo_mean: Mean colour of each vertex, RGB, 0..1, encoded as published, or None.
+        albedo_basis: Colour for one standard deviation of each component, or None.
+    """
+
+    name: str
+    licence: str
+    origin: str
+    sha256: str
+    mean: Float32[ndarray, "v 3"]
+    identity_basis: Float32[ndarray, "k v 3"]
+    expression_basis: Float32[ndarray, "e v 3"]
+    triangles: Int32[ndarray, "t 3"]
+    triangle_regions: UInt8[ndarray, " t"]
+    region_names: tuple[str, ...]
+    face_regions: tuple[str, ...]
+    landmarks: Mapping[str, Int32[ndarray, " _"]]
+    uv: Float32[ndarray, "u 2"] | None
+    uv_triangles: Int32[ndarray, "t 3"] | None
+    symmetry: Int32[ndarray, " v"] | None
+    named_expressions: Mapping[str, Float32[ndarray, " e"]]
+    published_basis: str = ""
+    identity_unit: Float64[ndarray, " k"] | None = None
+    expression_unit: Float64[ndarray, " e"] | None = None
+    approximate_landmarks: Int32[ndarray, " _"] | None = None
+    albedo_mean: Float32[ndarray, "v 3"] | None = None
+    albedo_basis: Float32[ndarray, "a v 3"] | None = None
+
+    @property
+    def n_identity(self) -> int:
+        """Number of identity components."""
+        return self.identity_basis.shape[0]
+
+    @property
+    def n_expression(self) -> int:
+        """Number of expression components."""
+        return self.expression_basis.shape[0]
+
+    @property
+    def is_face_triangle(self) -> Bool[ndarray, " t"]:
+        """Which triangles belong to the regions where maps hold."""
+        is_face = np.array([name in self.face_regions for name in self.region_names])
+        return is_face[self.triangle_regions]
+
+    @property
+    def is_face_vertex(self) -> Bool[ndarray, " v"]:
+        """Which vertices belong to at least one face triangle."""
+        is_face = np.zeros(len(self.mean), dtype=bool)
+        is_face[self.triangles[self.is_face_triangle]] = True
+        return is_face
+
+    @property
+    def smallest_radius_mm(self) -> float:
+        """Distance from the origin to the nearest point of the mean face: half of it separates face from background."""
+        return float(np.linalg.norm(self.mean[self.is_face_vertex], axis=1).min())
+
+    def vertices(self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]) -> Float32[ndarray, "n v 3"]:
+        """Evaluates the model.
+
+        Args:
+            identity: Coefficients in standard deviations; k is ``n_identity``.
+            expression: Coefficients in standard deviations; e is ``n_expression``.
+
+        Returns:
+            Vertices in mm, model frame.
+
+        Source: Crispell and Bazik 2017, Eq. 3.
+        """
+        n = len(identity)
+        out = identity.astype(np.float32) @ self.identity_basis.reshape(self.n_identity, self.mean.size)
+        out += expression.astype(np.float32) @ self.expression_basis.reshape(self.n_expression, self.mean.size)
+        out += self.mean.reshape(-1)
+        return out.reshape(n, len(self.mean), 3)
+
+    def vertex_batches(
+        self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"], batch_bytes: int = BATCH_BYTES
+    ) -> Iterator[Float32[ndarray, "b v 3"]]:
+        """Evaluates any number of faces in order, in batches whose vertices take no more than some memory.
+
+        Args:
+            identity: As ``vertices``.
+            expression: As ``vertices``.
+            batch_bytes: Size of a batch of vertices (one face at least).
+        """
+        size = max(1, batch_bytes // self.mean.nbytes)
+        for start in range(0, len(identity), size):
+            yield self.vertices(identity[start : start + size], expression[start : start + size])
+
+
+def load_model(path: Path, refinement_steps: int | None = None) -> MorphableModel:
+    """Reads a model from its ``.h5`` file.
+
+    Args:
+        path: A file that ``model_file.write_stored_model`` wrote.
+        refinement_steps: Catmull-Clark steps from the control mesh; None takes what the file asks for. The hash is
+            that of the file, so maps of different refinements of one file are comparable.
+
+    Raises:
+        InputFileError: The file is missing, not a model, truncated, or of a newer schema.
+    """
+    stored, sha256 = read_stored_model(path)
+    steps = stored.refinement_steps if refinement_steps is None else refinement_steps
+    return model_from_stored(stored, sha256, steps)
+
+
+@lru_cache(maxsize=2)
+def builtin_model(refinement_steps: int | None = None) -> MorphableModel:
+    """The model that comes with the package (CC0; see ASSETS.md)."""
+    with as_file(files("pix2face") / "assets" / "builtin_model.h5") as path:
+        return load_model(path, refinement_steps)
+
+
+def open_model(name_or_path: str) -> MorphableModel:
+    """Opens ``builtin`` or a model file: what ``--model`` takes."""
+    return builtin_model() if name_or_path == BUILTIN_MODEL else load_model(Path(name_or_path))
+
+
+def model_from_stored(stored: StoredModel, sha256: str, refinement_steps: int) -> MorphableModel:
+    """Refines a stored control mesh and cuts its polygons into triangles."""
+    for _ in range(refinement_steps):
+        stored = refine(stored)
+    triangles, polygon_of_triangle = triangulate(stored.polygons)
+    uv_triangles = None if stored.uv_polygons is None else triangulate(stored.uv_polygons)[0]
+    return MorphableModel(
+        name=stored.name,
+        licence=stored.licence,
+        origin=stored.origin,
+        sha256=sha256,
+        mean=_exactly_symmetric(stored.mean, stored.symmetry),
+        identity_basis=stored.identity_basis,
+        expression_basis=stored.expression_basis,
+        triangles=triangles,
+        triangle_regions=stored.polygon_regions[polygon_of_triangle],
+        region_names=stored.region_names,
+        face_regions=stored.face_regions,
+        landmarks=stored.landmarks,
+        uv=stored.uv,
+        uv_triangles=uv_triangles,
+        symmetry=stored.symmetry,
+        named_expressions=stored.named_expressions,
+        published_basis=stored.published_basis,
+        identity_unit=stored.identity_unit,
+        expression_unit=stored.expression_unit,
+        approximate_landmarks=stored.approximate_landmarks,
+        albedo_mean=stored.albedo_mean,
+        albedo_basis=stored.albedo_basis,
+    )
+
+
+def triangulate(polygons: Int32[ndarray, "p 4"]) -> tuple[Int32[ndarray, "t 3"], Int32[ndarray, " t"]]:
+    """Cuts quads along their first diagonal; a triangle has -1 in the last place.
+
+    Returns:
+        Triangles, in the order of the polygons, and the polygon that each was cut from.
+    """
+    is_quad = polygons[:, 3] >= 0
+    first, second = polygons[:, [0, 1, 2]], polygons[is_quad][:, [0, 2, 3]]
+    polygon = np.concatenate([np.arange(len(polygons)), np.flatnonzero(is_quad)]).astype(np.int32)
+    order = np.argsort(polygon, kind="stable")
+    return np.concatenate([first, second])[order], polygon[order]
+
+
+def _exactly_symmetric(mean: Float32[ndarray, "v 3"], symmetry: Int32[ndarray, " v"] | None) -> Float32[ndarray, "v 3"]:
+    """Takes out the rounding that refinement leaves between left and right."""
+    if symmetry is None:
+        return mean
+    mirrored = mean[symmetry] * np.array([-1, 1, 1], dtype=np.float32)
+    return (mean + mirrored) * np.float32(0.5)

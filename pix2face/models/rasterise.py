@@ -1,0 +1,266 @@
+"""A slow, obvious, exact rasteriser in float64: the oracle of the OpenGL renderer, and good enough for overlays.
+
+Every triangle is tested against every pixel centre in its bounding box; the nearest one wins. Conventions that the
+renderer shares:
+
+- A pixel belongs to a triangle when its centre (column + 0.5, row + 0.5) is inside, edges decided by the top-left rule.
+- Nothing is culled. A triangle that shows its back (the inside of the skull, seen through the open neck) hides what is
+  behind it, but it is never face. Which side is which follows from the winding in the image and from the handedness
+  of the camera, so that mirrored crops work.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int32, Int64
+from numpy import ndarray
+
+from pix2face.errors import DegenerateGeometryError
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.maps import FaceMaps
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
+
+# How many (triangle, pixel) candidates are tested at a time: bounds the memory to some 100 MB.
+CANDIDATES_AT_A_TIME = 500_000
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Fragments:
+    """What each pixel sees.
+
+    Attributes:
+        triangle: Index of the nearest triangle, -1 where there is none.
+        barycentric: Weights of its three vertices at the pixel centre on the surface (perspective-correct); 0 outside.
+        depth: Depth of the surface in mm as ``Camera.depth`` has it; inf outside.
+    """
+
+    triangle: Int32[ndarray, "h w"]
+    barycentric: Float64[ndarray, "h w 3"]
+    depth: Float64[ndarray, "h w"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RenderedMaps:
+    """The ground truth of one picture.
+
+    Attributes:
+        pncc: Points of the mean face, mm, model frame; 0 outside the mask.
+        offset: What leads from there to this face, mm, model frame; 0 outside the mask.
+        mask: Where the nearest surface is the outside of a face region.
+        depth: Depth in mm; 0 outside the mask.
+        surface_depth: Depth of whatever is nearest, face or not, in mm; inf outside the head.
+        extra: Further layers, by the names of ``pix2face.shards.layers``: ``normals``, ``uv``, ``regions``.
+    """
+
+    pncc: Float32[ndarray, "h w 3"]
+    offset: Float32[ndarray, "h w 3"]
+    mask: Bool[ndarray, "h w"]
+    depth: Float32[ndarray, "h w"]
+    surface_depth: Float32[ndarray, "h w"]
+    extra: Mapping[str, ndarray] = field(default_factory=dict)
+
+    def layer(self, name: str) -> ndarray:
+        """One layer by its name."""
+        return self.extra[name] if name in self.extra else np.asarray(getattr(self, name))
+
+    @property
+    def face_maps(self) -> FaceMaps:
+        """The maps that the network learns."""
+        return FaceMaps(self.pncc, self.offset, self.mask)
+
+
+def rasterise(
+    camera_matrix: Float64[ndarray, "4 4"],
+    vertices: Float[ndarray, "v 3"],
+    triangles: Int[ndarray, "t 3"],
+    height: int,
+    width: int,
+) -> Fragments:
+    """Finds the nearest triangle of each pixel.
+
+    Args:
+        camera_matrix: As in ``Camera``.
+        vertices: mm, model frame.
+        triangles: Vertex indices.
+        height: Rows of the image.
+        width: Columns of the image.
+
+    Raises:
+        DegenerateGeometryError: A vertex lies in or behind the plane of a pinhole, or is not finite.
+    """
+    homogeneous = project_homogeneous(camera_matrix, vertices)
+    corners = homogeneous[triangles]  # t, vertex, (u w, v w, depth, w)
+    screen = corners[..., :2] / corners[..., 3:]
+    nearest = np.full(height * width, np.inf)
+    triangle = np.full(height * width, -1, dtype=np.int32)
+    weights = np.zeros((height * width, 3))
+    for index, row, column in _candidates(screen, height, width):
+        inside, flat_weights = _cover(screen[index], row, column)
+        covering, pixel = index[inside], (row * width + column)[inside]
+        true_weights = flat_weights[inside] / corners[covering, :, 3]
+        true_weights /= true_weights.sum(axis=1, keepdims=True)
+        depth = (true_weights * corners[covering, :, 2]).sum(axis=1)
+        order = np.lexsort((covering, depth, pixel))
+        first = order[np.unique(pixel[order], return_index=True)[1]]
+        first = first[depth[first] < nearest[pixel[first]]]
+        seen = pixel[first]
+        nearest[seen], triangle[seen], weights[seen] = depth[first], covering[first], true_weights[first]
+    shape = (height, width)
+    return Fragments(triangle.reshape(shape), weights.reshape(*shape, 3), nearest.reshape(shape))
+
+
+def interpolate(
+    fragments: Fragments, attribute: Float[ndarray, "v c"], triangles: Int[ndarray, "t 3"]
+) -> Float64[ndarray, "h w c"]:
+    """Interpolates a quantity given per vertex over the surface that each pixel sees; 0 where there is none."""
+    corners = attribute[triangles[fragments.triangle]].astype(np.float64)  # -1 picks some triangle, with weights 0
+    return np.asarray(np.einsum("hwkc,hwk->hwc", corners, fragments.barycentric))
+
+
+def render_maps(
+    model: MorphableModel,
+    vertices: Float[ndarray, "v 3"],
+    camera: Camera,
+    height: int,
+    width: int,
+    layers: Sequence[str] = (),
+) -> RenderedMaps:
+    """Renders PNCC, offset, mask, depth and what is asked for of one face: what the OpenGL renderer must reproduce.
+
+    Args:
+        model: Whose mean and triangles to take.
+        vertices: This face, mm, model frame, not posed.
+        camera: From the model frame to this image.
+        height: Rows of the image.
+        width: Columns of the image.
+        layers: Further ones, of ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
+
+    Raises:
+        DegenerateGeometryError: The camera flattens space, or part of the face is behind a pinhole.
+        UsageError: The model has not what a layer needs.
+
+    Source: Crispell and Bazik 2017, Sec. 3 (PNCC and offset images).
+    """
+    fragments = rasterise(camera.matrix, vertices, model.triangles, height, width)
+    is_face = model.is_face_triangle & shows_outside(camera, vertices, model.triangles)
+    mask = (fragments.triangle >= 0) & is_face[fragments.triangle]
+    mean = model.mean.astype(np.float64)
+    pncc = interpolate(fragments, mean, model.triangles) * mask[..., None]
+    offset = interpolate(fragments, vertices - mean, model.triangles) * mask[..., None]
+    extra = {
+        name: _attribute(name, model, vertices.astype(np.float32), camera, fragments) * mask[..., None]
+        for name in layers
+        if name in ATTRIBUTES
+    }
+    if REGIONS in layers:
+        region = model.triangle_regions[fragments.triangle] + np.uint8(1)
+        extra[REGIONS] = np.where(fragments.triangle >= 0, region, 0).astype(np.uint8)
+    return RenderedMaps(
+        pncc=pncc.astype(np.float32),
+        offset=offset.astype(np.float32),
+        mask=mask,
+        depth=np.where(mask, fragments.depth, 0).astype(np.float32),
+        surface_depth=fragments.depth.astype(np.float32),
+        extra=extra,
+    )
+
+
+def _attribute(
+    name: str, model: MorphableModel, vertices: Float32[ndarray, "v 3"], camera: Camera, fragments: Fragments
+) -> Float32[ndarray, "h w c"]:
+    attribute = ATTRIBUTES[name]
+    values = interpolate(fragments, attribute.values(model, vertices, camera), attribute.corners(model))
+    if attribute.is_direction:
+        length = np.linalg.norm(values, axis=-1, keepdims=True)
+        values /= np.where(length > 0, length, 1)
+    return values.astype(np.float32)
+
+
+def project_homogeneous(
+    camera_matrix: Float64[ndarray, "4 4"], vertices: Float[ndarray, "v 3"]
+) -> Float64[ndarray, "v 4"]:
+    """Vertices as (u w, v w, depth, w).
+
+    Raises:
+        DegenerateGeometryError: A vertex lies in or behind the plane of a pinhole, or is not finite.
+    """
+    homogeneous = vertices.astype(np.float64) @ camera_matrix[:, :3].T + camera_matrix[:, 3]
+    if not np.isfinite(homogeneous).all():
+        raise DegenerateGeometryError("expected finite vertices and camera, found infinite or undefined projections")
+    if homogeneous[:, 3].min(initial=1) <= 0:
+        raise DegenerateGeometryError(
+            f"expected the whole face in front of the camera, found vertices down to {homogeneous[:, 3].min():.1f} mm"
+        )
+    return np.asarray(homogeneous)
+
+
+def handedness(camera: Camera) -> int:
+    """1 for a camera as it comes, -1 for one that mirrors.
+
+    Raises:
+        DegenerateGeometryError: The camera flattens space: its pixels do not tell the depth of points apart.
+    """
+    determinant = float(np.linalg.det(camera.matrix[:3, :3]))
+    if not abs(determinant) > 0:
+        raise DegenerateGeometryError(
+            "expected a camera with independent rows for u, v and depth, found dependent ones"
+        )
+    return 1 if determinant > 0 else -1
+
+
+def shows_outside(
+    camera: Camera, vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]
+) -> Bool[ndarray, " t"]:
+    """Which triangles turn their outside to the camera.
+
+    Triangles wind counter-clockwise seen from outside: with v downward the signed area in the image is negative.
+    """
+    screen = camera.project(vertices)[triangles]
+    return np.asarray(_doubled_area(screen) * handedness(camera) < 0)
+
+
+def _doubled_area(screen: Float64[ndarray, "t 3 2"]) -> Float64[ndarray, " t"]:
+    ab, ac = screen[:, 1] - screen[:, 0], screen[:, 2] - screen[:, 0]
+    return np.asarray(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
+
+
+def _candidates(
+    screen: Float64[ndarray, "t 3 2"], height: int, width: int
+) -> Iterator[tuple[Int64[ndarray, " n"], Int64[ndarray, " n"], Int64[ndarray, " n"]]]:
+    """Pairs of a triangle and a pixel (row, column) in its bounding box, in portions."""
+    limit = np.array([width, height])
+    first = np.clip(np.ceil(screen.min(axis=1) - 0.5), 0, limit).astype(np.int64)
+    last = np.clip(np.floor(screen.max(axis=1) - 0.5) + 1, 0, limit).astype(np.int64)
+    columns, rows = np.maximum(last - first, 0).T
+    ends = np.cumsum(columns * rows)
+    starts = np.searchsorted(ends, np.arange(0, ends.max(initial=1), CANDIDATES_AT_A_TIME))
+    for start, stop in zip(starts, [*starts[1:], len(ends)], strict=True):
+        counts = (columns * rows)[start:stop]
+        index = np.repeat(np.arange(start, stop), counts)
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        yield index, first[index, 1] + within // columns[index], first[index, 0] + within % columns[index]
+
+
+def _cover(
+    corners: Float64[ndarray, "n 3 2"], row: Int64[ndarray, " n"], column: Int64[ndarray, " n"]
+) -> tuple[Bool[ndarray, " n"], Float64[ndarray, "n 3"]]:
+    """Whether each pixel centre is in its triangle, and its barycentric weights in the image plane."""
+    centre = np.stack([column, row], axis=1) + 0.5
+    area = _doubled_area(corners)
+    turn = np.where(area < 0, -1.0, 1.0)  # after it, inside is positive for every winding
+    inside = area != 0
+    weights = np.empty((len(corners), 3))
+    for k in range(3):
+        start, end = corners[:, (k + 1) % 3], corners[:, (k + 2) % 3]
+        edge, to_centre = (end - start) * turn[:, None], centre - start
+        side = edge[:, 0] * to_centre[:, 1] - edge[:, 1] * to_centre[:, 0]
+        # An edge that runs up is a left one, a level one to the right is a top one: they own the centres on them.
+        owns = (edge[:, 1] < 0) | ((edge[:, 1] == 0) & (edge[:, 0] > 0))
+        inside &= (side > 0) | ((side == 0) & owns)
+        weights[:, k] = side
+    return inside, weights / np.where(area == 0, 1, np.abs(area))[:, None]

@@ -1,0 +1,109 @@
+"""Quantities that are given at the corners of triangles and interpolated over the face: a line of ATTRIBUTES each.
+
+The OpenGL renderer and the oracle both go by this table.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+from numpy import ndarray
+from scipy import sparse
+
+from pix2face.errors import UsageError
+from pix2face.geometry.camera import Camera, nearest_weak_perspective, pinhole_of
+from pix2face.models.morphable_model import MorphableModel
+
+Values = Callable[[MorphableModel, Float32[ndarray, "v 3"], Camera], Float32[ndarray, "n c"]]
+
+
+@final
+@dataclass(frozen=True)
+class Attribute:
+    """Something to interpolate.
+
+    Attributes:
+        n_channels: Numbers of each value.
+        values: Those of one face as one camera sees it.
+        corners: For each triangle the numbers of its values.
+        is_direction: Values are unit vectors, and are brought back to length 1 where they were interpolated.
+        same_for_all: Values depend on the model alone.
+    """
+
+    n_channels: int
+    values: Values
+    corners: Callable[[MorphableModel], Int32[ndarray, "t 3"]]
+    is_direction: bool = False
+    same_for_all: bool = False
+
+
+def camera_from_model_axes(camera: Camera) -> Float64[ndarray, "3 3"]:
+    """The orthogonal matrix nearest to what a camera does to directions (determinant -1 where it mirrors)."""
+    if not camera.is_affine:
+        return pinhole_of(camera).rotation
+    axes = nearest_weak_perspective(camera).rotation.copy()
+    axes[2] *= np.sign(axes[2] @ camera.matrix[2, :3])
+    return axes
+
+
+def normals_in_camera(
+    model: MorphableModel, vertices: Float32[ndarray, "v 3"], camera: Camera
+) -> Float32[ndarray, "v 3"]:
+    """Smooth unit normals of this face, outward, camera frame (x right, y down, z forward)."""
+    a, b, c = (vertices[model.triangles[:, k]] for k in range(3))
+    normals = _incidence(model) @ np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit = normals / np.where(length > 0, length, 1)
+    return np.asarray(unit @ camera_from_model_axes(camera).T, dtype=np.float32)
+
+
+def check_layers(model: MorphableModel, layers: Sequence[str]) -> None:
+    """Refuses layers that no face of a model can have, before any is drawn.
+
+    Raises:
+        UsageError: The model has not what a layer needs.
+    """
+    if "uv" in layers and (model.uv is None or model.uv_triangles is None):
+        raise UsageError(
+            f"expected a model with texture coordinates for the layer uv, found {model.name} without; leave uv out of "
+            "--layers or choose another --model"
+        )
+
+
+def texture_coordinates(model: MorphableModel, _: Float32[ndarray, "v 3"], __: Camera) -> Float32[ndarray, "u 2"]:
+    """The model's.
+
+    Raises:
+        UsageError: It has none.
+    """
+    check_layers(model, ("uv",))
+    assert model.uv is not None
+    return model.uv
+
+
+def _texture_corners(model: MorphableModel) -> Int32[ndarray, "t 3"]:
+    return model.uv_triangles if model.uv_triangles is not None else model.triangles
+
+
+def _mesh_corners(model: MorphableModel) -> Int32[ndarray, "t 3"]:
+    return model.triangles
+
+
+# A new layer of something known at vertices is one line here (and one in shards/layers.py, so that shards take it).
+ATTRIBUTES: Mapping[str, Attribute] = {
+    "normals": Attribute(3, normals_in_camera, _mesh_corners, is_direction=True),
+    "uv": Attribute(2, texture_coordinates, _texture_corners, same_for_all=True),
+}
+REGIONS = "regions"
+EXTRA_LAYERS = (*ATTRIBUTES, REGIONS)
+
+
+@lru_cache(maxsize=2)
+def _incidence(model: MorphableModel) -> sparse.csr_array:
+    """Which triangles (columns) meet in which vertex (rows)."""
+    corner, triangle = model.triangles.reshape(-1), np.repeat(np.arange(len(model.triangles)), 3)
+    ones = np.ones(len(corner), dtype=np.float32)
+    return sparse.csr_array((ones, (corner, triangle)), shape=(len(model.mean), len(model.triangles)))

@@ -1,0 +1,223 @@
+"""Folders become tables: complete, the same for any number of workers, hard to break."""
+
+import json
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import scipy.io
+
+from datagen.cli import main
+from datagen.faces.coefficient_summary import group_reasons, summarise_table
+from datagen.faces.conversion import FACES_PER_TASK, ConversionJob, ConversionSummary, convert
+from datagen.faces.sources import TableSource, W300LPFolder
+from pix2face.errors import UsageError
+from pix2face.face_files.coefficients import load_coefficients
+from pix2face.model_formats.bfm2009 import PUBLISHED_BASIS
+from pix2face.models.model_file import write_stored_model
+from pix2face.models.morphable_model import MorphableModel, load_model
+from tests.model_files import stored_small_head, write_small_head
+
+SIZE_PX = 60
+
+
+@pytest.fixture(scope="module")
+def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_small_head(tmp_path_factory.mktemp("model") / "model.h5")
+
+
+def write_face(path: Path, model: MorphableModel, seed: int, **changes: object) -> None:
+    """A file of AFLW2000-3D with its picture: the small head, a little out of shape."""
+    rng = np.random.default_rng(seed)
+    points = model.mean[model.landmarks["ibug68"]].astype(np.float64) + rng.normal(0, 1, (68, 3))
+    pixels = np.stack([points[:, 0] * 0.2 + 30.5, 30.5 - points[:, 1] * 0.2, points[:, 2] * 0.2])
+    fields: dict[str, object] = {
+        "Shape_Para": rng.normal(size=(199, 1)),
+        "Exp_Para": rng.normal(size=(29, 1)),
+        "Pose_Para": np.array([[0, 0, 0, 30, 30, 0, 0.0002]]),
+        "Illum_Para": rng.normal(size=(1, 10)),
+        "pt3d_68": pixels.astype(np.float32),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scipy.io.savemat(path, {**fields, **changes})
+    cv2.imwrite(str(path.with_suffix(".jpg")), np.full((SIZE_PX, SIZE_PX, 3), 99, np.uint8))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> Path:
+    """More faces than fit into two tasks, some bad, in nested folders with a landmark folder beside them."""
+    root, model = tmp_path_factory.mktemp("data"), load_model(model_path)
+    for index in range(2 * FACES_PER_TASK + 5):
+        write_face(root / ("AFW" if index % 2 else "AFW_Flip") / f"face_{index:04}.mat", model, index)
+    (root / "AFW" / "broken.mat").write_bytes(b"noise")
+    write_face(root / "AFW" / "alone.mat", model, 0)
+    (root / "AFW" / "alone.jpg").unlink()
+    (root / "landmarks" / "AFW").mkdir(parents=True)
+    scipy.io.savemat(root / "landmarks" / "AFW" / "face_0000_pts.mat", {"pts_3d": np.zeros((68, 2))})
+    return root
+
+
+@pytest.fixture(scope="module")
+def converted(
+    folder: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, ConversionSummary]:
+    out = tmp_path_factory.mktemp("out") / "faces.h5"
+    done: list[int] = []
+    summary = convert(ConversionJob(folder, "300wlp", str(model_path)), out, None, done.append)
+    assert sum(done) == 2 * FACES_PER_TASK + 7
+    return out, summary
+
+
+def test_the_table_holds_what_the_folder_gives(
+    converted: tuple[Path, ConversionSummary], folder: Path, model_path: Path
+) -> None:
+    out, summary = converted
+    model = load_model(model_path)
+    source, table = W300LPFolder(folder, model), TableSource(out, model)
+    bad = {"AFW/alone", "AFW/broken"}
+    assert table.sample_ids == tuple(name for name in source.sample_ids if name not in bad)
+    assert summary.n_faces == len(table.sample_ids) == 2 * FACES_PER_TASK + 5
+    assert "research use only" in table.licence
+    for index in (0, 70, 132):
+        found, expected = table.face(index), source.face(source.sample_ids.index(table.sample_ids[index]))
+        np.testing.assert_array_equal(found.identity, expected.identity)
+        np.testing.assert_array_equal(found.expression, expected.expression)
+        np.testing.assert_array_equal(found.camera.matrix, expected.camera.matrix)
+        np.testing.assert_allclose(found.lighting, expected.lighting, rtol=1e-6)
+        assert found.image_path is not None
+        assert expected.image_path is not None
+        assert found.image_path.samefile(expected.image_path)
+        assert found.attributes == expected.attributes == {"geometry": "fitted to pt3d_68"}
+
+
+def test_bad_files_are_listed_beside_the_table_and_in_it(converted: tuple[Path, ConversionSummary]) -> None:
+    out, summary = converted
+    lines = [json.loads(line) for line in (out.parent / "rejected.jsonl").read_text().splitlines()]
+    assert [line["sample_id"] for line in lines] == ["AFW/alone", "AFW/broken"]
+    assert "expected its picture alone.jpg" in lines[0]["reason"]
+    assert "expected a MAT 5 file" in lines[1]["reason"]
+    expected = tuple((line["sample_id"], line["reason"]) for line in lines)
+    assert load_coefficients(out).rejected == summary.rejected == expected
+
+
+def test_more_workers_give_the_same_bytes(
+    converted: tuple[Path, ConversionSummary], folder: Path, model_path: Path, tmp_path: Path
+) -> None:
+    # As deep as the other table, so that pictures have the same relative paths.
+    out = converted[0].parent.with_name("workers") / "faces.h5"
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+        convert(ConversionJob(folder, "300wlp", str(model_path)), out, executor, lambda n: None)
+    assert out.read_bytes() == converted[0].read_bytes()
+
+
+def test_with_bfm_the_coefficients_of_the_files_are_converted(folder: Path, tmp_path: Path) -> None:
+    stored = stored_small_head()
+    vertices = len(stored.mean)
+    bfm = replace(
+        stored,
+        identity_basis=np.zeros((199, vertices, 3), np.float32),
+        expression_basis=np.zeros((29, vertices, 3), np.float32),
+        named_expressions={},
+        published_basis=PUBLISHED_BASIS,
+        identity_unit=np.full(199, 4.0),
+        expression_unit=np.full(29, 0.5),
+    )
+    write_stored_model(bfm, tmp_path / "bfm.h5")
+    job = ConversionJob(folder, "300wlp", str(tmp_path / "bfm.h5"))
+    convert(job, tmp_path / "faces.h5", None, lambda n: None)
+    table = load_coefficients(tmp_path / "faces.h5")
+    file = scipy.io.loadmat(folder / f"{table.sample_ids[5]}.mat")
+    np.testing.assert_allclose(table.identity[5] * 4, file["Shape_Para"][:, 0], rtol=1e-6)
+    np.testing.assert_allclose(table.expression[5] * 0.5, file["Exp_Para"][:, 0], rtol=1e-6)
+
+
+def test_the_command_says_what_it_did(
+    folder: Path, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "faces.h5"
+    arguments = [
+        "coeffs",
+        "convert",
+        "--from",
+        str(folder),
+        "--model",
+        str(model_path),
+        "--out",
+        str(out),
+        "--workers",
+        "1",
+    ]
+    assert main(arguments) == 3
+    said = capsys.readouterr().err
+    assert "133 faces ->" in said
+    assert "2 rejected, listed in" in said
+    assert "1 x ... expected its picture alone.jpg beside it, found none" in said
+    assert f"datagen render --coeffs {out} --model {model_path}" in said
+    assert main([*arguments, "--max-rejected", "2"]) == 0
+    capsys.readouterr()
+    assert main(["coeffs", "info", str(out)]) == 0
+    shown = capsys.readouterr().out
+    for expected in (
+        "133 (133 with a photograph)",
+        "small synthetic head",
+        "identity RMS",
+        "60 x 60 px",
+        "10 numbers a face",
+    ):
+        assert expected in shown
+    assert main(["coeffs", "info", str(folder)]) == 0
+    shown = capsys.readouterr().out
+    for expected in ("133 with a picture, 2 that", "pt3d_68 in 133", "1 x ... expected its picture"):
+        assert expected in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["coeffs", "convert", "--from", "nothing", "--out", "a.h5"], "expected a folder of 300W-LP"),
+        (["coeffs", "convert", "--from", ".", "--out", "a.h5"], "expected .mat files"),
+        (["coeffs", "convert", "--from", ".", "--out", "a.csv"], "ending in .h5"),
+        (["coeffs", "convert", "--from", ".", "--out", "a.h5", "--workers", "0"], "at least one worker"),
+        (["coeffs", "info", "nothing"], "found nothing there"),
+        (["coeffs", "info", "."], "found none"),
+        (["fit", "--landmarks", "nothing", "--out", "a.h5"], "expected a folder of annotated photographs"),
+        (["fit", "--landmarks", ".", "--out", "a.h5"], "68 points each"),
+    ],
+)
+def test_wrong_calls_are_one_line(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_bad_files_alone_is_an_error_and_leaves_no_table(tmp_path: Path, model_path: Path) -> None:
+    (tmp_path / "face.mat").write_bytes(b"noise")
+    out = tmp_path / "out" / "faces.h5"
+    with pytest.raises(UsageError, match=r"expected at least one face that can be used.*MAT 5"):
+        convert(ConversionJob(tmp_path, "300wlp", str(model_path)), out, None, lambda n: None)
+    assert not out.exists()
+
+
+def test_reasons_are_grouped_whatever_file_they_name() -> None:
+    rejected = [(f"a/b_{i}", f"/data/a/b_{i}.mat: expected numbers") for i in range(3)] + [("c", "no picture of c")]
+    assert group_reasons(rejected) == (("... expected numbers", 3), ("no picture of ...", 1))
+
+
+def test_rare_poses_are_named(converted: tuple[Path, ConversionSummary]) -> None:
+    summary = summarise_table(load_coefficients(converted[0]))
+    assert summary.shares["yaw"]["-30..30°"] > 0.9
+    assert any(name.startswith("yaw 60..90°") for name in summary.rare)
+    assert sum(summary.shares["yaw"].values()) == pytest.approx(1)

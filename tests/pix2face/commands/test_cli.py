@@ -1,0 +1,307 @@
+"""``pix2face predict`` and ``pix2face fit`` from their arguments to files and exit status."""
+
+import json
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from skimage.data import astronaut
+
+from pix2face.commands.cli import main
+from pix2face.files.images import read_photograph
+from pix2face.geometry.camera import Camera, pinhole_of
+from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, crop_image, square_crop
+from pix2face.geometry.maps import FaceMaps, valid_pixels
+from pix2face.inference.predictor import Predictor
+from pix2face.models.morphable_model import MorphableModel, load_model
+from tests.model_files import write_small_head
+from tests.pix2face.photographs.seen_faces import (
+    HEIGHT_PX,
+    SIZE_PX,
+    WIDTH_PX,
+    PhotographedFace,
+    SureDetector,
+    exact_predictor,
+    photographed_face,
+    write_checkpoint,
+    write_picture,
+)
+
+DOCUMENTATION = Path(__file__).parents[3] / "docs" / "file_formats.md"
+FIT_FILES = (".json", ".obj", ".glb", "-points.ply", "-maps.png", "-overlay.jpg")
+PREDICT_FILES = (".npz", "-maps.png")
+
+Run = Callable[..., int]
+
+
+@pytest.fixture(scope="module")
+def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_small_head(tmp_path_factory.mktemp("model") / "head.h5")
+
+
+@pytest.fixture(scope="module")
+def model(model_path: Path) -> MorphableModel:
+    return load_model(model_path)
+
+
+@pytest.fixture(scope="module")
+def face(model: MorphableModel) -> PhotographedFace:
+    return photographed_face(model)
+
+
+@pytest.fixture
+def photograph(face: PhotographedFace, tmp_path: Path) -> Path:
+    return write_picture(tmp_path / "person.png", face.photograph())
+
+
+@pytest.fixture
+def exact(face: PhotographedFace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever checkpoint is named, its network sees the face exactly."""
+    use(exact_predictor(face.model, [face.maps()]), monkeypatch)
+
+
+@pytest.fixture
+def fit(exact: None, face: PhotographedFace, model_path: Path, tmp_path: Path) -> Run:
+    """Fits the photographs to ``out``, with the true box and a prior for exact maps."""
+
+    def run(*arguments: object, box: FaceBox | None = face.box) -> int:
+        where = ["--box", box.left, box.top, box.right, box.bottom] if box else []
+        options = ["--model", model_path, "--checkpoint", "any", "--regularisation", "1e-3", "--no-silhouette", *where]
+        return call("fit", *arguments, *options, "--out", tmp_path / "out")
+
+    return run
+
+
+@pytest.fixture
+def untrained(model: MorphableModel, tmp_path: Path) -> Path:
+    return write_checkpoint(tmp_path / "untrained.safetensors", model)
+
+
+def call(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+def use(predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Predictor, "load", lambda path, device=None: predictor)
+
+
+def written(folder: Path) -> set[str]:
+    return {entry.name for entry in folder.iterdir()}
+
+
+def documented_fields(heading: str) -> set[str]:
+    """The names in backquotes below a heading of docs/file_formats.md."""
+    section = DOCUMENTATION.read_text().split(f"## {heading}")[1].split("\n## ")[0].split("\n", 1)[1]
+    return set(re.findall(r"`(\w+)`", section))
+
+
+def test_predicted_maps_are_what_the_documentation_says(
+    exact: None, face: PhotographedFace, photograph: Path, tmp_path: Path
+) -> None:
+    box, out = face.box, tmp_path / "out"
+    where = ("--box", box.left, box.top, box.right, box.bottom)
+    assert call("predict", photograph, *where, "--checkpoint", "any", "--out", out) == 0
+    assert written(out) == {f"person{suffix}" for suffix in PREDICT_FILES}
+    with np.load(out / "person.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+    assert set(arrays) == documented_fields("Predicted maps")
+    true, inside = face.maps(), arrays["mask"]
+    np.testing.assert_array_equal(inside, valid_pixels(true.pncc, face.model.smallest_radius_mm))
+    assert 2000 < inside.sum() <= true.mask.sum()
+    for name in ("pncc", "offset"):
+        assert (arrays[name].dtype, arrays[name].shape) == (np.float32, (SIZE_PX, SIZE_PX, 3))
+        np.testing.assert_allclose(arrays[name][inside], getattr(true, name)[inside], atol=1e-4)
+        assert not arrays[name][~inside].any()
+    crop = square_crop(box, INFERENCE_SCALE, SIZE_PX)
+    np.testing.assert_array_equal(arrays["image_from_crop"], crop.image_from_crop)
+    picture = read_photograph(out / "person-maps.png")
+    assert picture.shape == (SIZE_PX, 3 * SIZE_PX, 3)
+    np.testing.assert_array_equal(picture[:, :SIZE_PX], crop_image(face.photograph(), crop))
+
+
+def test_a_fit_is_what_the_documentation_says(
+    fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path
+) -> None:
+    assert fit(photograph) == 0
+    out, model = tmp_path / "out", face.model
+    assert written(out) == {f"person{suffix}" for suffix in FIT_FILES}
+    found = json.loads((out / "person.json").read_text())
+    assert set(found) == documented_fields("Fit")
+    assert found["model"] == {"name": model.name, "sha256": model.sha256}
+    np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
+    np.testing.assert_allclose(found["identity"], face.identity, atol=0.1)
+    np.testing.assert_allclose(found["expression"], face.expression, atol=0.1)
+    for name, angle_deg in zip(
+        ("pitch", "yaw", "roll"), (face.pose.pitch_deg, face.pose.yaw_deg, face.pose.roll_deg), strict=True
+    ):
+        assert found["pose_deg"].pop(name) == pytest.approx(angle_deg, abs=0.2)
+    assert found["pose_deg"] == {}
+    assert found["px_per_mm"] == pytest.approx(0.7, rel=2e-3)
+    camera, landmarks3d = Camera(np.array(found["camera_matrix"])), np.array(found["landmarks3d_mm"])
+    np.testing.assert_allclose(camera.project(landmarks3d), found["landmarks2d_px"], atol=1e-6)
+
+
+@pytest.mark.parametrize("options", [(), ("--regularisation", "estimate")])
+def test_by_default_a_fit_is_for_predicted_maps(
+    exact: None, face: PhotographedFace, model_path: Path, photograph: Path, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    """Held to a mask that lacks its outermost pixel, and to the mean face: a little off on exact maps."""
+    where = ("--box", face.box.left, face.box.top, face.box.right, face.box.bottom, "--checkpoint", "any")
+    assert call("fit", photograph, "--model", model_path, *where, *options, "--out", tmp_path / "out") == 0
+    found = json.loads((tmp_path / "out" / "person.json").read_text())
+    distances = np.linalg.norm(np.array(found["landmarks2d_px"]) - face.landmarks2d, axis=1)
+    assert distances.mean() < 0.5
+    assert distances.max() < 1.5
+
+
+def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path) -> None:
+    assert fit(photograph) == 0
+    mesh = trimesh.load(tmp_path / "out" / "person.obj", process=False, maintain_order=True)
+    np.testing.assert_array_equal(mesh.faces, face.model.triangles)
+    assert np.linalg.norm(mesh.vertices - face.vertices, axis=1).max() < 0.5  # mm
+    cloud = trimesh.load(tmp_path / "out" / "person-points.ply")
+    inside = valid_pixels(face.maps().pncc, face.model.smallest_radius_mm)
+    crop = square_crop(face.box, INFERENCE_SCALE, SIZE_PX)
+    np.testing.assert_array_equal(cloud.colors[:, :3], crop_image(face.photograph(), crop)[inside])
+    np.testing.assert_allclose(cloud.vertices, (face.maps().pncc + face.maps().offset)[inside], atol=1e-3)
+    overlay = read_photograph(tmp_path / "out" / "person-overlay.jpg")
+    assert overlay.shape[2] == 3
+    assert overlay.std() > 20
+
+
+@pytest.mark.parametrize("kind", ["affine", "weak-perspective", "pinhole"])
+def test_every_camera_finds_the_landmarks(
+    fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path, kind: str
+) -> None:
+    assert fit(photograph, "--camera", kind) == 0
+    found = json.loads((tmp_path / "out" / "person.json").read_text())
+    np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.3)
+    if kind == "pinhole":
+        principal_point = pinhole_of(Camera(np.array(found["camera_matrix"]))).principal_point_px
+        np.testing.assert_allclose(principal_point, [WIDTH_PX / 2, HEIGHT_PX / 2], atol=1e-3)
+
+
+def test_no_face_is_one_line_and_the_rest_is_done(
+    untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    person = write_picture(tmp_path / "person.png", astronaut())
+    empty = write_picture(tmp_path / "sky.png", np.full((200, 300, 3), 128, np.uint8))
+    options = ("--largest", "--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
+    assert call("predict", empty, person, *options) == 3
+    assert written(tmp_path / "out") == {"person.npz", "person-maps.png"}
+    lines = capsys.readouterr().err.splitlines()
+    assert f"{empty}: no face found; say where it is with --box left top right bottom" in lines
+    assert f"photographs: 2, faces: 1 -> {tmp_path / 'out'}" in lines
+
+
+def test_photographs_that_cannot_be_read_do_not_end_the_run(
+    fit: Run, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken.jpg"
+    broken.write_bytes(b"\xff\xd8 no picture")
+    assert fit(broken, tmp_path / "nothing.png", tmp_path, photograph) == 3
+    assert written(tmp_path / "out") == {f"person{suffix}" for suffix in FIT_FILES}
+    error = capsys.readouterr().err
+    for name in (broken, tmp_path / "nothing.png", tmp_path):
+        assert sum(line.startswith(f"{name}: expected a picture") for line in error.splitlines()) == 1
+
+
+def test_a_box_beside_one_photograph_leaves_the_others(
+    fit: Run, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = write_picture(tmp_path / "small.png", np.zeros((20, 30, 3), np.uint8))
+    assert fit(small, photograph) == 3
+    assert f"{small}: --box lies beside the picture of 30 x 20 pixels" in capsys.readouterr().err.splitlines()
+    assert "person.json" in written(tmp_path / "out")
+
+
+def test_nothing_is_overwritten_whatever_the_names(fit: Run, face: PhotographedFace, tmp_path: Path) -> None:
+    names = ("a/x.png", "b/x.png", "x-001.png", "X-000.png", "y.png")
+    assert fit(*(write_picture(tmp_path / name, face.photograph()) for name in names)) == 0
+    fits = {name.removesuffix(".json") for name in written(tmp_path / "out") if name.endswith(".json")}
+    assert fits == {"x-000", "x-001", "x-001-2", "X-000-2", "y"}
+    assert len(written(tmp_path / "out")) == len(names) * len(FIT_FILES)
+
+
+@pytest.fixture
+def two_faces(model: MorphableModel, monkeypatch: pytest.MonkeyPatch) -> list[PhotographedFace]:
+    """Two faces, the first the larger one, are detected in every photograph."""
+    faces = [photographed_face(model, seed, centre) for seed, centre in ((1, (140, 100)), (2, (90, 120)))]
+    detector = SureDetector([face.box for face in faces])
+    monkeypatch.setattr("pix2face.api.open_detector", lambda name="lbp": detector)
+    return faces
+
+
+def test_several_faces_are_numbered(
+    two_faces: list[PhotographedFace], fit: Run, photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(exact_predictor(two_faces[0].model, [face.maps() for face in two_faces]), monkeypatch)
+    other = write_picture(tmp_path / "person-1.png", two_faces[0].photograph())
+    assert fit(photograph, other, "--no-refine", box=None) == 0
+    assert len(written(tmp_path / "out")) == 4 * len(FIT_FILES)
+    for index, face in enumerate(two_faces):
+        found = json.loads((tmp_path / "out" / f"person-{index}.json").read_text())
+        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
+
+
+def test_the_largest_face_alone_keeps_the_name(
+    two_faces: list[PhotographedFace], fit: Run, photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(exact_predictor(two_faces[0].model, [two_faces[0].maps()]), monkeypatch)
+    assert fit(photograph, "--largest", "--no-refine", box=None) == 0
+    assert written(tmp_path / "out") == {f"person{suffix}" for suffix in FIT_FILES}
+
+
+def test_a_face_that_cannot_be_fitted_leaves_the_other_one(
+    two_faces: list[PhotographedFace],
+    fit: Run,
+    photograph: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    zeros = np.zeros((SIZE_PX, SIZE_PX, 3), dtype=np.float32)
+    nothing = FaceMaps(zeros, zeros, np.zeros((SIZE_PX, SIZE_PX), dtype=bool))
+    use(exact_predictor(two_faces[0].model, [nothing, two_faces[1].maps()]), monkeypatch)
+    assert fit(photograph, "--no-refine", box=None) == 3
+    assert written(tmp_path / "out") == {f"person-1{suffix}" for suffix in FIT_FILES}
+    lines = capsys.readouterr().err.splitlines()
+    assert sum(line.startswith(f"{photograph}: expected maps with a face") for line in lines) == 1
+    assert any(line.startswith("photographs: 1, faces: 1 ") for line in lines)
+
+
+@pytest.mark.parametrize(
+    "name", ["[red]me[", "..", "a:smile:b", "tab\tline\nescape\x1b[31m", "-x", os.fsdecode(b"caf\xe9")]
+)
+def test_names_are_kept_in_files_and_shown_as_they_stand(
+    fit: Run, face: PhotographedFace, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    photograph = write_picture(tmp_path / "in" / f"{name}.png", face.photograph())
+    missing = tmp_path / f"{name}.png"
+    assert fit(photograph, missing) == 3
+    assert written(tmp_path / "out") == {f"{name}-000{suffix}" for suffix in FIT_FILES}
+    assert written(tmp_path) == {"in", "out"}
+    shown = name.translate({9: "\\t", 10: "\\n", 27: "\\x1b", 0xDCE9: "\\udce9"})
+    assert f"{tmp_path}/{shown}.png: expected a picture" in capsys.readouterr().err
+
+
+def test_the_checkpoint_trained_last_is_the_default(
+    photograph: Path, model: MorphableModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_checkpoint(tmp_path / "runs" / "tiny" / "checkpoint.safetensors", model)
+    assert call("predict", photograph, "--box", 80, 40, 200, 160) == 0
+    assert written(tmp_path / "out" / "predict") == {"person.npz", "person-maps.png"}
+
+
+def test_a_second_run_replaces_its_own_files_and_gives_the_same_bytes(
+    fit: Run, photograph: Path, tmp_path: Path
+) -> None:
+    assert fit(photograph) == 0
+    before = {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")}
+    assert fit(photograph) == 0
+    assert {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")} == before

@@ -1,0 +1,290 @@
+"""``pix2face track`` from end to end over drawn clips, with stand-ins for detector and network; and wrong calls."""
+
+import csv
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pix2face.commands.cli import main
+from pix2face.detectors import detection
+from pix2face.files.images import encode_image
+from pix2face.geometry.landmarks import read_pts
+from pix2face.inference.predictor import Predictor
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.tracking import track_cli, track_files
+from pix2face.tracking.video import OverlayVideo, open_frames
+from tests.pix2face.coloured_faces import (
+    HEIGHT_PX,
+    WIDTH_PX,
+    BlobDetector,
+    camera_at,
+    colour_predictor,
+    draw_faces,
+    true_landmarks,
+)
+from tests.synthetic_models import small_head_model
+
+N_FRAMES = 8
+CAMERAS = tuple(camera_at(50 + 4 * index, 60, yaw_deg=4.0 * index - 12) for index in range(N_FRAMES))
+
+
+@pytest.fixture(scope="module")
+def model() -> MorphableModel:
+    return small_head_model()
+
+
+@pytest.fixture(scope="module")
+def frames(model, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("frames")
+    for index, camera in enumerate(CAMERAS):
+        (folder / f"{index:04d}.png").write_bytes(encode_image(draw_faces(model, [camera])))
+    return folder
+
+
+@pytest.fixture
+def stand_ins(monkeypatch, model) -> None:
+    """The command opens the small head, a network that reads colours, and a detector of blobs."""
+    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: model)
+    monkeypatch.setattr(Predictor, "load", lambda path, device=None: colour_predictor(model))
+    monkeypatch.setattr(track_cli, "open_detector", lambda name: BlobDetector())
+
+
+def track(*arguments: object) -> int:
+    return main(["track", *(str(own) for own in arguments), "--checkpoint", "stand-in"])
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def landmarks_of(row: dict[str, str]) -> np.ndarray:
+    return np.array([[float(row[f"x{index}"]), float(row[f"y{index}"])] for index in range(68)])
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
+    assert track(frames, "--out", tmp_path, "--write", "csv,npz,pts,video", "--smoothing", "none") == 0
+    rows = rows_of(tmp_path / "landmarks.csv")
+    archive = np.load(tmp_path / "track.npz")
+    summary = json.loads((tmp_path / "track.json").read_text())
+    assert (summary["landmarks"], summary["silhouette"]) == ("model", True)
+    assert [int(row["frame"]) for row in rows] == archive["frame"].tolist() == list(range(N_FRAMES))
+    for index, (row, camera) in enumerate(zip(rows, CAMERAS, strict=True)):
+        truth = true_landmarks(model, camera)
+        assert np.abs(landmarks_of(row) - truth).max() < 0.3
+        np.testing.assert_allclose(archive["landmarks2d"][index], landmarks_of(row), atol=1e-3)
+        np.testing.assert_allclose(read_pts(tmp_path / "pts" / f"{index:06d}.pts"), landmarks_of(row), atol=2e-3)
+        assert float(row["yaw_deg"]) == pytest.approx(4 * index - 12, abs=0.5)
+        assert row["box"] == "detected"
+        assert row["fit"] == "fitted"
+        assert float(row["time_s"]) == pytest.approx(index / 25, abs=1e-4)
+    assert archive["landmarks3d"].shape == (N_FRAMES, 68, 3)
+    assert archive["identity"].tolist() == summary["faces"][0]["identity"]
+    assert str(archive["model_name"]) == model.name
+    (face,) = summary["faces"]
+    assert (face["frames"], face["frames_detected"], face["frames_carried"]) == (N_FRAMES, N_FRAMES, 0)
+    assert face["jitter_percent_raw"] == face["jitter_percent_smoothed"] > 0
+    overlay = list(open_frames(tmp_path / "overlay.mp4").frames())
+    assert len(overlay) == N_FRAMES
+    assert overlay[0].shape == (HEIGHT_PX, WIDTH_PX, 3)
+    original = cv2.cvtColor(cv2.imread(str(frames / "0000.png")), cv2.COLOR_BGR2RGB)
+    assert (np.abs(overlay[0].astype(int) - original).max(axis=2) > 60).sum() > 100  # dots
+    assert "jitter" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_a_video_and_a_pattern_give_what_the_folder_gives(tmp_path, frames):
+    with OverlayVideo(tmp_path / "a.mp4", 25) as video:
+        for image in open_frames(frames).frames():
+            video.write(image)
+    for name, source in (("f", frames), ("p", frames / "%04d.png"), ("v", tmp_path / "a.mp4")):
+        assert track(source, "--out", tmp_path / name, "--write", "csv") == 0
+    folder, pattern, film = (rows_of(tmp_path / name / "landmarks.csv") for name in "fpv")
+    assert folder == pattern
+    assert len(film) == N_FRAMES
+    for a, b in zip(folder, film, strict=True):  # colours, which are the geometry here, suffer from the codec
+        assert np.abs(landmarks_of(a) - landmarks_of(b)).mean() < 3
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_its_own_boxes_can_be_given_back(tmp_path, frames):
+    assert track(frames, "--out", tmp_path / "a", "--write", "csv") == 0
+    assert track(frames, "--out", tmp_path / "b", "--write", "csv", "--boxes", tmp_path / "a" / "boxes.csv") == 0
+    assert (tmp_path / "a" / "landmarks.csv").read_bytes() == (tmp_path / "b" / "landmarks.csv").read_bytes()
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_boxes_of_a_few_frames_lead_through_the_whole_clip(tmp_path, frames):
+    with OverlayVideo(tmp_path / "slow.mp4", 1) as video:  # a detector's face would be lost after two frames
+        for image in open_frames(frames).frames():
+            video.write(image)
+    assert track(frames, "--out", tmp_path / "a", "--write", "csv") == 0
+    lines = (tmp_path / "a" / "boxes.csv").read_text().splitlines()
+    some = tmp_path / "some.csv"
+    some.write_text("\n".join([lines[0], *(lines[1 + frame] for frame in (0, 3, 7))]))
+    assert track(tmp_path / "slow.mp4", "--out", tmp_path / "b", "--write", "csv", "--boxes", some) == 0
+    flags = [row["box"] for row in rows_of(tmp_path / "b" / "landmarks.csv")]
+    assert flags == ["detected" if frame in (0, 3, 7) else "interpolated" for frame in range(N_FRAMES)]
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_frames_without_a_detection_are_flagged(tmp_path, frames, monkeypatch):
+    monkeypatch.setattr(track_cli, "open_detector", lambda name: BlobDetector(missing=(0, 3, 4, 7)))
+    assert track(frames, "--out", tmp_path, "--write", "csv,npz") == 0
+    flags = [row["box"] for row in rows_of(tmp_path / "landmarks.csv")]
+    assert flags == ["held", "detected", "detected", "interpolated", "interpolated", "detected", "detected", "held"]
+    archive = np.load(tmp_path / "track.npz")
+    assert [str(archive["box_sources"][own]) for own in archive["box_source"]] == flags
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_all_faces_get_a_folder_each_and_one_overlay(tmp_path, model):
+    source = tmp_path / "frames"
+    source.mkdir()
+    for index in range(5):
+        image = draw_faces(model, [camera_at(40 + index, 50), camera_at(120, 70, scale=0.3)])
+        (source / f"{index}.png").write_bytes(encode_image(image))
+    assert track(source, "--out", tmp_path / "out", "--all-faces", "--smoothing", "spline") == 0
+    first, second = (rows_of(tmp_path / "out" / f"face-{index}" / "landmarks.csv") for index in range(2))
+    assert len(first) == len(second) == 5
+    assert abs(landmarks_of(first[0])[:, 0].mean() - 40) < 5
+    assert abs(landmarks_of(second[0])[:, 0].mean() - 120) < 5
+    assert len(list(open_frames(tmp_path / "out" / "overlay.mp4").frames())) == 5
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_files_are_open_while_their_face_is_in_the_picture(tmp_path, model, monkeypatch):
+    source, n_open, most = tmp_path / "frames", 0, 0
+    source.mkdir()
+    for index in range(12):  # three faces, one after the other
+        camera = camera_at(40, 50) if index // 4 != 1 else camera_at(120, 70, scale=0.3)
+        (source / f"{index}.png").write_bytes(encode_image(draw_faces(model, [camera])))
+    monkeypatch.setattr("pix2face.tracking.face_tracks.LONGEST_GAP_SECONDS", 0)
+    begin, end = track_files.GrowingNpz.__enter__, track_files.GrowingNpz.__exit__
+
+    def counted_begin(self):
+        nonlocal n_open, most
+        n_open += 1
+        most = max(most, n_open)
+        return begin(self)
+
+    def counted_end(self, *error):
+        nonlocal n_open
+        n_open -= 1
+        end(self, *error)
+
+    monkeypatch.setattr(track_files.GrowingNpz, "__enter__", counted_begin)
+    monkeypatch.setattr(track_files.GrowingNpz, "__exit__", counted_end)
+    assert track(source, "--out", tmp_path / "out", "--all-faces", "--write", "csv,npz", "--smoothing", "spline") == 0
+    assert [len(rows_of(path)) for path in sorted((tmp_path / "out").glob("face-*/landmarks.csv"))] == [4, 4, 4]
+    assert (n_open, most) == (0, 1)
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_a_clip_of_one_frame(tmp_path, model):
+    source = tmp_path / "frames"
+    source.mkdir()
+    (source / "0.png").write_bytes(encode_image(draw_faces(model, [camera_at(60, 60)])))
+    assert track(source, "--out", tmp_path / "out", "--smoothing", "spline") == 0
+    assert len(rows_of(tmp_path / "out" / "landmarks.csv")) == 1
+    assert json.loads((tmp_path / "out" / "track.json").read_text())["faces"][0]["jitter_percent_raw"] is None
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_a_face_cut_by_the_border_is_tracked(tmp_path, model):
+    source = tmp_path / "frames"
+    source.mkdir()
+    for index in range(4):
+        (source / f"{index}.png").write_bytes(encode_image(draw_faces(model, [camera_at(8 + index, 60)])))
+    assert track(source, "--out", tmp_path / "out", "--write", "csv") == 0
+    rows = rows_of(tmp_path / "out" / "landmarks.csv")
+    assert np.abs(landmarks_of(rows[0]) - true_landmarks(model, camera_at(8, 60))).max() < 2
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_a_tiny_face_is_tracked_with_a_warning(tmp_path, model, capsys):
+    source = tmp_path / "frames"
+    source.mkdir()
+    for index in range(4):
+        (source / f"{index}.png").write_bytes(encode_image(draw_faces(model, [camera_at(60, 60, scale=0.12)])))
+    assert track(source, "--out", tmp_path / "out", "--write", "csv") == 0
+    assert "px large; below 40" in capsys.readouterr().err
+    assert len(rows_of(tmp_path / "out" / "landmarks.csv")) == 4
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_no_face_in_the_whole_clip_is_one_error(tmp_path, capsys):
+    source = tmp_path / "frames"
+    source.mkdir()
+    for index in range(3):
+        (source / f"{index}.png").write_bytes(encode_image(np.zeros((40, 60, 3), dtype=np.uint8)))
+    assert track(source, "--out", tmp_path / "out") == 2
+    assert "expected a face, found none by the detector lbp-quick in 3 frames" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("stand_ins")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--write", "mov"], "expected --write of csv, npz, pts, video"),
+        (["--write", ","], "expected --write of"),
+        (["--detect-every", "0"], "expected --detect-every of 1 or more"),
+        (["--identity-frames", "0"], "expected --identity-frames of 1 or more"),
+        (["--regularisation", "-1"], "expected a positive --regularisation"),
+        (["--boxes", "none.csv"], "cannot read it"),
+    ],
+)
+def test_wrong_options_are_one_line(tmp_path, frames, capsys, options, words):
+    assert track(frames, "--out", tmp_path / "out", *options) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.usefixtures("stand_ins")
+@pytest.mark.parametrize("content", [b"", b"some text\n" * 100])
+def test_a_file_that_is_no_video_is_one_line(tmp_path, capfd, content):
+    (tmp_path / "a.mp4").write_bytes(content)
+    assert track(tmp_path / "a.mp4", "--out", tmp_path / "out") == 2
+    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("pix2face")]
+    assert len(lines) == 1
+    assert "expected a video" in lines[0]
+
+
+def test_an_unknown_detector_is_refused(tmp_path, frames, monkeypatch, model, capsys):
+    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: model)
+    monkeypatch.setattr(Predictor, "load", lambda path, device=None: colour_predictor(model))
+    assert track(frames, "--out", tmp_path, "--detector", "haar") == 2
+    assert f"expected a detector of {', '.join(detection.DETECTORS)}" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch, request):
+    written = []
+    original = track_cli.TrackFiles.write
+    # What a shell starts in the background ignores the signal, tests included.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
+
+    def write(self, face) -> None:
+        original(self, face)
+        written.append(face.box.frame)
+        if len(written) == 4:
+            assert threading.current_thread() is threading.main_thread()
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(track_cli.TrackFiles, "write", write)
+    assert track(frames, "--out", tmp_path, "--write", "csv,npz,video", "--smoothing", "none") == 130
+    assert 4 <= len(rows_of(tmp_path / "landmarks.csv")) < N_FRAMES
+    archive = np.load(tmp_path / "track.npz")
+    assert len(archive["landmarks2d"]) == len(rows_of(tmp_path / "landmarks.csv"))
+    assert json.loads((tmp_path / "track.json").read_text())["faces"][0]["frames"] >= 3
+    assert not list(tmp_path.glob(".*part"))
+    assert len(list(open_frames(tmp_path / "overlay.mp4").frames())) >= 3

@@ -1,0 +1,190 @@
+"""Network, file and oracle: what each says of a face, and what becomes of a face that it does not find."""
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pix2face.detectors.protocol import overlap
+from pix2face.errors import DegenerateGeometryError
+from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkItem
+from pix2face.evaluation.benchmarks.detection_boxes import DetectedBox
+from pix2face.evaluation.evaluator import Evaluator, evaluate_faces
+from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
+from pix2face.evaluation.subjects.subjects import NetworkSubject, OracleSubject, PredictionsSubject
+from pix2face.fitting.jaw_contour import JawContour
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.crops import FaceBox
+from tests.pix2face.benchmark_files import (
+    StubFit,
+    StubPrediction,
+    StubPredictor,
+    frontal_camera,
+    landmarks_of,
+    square_maps,
+)
+from tests.synthetic_models import small_head_model
+
+MODEL = small_head_model()
+TRUTH = landmarks_of(MODEL, frontal_camera())
+IN_CROP = StubPredictor().predict(FaceBox.around(TRUTH)).crop.to_crop(TRUTH)
+
+
+def face(name="face", **changes) -> BenchmarkFace:
+    facts = {"group": "ibug", "landmarks2d": TRUTH, "read_image": lambda: np.zeros((200, 200, 3), dtype=np.uint8)}
+    return BenchmarkFace(name=name, **{**facts, **changes})
+
+
+def perfect_fit(maps, centre):
+    return StubFit(IN_CROP)
+
+
+class StubDetector:
+    def __init__(self, *boxes):
+        self.boxes = list(boxes)
+
+    def detect(self, image):
+        return self.boxes
+
+
+def test_all_faces_of_a_batch_go_through_the_network_at_once():
+    class Counting(StubPredictor):
+        sizes = []
+
+        def predict_batch(self, faces):
+            self.sizes.append(len(faces))
+            return super().predict_batch(faces)
+
+    evaluator = Evaluator(MODEL, NetworkSubject(Counting(), perfect_fit), "box-sqrt")
+    items = [BenchmarkItem(f"{i}", partial(face, f"{i}")) for i in range(7)]
+    done = []
+    results, _ = evaluate_faces(items, evaluator, done.append, batch_size=3)
+    assert Counting.sizes == done == [3, 3, 1]
+    assert [result.name for result in results] == [str(i) for i in range(7)]
+    assert max(result.error() for result in results) < 1e-9
+
+
+def test_output_that_is_not_finite_is_a_face_that_was_not_found():
+    class Diverged(StubPrediction):
+        def check_finite(self):
+            raise DegenerateGeometryError("expected finite maps from the network")
+
+    class Predictor(StubPredictor):
+        def predict_batch(self, faces):
+            return [Diverged(own.maps, own.crop) for own in super().predict_batch(faces)]
+
+    (found,) = NetworkSubject(Predictor(), perfect_fit).find([face()])
+    assert found.landmarks2d is None
+    assert "finite maps" in found.failure
+
+
+def test_a_detector_decides_where_the_network_looks_and_its_misses_count():
+    true_box = FaceBox.around(TRUTH)
+    other = FaceBox(0, 0, 30, 30)
+    shifted = FaceBox(true_box.left + 5, true_box.top, true_box.right + 5, true_box.bottom)
+    looked_at = []
+
+    class Watching(StubPredictor):
+        def predict_batch(self, faces):
+            looked_at.extend(box for _, box in faces)
+            return super().predict_batch(faces)
+
+    def find(*boxes):
+        subject = NetworkSubject(Watching(), perfect_fit, DetectedBox(StubDetector(*boxes), "stub"))
+        return subject.find([face()])[0]
+
+    assert find(other, shifted).failure is None
+    assert looked_at == [shifted]
+    assert find(other).failure == "detector stub: 1 elsewhere"
+    assert find().failure == "detector stub: no face"
+    assert looked_at == [shifted]
+
+
+def test_a_miss_in_a_batch_leaves_the_others_in_their_places():
+    def rule(loaded):
+        if loaded.name == "b":
+            raise DegenerateGeometryError("none")
+        return FaceBox.around(loaded.landmarks2d)
+
+    found = NetworkSubject(StubPredictor(), perfect_fit, rule).find([face("a"), face("b"), face("c")])
+    assert [own.failure for own in found] == [None, "none", None]
+    assert all(own.failure == "none" for own in NetworkSubject(StubPredictor(), perfect_fit, rule).find([face("b")]))
+
+
+def test_overlap_is_common_over_covered_area():
+    box = FaceBox(0, 0, 10, 10)
+    assert overlap(box, FaceBox(5, 0, 15, 10)) == pytest.approx(1 / 3)
+    assert overlap(box, FaceBox(20, 0, 30, 10)) == 0
+    assert overlap(box, box) == 1
+    assert overlap(FaceBox(1, 1, 1, 1), FaceBox(1, 1, 1, 1)) == 0
+
+
+def test_faces_absent_from_a_file_or_nan_in_it_were_not_found(tmp_path):
+    landmarks2d = np.stack([TRUTH, np.full((68, 2), np.nan)])
+    file = PredictedLandmarks(source=tmp_path / "x.npz", names=("a", "b"), landmarks2d=landmarks2d)
+    subject = PredictionsSubject(file, {"a": 0, "b": 1})
+    results = Evaluator(MODEL, subject, "box-sqrt").evaluate([face("a"), face("b"), face("c")])
+    assert [result.error() for result in results] == [pytest.approx(0, abs=1e-9), math.inf, math.inf]
+    assert [result.failure for result in results] == [None, "NaN or infinity in x.npz", "absent from x.npz"]
+
+
+def test_poses_of_a_file_are_compared_with_the_true_ones(tmp_path):
+    pose = np.array([[1.0, -170.0, 3.0]])
+    file = PredictedLandmarks(source=tmp_path, names=("a",), landmarks2d=TRUTH[None], pose_deg=pose)
+    subject = PredictionsSubject(file, {"a": 0})
+    true = face("a", pose=HeadPose(0.0, 170.0, 5.0))
+    (result,) = Evaluator(MODEL, subject, "box-sqrt").evaluate([true])
+    np.testing.assert_allclose(result.pose_errors_deg.angles, [1, 20, -2])
+    found, expected = (rotation_of_pose(own) for own in (HeadPose(1.0, -170.0, 3.0), true.pose))
+    turn = Rotation.from_matrix(found @ expected.T).magnitude()
+    assert result.pose_errors_deg.rotation == pytest.approx(np.degrees(turn))
+
+
+def random_face(seed=0, yaw_deg=35.0):
+    random = np.random.default_rng(seed)
+    identity, expression = random.normal(0, 0.6, MODEL.n_identity), random.normal(0, 0.6, MODEL.n_expression)
+    rotation = rotation_of_pose(HeadPose(5.0, yaw_deg, -8.0))
+    camera = weak_perspective_camera(WeakPerspective(0.8, rotation, np.full(2, 100.0)))
+    vertices = MODEL.vertices(identity[None].astype(np.float32), expression[None].astype(np.float32))[0]
+    return camera.project(vertices[MODEL.landmarks["ibug68"]]), camera
+
+
+def test_the_oracle_comes_as_near_to_true_landmarks_as_the_model_can():
+    landmarks2d, _ = random_face()
+    true = face(landmarks2d=landmarks2d, pose=HeadPose(5.0, 35.0, -8.0))
+    (result,) = Evaluator(MODEL, OracleSubject(MODEL), "box-sqrt").evaluate([true])
+    assert result.error() < 0.25 * result.error("68", "baseline")
+    assert result.error() < 0.02
+    np.testing.assert_allclose(result.pose_errors_deg.angles, 0, atol=8)
+    assert result.pose_errors_deg.rotation < 12
+
+
+def test_the_oracle_lets_jaw_points_slide_where_the_outline_was_annotated():
+    _, camera = random_face(yaw_deg=45.0)
+    contour = JawContour.of(MODEL)
+    coefficients = np.zeros(MODEL.n_identity + MODEL.n_expression)
+    landmarks2d = camera.project(MODEL.mean[MODEL.landmarks["ibug68"]])
+    chosen = contour.outermost(camera, coefficients)
+    landmarks2d[:17] = camera.project(contour.mean[chosen])
+    true = face(landmarks2d=landmarks2d)
+    fixed, sliding = (
+        Evaluator(MODEL, OracleSubject(MODEL, slides_jaw), "box-sqrt").evaluate([true])[0].landmark_errors[:17].mean()
+        for slides_jaw in (False, True)
+    )
+    assert sliding < 0.5 * fixed
+
+
+def test_the_oracle_fits_true_maps_where_there_are_some():
+    empty = square_maps()
+    empty.mask[:] = False
+    (found,) = OracleSubject(MODEL).find([face(maps=empty)])
+    assert "only background" in found.failure
+
+
+def test_too_few_true_landmarks_for_the_oracle_are_said():
+    broken = np.full((68, 2), np.nan)
+    (found,) = OracleSubject(MODEL).find([face(landmarks2d=broken)])
+    assert found.landmarks2d is None
+    assert "landmarks" in found.failure

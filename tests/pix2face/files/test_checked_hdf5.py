@@ -1,0 +1,140 @@
+"""HDF5 files that point elsewhere or declare more than they hold."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from pix2face.errors import InputFileError
+from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_array, read_text
+from pix2face.models.morphable_model import load_model
+from tests.model_files import write_small_head
+
+
+def refused(path: Path, message: str) -> None:
+    with pytest.raises(InputFileError, match=message), open_hdf5(path):
+        pass
+
+
+def test_external_links_are_refused_by_name(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["secret"] = np.zeros(3)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["shape/model/mean"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/secret")
+    refused(tmp_path / "a.h5", "that /shape/model/mean links elsewhere")
+
+
+def test_soft_links_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["b"] = h5py.SoftLink("/nowhere")
+    refused(tmp_path / "a.h5", "that /b links elsewhere")
+
+
+def test_external_storage_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "passwords").write_bytes(bytes(80))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("mean", shape=(10,), dtype="f8", external=[(str(tmp_path / "passwords"), 0, 80)])
+    refused(tmp_path / "a.h5", "that mean is stored outside|that /mean is stored outside")
+
+
+def test_virtual_data_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["x"] = np.zeros(10)
+    layout = h5py.VirtualLayout(shape=(10,), dtype="f8")
+    layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "x", shape=(10,))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_virtual_dataset("mean", layout)
+    refused(tmp_path / "a.h5", "is stored outside")
+
+
+@pytest.mark.parametrize("chunks", [None, (1024,)])
+def test_declared_sizes_are_held_against_the_file(tmp_path: Path, chunks: tuple[int] | None) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        data = file.create_dataset("mean", shape=(10**13,), dtype="f8", chunks=chunks)
+        if chunks:
+            data[:1024] = 1.0
+    refused(tmp_path / "a.h5", "80000000000000 bytes declared")
+
+
+def test_compressed_arrays_within_reason_are_read(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("mean", data=np.zeros(10**6), compression="gzip", compression_opts=9)
+    with open_hdf5(tmp_path / "a.h5") as file:
+        assert read_array(file, "mean", tmp_path / "a.h5").sum() == 0
+
+
+def test_groups_that_contain_themselves_end(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("b")
+        group["b"] = group
+        file["c"] = file["/"]
+    with open_hdf5(tmp_path / "a.h5") as file:
+        assert "b" in file
+
+
+@pytest.mark.parametrize("name", ["nothing", "text", "group"])
+def test_what_is_no_array_of_numbers_is_refused(tmp_path: Path, name: str) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["text"] = "words"
+        file.create_group("group")
+    with (
+        pytest.raises(InputFileError, match=f"expected numbers at {name}"),
+        open_hdf5(tmp_path / "a.h5") as opened,
+    ):
+        read_array(opened, name, tmp_path / "a.h5")
+
+
+def test_the_projects_own_files_are_checked_too(tmp_path: Path) -> None:
+    path = write_small_head(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        del file["mean"]
+        file["mean"] = h5py.ExternalLink("/elsewhere.h5", "/mean")
+    with pytest.raises(InputFileError, match="links elsewhere"):
+        load_model(path)
+    path = write_small_head(tmp_path / "b.h5")
+    with h5py.File(path, "r+") as file:
+        file["polygons"][0, 0] = 10**6
+    with pytest.raises(InputFileError, match="tables fit its 2331 vertices"):
+        load_model(path)
+
+
+def test_text_of_fixed_length_comes_back(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, text in (("plain", "words"), ("empty", ""), ("wide", "Zhu & Büchse")):
+            file.attrs[name] = fixed_text(text)
+            file[name] = np.array([text.encode()])
+    with open_hdf5(tmp_path / "a.h5") as file:
+        assert [read_text(file.attrs, tmp_path, name) for name in ("plain", "empty", "wide")] == [
+            "words",
+            "",
+            "Zhu & Büchse",
+        ]
+        assert read_text(file["wide"], tmp_path) == "Zhu & Büchse"
+
+
+def test_text_of_variable_length_is_refused(tmp_path: Path) -> None:
+    """Its length is believed by the library: damaged, it ends the process (tests/fuzz_model_formats.py found one)."""
+    path = write_small_head(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["licence"] = "of variable length"
+        file["words"] = "of variable length"
+    with pytest.raises(InputFileError, match="expected text of fixed length at licence"):
+        load_model(path)
+    with (
+        pytest.raises(InputFileError, match="expected text of fixed length at /words"),
+        open_hdf5(path) as opened,
+    ):
+        read_text(opened["words"], path)
+
+
+def test_attributes_that_are_missing_or_no_text_are_named(tmp_path: Path) -> None:
+    path = write_small_head(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["licence"] = 3
+    with pytest.raises(InputFileError, match="fixed length at licence"):
+        load_model(path)
+    with h5py.File(path, "r+") as file:
+        del file.attrs["licence"]
+    with pytest.raises(InputFileError, match="expected text at licence"):
+        load_model(path)

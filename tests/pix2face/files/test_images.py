@@ -1,0 +1,168 @@
+"""Pictures as cameras, scanners and drawing programs leave them, read as people see them."""
+
+import os
+import socket
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pix2face.errors import InputFileError
+from pix2face.files.images import decode_image, encode_image, encode_photograph, read_bytes, read_photograph
+
+# Where each Exif orientation puts the picture on the screen, from the stored rows and columns.
+AS_SEEN = {
+    1: lambda stored: stored,
+    2: lambda stored: stored[:, ::-1],
+    3: lambda stored: stored[::-1, ::-1],
+    4: lambda stored: stored[::-1],
+    5: lambda stored: stored.transpose(1, 0, 2),
+    6: lambda stored: np.rot90(stored, -1),
+    7: lambda stored: stored[::-1, ::-1].transpose(1, 0, 2),
+    8: np.rot90,
+}
+
+
+def picture() -> np.ndarray:
+    """Blocks of different colours, coarse enough for JPEG; taller than wide."""
+    colours = np.array([[[230, 30, 30], [30, 200, 40]], [[20, 40, 220], [240, 240, 60]], [[0, 0, 0], [255, 255, 255]]])
+    return np.kron(colours, np.ones((16, 16, 1))).astype(np.uint8)
+
+
+def jpeg(image: np.ndarray) -> bytes:
+    return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+
+
+def with_orientation(content: bytes, orientation: int) -> bytes:
+    """A JPEG with an Exif segment that holds the orientation tag (0x0112) and nothing else."""
+    tag = b"\x01\x12" + b"\x00\x03" + b"\x00\x00\x00\x01" + bytes([0, orientation]) + b"\x00\x00"
+    tiff = b"MM\x00\x2a\x00\x00\x00\x08" + b"\x00\x01" + tag + b"\x00\x00\x00\x00"
+    body = b"Exif\x00\x00" + tiff
+    return content[:2] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + content[2:]
+
+
+def write(path: Path, image: np.ndarray) -> Path:
+    assert cv2.imwrite(str(path), image)
+    return path
+
+
+@pytest.mark.parametrize("orientation", AS_SEEN)
+def test_the_orientation_tag_is_applied_to_photographs(tmp_path: Path, orientation: int) -> None:
+    path = tmp_path / "photograph.jpg"
+    path.write_bytes(with_orientation(jpeg(picture()), orientation))
+    found, expected = read_photograph(path), AS_SEEN[orientation](picture())
+    assert found.shape == expected.shape
+    assert np.abs(found.astype(int) - expected).mean() < 4
+
+
+def test_the_orientation_tag_is_left_alone_where_coefficients_refer_to_stored_pixels() -> None:
+    plain = jpeg(picture())
+    np.testing.assert_array_equal(decode_image(with_orientation(plain, 6), "here"), decode_image(plain, "here"))
+
+
+def test_red_is_first(tmp_path: Path) -> None:
+    found = read_photograph(write(tmp_path / "picture.png", picture()[..., ::-1]))
+    np.testing.assert_array_equal(found, picture())
+    assert found.dtype == np.uint8
+
+
+def test_grey_becomes_three_equal_channels(tmp_path: Path) -> None:
+    grey = picture()[..., 1]
+    found = read_photograph(write(tmp_path / "grey.png", grey))
+    np.testing.assert_array_equal(found, np.repeat(grey[..., None], 3, axis=2))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".webp"])
+def test_alpha_is_dropped(tmp_path: Path, suffix: str) -> None:
+    opaque = np.dstack([picture()[..., ::-1], np.full(picture().shape[:2], 255, np.uint8)])
+    found = read_photograph(write(tmp_path / f"alpha{suffix}", opaque))
+    assert found.shape == picture().shape
+    assert np.abs(found.astype(int) - picture()).mean() < 2
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_16_bit_keeps_its_upper_8(tmp_path: Path, suffix: str, channels: int) -> None:
+    deep = (picture()[..., ::-1].astype(np.uint16) << 8) + 255
+    if channels == 4:
+        deep = np.dstack([deep, np.full(deep.shape[:2], 65535, np.uint16)])
+    expected = picture() if channels > 1 else np.repeat(picture()[..., 2:], 3, axis=2)
+    found = read_photograph(write(tmp_path / f"deep{suffix}", deep[..., 0] if channels == 1 else deep))
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_floating_point_is_taken_from_0_to_1(tmp_path: Path) -> None:
+    values = np.array([[[-1, 0, 0.5], [1, 2, 0.25]]], dtype=np.float32)
+    found = read_photograph(write(tmp_path / "float.tiff", values[..., ::-1]))
+    np.testing.assert_array_equal(found, [[[0, 0, 127], [255, 255, 63]]])
+
+
+def test_undefined_floating_point_is_black_or_clipped(tmp_path: Path) -> None:
+    values = np.array([[[np.nan, -np.inf, np.inf]]], dtype=np.float32)
+    found = read_photograph(write(tmp_path / "nan.tiff", values[..., ::-1]))
+    np.testing.assert_array_equal(found, [[[0, 0, 255]]])
+
+
+def test_a_grey_file_of_a_shard_becomes_rgb() -> None:
+    grey = cv2.imencode(".png", picture()[..., 0])[1].tobytes()
+    assert decode_image(grey, "here").shape == picture().shape
+
+
+def test_encoding_loses_nothing() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (17, 23, 3)).astype(np.uint8)
+    np.testing.assert_array_equal(decode_image(encode_image(image), "here"), image)
+
+
+@pytest.mark.parametrize("content", [b"", b"no picture", jpeg(picture())[:20], b"\x89PNG\r\n\x1a\n"])
+def test_what_is_no_picture_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "broken.jpg"
+    path.write_bytes(content)
+    with pytest.raises(InputFileError, match=rf"broken\.jpg: expected a picture .*found {len(content)} bytes"):
+        read_photograph(path)
+    with pytest.raises(InputFileError, match="sample 7: expected a picture"):
+        decode_image(content, "sample 7")
+
+
+def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match=r"nothing\.jpg: expected a picture, cannot read it \(No such file"):
+        read_photograph(tmp_path / "nothing.jpg")
+    with pytest.raises(InputFileError, match="expected a picture, found a folder; name the pictures in it"):
+        read_bytes(tmp_path)
+
+
+def test_photographs_are_encoded_as_jpeg_close_to_what_they_show() -> None:
+    x, y = np.meshgrid(np.arange(64), np.arange(48))
+    image = np.stack([4 * x, 5 * y, 128 + x - y], axis=-1).astype(np.uint8)
+    content = encode_photograph(image)
+    assert content.startswith(b"\xff\xd8")
+    assert encode_photograph(image) == content
+    assert np.abs(decode_image(content, "test").astype(float) - image).mean() < 2
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "socket"])
+def test_what_never_ends_is_refused_at_once(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "stream"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    else:
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(str(path))
+    with pytest.raises(InputFileError, match="stream: expected a picture, found a device, pipe or socket"):
+        read_photograph(path)
+
+
+def test_a_head_that_declares_more_than_memory_holds_is_named(tmp_path: Path) -> None:
+    size = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", size), (b"IDAT", zlib.compress(bytes(100))), (b"IEND", b""))
+    content = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
+    path = tmp_path / "bomb.png"
+    path.write_bytes(content)
+    with pytest.raises(InputFileError, match=r"bomb\.png: "):
+        read_photograph(path)

@@ -1,0 +1,106 @@
+"""Maps: fixed point, the mask of predicted pixels, the point cloud."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from pix2face.errors import InputFileError
+from pix2face.geometry.maps import (
+    FaceMaps,
+    fixed_point_to_maps,
+    map_picture,
+    point_cloud,
+    valid_pixels,
+)
+from pix2face.shards.layers import LAYERS, to_stored
+
+HALF_A_STEP_MM = 0.5 / 128
+LIMIT = float(np.nextafter(np.float32(LAYERS["pncc"].limit), np.float32(0)))  # the last float32 within the range
+
+
+@given(hnp.arrays(np.float32, (5, 4, 3), elements=st.floats(-LIMIT, LIMIT, width=32)))
+def test_fixed_point_is_at_most_half_a_step_off(values_mm: np.ndarray) -> None:
+    back = fixed_point_to_maps(to_stored(LAYERS["pncc"], values_mm))
+    assert back.dtype == np.float32
+    assert np.abs(back.astype(np.float64) - values_mm).max() <= HALF_A_STEP_MM
+
+
+@given(hnp.arrays(np.int16, (7, 2, 3), elements=st.integers(-32755, 32755)))
+def test_coding_twice_changes_nothing(steps: np.ndarray) -> None:
+    np.testing.assert_array_equal(to_stored(LAYERS["pncc"], fixed_point_to_maps(steps)), steps)
+
+
+@pytest.mark.parametrize("value", [256.0, -256.0, 3e4, np.inf, -np.inf, np.nan])
+def test_values_beyond_the_range_are_refused(value: float) -> None:
+    values = np.zeros((4, 4, 3), dtype=np.float32)
+    values[2, 1, 0] = value
+    with pytest.raises(InputFileError, match=r"within ±255\.9 mm, found .*are model and coefficients sound, in mm"):
+        to_stored(LAYERS["pncc"], values)
+
+
+def test_maps_without_a_pixel_are_coded_too() -> None:
+    assert to_stored(LAYERS["pncc"], np.zeros((0, 0, 3), dtype=np.float32)).shape == (0, 0, 3)
+
+
+def pncc_of_length(length_mm: np.ndarray) -> np.ndarray:
+    """A map whose points have the given distances from the origin, in various directions."""
+    direction = np.array([0.6, -0.48, 0.64])
+    return (length_mm[..., None] * direction).astype(np.float32)
+
+
+@pytest.mark.parametrize(("factor", "is_face"), [(0.0, False), (0.499, False), (0.501, True), (5.0, True)])
+def test_the_threshold_is_half_the_smallest_radius(factor: float, is_face: bool) -> None:
+    pncc = pncc_of_length(np.full((5, 6), factor * 80))
+    assert valid_pixels(pncc, 80.0)[1:-1, 1:-1].all() == is_face
+    assert valid_pixels(pncc, 80.0).any() == is_face
+
+
+def test_one_pixel_is_taken_off_where_the_face_ends_and_not_where_the_picture_does() -> None:
+    lengths = np.full((6, 9), 100.0)
+    assert valid_pixels(pncc_of_length(lengths), 60.0).all()
+    lengths[:, :2] = 20.0
+    expected = np.ones((6, 9), dtype=bool)
+    expected[:, :3] = False
+    np.testing.assert_array_equal(valid_pixels(pncc_of_length(lengths), 60.0), expected)
+
+
+@given(hnp.arrays(np.bool_, (9, 8)))
+def test_erosion_keeps_pixels_whose_eight_neighbours_are_face(far: np.ndarray) -> None:
+    padded = np.pad(far, 1, mode="edge")
+    neighbours = [padded[1 + dy : 10 + dy, 1 + dx : 9 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    found = valid_pixels(pncc_of_length(np.where(far, 100.0, 20.0)), 60.0)
+    np.testing.assert_array_equal(found, np.logical_and.reduce(neighbours))
+
+
+def test_undefined_predictions_are_no_face() -> None:
+    pncc = pncc_of_length(np.full((7, 7), 100.0))
+    pncc[3, 3, 1] = np.nan
+    found = valid_pixels(pncc, 60.0)
+    assert not found[2:5, 2:5].any()
+    assert found[1, 1]
+
+
+def test_the_cloud_is_the_mean_point_plus_its_offset_in_the_colour_of_its_pixel() -> None:
+    rng = np.random.default_rng(0)
+    mask = rng.random((6, 5)) < 0.4
+    pncc, offset = rng.normal(0, 50, (2, 6, 5, 3)).astype(np.float32)
+    image = rng.integers(0, 256, (6, 5, 3)).astype(np.uint8)
+    points, colours = point_cloud(FaceMaps(pncc, offset, mask), image)
+    expected = [(pncc[i, j] + offset[i, j], image[i, j]) for i in range(6) for j in range(5) if mask[i, j]]
+    assert len(points) == mask.sum() > 3
+    np.testing.assert_array_equal(points, [point for point, _ in expected])
+    np.testing.assert_array_equal(colours, [colour for _, colour in expected])
+
+
+def test_the_cloud_of_no_face_is_empty() -> None:
+    zeros = np.zeros((4, 4, 3), dtype=np.float32)
+    points, colours = point_cloud(FaceMaps(zeros, zeros, np.zeros((4, 4), bool)), zeros.astype(np.uint8))
+    assert points.shape == colours.shape == (0, 3)
+
+
+def test_a_map_picture_shows_x_y_z_as_red_green_blue_and_grey_outside() -> None:
+    values = np.array([[[-20, 0, 20], [-99, 99, 10], [20, 20, 20]]], dtype=np.float32)
+    picture = map_picture(values, np.array([[True, True, False]]), 20.0)
+    np.testing.assert_array_equal(picture, [[[0, 127, 255], [0, 255, 191], [128, 128, 128]]])

@@ -1,0 +1,183 @@
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.inference.checkpoint import (
+    METADATA_KEY,
+    SCHEMA_VERSION,
+    CheckpointHeader,
+    load_checkpoint,
+    save_checkpoint,
+)
+from pix2face.networks.paper import UNet, paper_widths
+from pix2face.networks.residual import ResidualUNet, residual_widths
+
+HEADER = CheckpointHeader(
+    model_name="small head",
+    model_sha256="a" * 64,
+    size_px=16,
+    widths=paper_widths(16, 4),
+    pncc_scale_mm=133.25,
+    offset_scale_mm=30.0,
+    smallest_radius_mm=61.5,
+    licence="CC0-1.0",
+    configuration='{"seed": 0}',
+    epoch=3,
+)
+
+
+@pytest.fixture
+def checkpoint(tmp_path: Path) -> Path:
+    save_checkpoint(tmp_path / "new" / "checkpoint.safetensors", HEADER, UNet(16, 4))
+    return tmp_path / "new" / "checkpoint.safetensors"
+
+
+def test_header_and_weights_come_back(tmp_path):
+    torch.manual_seed(1)
+    network, picture = UNet(16, 4), torch.rand(1, 3, 16, 16) - 0.5
+    save_checkpoint(tmp_path / "c.safetensors", HEADER, network)
+    header, loaded = load_checkpoint(tmp_path / "c.safetensors")
+    assert header == HEADER
+    assert not loaded.training
+    torch.testing.assert_close(loaded(picture), network(picture), rtol=0, atol=0)
+
+
+def test_nothing_but_the_checkpoint_is_left_in_its_folder(checkpoint):
+    assert list(checkpoint.parent.iterdir()) == [checkpoint]
+
+
+def test_any_safetensors_library_reads_it(checkpoint):
+    tensors = load_file(checkpoint)
+    assert tensors["encoder.0.weight"].shape == (4, 3, 4, 4)
+
+
+def test_a_failed_write_keeps_the_old_file(checkpoint, monkeypatch):
+    def fail(*arguments: object, **options: object) -> None:
+        raise OSError("disk full")
+
+    before = checkpoint.read_bytes()
+    monkeypatch.setattr("pix2face.inference.checkpoint.save_file", fail)
+    with pytest.raises(OSError, match="disk full"):
+        save_checkpoint(checkpoint, HEADER, UNet(16, 4))
+    assert checkpoint.read_bytes() == before
+    assert list(checkpoint.parent.iterdir()) == [checkpoint]
+
+
+@pytest.mark.parametrize("kept", [0, 5, 100, 0.5, 0.999])
+def test_a_truncated_file_is_refused(checkpoint, kept):
+    content = checkpoint.read_bytes()
+    checkpoint.write_bytes(content[: int(kept * len(content)) if isinstance(kept, float) else kept])
+    with pytest.raises(InputFileError, match=r"checkpoint\.safetensors: expected a complete safetensors file"):
+        load_checkpoint(checkpoint)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputFileError, match=r"expected a checkpoint, found a folder; training writes .*/checkpoint\."):
+        load_checkpoint(tmp_path)
+    with pytest.raises(InputFileError, match=r"none\.safetensors: no such file; `train"):
+        load_checkpoint(tmp_path / "none.safetensors")
+
+
+def test_a_foreign_file_is_refused(tmp_path):
+    (tmp_path / "pickle.pt").write_bytes(b"\x80\x02}q\x00." * 40)
+    with pytest.raises(InputFileError, match="expected a complete safetensors file"):
+        load_checkpoint(tmp_path / "pickle.pt")
+    save_file({"weight": torch.zeros(1)}, tmp_path / "other.safetensors", metadata={"format": "pt"})
+    with pytest.raises(InputFileError, match="expected pix2face-checkpoint in the safetensors header, found format"):
+        load_checkpoint(tmp_path / "other.safetensors")
+
+
+def test_a_checkpoint_of_the_first_schema_is_read(checkpoint):
+    fields = asdict(HEADER) | {"schema_version": 1, "filters": 4}
+    for name in ("widths", "samples", "architecture", "planes"):
+        del fields[name]
+    save_file(load_file(checkpoint), checkpoint, metadata={METADATA_KEY: json.dumps(fields)})
+    header, network = load_checkpoint(checkpoint)
+    assert header == HEADER
+    assert network(torch.zeros(1, 3, 16, 16)).shape == (1, 6, 16, 16)
+
+
+@pytest.mark.parametrize("planes", [6, 7, 8])
+def test_the_residual_network_comes_back(tmp_path, planes):
+    torch.manual_seed(0)
+    widths = residual_widths(2)
+    header = replace(HEADER, architecture="residual", size_px=64, widths=widths, planes=planes, samples=77)
+    network = ResidualUNet(widths, planes)
+    network(torch.rand(2, 3, 64, 64))  # moves the statistics of its norms
+    save_checkpoint(tmp_path / "c.safetensors", header, network.eval())
+    found, loaded = load_checkpoint(tmp_path / "c.safetensors")
+    picture = torch.rand(1, 3, 64, 64) - 0.5
+    assert found == header
+    torch.testing.assert_close(loaded(picture), network(picture), rtol=0, atol=0)
+
+
+def test_a_checkpoint_of_half_the_size_computes_in_float32(tmp_path):
+    torch.manual_seed(0)
+    widths = residual_widths(2)
+    header, network = replace(HEADER, architecture="residual", size_px=64, widths=widths), ResidualUNet(widths)
+    sizes, planes = [], []
+    for precision in (torch.float32, torch.float16):
+        path = tmp_path / f"{precision}.safetensors"
+        save_checkpoint(path, header, network.eval(), precision)
+        loaded = load_checkpoint(path)[1]
+        assert all(tensor.dtype in (torch.float32, torch.int64) for tensor in loaded.state_dict().values())
+        sizes.append(path.stat().st_size)
+        planes.append(loaded(torch.zeros(1, 3, 64, 64) + 0.1))
+    assert sizes[1] < 0.6 * sizes[0]
+    assert not torch.equal(*planes)
+    torch.testing.assert_close(*planes, rtol=1e-2, atol=1e-2 * float(planes[0].detach().abs().max()))
+
+
+@pytest.mark.parametrize("header", ["[]", "{", "{}", '{"schema_version": "x"}'])
+def test_a_header_that_is_none_is_refused(tmp_path, header):
+    save_file({"weight": torch.zeros(1)}, tmp_path / "c.safetensors", metadata={METADATA_KEY: header})
+    with pytest.raises(InputFileError, match="expected pix2face-checkpoint"):
+        load_checkpoint(tmp_path / "c.safetensors")
+
+
+def test_a_newer_schema_is_refused(tmp_path):
+    path = tmp_path / "c.safetensors"
+    save_checkpoint(path, replace(HEADER, schema_version=SCHEMA_VERSION + 1), UNet(16, 4))
+    with pytest.raises(InputFileError, match=rf"schema {SCHEMA_VERSION + 1} is newer than {SCHEMA_VERSION}.*upgrade"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"widths": (8, 16, 32, 64)},
+        {"widths": ()},
+        {"widths": None},
+        {"size_px": 32},
+        {"size_px": 17},
+        {"nonsense": 1},
+        {"planes": 8},
+        {"planes": 9},
+        {"architecture": "residual"},
+        {"architecture": "transformer"},
+    ],
+)
+def test_a_header_that_does_not_fit_the_weights_is_refused(checkpoint, change):
+    header = {name: getattr(HEADER, name) for name in HEADER.__dataclass_fields__} | change
+    save_file(load_file(checkpoint), checkpoint, metadata={METADATA_KEY: json.dumps(header)})
+    with pytest.raises(InputFileError, match="header and weights do not make a network"):
+        load_checkpoint(checkpoint)
+
+
+def test_another_model_is_refused_and_both_are_named():
+    HEADER.check_model("the same under another name", "a" * 64)
+    with pytest.raises(ModelMismatchError, match=r"'small head' \(aaaaaaaaaaaa\).*'big head' \(bbbbbbbbbbbb\)"):
+        HEADER.check_model("big head", "b" * 64)
+
+
+def test_statistics_of_norms_do_not_overflow_in_a_checkpoint_of_half_the_size(tmp_path):
+    widths = residual_widths(2)
+    header, network = replace(HEADER, architecture="residual", size_px=64, widths=widths), ResidualUNet(widths)
+    network.stem_norm.running_var.fill_(1e5)  # float16 ends at 65,504
+    save_checkpoint(tmp_path / "half.safetensors", header, network.eval(), torch.float16)
+    assert (load_checkpoint(tmp_path / "half.safetensors")[1].stem_norm.running_var == 1e5).all()

@@ -1,0 +1,132 @@
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pix2face.geometry.crops import FaceBox, crop_image, square_crop
+from pix2face.inference.checkpoint import CheckpointHeader, save_checkpoint
+from pix2face.inference.predictor import Predictor
+from pix2face.networks.paper import UNet, paper_widths
+
+HEADER = CheckpointHeader(
+    model_name="small head",
+    model_sha256="a" * 64,
+    size_px=32,
+    widths=paper_widths(32, 4),
+    pncc_scale_mm=120.0,
+    offset_scale_mm=20.0,
+    smallest_radius_mm=60.0,
+    licence="CC0-1.0",
+    configuration="{}",
+    epoch=1,
+)
+BOX = FaceBox(20, 30, 80, 90)
+
+
+def disc_network(image: Tensor) -> Tensor:
+    """Says that a disc in the middle is face, at PNCC (0, 0, 0.75) and offset (the picture)."""
+    size = image.shape[-1]
+    row, column = torch.meshgrid(torch.arange(size), torch.arange(size), indexing="ij")
+    inside = ((row - size / 2) ** 2 + (column - size / 2) ** 2 < (size / 3) ** 2).float()
+    pncc = torch.stack([0 * inside, 0 * inside, 0.75 * inside]).expand(len(image), 3, size, size)
+    return torch.cat([pncc, image], dim=1)
+
+
+def picture(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, size=(100, 110, 3)).astype(np.uint8)
+
+
+def test_planes_become_millimetres_inside_the_mask_and_zero_outside():
+    prediction = Predictor(disc_network, HEADER).predict(picture(), BOX)
+    maps = prediction.maps
+    assert 0.2 < maps.mask.mean() < 0.35
+    np.testing.assert_allclose(maps.pncc[maps.mask], np.tile([0, 0, 90.0], (maps.mask.sum(), 1)))
+    assert not maps.pncc[~maps.mask].any()
+    assert not maps.offset[~maps.mask].any()
+    # The stub hands its input through as offset: it must be the crop, from -0.5 to 0.5, in RGB order.
+    crop = square_crop(BOX, 1.4, 32)
+    np.testing.assert_array_equal(prediction.crop.image_from_crop, crop.image_from_crop)
+    expected = (crop_image(picture(), crop).astype(np.float32) / 255 - 0.5) * 20
+    np.testing.assert_allclose(maps.offset[maps.mask], expected[maps.mask], atol=1e-5)
+
+
+def test_the_threshold_is_half_the_smallest_radius():
+    def constant(value: float) -> Predictor:
+        return Predictor(lambda image: torch.full((len(image), 6, 32, 32), value / 120.0), HEADER)
+
+    radius = 30 / np.sqrt(3)
+    # The border of the picture is none of the face.
+    assert constant(radius * 1.01).predict(picture(), BOX).maps.mask.all()
+    assert not constant(radius * 0.99).predict(picture(), BOX).maps.mask.any()
+    assert not constant(float("nan")).predict(picture(), BOX).maps.mask.any()
+
+
+def test_maps_say_where_the_photograph_has_ended():
+    predict = Predictor(disc_network, HEADER).predict
+    assert predict(picture(), FaceBox(20, 20, 80, 80)).maps.in_photograph is None
+    shown = predict(picture(), FaceBox(70, 30, 130, 90)).maps.in_photograph
+    assert shown is not None
+    assert shown[:, 0].any()
+    assert not shown[:, -1].any()
+
+
+def test_a_network_that_knows_its_masks_is_believed():
+    def with_masks(image: Tensor) -> Tensor:
+        size = image.shape[-1]
+        column = torch.arange(size).expand(len(image), 1, size, size).float()
+        everywhere = torch.full((len(image), 6, size, size), 1e-3)  # far below the radius: as background
+        return torch.cat([everywhere, 20 - column, column - 9], dim=1)
+
+    predict = Predictor(with_masks, replace(HEADER, planes=8)).predict
+    prediction = predict(picture(), BOX)
+    columns = np.flatnonzero(prediction.maps.mask.any(axis=0))
+    assert (columns.min(), columns.max()) == (0, 18)  # below 20, eroded by one pixel where the face ends
+    assert prediction.maps.seen is not None
+    columns = np.flatnonzero(prediction.maps.seen.any(axis=0))
+    assert (columns.min(), columns.max()) == (10, 18)
+    assert (
+        Predictor(lambda image: with_masks(image)[:, :7], replace(HEADER, planes=7)).predict(picture(), BOX).maps.seen
+        is None
+    )
+
+
+def test_a_batch_is_the_same_as_its_faces_one_by_one():
+    torch.manual_seed(2)
+    predictor = Predictor(UNet(32, 4).eval(), HEADER)
+    faces = [(picture(0), BOX), (picture(1)[:70], FaceBox(5, 5, 40, 60)), (picture(0), FaceBox(0, 0, 110, 100))]
+    batch = predictor.predict_batch(faces)
+    for together, (image, box) in zip(batch, faces, strict=True):
+        alone = predictor.predict(image, box)
+        np.testing.assert_array_equal(together.crop.image_from_crop, alone.crop.image_from_crop)
+        np.testing.assert_allclose(together.maps.pncc, alone.maps.pncc, atol=1e-3)
+        np.testing.assert_array_equal(together.maps.mask, alone.maps.mask)
+    assert predictor.predict_batch([]) == []
+
+
+def test_a_checkpoint_becomes_a_predictor(tmp_path):
+    torch.manual_seed(3)
+    network = UNet(32, 4)
+    save_checkpoint(tmp_path / "c.safetensors", HEADER, network)
+    loaded = Predictor.load(tmp_path / "c.safetensors", device="cpu")
+    assert loaded.header == HEADER
+    expected = Predictor(network.eval(), HEADER).predict(picture(), BOX)
+    np.testing.assert_array_equal(loaded.predict(picture(), BOX).maps.pncc, expected.maps.pncc)
+
+
+@pytest.mark.parametrize("module", ["pix2face.inference.predictor"])
+def test_inference_loads_no_hdf5_no_gl_and_no_training(module):
+    assert not _loaded_by(module) & {"h5py", "moderngl", "glcontext", "datagen", "training", "matplotlib", "skimage"}
+
+
+def test_the_test_above_can_fail():
+    assert "h5py" in _loaded_by("pix2face.shards.shard_reader")
+
+
+def _loaded_by(module: str) -> set[str]:
+    code = f"import sys, {module}; print(*sorted(name for name in sys.modules if '.' not in name))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(run.stdout.split())

@@ -1,0 +1,79 @@
+import shutil
+import time
+from dataclasses import replace
+
+import h5py
+import pytest
+import torch
+
+from pix2face.errors import InputFileError, UsageError
+from tests.training.data.test_dataset import RECIPE, assert_same
+from training.data.batches import Batch
+from training.data.loader import BatchLoader
+from training.data.shard_index import index_shards
+
+
+@pytest.fixture
+def shards(shards_dir):
+    return index_shards([shards_dir])
+
+
+def joined(batches: list[Batch]) -> Batch:
+    return Batch(
+        **{
+            name: torch.cat([getattr(batch, name) for batch in batches]) for name in ("image", "pncc", "offset", "mask")
+        },
+        seen=None,
+    )
+
+
+def test_worker_processes_and_their_cache_change_nothing(shards):
+    alone = BatchLoader(shards, RECIPE, workers=0, cache_bytes=0)
+    shared = BatchLoader(shards, RECIPE, workers=2, cache_bytes=10**7)
+    for first_draw in (12, 0):
+        expected, found = (joined(list(loader.batches(first_draw, 4))) for loader in (alone, shared))
+        assert len(expected) == 8
+        assert_same(expected, found)
+
+
+def test_a_training_goes_on_at_any_draw(shards):
+    loader = BatchLoader(shards, RECIPE, workers=0, cache_bytes=0)
+    whole = joined(list(loader.batches(0, 6)))
+    assert_same(whole.rows(6, 12), joined(list(loader.batches(6, 3))))
+
+
+def test_machines_share_the_batches_of_one(shards):
+    recipe = replace(RECIPE, batch_size=4)
+    whole = list(BatchLoader(shards, recipe, workers=0, cache_bytes=0).batches(8, 2))
+    parts = [
+        list(BatchLoader(shards, recipe, workers=0, cache_bytes=0, rank=rank, n_ranks=2).batches(8, 2))
+        for rank in range(2)
+    ]
+    for batch in range(2):
+        assert_same(whole[batch], joined([parts[0][batch], parts[1][batch]]))
+    with pytest.raises(UsageError, match="3 processes can share, found 4 pictures a batch"):
+        BatchLoader(shards, recipe, workers=0, cache_bytes=0, rank=0, n_ranks=3)
+
+
+def test_the_time_that_the_trainer_waits_is_counted_and_its_own_is_not(shards):
+    loader = BatchLoader(shards, RECIPE, workers=0, cache_bytes=0)
+    began = time.perf_counter()
+    for _ in loader.batches(0, 3):
+        time.sleep(0.1)
+    assert 0 < loader.wait_seconds <= time.perf_counter() - began - 0.3
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_damaged_sample_is_named_in_one_line(shards_dir, tmp_path, workers):
+    shutil.copytree(shards_dir, tmp_path / "shards")
+    path = tmp_path / "shards" / "shard-000001.h5"
+    with h5py.File(path, "r") as file:
+        offset = file["pncc"].id.get_chunk_info(1).byte_offset
+    content = bytearray(path.read_bytes())
+    content[offset + 40] ^= 0xFF
+    path.write_bytes(content)
+    loader = BatchLoader(index_shards([tmp_path / "shards"]), RECIPE, workers=workers, cache_bytes=0)
+    with pytest.raises(
+        InputFileError, match=r"^[^\n]*shard-000001\.h5: sample 'head-004' is damaged \([^\n]*`datagen v[^\n]*$"
+    ):
+        list(loader.batches(0, 5))

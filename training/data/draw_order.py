@@ -1,0 +1,108 @@
+"""Which sample each draw of a training takes.
+
+Draws are numbered from 0, without end. What draw n is depends on the seed and on n alone: not on the number of worker
+processes or machines, nor on where a training was interrupted.
+"""
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import final
+
+import numpy as np
+from jaxtyping import Int64
+from numpy import ndarray
+from torch.utils.data import Sampler
+
+from pix2face.errors import UsageError
+from training.data.shard_index import SampleSet
+
+# First word of the seeds of the two independent random streams.
+ORDER_STREAM, JITTER_STREAM = 0, 1
+
+
+@final
+class DrawOrder:
+    """The order in which the samples of some sets are taken.
+
+    Within a set every sample is taken once before any is taken again, in a new order in each pass. Between sets draws
+    alternate as evenly as their weights allow: of the first n draws, for any n, a set has its share to within one draw
+    (for each set before it).
+
+    Args:
+        sets: The samples of each set, and its weight.
+        seed: Of the orders.
+    """
+
+    def __init__(self, sets: Sequence[SampleSet], seed: int) -> None:
+        self._sets = sets
+        self._seed = seed
+        weights = [Fraction(found.weight) for found in sets]
+        # The share of a set among itself and those that come after it.
+        self._shares = [weight / sum(weights[number:]) for number, weight in enumerate(weights)]
+        self._passes: list[tuple[int, Int64[ndarray, " n"]] | None] = [None] * len(sets)
+
+    def sample_of(self, draw: int) -> int:
+        """The number of the sample that a draw takes."""
+        number = 0
+        while number + 1 < len(self._sets):
+            before, with_this = (_drawn(count, self._shares[number]) for count in (draw, draw + 1))
+            if with_this > before:
+                draw = before
+                break
+            draw -= before
+            number += 1
+        samples = self._sets[number].samples
+        turn, place = divmod(draw, len(samples))
+        return int(samples[self._pass(number, turn)[place]])
+
+    def _pass(self, number: int, turn: int) -> Int64[ndarray, " n"]:
+        """The order of a pass over a set; only the last one is kept."""
+        known = self._passes[number]
+        if known is None or known[0] != turn:
+            seed = [ORDER_STREAM, self._seed, turn, *([number] if number else [])]
+            known = turn, np.random.default_rng(seed).permutation(len(self._sets[number].samples))
+            self._passes[number] = known
+        return known[1]
+
+
+@final
+class DrawBatches(Sampler[list[int]]):
+    """Batches of consecutive draws, those of one machine of some; ``plan`` says which.
+
+    Args:
+        batch_size: Draws of a batch, over all machines.
+        rank: Of this machine, from 0.
+        n_ranks: How many machines there are.
+
+    Raises:
+        UsageError: A batch cannot be divided among them.
+    """
+
+    def __init__(self, batch_size: int, rank: int = 0, n_ranks: int = 1) -> None:
+        if batch_size % n_ranks:
+            raise UsageError(
+                f"expected batches that {n_ranks} processes can share, found {batch_size} pictures a batch; give a "
+                f"multiple of {n_ranks}"
+            )
+        self._batch_size = batch_size
+        self._rank = rank
+        self._n_ranks = n_ranks
+        self.plan(0, 0)
+
+    def plan(self, first_draw: int, n_batches: int) -> None:
+        """Says what the next iteration gives: a number of batches from a draw on."""
+        self._first_draw, self._n_batches = first_draw, n_batches
+
+    def __len__(self) -> int:
+        return self._n_batches
+
+    def __iter__(self) -> Iterator[list[int]]:
+        own = self._batch_size // self._n_ranks
+        for batch in range(self._n_batches):
+            first = self._first_draw + batch * self._batch_size + self._rank * own
+            yield list(range(first, first + own))
+
+
+def _drawn(n: int, share: Fraction) -> int:
+    """How many of the first n draws go to a set of this share: n times it, rounded to the nearest."""
+    return int((2 * n * share.numerator + share.denominator) // (2 * share.denominator))

@@ -1,0 +1,191 @@
+"""A network that learns: one call, one step."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import chain
+from typing import final
+
+import torch
+from torch import Tensor, nn
+
+from pix2face.errors import Pix2FaceError
+from pix2face.networks.architectures import build_network
+from training.data.batches import Batch, network_input
+from training.loop.ema import RunningMean
+from training.loop.losses import LossPlan
+from training.loop.processes import Processes
+from training.recipe.recipe import Recipe
+from training.recipe.schedule import learning_rate, smooth_rate
+
+# Source: Crispell and Bazik 2017, Sec. 3.2.
+ADAM_BETAS = (0.5, 0.9)
+
+ALONE = Processes()
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class StepLosses:
+    """What a step found, before it changed the weights.
+
+    Attributes:
+        total: What is minimised.
+        parts: Its parts by name, unweighted.
+        learning_rate: In use.
+    """
+
+    total: float
+    parts: dict[str, float]
+    learning_rate: float
+
+
+@final
+class Learner:
+    """Network, optimiser and running mean. Before the first step they depend on the recipe alone.
+
+    Args:
+        recipe: What to do.
+        plan: What to compare with the truth.
+        device: Name of a torch device.
+        processes: All that share the work.
+        is_compiled: Whether torch.compile makes the passes through the network faster; it takes a minute first.
+    """
+
+    def __init__(
+        self, recipe: Recipe, plan: LossPlan, device: str, processes: Processes = ALONE, is_compiled: bool = False
+    ) -> None:
+        self._recipe, self._plan, self._processes = recipe, plan, processes
+        self.network = _new_network(recipe).to(device)
+        self.optimiser = torch.optim.Adam(
+            self.network.parameters(), lr=recipe.learning_rate, betas=ADAM_BETAS, fused=True
+        )
+        self.mean = RunningMean(self.network, recipe.ema) if recipe.ema else None
+        self.steps_done = 0
+        self._device = torch.device(device)
+        self._passes = processes.joined(self.network)
+        if is_compiled:
+            self._passes = torch.compile(self._passes)  # type: ignore[assignment]
+
+    @property
+    def result(self) -> nn.Module:
+        """The network that a checkpoint holds: the running mean where there is one."""
+        return self.mean.network if self.mean else self.network
+
+    def start_from(self, network: nn.Module) -> None:
+        """Takes over the weights of another training, before the first step."""
+        self.network.load_state_dict(network.state_dict())
+        if self.mean:
+            self.mean.network.load_state_dict(network.state_dict())
+
+    def step(self, batch: Batch) -> StepLosses:
+        """Learns from one batch (this process's part of it).
+
+        Raises:
+            Pix2FaceError: The loss, or the gradient whose length is looked at, is not finite.
+        """
+        self.network.train()
+        rate = self._rate()
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate
+        self.optimiser.zero_grad()
+        found = [self._backward(part, len(batch)) for part in self._parts(batch)]
+        parts = {name: torch.stack([own[name] for own in found]).sum() for name in found[0]}
+        means = self._processes.mean(torch.stack(list(parts.values()))).tolist()
+        losses = dict(zip(parts, means, strict=True))
+        total = losses.pop("total")
+        if not torch.isfinite(torch.tensor(total)):
+            raise self._diverged(f"the loss is {total}")
+        if self._recipe.clip:
+            self._clip()
+        self.optimiser.step()
+        self.steps_done += 1
+        if self.mean:
+            self.mean.follow(self.network, self.steps_done)
+        return StepLosses(total=total, parts=losses, learning_rate=rate)
+
+    @property
+    def has_batch_norms(self) -> bool:
+        """Whether there is anything for ``measure_norms`` to measure."""
+        return bool(self._batch_norms())
+
+    def measure_norms(self, batches: Iterable[Batch]) -> None:
+        """Measures the statistics of the result's batch norms with the weights that it has.
+
+        Running statistics mix those of earlier weights, and cover few batches. Computed in float32, as when the network
+        is used, which is the mode that the result is left in. Norms that are bounded in use are measured without that.
+
+        Args:
+            batches: This process's part of each; without any, nothing changes.
+        """
+        left, norms = iter(batches), self._batch_norms()
+        first = next(left, None)
+        if first is None:
+            return
+        momenta = [norm.momentum for norm in norms]
+        for norm in norms:
+            norm.reset_running_stats()
+            norm.momentum = None  # a plain mean over all batches
+        self.result.train()
+        with torch.no_grad():
+            for batch in chain([first], left):
+                self.result(network_input(batch.to(self._device, non_blocking=True)))
+        self.result.eval()
+        for norm, momentum in zip(norms, momenta, strict=True):
+            norm.momentum = momentum
+            for statistic in (norm.running_mean, norm.running_var):
+                assert statistic is not None
+                self._processes.mean(statistic)
+
+    def _batch_norms(self) -> list[nn.BatchNorm2d]:
+        return [module for module in self.result.modules() if isinstance(module, nn.BatchNorm2d)]
+
+    def check_weights(self) -> None:
+        """Makes sure that weights may be written: the last step's have met no loss yet.
+
+        Raises:
+            Pix2FaceError: One is not finite.
+        """
+        for parameter in self.network.parameters():
+            if not bool(torch.isfinite(parameter).all()):
+                raise self._diverged("the weights are not finite")
+
+    def _backward(self, batch: Batch, of: int) -> dict[str, Tensor]:
+        """Adds the gradient of a part of a batch of ``of`` pictures; returns its share of the losses."""
+        batch = batch.to(self._device, non_blocking=True)
+        bfloat16 = self._recipe.precision == "bfloat16"
+        with torch.autocast(self._device.type, dtype=torch.bfloat16, enabled=bfloat16):
+            planes = self._passes(network_input(batch))
+        parts = self._plan.parts(planes.float(), batch)
+        share = len(batch) / of
+        total = self._plan.total(parts) * share
+        total.backward()  # type: ignore[no-untyped-call]
+        return {"total": total.detach()} | {name: part.detach() * share for name, part in parts.items()}
+
+    def _parts(self, batch: Batch) -> list[Batch]:
+        size = len(batch) // self._recipe.parts
+        return [batch.rows(first, first + size) for first in range(0, len(batch), size)]
+
+    def _rate(self) -> float:
+        recipe = self._recipe
+        if recipe.schedule == "paper":
+            return learning_rate(self.steps_done // recipe.epoch_steps, recipe.epochs, recipe.learning_rate)
+        warm_up_steps = recipe.warm_up // recipe.batch_size
+        return recipe.learning_rate * smooth_rate(recipe.schedule, self.steps_done, recipe.steps, warm_up_steps)
+
+    def _clip(self) -> None:
+        norm = nn.utils.clip_grad_norm_(self.network.parameters(), self._recipe.clip)
+        if not bool(torch.isfinite(norm)):
+            raise self._diverged(f"the gradient's norm is {norm.item()}")
+
+    def _diverged(self, what: str) -> Pix2FaceError:
+        epoch, step = divmod(self.steps_done, self._recipe.epoch_steps)
+        return Pix2FaceError(
+            f"epoch {epoch + 1}, step {step + 1}: {what}. The checkpoint written last is kept, where there is one. Try "
+            "a lower --learning-rate or --precision float32; `datagen verify` checks the shards"
+        )
+
+
+def _new_network(recipe: Recipe) -> nn.Module:
+    with torch.random.fork_rng():
+        torch.manual_seed(recipe.seed)
+        return build_network(recipe.architecture, recipe.size_px, recipe.widths, recipe.planes)

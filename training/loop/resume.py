@@ -1,0 +1,129 @@
+"""The state of a training after any step, from which it goes on exactly as if it had not been interrupted.
+
+It is a safetensors file like the checkpoint, so reading it runs no code either. Order and jitter follow from the seed
+and the number of a draw, the learning rate from the number of a step, and the networks draw nothing: beside weights,
+moments, running means and the number of the next step there is no state, and no random generator's.
+"""
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pix2face.errors import InputFileError, UsageError
+from pix2face.inference.checkpoint import read_header, read_tensors, write_tensors
+from training.loop.learner import Learner
+
+METADATA_KEY = "pix2face-resume"
+SCHEMA_VERSION = 2
+# What a configuration without these numbers meant by it.
+_ADDED_LATER = {"norm_batches": 0}
+_ADAM_STATE = ("step", "exp_avg", "exp_avg_sq")
+
+
+def save_state(path: Path, learner: Learner, configuration: str, best: float = math.inf) -> None:
+    """Writes all that the next step depends on; the old file is replaced at once or not at all.
+
+    Args:
+        path: Where to.
+        learner: After at least one step.
+        configuration: Of the training, as JSON.
+        best: Lowest validation error so far.
+    """
+    tensors = dict(_own_tensors(learner))
+    for name, parameter in learner.network.named_parameters():
+        for key in _ADAM_STATE:
+            tensors[f"{key}/{name}"] = learner.optimiser.state[parameter][key]
+    header = {
+        "schema_version": SCHEMA_VERSION,
+        "configuration": configuration,
+        "step": learner.steps_done,
+        "best": best if math.isfinite(best) else None,
+    }
+    write_tensors(path, METADATA_KEY, header, tensors)
+
+
+def steps_done(path: Path, configuration: str) -> int:
+    """How far an interrupted training came.
+
+    Args:
+        path: What ``save_state`` wrote, or nothing: then 0.
+        configuration: Of the training that is to go on, as JSON.
+
+    Raises:
+        InputFileError: The file is truncated, foreign, or of another schema.
+        UsageError: It belongs to a training with another configuration.
+    """
+    if not path.exists():
+        return 0
+    header = read_header(path, METADATA_KEY, SCHEMA_VERSION)
+    if header["schema_version"] < SCHEMA_VERSION:
+        raise InputFileError(
+            f"{path}: expected schema {SCHEMA_VERSION}, found {header['schema_version']}, of an earlier version; "
+            "--restart starts anew"
+        )
+    _check_same_configuration(path, json.loads(header["configuration"]), json.loads(configuration))
+    return int(header["step"])
+
+
+def load_state(path: Path, learner: Learner) -> float:
+    """Puts everything back.
+
+    Args:
+        path: What ``save_state`` wrote.
+        learner: Of the same recipe; is overwritten.
+
+    Returns:
+        The lowest validation error so far; infinity where there was none.
+
+    Raises:
+        InputFileError: The file is truncated or foreign.
+    """
+    header, tensors = read_header(path, METADATA_KEY, SCHEMA_VERSION), read_tensors(path)
+    try:
+        with torch.no_grad():
+            for name, own in _own_tensors(learner):
+                own.copy_(tensors[name])
+        for name, parameter in learner.network.named_parameters():
+            learner.optimiser.state[parameter] = {
+                # Moments keep the memory layout of their parameter: Adam's fused kernel walks both side by side.
+                key: _in_layout_of(parameter, tensors[f"{key}/{name}"])
+                for key in _ADAM_STATE
+            }
+        learner.steps_done = int(header["step"])
+    except (KeyError, RuntimeError) as error:
+        raise InputFileError(
+            f"{path}: expected the state of this training, found another content ({error}); --restart starts anew"
+        ) from error
+    return math.inf if header["best"] is None else float(header["best"])
+
+
+def _own_tensors(learner: Learner) -> Iterator[tuple[str, Tensor]]:
+    """Weights and statistics of the network, and their running means; not copied."""
+    for name, tensor in learner.network.state_dict().items():
+        yield f"weight/{name}", tensor
+    if learner.mean:
+        for name, tensor in learner.mean.network.state_dict().items():
+            yield f"mean/{name}", tensor
+
+
+def _in_layout_of(parameter: Tensor, value: Tensor) -> Tensor:
+    return value.to(parameter.device) if value.ndim == 0 else torch.empty_like(parameter).copy_(value)
+
+
+def _check_same_configuration(path: Path, stored: dict[str, Any], present: dict[str, Any]) -> None:
+    stored = _ADDED_LATER | stored
+    differing = [
+        f"{key} {stored.get(key)!r} -> {present.get(key)!r}"
+        for key in sorted(stored.keys() | present.keys())
+        if stored.get(key) != present.get(key)
+    ]
+    if differing:
+        raise UsageError(
+            f"{path.parent} holds a training with another configuration ({'; '.join(differing)}); "
+            "give the same options to go on with it, --restart to replace it, or another --out"
+        )

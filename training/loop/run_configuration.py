@@ -1,0 +1,77 @@
+"""What a training is, in words that a file keeps: its configuration, and what its checkpoint says of itself."""
+
+import hashlib
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from pix2face.errors import ModelMismatchError, UsageError
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.networks.architectures import ARCHITECTURES
+from training.data.shard_index import ShardIndex
+from training.recipe.recipe import Recipe
+
+
+def training_configuration(shards: ShardIndex, recipe: Recipe, initial: Path | None = None) -> str:
+    """What the weights depend on, as JSON: two trainings with the same one are the same training.
+
+    Args:
+        shards: The samples.
+        recipe: What is done with them.
+        initial: The checkpoint that was started from; its content counts, not its name.
+    """
+    start = {"initial_sha256": hashlib.sha256(initial.read_bytes()).hexdigest()} if initial else {}
+    return json.dumps(asdict(recipe) | shards.configuration() | start, sort_keys=True)
+
+
+def checkpoint_header(
+    shards: ShardIndex, recipe: Recipe, configuration: str, epoch: int, samples: int
+) -> CheckpointHeader:
+    """What a checkpoint of this training says of itself."""
+    return CheckpointHeader(
+        model_name=shards.model_name,
+        model_sha256=shards.model_sha256,
+        size_px=recipe.size_px,
+        widths=recipe.widths,
+        pncc_scale_mm=shards.pncc_scale_mm,
+        offset_scale_mm=shards.offset_scale_mm,
+        smallest_radius_mm=shards.smallest_radius_mm,
+        licence=shards.licence,
+        configuration=configuration,
+        epoch=epoch,
+        samples=samples,
+        architecture=recipe.architecture,
+        planes=recipe.planes,
+        crop_scale=recipe.crop_scale,
+    )
+
+
+def with_scales_of(initial: CheckpointHeader, shards: ShardIndex, recipe: Recipe) -> ShardIndex:
+    """The samples, whose maps are divided by the scales that the weights of a checkpoint know.
+
+    Raises:
+        ModelMismatchError: The checkpoint is of another morphable model.
+        UsageError: Its network is another than the recipe's.
+    """
+    if initial.model_sha256 != shards.model_sha256:
+        raise ModelMismatchError(
+            f"--init: expected a checkpoint of the morphable model {shards.model_name!r} ({shards.model_sha256[:12]}), "
+            f"found one of {initial.model_name!r} ({initial.model_sha256[:12]})"
+        )
+    wanted = (recipe.architecture, recipe.widths, recipe.planes)
+    found = (initial.architecture, initial.widths, initial.planes)
+    if wanted != found:
+        raise UsageError(
+            f"--init: expected a network {_named(*wanted)}, found {_named(*found)}; "
+            "give --architecture, --filters and --planes as in the training that it comes from"
+        )
+    if initial.size_px != recipe.size_px and not ARCHITECTURES[recipe.architecture].is_any_size:
+        raise UsageError(
+            f"--init: expected a network for {recipe.size_px} px, found one for {initial.size_px} px; only fully "
+            "convolutional networks (--architecture residual) go on at another size"
+        )
+    return replace(shards, pncc_scale_mm=initial.pncc_scale_mm, offset_scale_mm=initial.offset_scale_mm)
+
+
+def _named(architecture: str, widths: tuple[int, ...], planes: int) -> str:
+    return f"{architecture} {'-'.join(str(width) for width in widths)} with {planes} planes"

@@ -1,0 +1,89 @@
+"""Curves and pictures for TensorBoard, where it is installed."""
+
+from pathlib import Path
+from typing import Any, final
+
+import torch
+from jaxtyping import Float32
+from torch import Tensor, nn
+
+from pix2face.errors import UsageError
+from pix2face.networks.architectures import MASK_PLANE
+from pix2face.networks.paper import MAP_PLANES
+from training.data.batches import network_input, target_planes
+from training.loop.loss_log import STEPS_A_LINE, StepReport
+from training.loop.validator import Scores, Validator
+
+# So many faces are shown.
+N_FACES = 8
+
+
+@final
+class TensorboardLog:
+    """Losses every 50 steps; scores, and pictures of the same faces, at each validation.
+
+    Args:
+        folder: Where to.
+        validator: Has faces to show; None shows none.
+
+    Raises:
+        UsageError: TensorBoard is not installed.
+    """
+
+    def __init__(self, folder: Path, validator: Validator | None) -> None:
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+        except ImportError as error:
+            raise UsageError(
+                "expected the package tensorboard, which --tensorboard needs; run: pip install 'pix2face[tensorboard]'"
+            ) from error
+        self._writer: Any = SummaryWriter(str(folder))
+        self._validator = validator
+
+    def step(self, report: StepReport) -> None:
+        """Takes a step; every 50th is written."""
+        if report.step % STEPS_A_LINE:
+            return
+        for name, value in {"total": report.loss, **report.parts}.items():
+            self._writer.add_scalar(f"loss/{name}", value, report.samples)
+        self._writer.add_scalar("learning rate", report.learning_rate, report.samples)
+
+    def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
+        """Takes what a validation found, and the network for pictures."""
+        for name, value in scores.as_numbers().items():
+            self._writer.add_scalar(f"validation/{name}", value, samples)
+        if self._validator:
+            pictures = prediction_pictures(network, self._validator)
+            self._writer.add_image("picture, PNCC, truth, offset, truth, mask", pictures, samples)
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Writes what is left."""
+        self._writer.close()
+
+
+def prediction_pictures(network: nn.Module, validator: Validator) -> Float32[Tensor, "3 h w"]:
+    """A row for each face: the picture, PNCC and its truth, offset and its truth, and the mask.
+
+    x, y, z are red, green, blue, from minus one scale to one; grey is 0.
+    """
+    batch = validator.first_batch().rows(0, N_FACES)
+    device = next(network.parameters()).device
+    was_training = network.training
+    network.eval()
+    with torch.inference_mode():
+        planes = network(network_input(batch.to(device))).float().cpu()
+    network.train(was_training)
+    truth = target_planes(batch, *validator.scales_mm)
+    has_mask = planes.shape[1] > MASK_PLANE
+    mask = planes[:, MASK_PLANE].sigmoid() if has_mask else planes[:, :3].norm(dim=1).clamp(max=1)
+    columns = [
+        batch.image / 255,
+        *(_coloured(maps[:, first : first + 3]) for first in range(0, MAP_PLANES, 3) for maps in (planes, truth)),
+        mask[:, None].expand(-1, 3, -1, -1),
+    ]
+    return torch.cat([torch.cat(list(column), dim=1) for column in columns], dim=2)
+
+
+def _coloured(maps: Float32[Tensor, "b 3 s s"]) -> Float32[Tensor, "b 3 s s"]:
+    return (maps / 2 + 0.5).clamp(0, 1)

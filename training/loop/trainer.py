@@ -1,0 +1,257 @@
+"""Shards and a recipe in, a checkpoint out.
+
+``train`` is the whole: it resumes, takes the steps, and leaves checkpoints and the state to go on from.
+"""
+
+import itertools
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import torch
+
+from pix2face.errors import Pix2FaceError, UsageError
+from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.runs import CHECKPOINT_NAME
+from pix2face.networks.architectures import SEEN_PLANE
+from training.data.batches import Batch
+from training.data.loader import BatchLoader
+from training.data.shard_index import ShardIndex
+from training.loop.learner import ALONE, Learner
+from training.loop.loss_log import LossLog, StepReport
+from training.loop.losses import LossPlan
+from training.loop.processes import Processes
+from training.loop.resume import load_state, save_state, steps_done
+from training.loop.run_configuration import checkpoint_header, training_configuration, with_scales_of
+from training.loop.validator import Scores, Validator
+from training.recipe.recipe import Recipe
+
+RESUME_NAME = "resume.safetensors"
+LOG_NAME = "log.jsonl"
+BEST_NAME = "best.safetensors"
+
+
+@final
+class TrainingStopped(Pix2FaceError):  # noqa: N818 (nothing went wrong)
+    """A training was asked to stop, and left the state to go on from."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Surroundings:
+    """What a training runs on. It changes the speed, not the plan.
+
+    Attributes:
+        device: Name of a torch device.
+        workers: Processes that decode and jitter samples; 0 does it between steps.
+        cache_bytes: Memory for decoded samples, over all workers together.
+        is_compiled: Whether torch.compile makes the passes through the network faster.
+        state_minutes: The state to go on from is written so often, beside the ends of epochs.
+        processes: All that share the work.
+    """
+
+    device: str
+    workers: int
+    cache_bytes: int
+    is_compiled: bool = False
+    state_minutes: float = 10.0
+    processes: Processes = ALONE
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Observers:
+    """Who is told of a training, and who can end it. All do nothing unless told otherwise.
+
+    Attributes:
+        on_step: Is told of every step.
+        on_scores: Is told of every validation: samples seen, scores, and the validator with the network.
+        should_stop: Asked after every step; once it says yes, the state is written and the training ends.
+    """
+
+    on_step: Callable[[StepReport], None] = lambda report: None
+    on_scores: Callable[[int, Scores, torch.nn.Module], None] = lambda samples, scores, network: None
+    should_stop: Callable[[], bool] = lambda: False
+
+
+def train(
+    shards: ShardIndex,
+    recipe: Recipe,
+    out: Path,
+    surroundings: Surroundings,
+    *,
+    initial: Path | None = None,
+    validator: Validator | None = None,
+    observers: Observers | None = None,
+) -> Path:
+    """Trains until the recipe is done, from where an earlier call with the same arguments was interrupted.
+
+    Args:
+        shards: The samples.
+        recipe: What to do.
+        out: Folder of the checkpoint, the state to resume from, and the log.
+        surroundings: Where to do it.
+        initial: A checkpoint whose weights, and scales, are started from.
+        validator: Measures the network as often as it wants; None does without.
+        observers: Who is told.
+
+    Returns:
+        The checkpoint.
+
+    Raises:
+        UsageError: ``out`` holds a training with another configuration, or two arguments do not go together.
+        InputFileError: A shard, the initial checkpoint or the state to resume from cannot be read.
+        Pix2FaceError: The loss is not finite any more.
+        TrainingStopped: It was asked to stop.
+    """
+    recipe.check()
+    check_plan(shards, recipe, surroundings.processes)
+    training = _Training(shards, recipe, out, surroundings, initial)
+    training.run(validator, observers or Observers())
+    return out / CHECKPOINT_NAME
+
+
+@final
+class _Training:
+    """One training on its way."""
+
+    def __init__(
+        self, shards: ShardIndex, recipe: Recipe, out: Path, surroundings: Surroundings, initial: Path | None
+    ) -> None:
+        self._recipe, self._out, self._surroundings = recipe, out, surroundings
+        self._is_first = surroundings.processes.is_first
+        start = load_checkpoint(initial) if initial else None
+        self._shards = shards if start is None else with_scales_of(start[0], shards, recipe)
+        self._configuration = training_configuration(self._shards, recipe, initial)
+        self._learner = new_learner(self._shards, recipe, surroundings)
+        self._best, self._waited_seconds = math.inf, 0.0
+        if steps_done(out / RESUME_NAME, self._configuration):
+            self._best = load_state(out / RESUME_NAME, self._learner)
+        elif start is not None:
+            self._learner.start_from(start[1])
+        surroundings.processes.wait_for_all()  # else the first may write what others still read
+        self._log = LossLog(out / LOG_NAME, self._samples) if self._is_first else None
+        self._state_written = time.monotonic()
+
+    @property
+    def _samples(self) -> int:
+        return self._learner.steps_done * self._recipe.batch_size
+
+    def run(self, validator: Validator | None, observers: Observers) -> None:
+        """Takes all steps that are left."""
+        recipe, loader = self._recipe, new_loader(self._shards, self._recipe, self._surroundings)
+        n_left = recipe.steps - self._learner.steps_done
+        # Those beyond the last step are for the norms.
+        n_beyond = recipe.norm_batches if n_left and self._learner.has_batch_norms else 0
+        batches = loader.batches(self._samples, n_left + n_beyond)
+        for batch in itertools.islice(batches, n_left):
+            report = self._step(batch, loader.wait_seconds)
+            observers.on_step(report)
+            is_end = report.step == recipe.epoch_steps
+            if n_beyond and self._learner.steps_done == recipe.steps:
+                self._learner.measure_norms(batches)
+            if self._log:
+                if is_end:
+                    self._log.flush()
+                if validator and validator.is_due(report.samples, report.images, is_end=is_end):
+                    self._validate(validator, report, observers)
+            if is_end or time.monotonic() - self._state_written >= 60 * self._surroundings.state_minutes:
+                self._save()
+            if self._is_asked_to_stop(observers):
+                self._save()
+                self._surroundings.processes.wait_for_all()
+                raise TrainingStopped(f"stopped after {report.samples} samples; the same command goes on from there")
+        for _ in batches:  # the loader's workers end as they do after any whole iteration
+            pass
+        self._surroundings.processes.wait_for_all()
+
+    def _step(self, batch: Batch, waited_seconds: float) -> StepReport:
+        epoch, step = divmod(self._learner.steps_done, self._recipe.epoch_steps)
+        losses = self._learner.step(batch)
+        waited, self._waited_seconds = waited_seconds - self._waited_seconds, waited_seconds
+        report = StepReport(
+            epoch=epoch,
+            step=step + 1,
+            samples=self._samples,
+            images=self._recipe.batch_size,
+            loss=losses.total,
+            parts=losses.parts,
+            learning_rate=losses.learning_rate,
+            waited_seconds=waited,
+        )
+        if self._log:
+            self._log.add(report)
+        return report
+
+    def _validate(self, validator: Validator, report: StepReport, observers: Observers) -> None:
+        scores = validator.scores(self._learner.result)
+        assert self._log is not None
+        self._log.validation(report.epoch, report.samples, scores.as_numbers())
+        observers.on_scores(report.samples, scores, self._learner.result)
+        if scores.error < self._best:
+            self._best = scores.error
+            self._save_checkpoint(BEST_NAME)
+
+    def _save(self) -> None:
+        """Writes the checkpoint, then the state that goes on from it."""
+        if self._is_first:
+            self._save_checkpoint(CHECKPOINT_NAME)
+            save_state(self._out / RESUME_NAME, self._learner, self._configuration, self._best)
+        self._state_written = time.monotonic()
+
+    def _save_checkpoint(self, name: str) -> None:
+        self._learner.check_weights()
+        epochs = self._learner.steps_done // self._recipe.epoch_steps
+        header = checkpoint_header(self._shards, self._recipe, self._configuration, epochs, self._samples)
+        save_checkpoint(self._out / name, header, self._learner.result)
+
+    def _is_asked_to_stop(self, observers: Observers) -> bool:
+        """Whether one of all processes is."""
+        asked = torch.tensor(float(observers.should_stop()), device=self._surroundings.device)
+        return self._surroundings.processes.mean(asked).item() > 0
+
+
+def new_learner(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> Learner:
+    """The network before its first step."""
+    plan = LossPlan(
+        pncc_scale_mm=shards.pncc_scale_mm,
+        offset_scale_mm=shards.offset_scale_mm,
+        weights=recipe.weights,
+        over=recipe.loss_over,
+    )
+    return Learner(recipe, plan, surroundings.device, surroundings.processes, surroundings.is_compiled)
+
+
+def new_loader(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> BatchLoader:
+    """What brings the batches."""
+    return BatchLoader(
+        shards,
+        recipe,
+        workers=surroundings.workers,
+        cache_bytes=surroundings.cache_bytes,
+        pin_memory=surroundings.device.startswith("cuda"),
+        rank=surroundings.processes.rank,
+        n_ranks=surroundings.processes.count,
+    )
+
+
+def check_plan(shards: ShardIndex, recipe: Recipe, processes: Processes) -> None:
+    """Makes sure that the samples know what is to be learned, and that batches can be divided.
+
+    Raises:
+        UsageError: They do not, or they cannot.
+    """
+    if (recipe.planes > SEEN_PLANE or recipe.loss_over == "seen") and not shards.knows_seen:
+        raise UsageError(
+            "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
+            "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
+        )
+    shares = processes.count * recipe.parts
+    if recipe.batch_size % shares:
+        raise UsageError(
+            f"--batch-size: expected a multiple of {shares} ({processes.count} processes, {recipe.parts} parts), "
+            f"found {recipe.batch_size}"
+        )

@@ -1,0 +1,161 @@
+"""What a training does, number by number."""
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Literal, final
+
+from pix2face.errors import UsageError
+from pix2face.geometry.crops import INFERENCE_SCALE, LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
+from pix2face.geometry.jitter import JitterRange
+from pix2face.networks.architectures import ARCHITECTURES, MOST_PLANES, ArchitectureName
+from pix2face.networks.paper import MAP_PLANES
+from training.recipe.schedule import ScheduleName
+
+Precision = Literal["float32", "bfloat16"]
+LossOver = Literal["all", "mask", "seen"]
+Cropping = Literal["full", "box", "shift", "none"]
+
+# Eight times the paper's side and sixteen times its filters: beyond that no machine holds the network.
+LARGEST_SIZE_PX, MOST_FILTERS = 2048, 1024
+LARGEST_SEED = 2**63 - 1
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """How much each part counts in the mean that is minimised; equal ones for the maps are the paper's.
+
+    Attributes:
+        pncc: Mean absolute error of PNCC, in units of its scale.
+        offset: The same of offsets.
+        mask: Cross entropy of the mask, where the network has a plane for it.
+        seen: Cross entropy of its seen part, where the network has a plane for it.
+    """
+
+    pncc: float = 1.0
+    offset: float = 1.0
+    mask: float = 1.0
+    seen: float = 1.0
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """Everything that the trained weights depend on, apart from the data.
+
+    Attributes:
+        architecture: Of the network.
+        size_px: Side of the network's input.
+        filters: Filters of its first level.
+        planes: Of its output: 6 maps; 7 with a logit for the mask; 8 with one for the part of it that is seen, too.
+        batch_size: Pictures a step, over all parts and processes together.
+        parts: Each batch is computed in so many parts, one after the other, whose gradients are added: less memory.
+        epochs: Epochs; a checkpoint is written after each.
+        epoch_size: Pictures an epoch, drawn from the shards over and over with ever new jitter.
+        learning_rate: Adam's largest.
+        schedule: How it falls; ``paper`` changes it between epochs, the others with each step.
+        warm_up: Pictures over which it first rises from 0, except in the paper's schedule.
+        precision: Arithmetic of the network's layers; weights and loss are float32 in any case.
+        weights: Of the parts of the loss.
+        loss_over: Pixels over which the error of the maps is averaged.
+        clip: Largest norm of the gradient, which is shortened to it; 0 leaves it as it is.
+        ema: Decay a step of the running mean of the weights that the checkpoint holds; 0 keeps none.
+        norm_batches: After the last step, batch norms are measured over so many more batches, with the weights that the
+            checkpoint holds; 0 keeps the statistics of the way. Source: Izmailov et al. 2018, Sec. 3.2.
+        seed: Of the initial weights, the order of the samples and the jitter.
+        jitter: How far samples are varied.
+        cropping: full: crops are turned, scaled and shifted by ``jitter``. box: squares of ``crop_scale`` around the
+            face's box, a few percent off (``box_cut``). shift: squares of whole pixels are cut at random places, for
+            pictures that were made as crops. none: the middle is cut, and colours stay.
+        crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
+            the face's box. What it is trained on is the jitter's, except by ``cropping`` box.
+    """
+
+    architecture: ArchitectureName = "paper"
+    size_px: int
+    filters: int
+    planes: int = MAP_PLANES
+    batch_size: int
+    parts: int = 1
+    epochs: int
+    epoch_size: int
+    learning_rate: float
+    schedule: ScheduleName = "paper"
+    warm_up: int = 0
+    precision: Precision
+    weights: LossWeights = field(default_factory=LossWeights)
+    loss_over: LossOver = "all"
+    clip: float = 0.0
+    ema: float = 0.0
+    norm_batches: int = 0
+    seed: int = 0
+    jitter: JitterRange = field(default_factory=JitterRange)
+    cropping: Cropping = "full"
+    crop_scale: float = INFERENCE_SCALE
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Filters of each level of the network."""
+        return ARCHITECTURES[self.architecture].widths(self.size_px, self.filters)
+
+    @property
+    def epoch_steps(self) -> int:
+        """Steps an epoch: its pictures in whole batches, rounded up."""
+        return math.ceil(self.epoch_size / self.batch_size)
+
+    @property
+    def steps(self) -> int:
+        """Steps of the whole training."""
+        return self.epochs * self.epoch_steps
+
+    def check(self) -> None:
+        """Makes sure that the numbers make sense.
+
+        Raises:
+            UsageError: One does not.
+        """
+        for name in ("filters", "batch_size", "parts", "epochs", "epoch_size", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise UsageError(f"{_option(name)}: expected more than 0, found {getattr(self, name)}")
+        if not SMALLEST_CROP_SCALE <= self.crop_scale <= LARGEST_CROP_SCALE:
+            raise UsageError(
+                f"--crop-scale: expected {SMALLEST_CROP_SCALE:g} to {LARGEST_CROP_SCALE:g}, found {self.crop_scale}"
+            )
+        for name in ("warm_up", "clip", "norm_batches"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise UsageError(f"{_option(name)}: expected 0 or more, found {getattr(self, name)}")
+        if not 0 <= self.ema < 1:
+            raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise UsageError(f"--seed: expected 0 to {LARGEST_SEED}, found {self.seed}")
+        if self.batch_size % self.parts:
+            raise UsageError(f"--parts: expected a divisor of {self.batch_size}, the batch's size, found {self.parts}")
+        self._check_network()
+        self._check_loss()
+
+    def _check_network(self) -> None:
+        for name, largest in (("size_px", LARGEST_SIZE_PX), ("filters", MOST_FILTERS), ("planes", MOST_PLANES)):
+            if getattr(self, name) > largest:
+                raise UsageError(f"{_option(name)}: expected at most {largest}, found {getattr(self, name)}")
+        if self.planes < MAP_PLANES:
+            raise UsageError(f"--planes: expected at least {MAP_PLANES}, found {self.planes}")
+        try:
+            ARCHITECTURES[self.architecture].check_size(self.size_px)
+        except ValueError as error:
+            raise UsageError(f"--size-px: {error}") from error
+
+    def _check_loss(self) -> None:
+        for name, weight in asdict(self.weights).items():
+            if not 0 <= weight < math.inf:
+                raise UsageError(f"--weight-{name}: expected 0 or more, found {weight}")
+        if not self.weights.pncc + self.weights.offset > 0:
+            raise UsageError("--weight-pncc, --weight-offset: expected one above 0, found none")
+        if self.loss_over != "all" and self.planes == MAP_PLANES:
+            raise UsageError(
+                f"--loss-over {self.loss_over}: expected --planes 7 or 8, found {MAP_PLANES}: a network that learns "
+                "nothing of the background must be told by a mask where the face is"
+            )
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

@@ -1,0 +1,1 @@
+"""Checkpoints for others, with their card."""

@@ -1,0 +1,151 @@
+"""The card of a released network: what it is, what it was trained on, how far it is off; figures come from reports."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pix2face.errors import InputFileError
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+
+REPORT_FORMAT = "pix2face-evaluation"
+
+INTENDED_USE = """Dense landmarks, a camera and the coefficients of the morphable model from photographs with faces:
+research, graphics, measuring other systems. Not made, and not tested, for telling who a person is, or for judging
+anybody; what it says of a face is an estimate of shape, and looks certain also where it is wrong."""
+
+KNOWN_FAILURES = """Large poses are worse than frontal ones, and the jaw is worse than the inner face (see the tables,
+where there are any). Photographs that are cut off, silhouettes, hard shadows, and hands or objects over the face are
+hard cases."""
+
+NOT_MEASURED = "None were given: `train export --report report.json` quotes those of `evaluate`."
+
+
+def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path]) -> str:
+    """Writes the card, in Markdown.
+
+    Args:
+        header: Of the checkpoint.
+        weights: Its file; the card names its hash.
+        reports: Of ``evaluate``, as JSON.
+
+    Raises:
+        InputFileError: A report cannot be read, or is none.
+    """
+    configuration = json.loads(header.configuration)
+    measured = [_measured(path) for path in reports]
+    sections = {
+        "What it is": _what_it_is(header, weights, "initial_sha256" in configuration),
+        "Use": INTENDED_USE.replace("\n", " "),
+        "Training data": _data(header, configuration),
+        "Measured errors": "\n\n".join(measured) or NOT_MEASURED,
+        "Known failures": KNOWN_FAILURES.replace("\n", " "),
+        "Configuration": "\n".join(_rows(_flat(configuration), ("option", "value"))),
+        "Terms": f"Training data: {header.licence}. Code: Apache-2.0.",
+    }
+    body = "\n\n".join(f"## {title}\n\n{text}" for title, text in sections.items())
+    return f"# A dense face network for {header.model_name}\n\n{body}\n"
+
+
+def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> str:
+    masks = {0: "no mask", 1: "the face's mask", 2: "the face's mask, and where it is seen"}[
+        int(header.planes > MASK_PLANE) + int(header.planes > SEEN_PLANE)
+    ]
+    facts = {
+        "input": f"RGB crop of a face, {header.size_px} x {header.size_px} px",
+        "output": f"PNCC and offset (mm, frame of the morphable model), {masks}",
+        "architecture": f"{header.architecture}, filters {'-'.join(str(width) for width in header.widths)}",
+        "morphable model": f"{header.model_name}, SHA-256 {header.model_sha256}",
+        "scales": f"PNCC {header.pncc_scale_mm:g} mm, offset {header.offset_scale_mm:g} mm",
+        "landmarks": ", ".join(f"{scheme}: vertices chosen on its fits" for scheme in header.landmarks)
+        or "those of the morphable model",
+        "trained on": f"{header.samples:,} draws in {header.epoch} epochs"
+        + (", from the weights of another training (`initial_sha256` below)" if is_continued else ""),
+        "weights": f"{weights.name}, {weights.stat().st_size / 1e6:.1f} MB, SHA-256 {_sha256(weights)}",
+    }
+    return (
+        "\n".join(_rows(facts, ("", ""))) + "\n\nLoading runs no code. `pix2face predict --checkpoint FILE photo.jpg`."
+    )
+
+
+def _data(header: CheckpointHeader, configuration: Mapping[str, Any]) -> str:
+    n_samples = configuration.get("samples", "an unknown number of")
+    sha256 = configuration.get("samples_sha256", "unknown")
+    return (
+        f"{n_samples} samples of the morphable model {header.model_name} (hash of their ids and contents: {sha256}). "
+        f"Their terms: {header.licence}."
+    )
+
+
+def _measured(path: Path) -> str:
+    """The table of one report."""
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+        if report["format"] != REPORT_FORMAT:
+            raise ValueError(f"format {report['format']!r}")
+        benchmark = report["benchmark"]
+        landmarks = report["subject"].get("landmarks", "not stated")
+        rows = [row for row in report["table"] if row["method"] == report["method"]]
+        lines = [line for row in rows for line in _errors_of(row)]
+        by = [table for own in report.get("by", ()) for table in ("", *_errors_by(own))]
+    except (OSError, UnicodeDecodeError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputFileError(
+            f"{path}: expected a report that `evaluate` wrote (report.json), found another file ({error})"
+        ) from error
+    heading = f"**{benchmark['title']}**, {report['n_evaluated']} images, normalised by {benchmark['normaliser']}"
+    table = ["| points | images | mean | median | above the threshold |", "| --- | --- | --- | --- | --- |", *lines]
+    return f"{heading}; threshold {benchmark['threshold']:.0%}; landmarks: {_cell(landmarks)}:\n\n" + "\n".join(
+        [*table, *by]
+    )
+
+
+def _errors_of(row: Mapping[str, Any]) -> Iterator[str]:
+    """Lines of a table: each group, then all images."""
+    for name, errors in [*row["groups"].items(), ("all images", row["all_images"])]:
+        yield f"| {row['points']} | {_cell(name.replace('|', ''))} | {_figures(errors)} |"
+    if row["mean_of_groups"] is not None:
+        yield f"| {row['points']} | mean of groups | {row['mean_of_groups']:.2%} | | |"
+
+
+def _errors_by(own: Mapping[str, Any]) -> Iterator[str]:
+    """A table of errors in bins of an attribute of renders, over 68 points."""
+    yield f"| `{_cell(own['attribute'])}` | images | not found | mean | median | above the threshold | 95 % interval |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for row in own["bins"]:
+        interval = "none" if row["interval"] is None else " to ".join(f"{end:.2%}" for end in row["interval"])
+        errors = row["errors"]
+        counts = f"{errors['n_images']} | {errors['n_failed']}"
+        yield f"| {_cell(row['name'])} | {counts} | {_figures(errors)} | {interval} |"
+
+
+def _figures(errors: Mapping[str, Any]) -> str:
+    figures = (errors["mean"], errors["median"], errors["failure_rate"])
+    return " | ".join("none" if value is None else f"{value:.2%}" for value in figures)
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def _rows(values: Mapping[str, Any], heading: tuple[str, str]) -> Iterator[str]:
+    yield f"| {heading[0]} | {heading[1]} |"
+    yield "| --- | --- |"
+    for name, value in values.items():
+        yield f"| {name} | {_cell(value)} |"
+
+
+def _cell(value: object) -> str:
+    """A text that does not end its cell."""
+    return " ".join(str(value).replace("|", "/").split())
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
