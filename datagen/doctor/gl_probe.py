@@ -142,7 +142,7 @@ def answer(question: str) -> str:
 
 
 def _ask(question: Mapping[str, Any], environment: Mapping[str, str]) -> tuple[dict[str, Any] | None, str]:
-    packages = str(Path(__file__).parents[1])
+    packages = str(Path(__file__).parents[2])
     paths = os.pathsep.join([packages, *filter(None, [environment.get("PYTHONPATH")])])
     inherited = {name: value for name, value in environment.items() if name not in OUR_VARIABLES}
     try:

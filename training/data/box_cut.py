@@ -1,8 +1,8 @@
 """A sample cut once around its face's box: what ``--cropping box`` keeps, and cuts its squares of whole pixels from.
 
-Boxes that a network is given lie close to those of the landmarks (``pix2face.photographs.refined_detection`` sees to it), so
-how large a face is in its crop, and where, is known to a few percent. A network that has seen little else need not find
-it out. The rest of the samples teach it what to make of the first box, which a detector drew.
+Boxes of detectors are moved close to those of landmarks (``pix2face.photographs.refined_detection``) before the network
+reads them. So the size and place of a face in its crop are known to a few percent, and a network that has seen little
+else need not find them out. The rest of the samples teach it what to make of the first box, which a detector drew.
 
 Deviation from the paper: which takes a crop of another scale, place and turn for each draw.
 """

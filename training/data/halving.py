@@ -2,8 +2,8 @@
 
 A new pixel is a block of four. Its centre is where their corners meet, and there the value of a map is the mean of the
 four, as linear interpolation has it. Two exceptions, as in ``pix2face.geometry.jitter.crop_maps``: pixels outside the
-mask do not count (a block is face where three of four are), and where the surface jumps within the block its value is that of
-one pixel of the block, since a mean of two sides of a fold is a point of neither.
+mask do not count (a block is face where three of four are), and where the surface jumps within the block its value is
+that of one pixel of the block, since a mean of two sides of a fold is a point of neither.
 """
 
 from collections.abc import Sequence
