@@ -102,9 +102,9 @@ def measure_track(path: Path) -> dict[str, object]:
 
 def track_drawn_clip(loops: int, folder: Path) -> float:
     """Tracks a drawn clip of 30 frames so many times over; the largest memory of this process so far, in MB."""
+    from pix2face.commands import track_cli
     from pix2face.files.images import encode_image
     from pix2face.inference.predictor import Predictor
-    from pix2face.tracking import track_cli
     from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces
     from tests.synthetic_models import small_head_model
 

@@ -12,8 +12,8 @@ from numpy import ndarray
 from datagen.appearance.scene import Material, PosedHead, Scene, SceneMesh, Texture
 from datagen.appearance.surface import Surface
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering import scene_program
 from datagen.rendering.gl_mesh import shader_source
+from datagen.rendering.scenes import scene_program
 from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from pix2face.geometry.camera import (
     Camera,

@@ -16,10 +16,10 @@ from datagen.appearance.photograph.border import Border, beyond_border
 from datagen.appearance.plain import develop, draw_plain_appearance
 from datagen.appearance.scene import SCENE_REGIONS
 from datagen.cli import main
-from datagen.jobs import drawn_pictures
 from datagen.opengl.gl_context import GLContext
 from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
+from datagen.samples import drawn_pictures
 from datagen.samples.triplets import TripletMaker
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import InputFileError, UsageError

@@ -14,8 +14,8 @@ from datagen.appearance.scene import PosedHead, Scene, UniformValue
 from datagen.appearance.skin.skin import Skin, head_paint, skin_textures, skin_uniforms
 from datagen.appearance.surface import Surface
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering import scene_program
 from datagen.rendering.gl_mesh import shader_source
+from datagen.rendering.scenes import scene_program
 from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel

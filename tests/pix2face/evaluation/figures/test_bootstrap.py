@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pix2face.evaluation import bootstrap
+from pix2face.evaluation.figures import bootstrap
 from pix2face.evaluation.figures.bootstrap import (
     Bootstrap,
     cluster_indices,
