@@ -39,7 +39,7 @@ class SampleConfig:
     """Side of the pictures to be rendered, in pixels."""
     appearance: str = "default"
     """What is drawn how often: ``default``, ``hard``, ``plain``, or a TOML file, of which the table [geometry] counts
-    here (docs/sampling.md)."""
+    here (docs/explanation/sampling.md)."""
     model: str = BUILTIN_MODEL
     """``builtin``, or a model file made by ``datagen model import``."""
 

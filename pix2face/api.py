@@ -27,7 +27,7 @@ class Pix2Face:
     """Dense 3D faces from photographs: a network, its morphable model and a face detector.
 
     It keeps nothing between calls. Photographs are RGB, 8 bit, as ``pix2face.files.images.read_photograph`` reads them;
-    pixels are (x, y) with centres at +0.5; millimetres are those of the model frame (docs/conventions.md).
+    pixels are (x, y) with centres at +0.5; millimetres are those of the model frame (docs/reference/conventions.md).
 
     Args:
         predictor: The network.

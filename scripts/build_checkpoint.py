@@ -3,7 +3,8 @@
     python -m scripts.build_checkpoint --out FOLDER [--landmarks-from ANNOTATED] [--rehearse]
 
 Every step is a command of the project, printed as it runs. Run it again after an interruption: it goes on where it was.
-The result is FOLDER/release; docs/checkpoint.md says how good it is and keeps logs and resolved configurations.
+The result is FOLDER/release. docs/explanation/packaged_network.md says how good it is; its logs and resolved
+configurations are in docs/measurements/packaged_network.
 """
 
 import argparse

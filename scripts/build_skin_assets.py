@@ -2,7 +2,7 @@
 
     python -m scripts.build_skin_assets [--package FOLDER_OR_TGZ] [--out FOLDER]
 
-Prints the sizes of what it wrote as JSON. The same package gives the same files. See docs/skin.md.
+Prints the sizes of what it wrote as JSON. The same package gives the same files. See docs/explanation/skin.md.
 """
 
 import argparse

@@ -171,7 +171,7 @@ def page(demo: Demo, n_faces: int) -> str:
 <h1>pix2face: coefficients to a trained, evaluated model</h1>
 <p>A network trained for about two minutes on {n_faces} rendered faces of the built-in model.
 It shows that every station works; it is far from converged. The network that the package brings along was trained
-on synthetic photographs for hours (docs/checkpoint.md); it reads the photograph, too.</p>
+on synthetic photographs for hours (docs/explanation/packaged_network.md); it reads the photograph, too.</p>
 <h2>What was run</h2><table>{rows}</table>
 <h2>Error on held-out renders</h2>{table}
 {shown}

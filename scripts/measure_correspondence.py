@@ -1,4 +1,4 @@
-"""How far landmarks found by correspondence lie from published ones: prints the table of docs/models.md.
+"""How far landmarks found by correspondence lie from published ones: prints a table of docs/reference.
 
 Of BFM 2009 also which way it looks in the built-in model's frame (``pix2face.evaluation.subjects.pose_frame``).
 

@@ -1,7 +1,7 @@
 """The 68 keypoints' own linear model of BFM 2009, from the files of AFLW2000-3D alone.
 
 ``pt3d_68`` with its pose undone is linear in the coefficients; a regression over the 400 files yields mean and bases of
-the keypoints in µm (docs/conventions.md). It tells where the landmarks of a file lie in any other pose.
+the keypoints in µm (docs/reference/conventions.md). It tells where the landmarks of a file lie in any other pose.
 """
 
 from collections.abc import Sequence

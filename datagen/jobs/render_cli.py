@@ -51,7 +51,8 @@ class RenderConfig:
     300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
     appearance: str | None = None
     """How faces without photographs are drawn: plain, default, hard, or a TOML file as `datagen appearance` prints it
-    (docs/appearance.md). Without it default for the built-in model, plain for all others, which can have no other."""
+    (docs/explanation/synthetic_photographs.md). Without it default for the built-in model,
+    plain for all others, which can have no other."""
     backgrounds: Path | None = None
     """Folder of pictures of your own (with subfolders) to stand behind faces, in the share of synthetic photographs
     that `folder_share` of the appearance says."""
@@ -60,8 +61,8 @@ class RenderConfig:
     commas between; of synthetic photographs also seen and seen_regions: what of the face they show, and what stands
     before it. Without it image, pncc, offset, mask, landmarks, and seen where there is one."""
     compression: str = DEFAULT_COMPRESSION
-    """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read); docs/storage.md compares
-    them."""
+    """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read);
+    docs/explanation/storage.md compares them."""
     seed: int = 0
     """Seed of light, colours and background of rendered pictures, and of jitter."""
     shard_size: int = 100
@@ -76,8 +77,9 @@ class RenderConfig:
     workers: int = os.cpu_count() or 1
     """Processes that render, on this machine."""
     scheduler: str | None = None
-    """Render on the workers of this dask scheduler instead, such as tcp://host:8786 (docs/scaling.md). Its connections
-    are neither encrypted nor authenticated: whoever reaches it can run code on its workers."""
+    """Render on the workers of this dask scheduler instead, such as tcp://host:8786
+    (docs/how_to/render_many_samples.md). Its connections are neither encrypted nor authenticated: whoever reaches
+    it can run code on its workers."""
     gl: Literal["egl", "osmesa"] | None = None
     """How to reach OpenGL; without it EGL is tried, then OSMesa."""
     device: int | None = None

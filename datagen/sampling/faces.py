@@ -1,6 +1,6 @@
 """Draws plausible faces, poses and cameras from a morphable model, all from one seed, each face from its own stream.
 
-The distributions are those of a ``GeometryConfig`` (docs/sampling.md), or, with ``is_plain``, these:
+The distributions are those of a ``GeometryConfig`` (docs/explanation/sampling.md), or, with ``is_plain``, these:
 
 - identity: standard normal, cut at ±2.5;
 - expression: one in five neutral; otherwise one to four of the model's named expressions at 0.2 to 1 of their full

@@ -12,7 +12,7 @@ _OPPOSITES_OF_A_SIDE = (("eyeLookUp", "eyeLookDown"), ("eyeLookIn", "eyeLookOut"
 # How much of the opening between the lids each shape closes at full strength, and what is left of it when it is shut.
 LID_CLOSURE = {"eyeBlink": 1.0, "eyeSquint": 0.35, "eyeLookDown": 0.3}
 MOST_LID_CLOSURE = 1.1
-# Beyond these the eyeball comes through the lids of the built-in model (docs/sampling.md).
+# Beyond these the eyeball comes through the lids of the built-in model (docs/explanation/sampling.md).
 LARGEST_SIDEWARD_GAZE = 0.75
 LARGEST_GAZE_SHUT = 0.25
 # A mouth that is wide and round at once, or rolled in and open, folds over itself.

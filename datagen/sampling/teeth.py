@@ -14,7 +14,7 @@ from numpy import ndarray
 from datagen.sampling.expressions import expression_of
 from pix2face.models.morphable_model import MorphableModel
 
-# A jaw that opens less than this much shows no such teeth on any head (docs/sampling.md).
+# A jaw that opens less than this much shows no such teeth on any head (docs/explanation/sampling.md).
 HARMLESS_JAW = 0.1
 # The mouth is made smaller by this factor until it is harmless.
 _STEP = 0.85

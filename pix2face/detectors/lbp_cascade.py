@@ -2,7 +2,7 @@
 
 The cascade answers yes or no for each of many overlapping windows. How many of them agree is the score: one look at
 the picture as it is, one at its mirror image and two at the picture turned by 20° either way find faces that a single
-look misses, and a false window seldom comes back in all of them (figures: docs/video.md).
+look misses, and a false window seldom comes back in all of them (figures: docs/explanation/detection_and_tracking.md).
 """
 
 from typing import final

@@ -22,8 +22,8 @@ class EvaluateConfig:
         split: The benchmark.
         data: Folder with its files; default is the environment variable PIX2FACE_DATA.
         checkpoint: What training wrote; default is the packaged one.
-        predictions: Measure these landmarks of another system instead (.npz or .csv, docs/evaluation.md), or of clips a
-            folder with what pix2face track wrote for each (CLIP/track.npz).
+        predictions: Measure these landmarks of another system instead (.npz or .csv, docs/reference/evaluation.md),
+            or of clips a folder with what pix2face track wrote for each (CLIP/track.npz).
         frame: Where the predictions have the centre of the first pixel: at 0, at 1, or at 0.5.
         oracle: Measure the model fitted to the truth instead: how much of an error is the model's.
         out: Folder for the report; default is out/evaluate-SPLIT.

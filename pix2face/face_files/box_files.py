@@ -1,4 +1,4 @@
-"""Face boxes from a file, where another detector or a person has found the faces (layout: docs/file_formats.md).
+"""Face boxes from a file, where another detector or a person has found the faces (layout: docs/reference).
 
 CSV with a header, one face a line: ``image,left,top,right,bottom`` (further columns are ignored). JSON: an object with
 a list of ``[left, top, right, bottom]`` for each image. An image is named by its path, or by its file name alone; the

@@ -1,4 +1,4 @@
-"""Coefficient files of 300W-LP and AFLW2000-3D: one MAT 5 file for each picture (docs/conventions.md)."""
+"""Coefficient files of 300W-LP and AFLW2000-3D: one MAT 5 file for each picture (docs/reference/conventions.md)."""
 
 import math
 import os

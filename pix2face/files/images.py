@@ -62,7 +62,7 @@ def encode_image(image: UInt8[ndarray, "h w 3"]) -> bytes:
 def encode_photograph(image: UInt8[ndarray, "h w 3"]) -> bytes:
     """Encodes an RGB picture as photographs come (JPEG, quality 95): a fifth of PNG, in a tenth of its time.
 
-    docs/storage.md has the figures. Colour has half the resolution of brightness, as in most photographs.
+    docs/explanation/storage.md has the figures. Colour has half the resolution of brightness, as in most photographs.
     """
     flags = [cv2.IMWRITE_JPEG_QUALITY, PHOTOGRAPH_QUALITY]
     flags += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]

@@ -72,14 +72,14 @@ def fit_face(
         camera_kind: "affine" (Eq. 1), "weak-perspective" (the default: predicted maps of profiles tilt and stretch an
             unconstrained affine camera), "pinhole", or "auto": a pinhole where ``camera_choice`` finds it warranted,
             else weak perspective. All are robust against outliers.
-        regularisation: Tikhonov's lambda in mm^2; None estimates it from the residuals (docs/fitting.md).
+        regularisation: Tikhonov's lambda in mm^2; None estimates it from the residuals (docs/explanation/fitting.md).
         principal_point_px: Pinhole and auto: where the optical axis meets the maps, None is their centre. It is not the
             centre where the maps are those of a crop off the image's centre.
         scheme: Which landmarks of the model.
         reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients to where its
             vertices were found; 0 is the paper's way. With the silhouette at least once.
-        n_vertices: How many vertices of the face to look for, evenly spread (docs/fitting.md: time against error). None
-            are 1,200 where lambda is given as that of predicted maps (0.5 mm^2 and more), else 2,500.
+        n_vertices: How many vertices of the face to look for, evenly spread (docs/explanation/fitting.md: time against
+            error). None are 1,200 where lambda is given as that of predicted maps (0.5 mm^2 and more), else 2,500.
         constraints: "vertices" as in the paper, or "surface": pixels inside the triangles of the mean face. On exact
             maps ten times as accurate, and ten times as slow; of noisy maps hardly a pixel lies on the surface.
         silhouette: Hold camera and mesh to the mask (``silhouette.py``): better on predicted maps, where PNCC alone

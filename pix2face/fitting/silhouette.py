@@ -4,7 +4,7 @@ From predicted PNCC alone the turn of a head is known badly. The visible side of
 tells its turn are small differences across it, and a network's errors there are alike over patches: in photographs
 heads came out turned 10 to 20 degrees too little, with a far cheek that lay beside the head. The predicted mask ends
 where the head does. Only one direction counts, that nothing of the face lies outside: pulling the mesh out to the
-mask's border as well did harm (docs/fitting.md), perhaps since it is a guess where hair and hands hide it.
+mask's border as well did harm (docs/explanation/fitting.md), perhaps since it is a guess where hair and hands hide it.
 
 Deviation from the paper: whose camera goes by PNCC alone (Eq. 1).
 """

@@ -179,7 +179,7 @@ def linearised(camera: Camera) -> Camera:
 
 
 def head_pose(camera: Camera) -> HeadPose:
-    """Pitch, yaw and roll of the head in the camera, in the convention of 300W-LP (docs/conventions.md)."""
+    """Pitch, yaw and roll of the head in the camera, in the convention of 300W-LP (docs/reference/conventions.md)."""
     # R = Rx Ry Rz of the negated angles; by hand, since the general way takes longer than all else about landmarks.
     r = (FRONTAL @ nearest_weak_perspective(camera).rotation).tolist()
     cos_yaw = math.hypot(r[0][0], r[0][1])

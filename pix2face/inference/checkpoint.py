@@ -1,4 +1,4 @@
-"""The checkpoint: weights as safetensors with one JSON header (layout: docs/file_formats.md). Loading runs no code."""
+"""The checkpoint: weights as safetensors with one JSON header (layout: docs/reference). Loading runs no code."""
 
 import json
 from collections.abc import Iterator, Mapping

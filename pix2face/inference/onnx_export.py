@@ -1,4 +1,4 @@
-"""The network as ONNX, for programs without torch, and back (layout: docs/file_formats.md)."""
+"""The network as ONNX, for programs without torch, and back (layout: docs/reference/file_formats.md)."""
 
 import json
 import warnings

@@ -1,4 +1,4 @@
-"""Landmarks of a model chosen by the user: a JSON file that says which vertex is which (docs/file_formats.md)."""
+"""Landmarks of a model chosen by the user: a JSON file that says which vertex is which (docs/reference)."""
 
 import json
 from collections.abc import Sequence

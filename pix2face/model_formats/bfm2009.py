@@ -1,7 +1,7 @@
 """Basel Face Model 2009 in the layouts that are in use, in µm; the frame is already the project's.
 
 300W-LP's: ``Model_Shape.mat`` and ``Model_Expression.mat`` (also ``Model_Exp.mat``), 53,215 vertices, with
-S = mu_shape + mu_exp + w Shape_Para + w_exp Exp_Para (docs/conventions.md).
+S = mu_shape + mu_exp + w Shape_Para + w_exp Exp_Para (docs/reference/conventions.md).
 
 The original: ``01_MorphableModel.mat``, 53,490 vertices, no expressions; or with ``Exp_Pca.bin`` and ``std_exp.txt``,
 another expression basis than the one that ``Exp_Para`` refers to, on the 53,215 vertices.

@@ -1,4 +1,4 @@
-"""The project's own file of a morphable model: one ``.h5`` whatever the source (layout: docs/file_formats.md)."""
+"""The project's own file of a morphable model: one ``.h5`` whatever the source (layout: docs/reference)."""
 
 import hashlib
 import json

@@ -36,7 +36,7 @@ class ResidualUNet(nn.Module):
     The planes come from half resolution by one convolution that answers four pixels at a time (pixel shuffle).
 
     Deviation from the paper: residual blocks, batch norm (bounded in the innermost blocks), six levels instead of eight
-    at 256 px, and a first level of half as many filters; docs/training.md gives the measurements.
+    at 256 px, and a first level of half as many filters; docs/explanation/training.md gives the measurements.
 
     Args:
         widths: Filters of each level.
@@ -133,7 +133,7 @@ class BoundedBatchNorm(nn.BatchNorm2d):
     Where a level has few pixels, what a kind of picture alone has (a profile to one side) is a large part of its
     batch's deviation, which hides how large it is: features may grow from block to block without any loss showing it.
     In use they are measured by the deviation of all pictures, and would come out tens of deviations off
-    (docs/training.md has what came of it). Statistics and weights are those of ``nn.BatchNorm2d``.
+    (docs/explanation/training.md has what came of it). Statistics and weights are those of ``nn.BatchNorm2d``.
     """
 
     def forward(self, features: Tensor) -> Tensor:

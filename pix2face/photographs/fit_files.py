@@ -1,4 +1,4 @@
-"""A fit as JSON, and back (layout: docs/file_formats.md)."""
+"""A fit as JSON, and back (layout: docs/reference/file_formats.md)."""
 
 import json
 import os

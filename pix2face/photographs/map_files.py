@@ -1,4 +1,4 @@
-"""Predicted maps as files: ``.npz``, 16-bit PNG and OpenEXR (layouts: docs/file_formats.md)."""
+"""Predicted maps as files: ``.npz``, 16-bit PNG and OpenEXR (layouts: docs/reference/file_formats.md)."""
 
 import json
 import shutil

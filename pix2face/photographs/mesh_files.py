@@ -1,6 +1,6 @@
 """Fitted meshes as ``.obj``, ``.ply`` and ``.glb``, with colours per vertex or a texture.
 
-Layouts: docs/file_formats.md. All are in the model frame: x to the subject's left, y up, z out of the face; .obj and
+Layouts: docs/reference. All are in the model frame: x to the subject's left, y up, z out of the face; .obj and
 .ply in mm, .glb in metres, because glTF says so and viewers go by it.
 """
 

@@ -3,8 +3,8 @@
 A sample's layer is one HDF5 chunk. Smooth layers are stored as what a planar predictor leaves: a value less its left
 and upper neighbours plus the one between them, and that as an unsigned number whose lowest bit is the sign. Then come
 HDF5's own filters, shuffle and deflate, which every HDF5 library undoes; the bytes are made and unmade here, because
-ISA-L does that several times as fast as the zlib inside HDF5 (docs/storage.md has the figures). Outside its box a layer
-is 0 and costs next to nothing, here as in the file.
+ISA-L does that several times as fast as the zlib inside HDF5 (docs/explanation/storage.md has the figures). Outside its
+box a layer is 0 and costs next to nothing, here as in the file.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""The shard: one HDF5 file of triplets (layout: docs/file_formats.md).
+"""The shard: one HDF5 file of triplets (layout: docs/reference/file_formats.md).
 
 Reading needs only HDF5's built-in filters. A shard appears under its name when it is complete and read back; until
 then it has a temporary name, so an interrupted job leaves no half shard.

@@ -33,7 +33,8 @@ Item = TypeVar("Item")
 
 # Faces that are in the network at a time.
 FACES_AT_A_TIME = 8
-# The identity is settled long before: docs/fitting.md shows how its error falls with the number of pictures.
+# The identity is settled long before: docs/explanation/fitting.md shows how its error falls with the number
+# of pictures.
 IDENTITY_FRAMES = 100
 
 

@@ -1,7 +1,8 @@
 """Smoothing of landmarks over the frames of a clip, and what is left of their jitter.
 
 Every smoother takes frames one by one and gives each back after a bounded number of further ones, so that clips of any
-length stream through. Which one to choose: docs/video.md has their jitter, lag and delay, measured.
+length stream through. Which one to choose: docs/explanation/detection_and_tracking.md has their jitter, lag and
+delay, measured.
 """
 
 from abc import ABC, abstractmethod

@@ -1,6 +1,6 @@
 """What tracking writes, frame by frame: landmarks and pose as CSV, ``.pts`` and NPZ, and an overlay.
 
-Layouts: docs/file_formats.md. Nothing is kept in memory, and what has been written stays readable when the rest never
+Layouts: docs/reference. Nothing is kept in memory, and what has been written stays readable when the rest never
 comes.
 """
 

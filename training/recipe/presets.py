@@ -1,11 +1,11 @@
-"""The named recipes, and why each differs from the paper (measurements: docs/training.md).
+"""The named recipes, and why each differs from the paper (measurements: docs/explanation/training.md).
 
 ``paper`` is the paper's: 256 px, 64 filters, batches of 4, 60 epochs of 100,000 pictures. It asks for a GPU and days.
 
 ``tiny`` shows on two CPU cores, in about two minutes, that everything works. It is the same architecture, loss,
 optimiser, jitter and schedule. It differs in size (64 px, so two levels less, and 16 filters), in the number of
 pictures, in larger batches (fewer, cheaper steps) and in bfloat16 arithmetic. In equal time 64 px come out well ahead
-of 128 px, because so short a training is limited by the number of pictures seen (docs/training.md).
+of 128 px, because so short a training is limited by the number of pictures seen (docs/explanation/training.md).
 
 ``cpu`` trains a network worth having on two CPU cores, in half an hour or, with more ``--samples``, in hours; ``gpu`` a
 sharper one on a GPU. Both take the residual network, which also answers where the face is and where it is seen.
@@ -24,7 +24,8 @@ PresetName = Literal["paper", "tiny", "cpu", "gpu"]
 # With equal weights offsets, whose scale is small beside PNCC's, stay at zero for 84,000 samples; from 4 on they move.
 # Masks are near their best within minutes, and need little.
 _WITH_MASKS = LossWeights(pncc=1.0, offset=4.0, mask=0.2, seen=0.2)
-# Faces in photographs have more contrast than in renders (docs/picture_defects.md), and a look-up costs nothing.
+# Faces in photographs have more contrast than in renders (docs/explanation/picture_defects.md), and a
+# look-up costs nothing.
 _PHOTOGRAPHS = JitterRange(gamma=(0.65, 1.5), gain=0.75, contrast=(0.75, 1.8), mirror=True)
 _PAPER_JITTER = JitterRange()
 _BFLOAT16: Precision = "bfloat16"

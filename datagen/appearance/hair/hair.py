@@ -1,6 +1,6 @@
 """Hair of a synthetic photograph: hairdo, brows and lashes of a person, as meshes, textures and uniforms.
 
-``docs/hair.md`` says what varies and how often.
+``docs/explanation/hair.md`` says what varies and how often.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Landmarks of any system, in a file: ``.npz`` or ``.csv`` (layout: docs/evaluation.md).
+"""Landmarks of any system, in a file: ``.npz`` or ``.csv`` (layout: docs/reference/evaluation.md).
 
 A system that found no face writes NaN, or leaves the face out; both count as failures when it is measured.
 """

@@ -14,7 +14,8 @@ Regularisation = float | Literal["estimate"]
 
 # Exact maps: rounding to 1/128 mm and the mesh's kinks between pixels leave 0.01 mm.
 EXACT_MAPS_REGULARISATION = 1e-4
-# Predicted maps: landmarks hardly depend on it, and estimating it takes longer than all else (docs/fitting.md).
+# Predicted maps: landmarks hardly depend on it, and estimating it takes longer than all else
+# (docs/explanation/fitting.md).
 PREDICTED_MAPS_REGULARISATION = 20.0
 # From here on maps are a network's, whose errors are alike over patches; below they may be exact to 0.01 mm.
 IS_OF_PREDICTED_MAPS_FROM = 0.5

@@ -1,4 +1,4 @@
-"""What drawn tables hold: the figures that docs/sampling.md quotes."""
+"""What drawn tables hold: the figures that docs/explanation/sampling.md quotes."""
 
 from dataclasses import replace
 

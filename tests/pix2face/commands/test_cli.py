@@ -31,7 +31,7 @@ from tests.pix2face.photographs.seen_faces import (
     write_picture,
 )
 
-DOCUMENTATION = Path(__file__).parents[3] / "docs" / "file_formats.md"
+DOCUMENTATION = Path(__file__).parents[3] / "docs" / "reference" / "file_formats.md"
 FIT_FILES = (".json", ".obj", ".glb", "-points.ply", "-maps.png", "-overlay.jpg")
 PREDICT_FILES = (".npz", "-maps.png")
 
@@ -94,7 +94,7 @@ def written(folder: Path) -> set[str]:
 
 
 def documented_fields(heading: str) -> set[str]:
-    """The names in backquotes below a heading of docs/file_formats.md."""
+    """The names in backquotes below a heading of docs/reference/file_formats.md."""
     section = DOCUMENTATION.read_text().split(f"## {heading}")[1].split("\n## ")[0].split("\n", 1)[1]
     return set(re.findall(r"`(\w+)`", section))
 

@@ -152,7 +152,8 @@ def test_what_is_left_without_doubles_overlaps_little_and_covers_the_rest(faces)
         assert face in kept or any(overlap(face.box, own.box) > 0.3 and own.score >= face.score for own in kept)
 
 
-# Recall and errors as docs/video.md has them, with some room: decoders of JPEG differ by a grey level.
+# Recall and errors as docs/explanation/detection_and_tracking.md has them, with some room: decoders of JPEG differ by
+# a grey level.
 @pytest.mark.parametrize(("name", "least_found", "most_false", "least_overlap"), [("lbp", 40, 4, 0.77)])
 def test_recall_and_box_error_on_annotated_photographs(shared_dir, name, least_found, most_false, least_overlap):
     figures = measure(open_detector(name).detect, annotated_faces(shared_dir / "data" / "dlib_faces"))

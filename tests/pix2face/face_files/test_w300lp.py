@@ -29,7 +29,7 @@ def dev_files(shared_dir: Path) -> list[CoefficientFile]:
 
 
 def keypoint_residual_px(files: list[CoefficientFile], height_px: int = 450, **changes: object) -> float:
-    """The exact check of docs/conventions.md: undo each pose with our camera, regress on the coefficients.
+    """The exact check of docs/reference/conventions.md: undo each pose with our camera, regress on the coefficients.
 
     The 204 coordinates of the undone ``pt3d_68`` must be linear in the coefficients, since they are keypoints of a
     linear model. What is left over, in pixels, tells whether every part of the convention is right.

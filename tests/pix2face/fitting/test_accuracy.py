@@ -1,4 +1,4 @@
-"""What docs/fitting.md claims of 200 faces, held on a few: the same faces, the same measure."""
+"""What docs/explanation/fitting.md claims of 200 faces, held on a few: the same faces, the same measure."""
 
 import pytest
 

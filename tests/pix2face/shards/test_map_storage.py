@@ -48,7 +48,7 @@ def test_what_is_packed_is_unpacked_exactly(
 
 @given(st.sampled_from(SMOOTH), st.integers(1, 20), st.integers(1, 20), st.integers(0, 99))
 def test_two_lines_of_numpy_undo_the_predictor(layer: Layer, height: int, width: int, seed: int) -> None:
-    """As docs/file_formats.md gives them."""
+    """As docs/reference/file_formats.md gives them."""
     steps = any_steps(layer, (height, width), seed)
     stored = predict(steps)[:height, :width]
     signed = ((stored >> 1) ^ -(stored & 1)).view(steps.dtype)

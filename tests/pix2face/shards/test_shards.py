@@ -149,7 +149,7 @@ def test_the_checksum_is_that_of_zlib_over_the_content_as_documented(shard: Path
 
 @pytest.mark.parametrize("compression", ["deflate", "plain"])
 def test_any_hdf5_library_reads_a_shard(tmp_path: Path, compression: str) -> None:
-    """Here h5py alone, in a process that knows nothing of the project: the lines of docs/file_formats.md."""
+    """Here h5py alone, in a process that knows nothing of the project: the lines of docs/reference/file_formats.md."""
     path = tmp_path / "shard-00000.h5"
     write_shard(path, HEADER, [make_triplet(seed) for seed in range(3)], compression)
     code = f"""
