@@ -279,7 +279,7 @@ def test_a_contour_is_for_truths_that_follow_it(tmp_path, small_model, capsys):
     assert "--contour 2d: expected a split whose truth follows the visible outline" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/reference/evaluation.md", "docs/how_to/reproduce_the_paper.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/how_to/evaluate.md", "docs/how_to/reproduce_the_paper.md"])
 def test_every_evaluation_in_the_docs_parses(page):
     text = (Path(__file__).parents[3] / page).read_text(encoding="utf-8")
     calls = re.findall(r"(?:^    |`|&& )(evaluate (?:--split|compare) [^`#\n]*)", text, re.MULTILINE)
