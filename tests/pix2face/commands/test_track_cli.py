@@ -11,13 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from pix2face.commands import track_cli, track_files
+from pix2face.commands import track_cli
 from pix2face.commands.cli import main
 from pix2face.detectors import detection
 from pix2face.files.images import encode_image
 from pix2face.geometry.landmarks import read_pts
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel
+from pix2face.tracking import track_files
 from pix2face.tracking.video import OverlayVideo, open_frames
 from tests.pix2face.coloured_faces import (
     HEIGHT_PX,
