@@ -16,7 +16,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 
 from datagen.appearance.light.harmonics import fibonacci_sphere
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import Surface
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from pix2face.geometry.camera import WeakPerspective, weak_perspective_camera

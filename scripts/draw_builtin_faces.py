@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy import ndarray
 
-from datagen.appearance.plain import draw_plain_appearance
+from datagen.appearance.plain_appearance import draw_plain_appearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer

@@ -45,7 +45,7 @@ def test_torch_would_be_seen_in_the_package() -> None:
 
 
 def test_no_module_of_datagen_loads_torch() -> None:
-    assert {"datagen.cli", "datagen.rendering.renderer", "datagen.appearance.surface"} <= set(DATAGEN_MODULES)
+    assert {"datagen.cli", "datagen.rendering.renderer", "datagen.appearance.scene"} <= set(DATAGEN_MODULES)
     loaded = loaded_by(*DATAGEN_MODULES)
     assert "moderngl" in loaded
     assert not loaded & {"torch", "training"}

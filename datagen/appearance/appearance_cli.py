@@ -5,8 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from datagen.appearance.appearance_config import load_configuration
-from datagen.appearance.config_files import to_toml
+from datagen.appearance.appearance_config import load_configuration, to_toml
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,10 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from pix2face.geometry.camera import Camera, HeadPose, head_pose, rotation_of_pose
 
 
 @final
@@ -45,3 +49,46 @@ def draw_person(rng: np.random.Generator) -> Person:
         caucasian=round(float(weights[2]), 3),
         melanin=round(float(np.clip(rng.normal(mean, spread), 0, 1)), 3),
     )
+
+
+# A neck turns, nods and tilts no farther than this, in degrees.
+MOST_TURN_DEG, MOST_NOD_DEG, MOST_TILT_DEG = 70.0, 30.0, 25.0
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Torso:
+    """What part of the head's pose comes from the neck.
+
+    Attributes:
+        turn: Of its yaw, 0 (the whole body is turned) to 1 (the body faces the camera).
+        nod: Of its pitch.
+        tilt: Of its roll.
+    """
+
+    turn: float
+    nod: float
+    tilt: float
+
+
+def draw_torso(rng: np.random.Generator) -> Torso:
+    """Draws how a body stands: mostly the head turns less than the body does, and nods by itself."""
+    turn, nod, tilt = rng.beta([1.5, 3.0, 3.0], [2.0, 1.5, 1.5])
+    return Torso(turn=round(float(turn), 3), nod=round(float(nod), 3), tilt=round(float(tilt), 3))
+
+
+def head_from_torso(torso: Torso, camera: Camera) -> Float64[ndarray, "3 3"]:
+    """The rotation that brings a body from where the head alone would have it to where it stands, model frame.
+
+    Args:
+        torso: The body.
+        camera: Sees the head.
+    """
+    head = head_pose(camera)
+    neck = HeadPose(
+        min(max(torso.nod * head.pitch_deg, -MOST_NOD_DEG), MOST_NOD_DEG),
+        min(max(torso.turn * head.yaw_deg, -MOST_TURN_DEG), MOST_TURN_DEG),
+        min(max(torso.tilt * head.roll_deg, -MOST_TILT_DEG), MOST_TILT_DEG),
+    )
+    body = HeadPose(head.pitch_deg - neck.pitch_deg, head.yaw_deg - neck.yaw_deg, head.roll_deg - neck.roll_deg)
+    return np.asarray(rotation_of_pose(head).T @ rotation_of_pose(body))

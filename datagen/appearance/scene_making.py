@@ -6,15 +6,15 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.appearance.accessories.choice import accessory_meshes, hidden_hair
-from datagen.appearance.drawing import Appearance
+from datagen.appearance.accessories.accessories import accessory_meshes, hidden_hair
+from datagen.appearance.appearance import Appearance
 from datagen.appearance.hair.hair import Hair, hair_meshes, hair_uniforms
-from datagen.appearance.light.light import light_uniforms, shadow_lights
-from datagen.appearance.scene import PosedHead, Scene, UniformValue
-from datagen.appearance.skin.skin import Skin, skin_uniforms
+from datagen.appearance.light.shading import light_uniforms, shadow_lights
+from datagen.appearance.person import head_from_torso
+from datagen.appearance.scene import PosedHead, Scene, Surface, UniformValue
+from datagen.appearance.skin.skin import Skin
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin
-from datagen.appearance.surface import Surface
-from datagen.appearance.torso import head_from_torso
+from datagen.appearance.skin.uniforms import skin_uniforms
 from datagen.sampling.expressions import strengths_of
 from pix2face.face_files.coefficients import Face
 from pix2face.models.morphable_model import MorphableModel

@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 
 from datagen.appearance.appearance_config import DEFAULT, PLAIN, PRESETS, AppearanceConfig, load_configuration
-from datagen.appearance.backdrop.folder import list_pictures
+from datagen.appearance.backdrop.picture_folder import list_pictures
 from datagen.faces.text_files import REJECTED_FILE
 from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.jobs.folder_lock import UNFINISHED_SHARDS

@@ -8,7 +8,7 @@ import trimesh
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.plain import PlainAppearance
+from datagen.appearance.plain_appearance import PlainAppearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from pix2face.errors import UsageError

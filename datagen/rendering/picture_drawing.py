@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.plain import PlainAppearance, lights_in_model, vertex_paint
-from datagen.appearance.surface import Surface
+from datagen.appearance.plain_appearance import PlainAppearance, lights_in_model, vertex_paint
+from datagen.appearance.scene import Surface
 from datagen.rendering.clip_space import clip_transform
 from datagen.rendering.gl_mesh import KeptBySize, shader_source, uniform
 from pix2face.geometry.camera import Camera

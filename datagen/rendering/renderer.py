@@ -11,7 +11,7 @@ from typing import final
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.plain import PlainAppearance
+from datagen.appearance.plain_appearance import PlainAppearance
 from datagen.opengl.gl_context import GLContext, Rasteriser, choose_rasteriser
 from datagen.rendering.compute_rasteriser import ComputeRasteriser
 from datagen.rendering.fragment_rasteriser import FragmentRasteriser

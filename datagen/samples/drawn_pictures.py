@@ -9,14 +9,15 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from datagen.appearance.appearance import Appearance, appearance_attributes, appearance_textures, draw_appearance
 from datagen.appearance.appearance_config import AppearanceConfig
 from datagen.appearance.backdrop.backdrop import backdrop_pixels
-from datagen.appearance.background import draw_background
-from datagen.appearance.drawing import Appearance, appearance_attributes, appearance_textures, draw_appearance
-from datagen.appearance.light.head_occlusion import head_occlusion
-from datagen.appearance.photograph.photograph import beyond_border, develop, encode
-from datagen.appearance.plain import develop as develop_plain
-from datagen.appearance.plain import draw_plain_appearance
+from datagen.appearance.backdrop.patterns import draw_background
+from datagen.appearance.light.shading import head_occlusion
+from datagen.appearance.photograph.border import beyond_border
+from datagen.appearance.photograph.photograph import develop, encode
+from datagen.appearance.plain_appearance import develop as develop_plain
+from datagen.appearance.plain_appearance import draw_plain_appearance
 from datagen.appearance.scene import HEAD, ScenePicture
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from datagen.sampling.limits import SIDES, limited
-from datagen.sampling.recipes import EMOTIONS, EXTREMES, MAYBE, SMILES, SPEECH, Recipe
+from datagen.sampling.expression_limits import SIDES, limited
+from datagen.sampling.expression_recipes import EMOTIONS, EXTREMES, MAYBE, SMILES, SPEECH, Recipe
 from datagen.sampling.sampling_config import GeometryConfig
 from pix2face.models.morphable_model import MorphableModel
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 from scipy import ndimage
 
-from datagen.appearance.skin.layout import ATLAS_PX, ATLAS_UV, LARGEST_RATIO, SKINS
+from datagen.appearance.skin.skin_textures import ATLAS_PX, ATLAS_UV, LARGEST_RATIO, SKINS
 from pix2face.models.morphable_model import MorphableModel
 from scripts.skin_assets.places import places
 

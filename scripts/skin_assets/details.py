@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from datagen.appearance.skin.layout import DETAILS_PX, DETAILS_UV, LARGEST_GRADIENT
+from datagen.appearance.skin.skin_textures import DETAILS_PX, DETAILS_UV, LARGEST_GRADIENT
 from pix2face.models.morphable_model import MorphableModel
 from scripts.skin_assets.places import places
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from datagen.appearance.skin.layout import IRIS_PX, IRISES, LARGEST_RATIO
+from datagen.appearance.skin.skin_textures import IRIS_PX, IRISES, LARGEST_RATIO
 
 # Of the upper of the two irises in the 512-pixel textures: centre (column, row) and radius in pixels.
 CENTRE_PX, RADIUS_PX = (360.9, 152.4), 58.5

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from datagen.appearance.skin.layout import NOISE_PX
+from datagen.appearance.skin.skin_textures import NOISE_PX
 
 # How many spots and hairs a tile has. The first layer is drawn 96 mm wide, the second 20 mm.
 N_FRECKLES, N_HAIRS, N_PORES = 1100, 5200, 420

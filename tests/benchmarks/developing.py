@@ -12,7 +12,8 @@ from collections import defaultdict
 import cv2
 import numpy as np
 
-from datagen.appearance.photograph.photograph import HARD_PHOTOGRAPH, PhotographConfig, develop, draw_photograph, encode
+from datagen.appearance.photograph.photograph import develop, draw_photograph, encode
+from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, PhotographConfig
 
 
 def main() -> None:

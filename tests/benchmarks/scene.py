@@ -20,9 +20,9 @@ from unittest import mock
 
 import numpy as np
 
+from datagen.appearance.appearance import appearance_textures, draw_appearance
 from datagen.appearance.appearance_config import AppearanceConfig, load_configuration
-from datagen.appearance.drawing import appearance_textures, draw_appearance
-from datagen.appearance.light.head_occlusion import head_occlusion
+from datagen.appearance.light.shading import head_occlusion
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint

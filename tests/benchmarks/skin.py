@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from datagen.appearance.person import draw_person
-from datagen.appearance.skin.skin import SkinConfig, draw_skin
+from datagen.appearance.skin.skin import draw_skin
+from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.tone import (
     albedo_of_skin,
     density_of_melanin,

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, UInt8
 from numpy import ndarray
 
-from datagen.appearance.scene import PosedHead, SceneMesh
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import PosedHead, SceneMesh, Surface
 from pix2face.models.morphable_model import builtin_model
 
 VIEWS_DEG = (-45.0, 0.0, 45.0)

@@ -9,9 +9,8 @@ from jaxtyping import Float64, Int32
 from numpy import ndarray
 
 from datagen.appearance.accessories.clothing.body import Body
-from datagen.appearance.accessories.colours import BLACK, GOLD, SILVER, WHITE, Colour, draw_tint, smooth
-from datagen.appearance.accessories.hats.skull import fit_skull
-from datagen.appearance.accessories.head_fit import nearest_vertices
+from datagen.appearance.accessories.head_fit import fit_skull, nearest_vertices
+from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, WHITE, Colour, draw_tint, smooth
 from datagen.appearance.scene import PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, lathe, scene_mesh, tube
 from pix2face.models.morphable_model import MorphableModel

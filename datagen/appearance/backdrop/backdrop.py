@@ -8,20 +8,17 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.appearance.backdrop.backdrop_config import HARD_BACKDROP, BackdropConfig
-from datagen.appearance.backdrop.focus import defocused
-from datagen.appearance.backdrop.folder import list_pictures, read_crop
-from datagen.appearance.backdrop.panorama import panorama_view
+from datagen.appearance.backdrop.backdrop_config import BackdropConfig
 from datagen.appearance.backdrop.patterns import PATTERNS, draw_pattern
-from datagen.appearance.light.colour import LUMINANCE
+from datagen.appearance.backdrop.picture_folder import list_pictures, read_crop
 from datagen.appearance.light.environment_light import scaled_panorama
-from datagen.appearance.light.environments import environment, environment_names
+from datagen.appearance.light.environments import environment, environment_names, panorama_view
+from datagen.appearance.light.light_colour import LUMINANCE
 from datagen.appearance.light.sources import Light, PanoramaLight, Triple
+from datagen.appearance.photograph.lens import defocused
 from pix2face.errors import UsageError
 from pix2face.files.srgb import srgb_to_linear
 from pix2face.geometry.camera import Camera
-
-__all__ = ["HARD_BACKDROP", "Backdrop", "BackdropConfig", "PersonPlace", "backdrop_pixels", "draw_backdrop"]
 
 ENVIRONMENTS = ("environment", "other environment")
 _PLAIN = {  # sRGB
@@ -72,7 +69,7 @@ class Backdrop:
         level: Factor of the light, for what is not an environment.
         blur: Radius out of focus, as a share of the picture's width.
         file: Of a photograph, relative to the folder.
-        crop: As ``folder.read_crop``.
+        crop: As ``picture_folder.read_crop``.
         is_mirrored: Of a photograph.
         people: Others behind.
         n_people: How many.

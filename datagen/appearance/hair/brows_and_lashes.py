@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
 from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, brow_patch, read_picture
-from datagen.appearance.hair.colour import Colour, HairColour, brow_colour
+from datagen.appearance.hair.hair_colour import Colour, HairColour, brow_colour
 from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.hair.styles import UNCUT_MM
 from datagen.appearance.person import Person

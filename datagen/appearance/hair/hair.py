@@ -24,24 +24,12 @@ from datagen.appearance.hair.brows_and_lashes import (
     draw_lashes,
     lash_mesh,
 )
-from datagen.appearance.hair.colour import HairColour, draw_hair_colour
-from datagen.appearance.hair.hair_config import HARD_HAIR, HairConfig
-from datagen.appearance.hair.parting import Parting, find_parting, mirrored_parting
-from datagen.appearance.hair.shape import CrownPlane, shaped, uncovered
+from datagen.appearance.hair.hair_colour import HairColour, draw_hair_colour
+from datagen.appearance.hair.hair_config import HairConfig
+from datagen.appearance.hair.shape import CrownPlane, Parting, find_parting, mirrored_parting, shaped, uncovered
 from datagen.appearance.hair.styles import STYLES, Hairdo, draw_hairdo
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Material, PosedHead, SceneMesh, Texture, UniformValue
-
-__all__ = [
-    "HARD_HAIR",
-    "CrownPlane",
-    "Hair",
-    "HairConfig",
-    "draw_hair",
-    "hair_meshes",
-    "hair_textures",
-    "hair_uniforms",
-]
 
 LAYERS = tuple(STYLES)
 # Normals of strips are half those of a head's outline, so that crossing strips do not flicker.

@@ -4,15 +4,169 @@ All of it happens around the model's mean, before the hairdo follows a head.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import final
 
+import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from numpy import ndarray
+from scipy.interpolate import LinearNDInterpolator
 
 from datagen.appearance.hair.bound_meshes import BoundMesh
-from datagen.appearance.hair.parting import Parting, comb_aside
 from datagen.appearance.hair.styles import Hairdo
+from pix2face.models.morphable_model import builtin_model
+
+# The face from the front: half its width, its lowest and highest row, and the size of a cell, mm.
+HALF_WIDTH_MM, LOW_MM, HIGH_MM, CELL_MM = 84.0, -80.0, 120.0, 2.0
+IN_FRONT_MM = 20.0  # z: hair behind it does not cover the face
+# Heights, and how far from the middle the face is free there at most.
+FREE_AT_MM = np.array([-80.0, 0.0, 25.0, 45.0, 60.0, 74.0, 86.0])
+FREE_MM = np.array([72.0, 72.0, 66.0, 58.0, 46.0, 24.0, 0.0])
+FULLY_FREE_MM = 50.0
+# A gap that counts ends below this height, and no farther from the middle than that; what is higher is the parting.
+TOP_MM, SIDE_MM, NARROWEST_MM, FARTHEST_MM = 88.0, 70.0, 6.0, 80.0
+# Strands that were moved stay this far before the skin, where its depth is well known.
+CLEARANCE_MM, STEADY_MM = 2.0, 66.0
+OPAQUE = 0.35
+MIDDLE_REGIONS = ("skin", "brows", "lips", "eyes", "iris", "pupil", "scalp", "neck")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Parting:
+    """Where a hairdo leaves the face free, by height.
+
+    Attributes:
+        right: x of the gap's end on the subject's right, mm, for each row.
+        left: On the left.
+    """
+
+    right: Float32[ndarray, " rows"]
+    left: Float32[ndarray, " rows"]
+
+
+def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) -> None:
+    """Widens the gap of a hairdo, in place.
+
+    Args:
+        points: Around the model's mean, mm.
+        parting: The hairdo's.
+        share: 0 as it is, 1 as wide as the face.
+    """
+    x, y = points[:, 0], points[:, 1]
+    chosen = np.flatnonzero((points[:, 2] > IN_FRONT_MM) & (np.abs(x) < HALF_WIDTH_MM) & (y > LOW_MM) & (y < HIGH_MM))
+    if not len(chosen):
+        return
+    x, y = x[chosen], y[chosen]
+    rows = row_heights()
+    right, left = np.interp(y, rows, parting.right), np.interp(y, rows, parting.left)
+    free = np.interp(y, FREE_AT_MM, FREE_MM)
+    share = share * np.clip(free / FULLY_FREE_MM, 0, 1)  # nothing moves at the hair line
+    on_right = x < (right + left) / 2
+    ends, side = np.where(on_right, right, left), np.where(on_right, -1, 1)
+    new_ends = ends + side * share * np.maximum(free - side * ends, 0)
+    # Of the way from the gap to the side of the head, how much is left.
+    inward = np.clip((HALF_WIDTH_MM - side * x) / (HALF_WIDTH_MM - side * ends), 0, 1)
+    moved = side * (HALF_WIDTH_MM - inward * (HALF_WIDTH_MM - side * new_ends))
+    # Nothing jumps where hair begins to lie before the face.
+    moved = x + np.clip((points[chosen, 2] - IN_FRONT_MM) / 20, 0, 1) * (moved - x)
+    skin = _depth_at(moved, y)
+    is_steady = (np.abs(moved) < STEADY_MM) & (y < TOP_MM)
+    low = np.where(is_steady, skin + CLEARANCE_MM, -np.inf)
+    points[chosen, 2] = np.maximum(points[chosen, 2] + skin - _depth_at(x, y), np.minimum(low, points[chosen, 2] + 25))
+    points[chosen, 0] = moved
+
+
+def find_parting(mesh: BoundMesh, picture: UInt8[ndarray, "h w c"]) -> Parting:
+    """Looks at a hairdo from the front.
+
+    Args:
+        mesh: The hairdo.
+        picture: Its texture; the last channel is alpha.
+    """
+    covered = _seen_from_the_front(mesh, picture)
+    gaps = [_gap(row) if height < TOP_MM else None for row, height in zip(covered, row_heights(), strict=True)]
+    known = [place for place, gap in enumerate(gaps) if gap is not None]
+    if not known:
+        return Parting(*np.zeros((2, len(gaps)), dtype=np.float32))
+    first, top = gaps[known[0]], gaps[known[-1]]
+    ends = np.empty((2, len(gaps)))
+    for place, gap in enumerate(gaps):
+        if gap is not None:
+            ends[:, place] = gap
+        elif place < known[0]:
+            ends[:, place] = first
+        elif place > known[-1]:  # above the highest gap: the parting
+            assert top is not None
+            ends[:, place] = np.mean(top)
+        else:
+            ends[:, place] = ends[:, place - 1]
+    smooth = [np.convolve(np.pad(end, 6, "edge"), np.full(13, 1 / 13), "valid") for end in ends]
+    return Parting(smooth[0].astype(np.float32), smooth[1].astype(np.float32))
+
+
+def mirrored_parting(parting: Parting) -> Parting:
+    """The parting of the mirror image."""
+    return Parting(-parting.left, -parting.right)
+
+
+def row_heights() -> Float32[ndarray, " rows"]:
+    """Heights of the rows, mm, rising."""
+    return np.arange(LOW_MM, HIGH_MM + 1e-6, CELL_MM, dtype=np.float32)
+
+
+def _seen_from_the_front(mesh: BoundMesh, picture: UInt8[ndarray, "h w c"]) -> UInt8[ndarray, "rows columns"]:
+    """Which cells opaque triangles cover, lowest row first."""
+    rows, columns = len(row_heights()), int(2 * HALF_WIDTH_MM / CELL_MM) + 1
+    covered = np.zeros((rows, columns), np.uint8)
+    corners = mesh.mean[mesh.point_of_vertex[mesh.triangles]]
+    uv = mesh.uv[mesh.triangles].mean(axis=1)
+    height, width = picture.shape[:2]
+    texel = picture[
+        np.clip((uv[:, 1] * height).astype(int), 0, height - 1), np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
+    ]
+    chosen = (corners[..., 2].max(axis=1) > IN_FRONT_MM) & (texel[:, -1] > 255 * OPAQUE)
+    cells = (corners[chosen][..., :2] - [-HALF_WIDTH_MM, LOW_MM]) / CELL_MM
+    for triangle in np.rint(cells).astype(np.int32):
+        cv2.fillConvexPoly(covered, triangle, 1)
+    return covered
+
+
+def _gap(row: UInt8[ndarray, " columns"]) -> tuple[float, float] | None:
+    """Ends (x, mm) of the widest gap of a row; None where it has none."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[1], row, [1]]).astype(int)))
+    starts, stops = ends[::2], ends[1::2]
+    if not len(starts):
+        return None
+    widest = int(np.argmax(stops - starts))
+    right, left = (float(ends[widest] * CELL_MM - HALF_WIDTH_MM) for ends in (starts, stops))
+    if left - right < NARROWEST_MM or abs(left + right) > 2 * SIDE_MM:
+        return None
+    return max(right, -FARTHEST_MM), min(left, FARTHEST_MM)
+
+
+def _depth_at(x: Float[ndarray, " n"], y: Float[ndarray, " n"]) -> Float32[ndarray, " n"]:
+    """How far to the front the skin of the mean reaches."""
+    depth = _depths()
+    column = np.clip((x + HALF_WIDTH_MM) / CELL_MM, 0, depth.shape[1] - 1).astype(np.float32)
+    row = np.clip((y - LOW_MM) / CELL_MM, 0, depth.shape[0] - 1).astype(np.float32)
+    return cv2.remap(depth, column[None], row[None], cv2.INTER_LINEAR)[0]
+
+
+@cache
+def _depths() -> Float32[ndarray, "rows columns"]:
+    """Depth (z) of the mean's front over the cells, smooth."""
+    model = builtin_model()
+    regions = np.array([name in MIDDLE_REGIONS for name in model.region_names])
+    vertices = np.unique(model.triangles[regions[model.triangle_regions]])
+    front = model.mean[vertices].astype(np.float64)
+    front = front[front[:, 2] > -20]
+    x, y = np.meshgrid(np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-6, CELL_MM), row_heights())
+    interpolate = LinearNDInterpolator(front[:, :2], front[:, 2])
+    depth = np.nan_to_num(interpolate(x, y), nan=-20.0).astype(np.float32)
+    return cv2.GaussianBlur(depth, (0, 0), 1.5)
+
 
 EARS_MM = 0.0  # height of the ears' middle
 # Under a hat: strands above its rim are left out but for this strip, mm; at the rim they lie this close to the skin.

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from datagen.appearance.light.colour import LUMINANCE, balance_matrix, saturation_matrix
 from datagen.appearance.light.environments import Environment, environment, environment_names
 from datagen.appearance.light.harmonics import turned
+from datagen.appearance.light.light_colour import LUMINANCE, balance_matrix, saturation_matrix
 from datagen.appearance.light.light_config import LightConfig
 from datagen.appearance.light.setups import Setup
 from datagen.appearance.light.sources import PanoramaLight, Triple, direction_of, environment_from_camera

@@ -10,12 +10,11 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from datagen.appearance.light.colour import LUMINANCE
 from datagen.appearance.light.environment_light import draw_environment_light, scaled_panorama
 from datagen.appearance.light.harmonics import point_light
-from datagen.appearance.light.light_config import HARD_LIGHT, LightConfig
+from datagen.appearance.light.light_colour import LUMINANCE
+from datagen.appearance.light.light_config import LightConfig
 from datagen.appearance.light.setups import Colours, Setup, draw_setup, night_setup
-from datagen.appearance.light.shading import light_textures, light_uniforms, shadow_lights
 from datagen.appearance.light.sources import (
     GOBOS,
     Gobo,
@@ -24,19 +23,7 @@ from datagen.appearance.light.sources import (
     PanoramaLight,
     angles_of,
     seen_illuminance,
-    seen_light,
 )
-
-__all__ = [
-    "HARD_LIGHT",
-    "Light",
-    "LightConfig",
-    "draw_light",
-    "light_textures",
-    "light_uniforms",
-    "seen_light",
-    "shadow_lights",
-]
 
 MAX_LAMPS = 2
 KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")

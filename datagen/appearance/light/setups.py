@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from datagen.appearance.light.colour import lamp_colour
 from datagen.appearance.light.harmonics import N_HARMONICS, point_light
+from datagen.appearance.light.light_colour import lamp_colour
 from datagen.appearance.light.sources import direction_of
 
 

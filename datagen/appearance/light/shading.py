@@ -2,17 +2,20 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
+from importlib.resources import as_file, files
 
+import h5py
 import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
-from datagen.appearance.light.colour import LUMINANCE
 from datagen.appearance.light.environments import environment, environment_names, softened_panorama
 from datagen.appearance.light.harmonics import N_HARMONICS, turned
+from datagen.appearance.light.light_colour import LUMINANCE
 from datagen.appearance.light.sources import GOBOS, Light, environment_from_camera
 from datagen.appearance.scene import Texture, UniformValue
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
+from pix2face.models.morphable_model import MorphableModel
 
 MAX_LAMPS, MAX_PANORAMAS = 2, 2  # as in light.glsl
 # Each environment has so many layers, ever softer: as surfaces of rising roughness mirror it.
@@ -115,3 +118,20 @@ def _gobo_uniforms(light: Light, model_from_camera: Float64[ndarray, "3 3"]) -> 
         "light_gobo_depth": gobo.depth,
         "light_gobo_edge": float(np.clip(2.5 * light.lamps[0].radius_rad, 0.04, 0.45)),
     }
+
+
+def head_occlusion(model: MorphableModel) -> Float32[ndarray, " v"]:
+    """1 where a vertex is open to all directions on its outside, 0 where it is closed in.
+
+    Known for the built-in model; for others the light is taken to arrive everywhere. The inside of the mouth is as in
+    an open one: in a closed one nobody sees it.
+    """
+    with (
+        as_file(files("datagen") / "assets" / "head_occlusion.h5") as path,
+        h5py.File(path, "r", locking=False) as file,
+    ):
+        stored = file["occlusion"][:]
+        is_same = file.attrs["model_sha256"] == model.sha256 and len(stored) == len(model.mean)
+    if not is_same:
+        return np.ones(len(model.mean), dtype=np.float32)
+    return np.asarray(stored.astype(np.float32) / 255)

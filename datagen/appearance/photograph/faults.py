@@ -46,7 +46,7 @@ def draw_good_photograph(rng: np.random.Generator, config: PhotographConfig) -> 
 
 
 def with_fault(name: str, taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
-    """The same photograph, bad in one of the ways that ``configuration.FAULTS`` names."""
+    """The same photograph, bad in one of the ways that ``FAULTS`` names."""
     return _FAULTS[name](taken, rng, config)
 
 

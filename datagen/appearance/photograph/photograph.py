@@ -11,14 +11,12 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.photograph.border import Border, beyond_border, draw_border, draw_letterbox, with_border
+from datagen.appearance.photograph.border import Border, draw_border, draw_letterbox, with_border
 from datagen.appearance.photograph.faults import draw_good_photograph, with_fault
 from datagen.appearance.photograph.lens import Lens, expose_through
-from datagen.appearance.photograph.photograph_config import FAULTS, HARD_PHOTOGRAPH, PhotographConfig
+from datagen.appearance.photograph.photograph_config import FAULTS, PhotographConfig
 from datagen.appearance.photograph.processing import Processing, encode_jpeg, process
 from datagen.appearance.photograph.sensor import Sensor, Tone, sense, tone
-
-__all__ = ["HARD_PHOTOGRAPH", "Photograph", "PhotographConfig", "beyond_border", "develop", "draw_photograph", "encode"]
 
 
 @final

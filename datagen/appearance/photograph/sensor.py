@@ -1,6 +1,7 @@
 """What a camera's exposure, sensor and processing make of the light: bytes that look right, more or less."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import cv2
@@ -8,8 +9,28 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.photograph.noise import noise_window
 from pix2face.files.srgb import linear_to_srgb
+
+# A prime, so that windows which are larger than the field repeat in no common rhythm.
+_SIDE = 1009
+
+
+def noise_window(rng: np.random.Generator, height: int, width: int) -> Float32[ndarray, "h w"]:
+    """Independent standard normal values: a window of a fixed field, at a place of its own, to be read only."""
+    top, left = (int(place) for place in rng.integers(0, _SIDE, 2))
+    field = _field()
+    if top + height <= _SIDE and left + width <= _SIDE:
+        return field[top : top + height, left : left + width]
+    rows, columns = np.arange(top, top + height) % _SIDE, np.arange(left, left + width) % _SIDE
+    return field[rows[:, None], columns]
+
+
+@lru_cache(maxsize=1)
+def _field() -> Float32[ndarray, "s s"]:
+    field = np.random.default_rng(20).standard_normal((_SIDE, _SIDE), dtype=np.float32)
+    field.flags.writeable = False
+    return field
+
 
 # Of the mean: what exposure aims at, linear light. Skin in good light.
 MIDDLE_GREY = 0.24

@@ -7,8 +7,8 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.appearance.person import Person
-from datagen.appearance.skin.layout import IRISES
 from datagen.appearance.skin.skin_config import SkinConfig
+from datagen.appearance.skin.skin_textures import IRISES
 
 Colour = tuple[float, float, float]
 

@@ -1,12 +1,185 @@
-"""Skin, eyes and the inside of the mouth of a synthetic photograph: all that the head itself is painted with.
+"""Draws the skin of one person: its colour, its age, what is on it; eyes and mouth with it."""
 
-Three steps: ``draw_skin`` decides, once for a sample; ``head_paint`` says where on a head things are, once for a
-model; ``skin_uniforms`` and ``skin_textures`` tell ``skin.glsl``.
-"""
+from dataclasses import dataclass
+from typing import final
 
-from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
-from datagen.appearance.skin.traits import Skin, draw_skin
-from datagen.appearance.skin.uniforms import skin_textures, skin_uniforms
-from datagen.appearance.skin.zones import head_paint
+import numpy as np
 
-__all__ = ["HARD_SKIN", "Skin", "SkinConfig", "draw_skin", "head_paint", "skin_textures", "skin_uniforms"]
+from datagen.appearance.person import Person
+from datagen.appearance.skin.eyes import Eyes, Mouth, draw_eyes, draw_mouth
+from datagen.appearance.skin.make_up import Colour, MakeUp, draw_make_up
+from datagen.appearance.skin.marks import Mark, draw_marks
+from datagen.appearance.skin.skin_config import SkinConfig
+from datagen.appearance.skin.skin_textures import AGES, ORIGINS, SEXES, SKINS
+
+# Of all persons; and where the scale's ends begin to grow rare: beyond, differences shrink instead of piling up.
+MIDDLE_MELANIN = 0.43
+RARE_BELOW, RARE_ABOVE = 0.15, 0.78
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Skin:
+    """What was drawn of one person's skin.
+
+    Attributes:
+        melanin: 0 the lightest skin, 1 the darkest; even in lightness.
+        haemoglobin: Of skin at rest; 0.16 is usual.
+        flush: Further haemoglobin of cheeks, nose and ears.
+        under_eye: Strength of the circles under the eyes.
+        textures: Three of ``SKINS`` whose texture is blended.
+        texture_weights: Their weights, sum 1.
+        texture_strength: 0 none, 1 as photographed.
+        blotches: Relative unevenness of melanin, and of blood.
+        noise_offset: Where in the tile of noise this skin begins.
+        freckles: How many there are, 0..1, and how dark they are.
+        age_spots: How dark they are.
+        vitiligo: Whether there are white patches.
+        tan: How much darker skin in the sun is.
+        wrinkles: Of the face at rest, 0..1: forehead, between the brows, around the eyes, around the mouth, lips.
+        expression_folds: Factor on the folds that expressions make.
+        pores: How coarse the surface is.
+        oil: Shine.
+        roughness: Of dry skin.
+        marks: Moles, acne, scars.
+        shaved_shadow: How dark the shaved beard area is.
+        stubble: How dense stubble is, 0..1.
+        hair_colour: Of stubble, of painted brows and of cropped hair, linear, where the hair's own is not given.
+        brow_strength: How strong painted brows are.
+        hairline: How far the hair line recedes, 0..1.
+        make_up: Make-up and face paint.
+        eyes: Eyes.
+        mouth: Teeth and tongue.
+    """
+
+    melanin: float
+    haemoglobin: float
+    flush: float
+    under_eye: float
+    textures: tuple[str, str, str]
+    texture_weights: tuple[float, float, float]
+    texture_strength: float
+    blotches: tuple[float, float]
+    noise_offset: tuple[float, float]
+    freckles: tuple[float, float]
+    age_spots: float
+    vitiligo: bool
+    tan: float
+    wrinkles: tuple[float, float, float, float, float]
+    expression_folds: float
+    pores: float
+    oil: float
+    roughness: float
+    marks: tuple[Mark, ...]
+    shaved_shadow: float
+    stubble: float
+    hair_colour: Colour
+    brow_strength: float
+    hairline: float
+    make_up: MakeUp
+    eyes: Eyes
+    mouth: Mouth
+
+
+def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> Skin:
+    """Draws a skin for a person.
+
+    Raises:
+        UsageError: The configuration does not hold together.
+    """
+    config.check()
+    melanin = _draw_melanin(rng, config, person)
+    textures, weights = _draw_textures(rng, person)
+    age = np.clip((person.age_years - 20) / 65, 0, 1)
+    flush = rng.uniform(*config.flush) * (rng.uniform(2, 4) if rng.random() < config.sunburn_share else 1.0)
+    beard = _draw_beard(rng, config, person)
+    return Skin(
+        melanin=round(melanin, 4),
+        haemoglobin=_round(rng.uniform(*config.haemoglobin)),
+        flush=_round(min(flush, 0.7)),
+        under_eye=_round(rng.beta(1.5, 3) * (0.6 + 0.8 * age)),
+        textures=textures,
+        texture_weights=weights,
+        texture_strength=_round(rng.uniform(*config.texture)),
+        blotches=(_round(rng.uniform(*config.blotches)), _round(2 * rng.uniform(*config.blotches))),
+        noise_offset=(_round(rng.uniform()), _round(rng.uniform())),
+        freckles=_draw_freckles(rng, config, melanin),
+        age_spots=_round(rng.uniform(0, 0.14) * np.clip((person.age_years - 45) / 30, 0, 1)),
+        vitiligo=bool(rng.random() < config.vitiligo_share),
+        tan=_round(rng.uniform(0.25, 0.6) if rng.random() < config.tan_share else rng.uniform(0, 0.15)),
+        wrinkles=_draw_wrinkles(rng, config, float(age)),
+        expression_folds=_round(config.expression_folds * rng.uniform(0.5, 1.2) * (0.6 + 0.8 * age)),
+        pores=_round(rng.uniform(0.1, 0.8) + 0.3 * age),
+        oil=_round(rng.uniform(*config.oil)),
+        roughness=_round(rng.uniform(*config.roughness)),
+        marks=draw_marks(rng, config, person),
+        shaved_shadow=beard[0],
+        stubble=beard[1],
+        hair_colour=_draw_hair_colour(rng, person, melanin),
+        brow_strength=_round(rng.uniform(0.35, 0.75) * (1.05 - 0.25 * person.femininity)),
+        hairline=_round(rng.uniform(0, 0.25) + 0.6 * float(age) * (1 - person.femininity) * rng.uniform()),
+        make_up=draw_make_up(rng, config, person),
+        eyes=draw_eyes(rng, config, person),
+        mouth=draw_mouth(rng, config, person),
+    )
+
+
+def _draw_melanin(rng: np.random.Generator, config: SkinConfig, person: Person) -> float:
+    wanted = MIDDLE_MELANIN + config.melanin_contrast * (person.melanin - MIDDLE_MELANIN)
+    wanted += rng.normal(0, config.melanin_spread)
+    if wanted > RARE_ABOVE:
+        room = 1 - RARE_ABOVE
+        return float(RARE_ABOVE + room * (1 - np.exp(-(wanted - RARE_ABOVE) / room)))
+    return float(max(wanted, RARE_BELOW * np.exp(min(wanted - RARE_BELOW, 0) / RARE_BELOW)))
+
+
+def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str, str, str], tuple[float, float, float]]:
+    """The three skins that are nearest to a person's age, sex and origin, somewhat at random."""
+    position = np.clip((person.age_years - 25) / 25, 0, 2)
+    of_age = np.maximum(1 - np.abs(position - np.arange(len(AGES))), 0) + 0.05
+    of_origin = np.array([person.african, person.asian, person.caucasian]) + 0.04
+    of_sex = np.array([person.femininity, 1 - person.femininity]) + 0.08
+    weights = np.einsum("a,o,s->aos", of_age, of_origin, of_sex).reshape(-1) * np.exp(rng.normal(0, 0.7, len(SKINS)))
+    assert len(SKINS) == len(AGES) * len(ORIGINS) * len(SEXES)
+    best = np.argsort(-weights)[:3]
+    share = weights[best] / weights[best].sum()
+    first, second, third = (SKINS[k] for k in best)
+    rest = round(1 - round(float(share[0]), 3) - round(float(share[1]), 3), 3)
+    return (first, second, third), (round(float(share[0]), 3), round(float(share[1]), 3), max(rest, 0.0))
+
+
+def _draw_wrinkles(
+    rng: np.random.Generator, config: SkinConfig, age: float
+) -> tuple[float, float, float, float, float]:
+    """Wrinkles begin around 30 and differ much between people; the fold beside the nose is there in all adults."""
+    of_age = config.wrinkles * max(age - 0.1, 0.0) ** 0.8 * rng.lognormal(-0.15, 0.35, size=5)
+    start = np.array([0.02, 0.02, 0.05, 0.14, 0.0]) * rng.uniform(0.3, 1.5, size=5)
+    values = np.clip(of_age * [0.8, 0.7, 0.9, 0.8, 0.7] + start, 0, 1.1)
+    forehead, brows, eyes, mouth, lips = (_round(value) for value in values)
+    return forehead, brows, eyes, mouth, lips
+
+
+def _draw_beard(rng: np.random.Generator, config: SkinConfig, person: Person) -> tuple[float, float]:
+    """Strength of the shaved shadow, and of stubble."""
+    male = max(1 - 1.6 * person.femininity, 0.0) * float(np.clip((person.age_years - 15) / 7, 0, 1))
+    shadow = rng.uniform(*config.shaved_shadow) * male
+    stubble = rng.uniform(*config.stubble) if rng.random() < config.stubble_share * male else 0.0
+    return _round(shadow), _round(stubble)
+
+
+def _draw_freckles(rng: np.random.Generator, config: SkinConfig, melanin: float) -> tuple[float, float]:
+    """How many and how dark: on light skin only."""
+    has_some = rng.random() < config.freckles_share * float(np.clip(1 - 2 * melanin, 0, 1))
+    return (_round(rng.uniform(0.2, 0.75)), _round(rng.uniform(0.04, 0.16))) if has_some else (0.0, 0.0)
+
+
+def _draw_hair_colour(rng: np.random.Generator, person: Person, melanin: float) -> Colour:
+    """From black to dark blond, and grey with age."""
+    dark = rng.uniform(0.01, 0.05) if rng.random() < 0.3 + melanin else rng.uniform(0.04, 0.22)
+    grey = float(np.clip((person.age_years - 45) / 40, 0, 1)) * rng.uniform()
+    red, green, blue = (1 - grey) * dark * np.array([1.0, 0.68, 0.45]) + grey * np.array([0.38, 0.37, 0.35])
+    return _round(red), _round(green), _round(blue)
+
+
+def _round(value: float) -> float:
+    return round(float(value), 4)

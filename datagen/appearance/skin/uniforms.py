@@ -2,30 +2,21 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib.resources import files
 
-import cv2
 import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray
 
-from datagen.appearance.scene import PosedHead, Texture, UniformValue
-from datagen.appearance.skin.layout import (
-    ATLAS_PX,
-    ATLAS_UV,
-    DETAILS_PX,
-    DETAILS_UV,
-    IRIS_PX,
-    IRISES,
-    NOISE_PX,
-    SKINS,
-)
+from datagen.appearance.scene import PosedHead, UniformValue
 from datagen.appearance.skin.make_up import FACE_PAINTS, MakeUp
 from datagen.appearance.skin.marks import MAX_MARKS
+from datagen.appearance.skin.skin import Skin
+from datagen.appearance.skin.skin_textures import (
+    ATLAS_UV,
+    DETAILS_UV,
+    IRISES,
+    SKINS,
+)
 from datagen.appearance.skin.tone import DERMIS, HAEMOGLOBIN, MELANIN, SURFACE, density_of_melanin
-from datagen.appearance.skin.traits import Skin
 from datagen.appearance.skin.zones import LidMargins
-from pix2face.errors import InputFileError
 from pix2face.models.morphable_model import MorphableModel
 
 # Which expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth, of the lips,
@@ -68,22 +59,6 @@ def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
     }
 
 
-@lru_cache(maxsize=1)
-def skin_textures() -> Mapping[str, Texture]:
-    """The textures of ``skin.glsl`` by the sampler's name.
-
-    Raises:
-        InputFileError: A file of the package is damaged.
-    """
-    sizes = {
-        "skin_atlas": ATLAS_PX,
-        "skin_details": DETAILS_PX,
-        "skin_noise": (NOISE_PX,) * 2,
-        "skin_iris": (IRIS_PX,) * 2,
-    }
-    return {name: Texture(pixels=_layers(name, *size), repeat=name == "skin_noise") for name, size in sizes.items()}
-
-
 def _folds(skin: Skin, active: Mapping[str, float], side: str) -> list[float]:
     """How deep each group of folds is on one side of the face."""
     return [
@@ -95,17 +70,6 @@ def _folds(skin: Skin, active: Mapping[str, float], side: str) -> list[float]:
         )
         for rest, group in zip(skin.wrinkles, FOLDING, strict=True)
     ]
-
-
-def _layers(name: str, height: int, width: int) -> UInt8[ndarray, "n h w c"]:
-    data = np.frombuffer((files("datagen") / "assets" / f"{name}.png").read_bytes(), dtype=np.uint8)
-    decoded = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    if decoded is None:
-        raise InputFileError(f"datagen/assets/{name}.png: expected a picture, found a damaged file; install again")
-    picture = np.atleast_3d(np.asarray(decoded, dtype=np.uint8))
-    n_channels = picture.shape[2]
-    rgba = picture if n_channels == 1 else np.take(picture, [2, 1, 0, 3][:n_channels], axis=2)
-    return np.ascontiguousarray(rgba.reshape(-1, height, width, n_channels))
 
 
 def _box(uv: tuple[float, float, float, float]) -> tuple[float, ...]:

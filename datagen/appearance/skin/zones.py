@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import Surface
 from pix2face.models.morphable_model import MorphableModel
 
 LID_REACH_MM, HAIRLINE_REACH_MM, CAVITY_RADIUS_MM = 24.0, 48.0, 7.0

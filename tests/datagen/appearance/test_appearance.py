@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from datagen.appearance.background import draw_background
-from datagen.appearance.plain import develop, draw_plain_appearance
+from datagen.appearance.backdrop.patterns import draw_background
+from datagen.appearance.plain_appearance import develop, draw_plain_appearance
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer
 from pix2face.errors import UsageError

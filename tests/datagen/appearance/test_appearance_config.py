@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from datagen.appearance.appearance_config import DEFAULT, HARD, PLAIN, PRESETS, load_configuration
-from datagen.appearance.config_files import to_toml
-from datagen.appearance.drawing import appearance_attributes, draw_appearance
+from datagen.appearance.appearance import appearance_attributes, draw_appearance
+from datagen.appearance.appearance_config import DEFAULT, HARD, PLAIN, PRESETS, load_configuration, to_toml
 from datagen.cli import main
 from pix2face.errors import InputFileError, UsageError
 from pix2face.shards.sample_filter import SampleFilter

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
+from datagen.appearance.appearance import appearance_textures, draw_appearance
 from datagen.appearance.appearance_config import DEFAULT, HARD, PRESETS
-from datagen.appearance.drawing import appearance_textures, draw_appearance
-from datagen.appearance.light.head_occlusion import head_occlusion
+from datagen.appearance.light.shading import head_occlusion
 from datagen.appearance.photograph.border import Border
-from datagen.appearance.photograph.photograph import HARD_PHOTOGRAPH, PhotographConfig, develop, draw_photograph
+from datagen.appearance.photograph.photograph import develop, draw_photograph
+from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, PhotographConfig
 from datagen.appearance.scene import HEAD
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datagen.appearance.appearance import appearance_textures, draw_appearance
 from datagen.appearance.appearance_config import HARD, PRESETS
-from datagen.appearance.drawing import appearance_textures, draw_appearance
-from datagen.appearance.light.head_occlusion import head_occlusion
+from datagen.appearance.light.shading import head_occlusion
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
 from datagen.opengl.gl_context import GLContext

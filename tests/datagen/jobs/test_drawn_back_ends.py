@@ -19,10 +19,10 @@ import sys
 import numpy as np
 from pathlib import Path
 from datagen.appearance.appearance_config import DEFAULT, PRESETS
-from datagen.appearance.light.head_occlusion import head_occlusion
+from datagen.appearance.light.shading import head_occlusion
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
-from datagen.appearance.drawing import appearance_textures, draw_appearance
+from datagen.appearance.appearance import appearance_textures, draw_appearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from datagen.appearance.backdrop.backdrop import backdrop_pixels

@@ -9,8 +9,7 @@ import numpy as np
 import trimesh
 from numpy import ndarray
 
-from datagen.appearance.scene import Material, PosedHead, Scene, SceneMesh, Texture
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import Material, PosedHead, Scene, SceneMesh, Surface, Texture
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import shader_source
 from datagen.rendering.scenes import scene_program

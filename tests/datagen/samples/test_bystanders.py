@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datagen.appearance.appearance import Appearance, appearance_textures, draw_appearance
 from datagen.appearance.appearance_config import DEFAULT, HARD, PRESETS
 from datagen.appearance.backdrop.backdrop import PersonPlace, draw_backdrop
-from datagen.appearance.drawing import Appearance, appearance_textures, draw_appearance
-from datagen.appearance.light.head_occlusion import head_occlusion
-from datagen.appearance.light.light import Light, seen_light
+from datagen.appearance.light.shading import head_occlusion
+from datagen.appearance.light.sources import Light, seen_light
 from datagen.appearance.scene import Scene, ScenePicture
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint

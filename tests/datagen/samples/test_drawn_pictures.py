@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from datagen.appearance.accessories.before_face.masks import draw_mask
+from datagen.appearance.appearance import Appearance, draw_appearance
 from datagen.appearance.appearance_config import DEFAULT, PLAIN, PRESETS
-from datagen.appearance.background import draw_background
-from datagen.appearance.drawing import Appearance, draw_appearance
+from datagen.appearance.backdrop.patterns import draw_background
 from datagen.appearance.photograph.border import Border, beyond_border
-from datagen.appearance.plain import develop, draw_plain_appearance
+from datagen.appearance.plain_appearance import develop, draw_plain_appearance
 from datagen.appearance.scene import SCENE_REGIONS
 from datagen.cli import main
 from datagen.opengl.gl_context import GLContext

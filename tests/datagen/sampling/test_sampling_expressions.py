@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
+from datagen.sampling.expression_limits import SIDES, limited
+from datagen.sampling.expression_recipes import EMOTIONS, EXTREMES, MAYBE, SPEECH
 from datagen.sampling.expressions import (
     NAMED_EXPRESSIONS,
     DrawnExpression,
@@ -21,8 +23,6 @@ from datagen.sampling.expressions import (
     strengths_of,
 )
 from datagen.sampling.faces import sample_faces
-from datagen.sampling.limits import SIDES, limited
-from datagen.sampling.recipes import EMOTIONS, EXTREMES, MAYBE, SPEECH
 from datagen.sampling.sampling_config import DEFAULT_GEOMETRY, HARD_GEOMETRY, GeometryConfig
 from datagen.sampling.teeth import ToothGuard
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera

@@ -11,8 +11,8 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from datagen.appearance.accessories.colours import Colour, cloth, draw_cloth_colour, draw_tint, skin_material, smooth
 from datagen.appearance.accessories.head_fit import nearest_vertices, triangles_of
+from datagen.appearance.accessories.materials import Colour, cloth, draw_cloth_colour, draw_tint, skin_material, smooth
 from datagen.appearance.scene import PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, scene_mesh, tube, unit
 from pix2face.models.morphable_model import MorphableModel

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Int32
 from numpy import ndarray
 
-from datagen.appearance.accessories.colours import (
+from datagen.appearance.accessories.head_fit import nearest_vertices
+from datagen.appearance.accessories.materials import (
     BLACK,
     SILVER,
     WHITE,
@@ -18,7 +19,6 @@ from datagen.appearance.accessories.colours import (
     draw_tint,
     smooth,
 )
-from datagen.appearance.accessories.head_fit import nearest_vertices
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, box, ellipsoid, joined, lathe, scene_mesh, tube, unit
 from pix2face.models.morphable_model import MorphableModel

@@ -10,10 +10,9 @@ from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
 
 from datagen.appearance.accessories.clothing.body import Body
-from datagen.appearance.accessories.colours import WHITE, Colour, cloth, draw_cloth_colour, linear_colour
-from datagen.appearance.accessories.hats.skull import fit_skull
-from datagen.appearance.accessories.hats.wraps import cowl
-from datagen.appearance.accessories.head_fit import Anchors, anchors_outward, nearest_vertices
+from datagen.appearance.accessories.hats.headwear_meshes import cowl
+from datagen.appearance.accessories.head_fit import Anchors, anchors_outward, fit_skull, nearest_vertices
+from datagen.appearance.accessories.materials import WHITE, Colour, cloth, draw_cloth_colour, linear_colour
 from datagen.appearance.accessories.weaves import WEAVES, layer_of
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, tube

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from datagen.appearance.accessories.colours import (
+from datagen.appearance.accessories.materials import (
     WHITE,
     Colour,
     cloth,

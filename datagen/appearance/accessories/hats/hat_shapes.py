@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from datagen.appearance.accessories.hats.headwear_choice import Headwear
-from datagen.appearance.accessories.hats.skull import Skull
+from datagen.appearance.accessories.hats.headwear import Headwear
+from datagen.appearance.accessories.head_fit import Skull
 from datagen.appearance.solids import Solid, ellipsoid, joined, lathe, sheet, tube
 
 HatPiece = Literal["cloth", "second", "hard", "visor", "logo"]
@@ -36,7 +36,7 @@ class Fit:
     tilt_deg: float
 
     def rim(self, around: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
-        """Height of the rim, radians; ``around`` as in ``skull.direction``."""
+        """Height of the rim, radians; ``around`` as in ``head_fit.direction``."""
         ahead, aside = np.cos(around), np.sin(around) ** 2
         middle = 0.5 * (self.front_deg + self.back_deg)
         height = middle + 0.5 * (self.front_deg - self.back_deg) * ahead + (self.side_deg - middle) * aside

@@ -1,83 +1,92 @@
-"""Hats, caps, helmets, turbans, scarves over the head: which one, and how much hair it hides."""
+"""Which hats people wear, and how."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import final
 
 import numpy as np
 
-from datagen.appearance.accessories.clothing.body import Body
-from datagen.appearance.accessories.colours import cloth, smooth
-from datagen.appearance.accessories.hats.fedora import FEDORA_CROWN, LARGEST_TILT_DEG, fedora_mesh
-from datagen.appearance.accessories.hats.hat_shapes import Fit, HatPiece, hat_pieces
-from datagen.appearance.accessories.hats.headwear_choice import WRAPS, Headwear
-from datagen.appearance.accessories.hats.skull import CENTRE, fit_skull
-from datagen.appearance.accessories.hats.wraps import wrap_pieces
-from datagen.appearance.hair.shape import CrownPlane
-from datagen.appearance.scene import Material, PosedHead, SceneMesh
-from datagen.appearance.solids import scene_mesh
+from datagen.appearance.accessories.materials import GOLD, Colour, draw_cloth_colour, draw_tint
+from datagen.appearance.person import Person
 
-# How far below the hair line the rim is, degrees about the middle of the skull: front, sides, back.
-_RIMS = {
-    "cap": (24.0, 9.0, -8.0),
-    "beanie": (26.0, -2.0, -22.0),
-    "brimmed": (26.0, 11.0, -4.0),
-    "helmet": (24.0, -4.0, -22.0),
-    "turban": (30.0, 4.0, -14.0),
-    "bandana": (27.0, 8.0, -14.0),
-    "headband": (27.0, 10.0, -12.0),
-    "crown": (38.0, 34.0, 26.0),
-    "party": (62.0, 60.0, 58.0),
-}
-
-
-def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMesh]:
-    """The pieces of a hat on a head."""
-    if hat.kind == "fedora":
-        forward_deg = float(np.clip(hat.lift_deg, -LARGEST_TILT_DEG, LARGEST_TILT_DEG))
-        return [fedora_mesh(head, hat.colour, -forward_deg)]
-    if hat.kind in WRAPS:
-        pieces = wrap_pieces(hat.kind, fit_skull(head, with_expression=True), body, hat)
-    else:
-        pieces = hat_pieces(hat.kind, fit_skull(head), _fit(hat), hat)
-    return [scene_mesh(f"headwear/{hat.kind}", "headwear", made, _material(hat, piece)) for piece, made in pieces]
+WRAPS = ("hood", "headscarf")
+# Of the men and of the women with a hat, how many wear which.
+_SHARES: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "cap": (0.36, 0.16),
+        "beanie": (0.2, 0.2),
+        "brimmed": (0.09, 0.16),
+        "fedora": (0.05, 0.04),
+        "helmet": (0.08, 0.04),
+        "turban": (0.06, 0.01),
+        "hood": (0.08, 0.07),
+        "headscarf": (0.0, 0.2),
+        "bandana": (0.04, 0.04),
+        "headband": (0.02, 0.05),
+        "crown": (0.01, 0.02),
+        "party": (0.01, 0.01),
+    }
+)
+HATS = tuple(_SHARES)
 
 
-def crown_plane(hat: Headwear) -> CrownPlane | None:
-    """Above which hair is hidden; None where a hat lies on top of all hair."""
-    if hat.kind in WRAPS:
-        return CrownPlane((0.0, -400.0, 0.0), (0.0, 1.0, 0.0))
-    if hat.kind == "fedora":
-        return FEDORA_CROWN
-    if hat.kind in ("headband", "crown", "party"):
-        return None
-    fit = _fit(hat)
-    radius = {0.0: 98.0, np.pi: 92.0, np.pi / 2: 74.0}
-    front, back, side = (
-        CENTRE + reach * np.array([np.sin(turn), np.tan(fit.rim(np.array([turn]))[0]), np.cos(turn)])
-        for turn, reach in radius.items()
+@final
+@dataclass(frozen=True, kw_only=True)
+class Headwear:
+    """Something on a head.
+
+    Attributes:
+        kind: One of ``HATS``.
+        weave: Of its cloth.
+        colour: Linear.
+        second: Of pattern, ribbon or band, linear.
+        size: Of what varies most (peak, brim, fold, height), 0..1.
+        lift_deg: How far up its rim is pushed.
+        turn_deg: About the vertical axis: 180 a cap worn backwards.
+        tilt_deg: To one side.
+        has_extra: Pompom, logo, visor, knot: what the kind has.
+        seed: Of folds.
+    """
+
+    kind: str
+    weave: str
+    colour: Colour
+    second: Colour
+    size: float
+    lift_deg: float
+    turn_deg: float
+    tilt_deg: float
+    has_extra: bool
+    seed: int
+
+
+def draw_headwear(rng: np.random.Generator, person: Person) -> Headwear:
+    """Draws a hat."""
+    share = np.array([_SHARES[kind][int(person.femininity > 0.5)] for kind in HATS])
+    kind = str(rng.choice(HATS, p=share / share.sum()))
+    weaves = {
+        "cap": ("jersey", "denim", "linen", "camouflage"),
+        "beanie": ("knit", "rib"),
+        "brimmed": ("fleece", "straw", "leather", "linen"),
+        "helmet": ("jersey",),
+        "turban": ("jersey", "linen", "stripes_across"),
+        "hood": ("jersey", "fleece"),
+        "headscarf": ("jersey", "linen", "flowers", "jersey"),
+        "bandana": ("flowers", "dots", "jersey"),
+        "headband": ("rib", "jersey"),
+    }.get(kind, ("jersey",))
+    is_backwards = kind == "cap" and rng.uniform() < 0.18
+    bright = rng.uniform() < 0.6 and kind in ("helmet", "party")
+    return Headwear(
+        kind=kind,
+        weave=str(rng.choice(weaves)),
+        colour=GOLD if kind == "crown" else draw_tint(rng, 0.7, 0.8) if bright else draw_cloth_colour(rng),
+        second=draw_cloth_colour(rng),
+        size=round(float(rng.uniform()), 3),
+        lift_deg=round(float(rng.normal(0, 3)), 2),
+        turn_deg=round(float(180 * is_backwards + rng.normal(0, 4)), 2),
+        tilt_deg=round(float(rng.normal(0, 3)), 2),
+        has_extra=bool(rng.uniform() < 0.45),
+        seed=int(rng.integers(2**31)),
     )
-    ahead = front - back
-    middle = 0.5 * (side + 0.5 * (front + back))
-    normal = np.array([0.0, ahead[2], -ahead[1]]) / np.hypot(ahead[1], ahead[2])
-    x, y, z = (round(float(part), 3) for part in (0.0, middle[1], 0.5 * (front[2] + back[2])))
-    return CrownPlane((x, y, z), (0.0, round(float(normal[1]), 5), round(float(normal[2]), 5)))
-
-
-def _fit(hat: Headwear) -> Fit:
-    front, side, back = _RIMS[hat.kind]
-    return Fit(front + hat.lift_deg, side + 0.7 * hat.lift_deg, back + 0.3 * hat.lift_deg, hat.turn_deg, hat.tilt_deg)
-
-
-def _material(hat: Headwear, piece: HatPiece) -> Material:
-    if piece == "hard":
-        return smooth(hat.colour, 0.3 if hat.kind == "helmet" else 0.25, 0.05 if hat.kind != "crown" else 0.6)
-    if piece == "visor":
-        return Material(
-            kind="glass",
-            colour=(0.02, 0.02, 0.02),
-            alpha=0.08 + 0.3 * hat.size,
-            numbers=(0.1, 0, 0, 0),
-            is_blended=True,
-        )
-    if piece == "second":
-        return cloth("jersey", hat.second, hat.colour)
-    if piece == "logo":
-        return cloth("print", hat.colour, hat.second)
-    return cloth(hat.weave, hat.colour, hat.second, 0.55 if hat.weave == "leather" else 0.88)

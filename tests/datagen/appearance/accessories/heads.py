@@ -7,8 +7,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from datagen.appearance.accessories.head_fit import triangles_of
-from datagen.appearance.scene import PosedHead
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import PosedHead, Surface
 from pix2face.models.morphable_model import builtin_model
 
 

@@ -10,8 +10,8 @@ from datagen.appearance.accessories.before_face.held import HELD, draw_held, hel
 from datagen.appearance.accessories.before_face.masks import MASKS, draw_mask, mask_meshes
 from datagen.appearance.accessories.before_face.occluders import THINGS, draw_thing, thing_meshes
 from datagen.appearance.accessories.clothing.body import fit_body
-from datagen.appearance.accessories.hats.headwear import headwear_meshes
-from datagen.appearance.accessories.hats.headwear_choice import HATS, draw_headwear
+from datagen.appearance.accessories.hats.headwear import HATS, draw_headwear
+from datagen.appearance.accessories.hats.headwear_meshes import headwear_meshes
 from datagen.appearance.accessories.head_fit import triangles_of
 from datagen.appearance.accessories.jewellery import PIERCINGS, SOUND, Jewellery, jewellery_meshes
 from datagen.appearance.accessories.weaves import WEAVES, layer_of, weave_textures

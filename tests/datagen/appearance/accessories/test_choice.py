@@ -5,16 +5,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datagen.appearance.accessories.choice import (
-    HARD_ACCESSORIES,
+from datagen.appearance.accessories.accessories import (
     Accessories,
-    AccessoriesConfig,
     accessory_meshes,
     accessory_textures,
     draw_accessories,
     hidden_hair,
     most_hidden,
 )
+from datagen.appearance.accessories.accessories_config import HARD_ACCESSORIES, AccessoriesConfig
 from datagen.appearance.accessories.coverage import mean_head, visible_share
 from datagen.appearance.person import draw_person
 from datagen.appearance.scene import SCENE_LABELS

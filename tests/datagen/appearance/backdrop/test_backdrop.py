@@ -9,14 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from datagen.appearance.backdrop.backdrop import HARD_BACKDROP, Backdrop, BackdropConfig, backdrop_pixels, draw_backdrop
-from datagen.appearance.backdrop.focus import defocused, disc
-from datagen.appearance.backdrop.folder import list_pictures, read_crop
-from datagen.appearance.backdrop.panorama import look_up, panorama_view
+from datagen.appearance.backdrop.backdrop import Backdrop, backdrop_pixels, draw_backdrop
+from datagen.appearance.backdrop.backdrop_config import HARD_BACKDROP, BackdropConfig
 from datagen.appearance.backdrop.patterns import PATTERNS, draw_pattern
-from datagen.appearance.light.environments import environment, panorama_grid, picture_panorama
-from datagen.appearance.light.light import Light, LightConfig, draw_light
-from datagen.appearance.light.sources import PanoramaLight
+from datagen.appearance.backdrop.picture_folder import list_pictures, read_crop
+from datagen.appearance.light.environments import environment, look_up, panorama_grid, panorama_view, picture_panorama
+from datagen.appearance.light.light import draw_light
+from datagen.appearance.light.light_config import LightConfig
+from datagen.appearance.light.sources import Light, PanoramaLight
+from datagen.appearance.photograph.lens import defocused, disc
 from pix2face.errors import InputFileError, UsageError
 from pix2face.geometry.camera import (
     Camera,

@@ -10,8 +10,7 @@ from numpy import ndarray
 from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, check_model, mirrored
 from datagen.appearance.hair.brows_and_lashes import LASH_STYLES, Brows, brow_mesh, brow_pictures, turned_with_lids
 from datagen.appearance.hair.hair import LAYERS
-from datagen.appearance.scene import PosedHead
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import PosedHead, Surface
 from pix2face.errors import InputFileError
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 

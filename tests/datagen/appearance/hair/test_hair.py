@@ -6,25 +6,15 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from datagen.appearance.accessories.hats.fedora import FEDORA_CROWN, fedora_mesh
+from datagen.appearance.accessories.hats.headwear_meshes import FEDORA_CROWN, fedora_mesh
 from datagen.appearance.hair.bound_meshes import bound_mesh
-from datagen.appearance.hair.colour import melanin_to_linear
-from datagen.appearance.hair.hair import (
-    HARD_HAIR,
-    LAYERS,
-    CrownPlane,
-    Hair,
-    HairConfig,
-    draw_hair,
-    hair_meshes,
-    hair_textures,
-    hair_uniforms,
-)
-from datagen.appearance.hair.parting import FREE_AT_MM, FREE_MM, comb_aside, find_parting
+from datagen.appearance.hair.hair import LAYERS, Hair, draw_hair, hair_meshes, hair_textures, hair_uniforms
+from datagen.appearance.hair.hair_colour import melanin_to_linear
+from datagen.appearance.hair.hair_config import HARD_HAIR, HairConfig
+from datagen.appearance.hair.shape import FREE_AT_MM, FREE_MM, CrownPlane, comb_aside, find_parting
 from datagen.appearance.hair.styles import STYLES, UNCUT_MM, WITHOUT_MESH, Hairdo
 from datagen.appearance.person import Person, draw_person
-from datagen.appearance.scene import SCENE_LABELS, PosedHead
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import SCENE_LABELS, PosedHead, Surface
 from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from datagen.appearance.light.colour import LUMINANCE, balance_matrix, black_body, saturation_matrix
 from datagen.appearance.light.environment_light import add_environment
 from datagen.appearance.light.environments import (
     environment,
@@ -26,6 +25,7 @@ from datagen.appearance.light.harmonics import (
     turned,
     white_surface,
 )
+from datagen.appearance.light.light_colour import LUMINANCE, balance_matrix, black_body, saturation_matrix
 from datagen.appearance.light.setups import Setup
 from datagen.appearance.light.sources import (
     PanoramaLight,

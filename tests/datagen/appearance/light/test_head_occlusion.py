@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from datagen.appearance.light.head_occlusion import head_occlusion
+from datagen.appearance.light.shading import head_occlusion
 from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from datagen.appearance.light.colour import LUMINANCE
 from datagen.appearance.light.environments import (
     environment_names,
     light_panorama,
@@ -18,17 +17,13 @@ from datagen.appearance.light.harmonics import (
     fibonacci_sphere,
     white_surface,
 )
-from datagen.appearance.light.light import (
-    HARD_LIGHT,
-    Light,
-    LightConfig,
-    draw_light,
-    light_textures,
-    light_uniforms,
-    shadow_lights,
-)
+from datagen.appearance.light.light import draw_light
+from datagen.appearance.light.light_colour import LUMINANCE
+from datagen.appearance.light.light_config import HARD_LIGHT, LightConfig
 from datagen.appearance.light.setups import GENTLE_SETUPS, HARSH_SETUPS, Colours, build_setup
+from datagen.appearance.light.shading import light_textures, light_uniforms, shadow_lights
 from datagen.appearance.light.sources import (
+    Light,
     angles_of,
     direction_of,
     seen_illuminance,

@@ -10,9 +10,11 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.appearance.scene import PosedHead, Scene, UniformValue
-from datagen.appearance.skin.skin import Skin, head_paint, skin_textures, skin_uniforms
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import PosedHead, Scene, Surface, UniformValue
+from datagen.appearance.skin.skin import Skin
+from datagen.appearance.skin.skin_textures import skin_textures
+from datagen.appearance.skin.uniforms import skin_uniforms
+from datagen.appearance.skin.zones import head_paint
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import shader_source
 from datagen.rendering.scenes import scene_program

@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datagen.appearance.person import Person, draw_person
-from datagen.appearance.skin.layout import IRISES, SKINS
 from datagen.appearance.skin.make_up import FACE_PAINTS
 from datagen.appearance.skin.marks import MAX_MARKS
-from datagen.appearance.skin.skin import HARD_SKIN, SkinConfig, draw_skin
+from datagen.appearance.skin.skin import draw_skin
+from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
+from datagen.appearance.skin.skin_textures import IRISES, SKINS
 from datagen.appearance.skin.tone import (
     albedo_of_skin,
     density_of_melanin,

@@ -9,7 +9,8 @@ import pytest
 
 from datagen.appearance.person import Person, draw_person
 from datagen.appearance.skin.marks import Mark
-from datagen.appearance.skin.skin import HARD_SKIN, SkinConfig, draw_skin
+from datagen.appearance.skin.skin import draw_skin
+from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
 from datagen.opengl.gl_context import GLContext
 from pix2face.models.morphable_model import builtin_model

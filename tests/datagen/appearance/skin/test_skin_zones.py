@@ -5,10 +5,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from datagen.appearance.skin.layout import ATLAS_UV, DETAILS_UV, LARGEST_RATIO, SKINS
-from datagen.appearance.skin.skin import head_paint, skin_textures
+from datagen.appearance.skin.skin_textures import ATLAS_UV, DETAILS_UV, LARGEST_RATIO, SKINS, skin_textures
 from datagen.appearance.skin.uniforms import FOLDING
-from datagen.appearance.skin.zones import LidMargins
+from datagen.appearance.skin.zones import LidMargins, head_paint
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import builtin_model
 

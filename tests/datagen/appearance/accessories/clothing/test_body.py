@@ -3,8 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from datagen.appearance.accessories.clothing.body import fit_body
-from datagen.appearance.accessories.clothing.clothes import clothes_meshes
-from datagen.appearance.accessories.clothing.clothes_choice import GARMENTS, draw_clothes
+from datagen.appearance.accessories.clothing.clothes import GARMENTS, draw_clothes
+from datagen.appearance.accessories.clothing.clothes_meshes import clothes_meshes
 from datagen.appearance.accessories.coverage import mean_head
 from datagen.appearance.accessories.head_fit import neck_rim
 from datagen.appearance.person import draw_person

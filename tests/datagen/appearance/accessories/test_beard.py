@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from datagen.appearance.accessories.beards.beard import Beard, beard_meshes, draw_beard
-from datagen.appearance.accessories.beards.beard_texture import (
+from datagen.appearance.accessories.beard import (
     BEARD_STRANDS,
     COLUMNS,
     HEIGHT,
@@ -13,9 +12,12 @@ from datagen.appearance.accessories.beards.beard_texture import (
     ROWS,
     STYLES,
     WIDTH,
+    Beard,
     beard_anchors,
     beard_layer,
+    beard_meshes,
     beard_textures,
+    draw_beard,
     style_densities,
 )
 from datagen.appearance.accessories.head_fit import triangles_of

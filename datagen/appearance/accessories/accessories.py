@@ -9,36 +9,26 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from datagen.appearance.accessories.accessories_config import HARD_ACCESSORIES, AccessoriesConfig
-from datagen.appearance.accessories.beards.beard import Beard, beard_meshes, beard_textures, draw_beard
+from datagen.appearance.accessories.accessories_config import AccessoriesConfig
+from datagen.appearance.accessories.beard import Beard, beard_meshes, beard_textures, draw_beard
 from datagen.appearance.accessories.before_face.hands import Hand, draw_hand, hand_meshes
 from datagen.appearance.accessories.before_face.held import Held, draw_held, held_meshes
 from datagen.appearance.accessories.before_face.masks import Mask, draw_mask, mask_meshes
 from datagen.appearance.accessories.before_face.occluders import Thing, draw_thing, thing_meshes
 from datagen.appearance.accessories.clothing.body import Body, fit_body
-from datagen.appearance.accessories.clothing.clothes import clothes_meshes
-from datagen.appearance.accessories.clothing.clothes_choice import Clothes, draw_clothes
-from datagen.appearance.accessories.colours import Colour
+from datagen.appearance.accessories.clothing.clothes import Clothes, draw_clothes
+from datagen.appearance.accessories.clothing.clothes_meshes import clothes_meshes
 from datagen.appearance.accessories.coverage import mean_head, visible_share
-from datagen.appearance.accessories.glasses.glasses import glasses_meshes
-from datagen.appearance.accessories.glasses.glasses_choice import Glasses, draw_glasses
-from datagen.appearance.accessories.hats.headwear import crown_plane, headwear_meshes
-from datagen.appearance.accessories.hats.headwear_choice import WRAPS, Headwear, draw_headwear
+from datagen.appearance.accessories.glasses import Glasses, draw_glasses
+from datagen.appearance.accessories.glasses_meshes import glasses_meshes
+from datagen.appearance.accessories.hats.headwear import WRAPS, Headwear, draw_headwear
+from datagen.appearance.accessories.hats.headwear_meshes import crown_plane, headwear_meshes
 from datagen.appearance.accessories.jewellery import Jewellery, draw_jewellery, jewellery_meshes
+from datagen.appearance.accessories.materials import Colour
 from datagen.appearance.accessories.weaves import weave_textures
 from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.person import Person
 from datagen.appearance.scene import PosedHead, SceneMesh, Texture
-
-__all__ = [
-    "HARD_ACCESSORIES",
-    "Accessories",
-    "AccessoriesConfig",
-    "accessory_meshes",
-    "accessory_textures",
-    "draw_accessories",
-    "hidden_hair",
-]
 
 _STEP_ASIDE_MM, _FARTHEST_ASIDE_MM = 35.0, 230.0
 _LEFT_OUT = ("hand", "held", "mask", "glasses", "headwear")  # in this order, where too much of a face is hidden

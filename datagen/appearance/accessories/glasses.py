@@ -5,10 +5,10 @@ from typing import final
 
 import numpy as np
 
-from datagen.appearance.accessories.colours import BLACK, GOLD, SILVER, Colour, draw_tint
-from datagen.appearance.accessories.glasses.glasses_shapes import SHAPES
+from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, Colour, draw_tint
 from datagen.appearance.person import Person
 
+SHAPES = ("round", "rectangle", "aviator", "cat-eye", "square", "oval")
 RIMS = ("full", "half", "none", "goggles")
 
 

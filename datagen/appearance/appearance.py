@@ -9,16 +9,18 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, final
 
-from datagen.appearance.accessories.choice import Accessories, accessory_textures, draw_accessories
+from datagen.appearance.accessories.accessories import Accessories, accessory_textures, draw_accessories
 from datagen.appearance.appearance_config import AppearanceConfig
 from datagen.appearance.backdrop.backdrop import Backdrop, draw_backdrop
 from datagen.appearance.hair.hair import Hair, draw_hair, hair_textures
-from datagen.appearance.light.light import Light, draw_light, light_textures
-from datagen.appearance.person import Person, draw_person
+from datagen.appearance.light.light import draw_light
+from datagen.appearance.light.shading import light_textures
+from datagen.appearance.light.sources import Light
+from datagen.appearance.person import Person, Torso, draw_person, draw_torso
 from datagen.appearance.photograph.photograph import Photograph, draw_photograph
 from datagen.appearance.scene import Texture
-from datagen.appearance.skin.skin import Skin, draw_skin, skin_textures
-from datagen.appearance.torso import Torso, draw_torso
+from datagen.appearance.skin.skin import Skin, draw_skin
+from datagen.appearance.skin.skin_textures import skin_textures
 from datagen.random_streams import generator_for
 
 

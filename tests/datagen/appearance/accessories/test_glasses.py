@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from datagen.appearance.accessories.glasses.glasses import glasses_meshes
-from datagen.appearance.accessories.glasses.glasses_choice import Glasses, draw_glasses
-from datagen.appearance.accessories.glasses.glasses_shapes import SHAPES, outline
+from datagen.appearance.accessories.glasses import SHAPES, Glasses, draw_glasses
+from datagen.appearance.accessories.glasses_meshes import glasses_meshes, outline
 from datagen.appearance.accessories.head_fit import triangles_of
 from datagen.appearance.person import draw_person
 from tests.datagen.appearance.accessories.heads import outside_mm, random_head

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.surface import Surface
+from datagen.appearance.scene import Surface
 from pix2face.files.srgb import srgb_to_linear
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 

@@ -1,1 +1,0 @@
-"""Beards and their texture."""

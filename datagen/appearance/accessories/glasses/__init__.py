@@ -1,1 +1,0 @@
-"""Glasses: shapes, fit and choice."""
