@@ -1,13 +1,15 @@
-"""The card of a set of shards: what is in it, where it comes from, what may not be passed on, how to read it.
+"""The card of a set of shards: what it holds, where that comes from, what may be passed on, and how to read it.
 
-It follows from the shards alone and holds neither times nor places: the same shards have the same card.
+A card is written from the shards alone and holds neither times nor places: the same shards have the same card.
 """
 
 import json
+import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import h5py
 
@@ -19,15 +21,19 @@ from pix2face.shards.compressions import has_foreign_filter
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS
 from pix2face.shards.shard_layout import is_predicted
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
+from pix2face.shards.triplet import PICTURE, PictureKind
 
 CARD_FILE = "dataset_card.md"
-# Attributes that say where something comes from.
-ORIGINS = ("picture", "geometry")
 N_KINDS_SHOWN = 20
-_OTHERS = {
+_NOT_RECORDED = "not recorded"
+_OTHER_LAYERS = {
     IMAGE: "JPEG or PNG files as they are (`image_bytes`, `image_end`)",
     LANDMARKS: "68 points of iBUG in px and in mm, and which of them are seen",
 }
+_PACKAGE_EXAMPLE = """\
+from pathlib import Path
+from pix2face.shards.shard_reader import ShardReader
+with ShardReader(Path("shard-00000.h5")) as reader: triplet = reader.triplet(0)  # .image, .layers, .camera"""
 
 
 @final
@@ -36,14 +42,16 @@ class DatasetSummary:
     """What a card is written from.
 
     Attributes:
-        header: Of every shard, without what was rejected.
-        n_samples: In all shards.
-        n_shards: Their number.
-        n_bytes: Of all shards.
-        n_rejected: Samples that could not be used.
-        picture_sizes: Samples of each size, "width x height px".
-        origins: For the attributes that say where something comes from, how often each value occurs.
-        example: A stored layer to show reading by; None without layers.
+        header: The header that all shards share, without the rejected samples.
+        n_samples: Number of samples in all shards.
+        n_shards: Number of shards.
+        n_bytes: Size of all shards together.
+        n_rejected: Number of samples that could not be used.
+        picture_sizes: Number of samples of each size ("width x height px").
+        pictures: Number of samples for each value of the attribute `picture` (``PictureKind``).
+        geometries: Number of samples for each value of the attribute `geometry`.
+        n_own_backdrops: Number of synthetic photographs with a picture of the user's own behind the face.
+        hdf5_example: Python code that reads one layer with h5py; empty without layers.
     """
 
     header: ShardHeader
@@ -51,37 +59,21 @@ class DatasetSummary:
     n_shards: int
     n_bytes: int
     n_rejected: int
-    picture_sizes: dict[str, int]
-    origins: dict[str, dict[str, int]]
-    example: "StoredLayer | None"
-
-
-@final
-@dataclass(frozen=True)
-class StoredLayer:
-    """How a layer stands in its file.
-
-    Attributes:
-        name: Of the layer.
-        dtype: Of its values in steps.
-        is_planar: It holds what the predictor leaves.
-        needs_plugin: No HDF5 library reads it without hdf5plugin.
-    """
-
-    name: str
-    dtype: str
-    is_planar: bool
-    needs_plugin: bool
+    picture_sizes: Mapping[str, int]
+    pictures: Mapping[str, int]
+    geometries: Mapping[str, int]
+    n_own_backdrops: int
+    hdf5_example: str
 
 
 def write_card(folder: Path) -> Path:
-    """Writes the card of a folder of shards into it, whole or not at all.
+    """Writes the card of a folder of shards into that folder, whole or not at all.
 
     Returns:
-        Its path.
+        The path of the card.
 
     Raises:
-        UsageError: There are no shards, or shards of several jobs.
+        UsageError: There are no shards, or they belong to several jobs.
         InputFileError: A shard cannot be read.
     """
     path = folder / CARD_FILE
@@ -90,26 +82,26 @@ def write_card(folder: Path) -> Path:
 
 
 def summarise(folder: Path) -> DatasetSummary:
-    """Reads what a card needs: headers, sizes and attributes, no pixel.
+    """Reads headers, sizes and attributes of all shards; no picture is decoded.
 
     Raises:
-        UsageError: There are no shards, or shards of several jobs.
+        UsageError: There are no shards, or they belong to several jobs.
         InputFileError: A shard cannot be read.
     """
     paths = shard_paths(folder)
     headers: dict[ShardHeader, Path] = {}
-    sizes, origins = Counter[str](), {name: Counter[str]() for name in ORIGINS}
-    n_samples = n_rejected = 0
+    sizes, pictures, geometries = Counter[str](), Counter[str](), Counter[str]()
+    n_rejected = n_own_backdrops = 0
     for path in paths:
         with ShardReader(path) as reader:
             headers.setdefault(replace(reader.header, rejected="[]"), path)
-            n_samples += len(reader)
             n_rejected += len(json.loads(reader.header.rejected))
             for index, attributes in enumerate(reader.attributes()):
                 height, width = reader.size_px(index)
                 sizes[f"{width} x {height} px" if height else "unknown"] += 1
-                for name in ORIGINS:
-                    origins[name][str(attributes.get(name, "not recorded"))] += 1
+                pictures[str(attributes.get(PICTURE, _NOT_RECORDED))] += 1
+                geometries[str(attributes.get("geometry", _NOT_RECORDED))] += 1
+                n_own_backdrops += bool(attributes.get("backdrop.file"))  # "" for every other backdrop
     if len(headers) > 1:
         first, second = list(headers.values())[:2]
         raise UsageError(
@@ -119,110 +111,97 @@ def summarise(folder: Path) -> DatasetSummary:
     header = next(iter(headers))
     return DatasetSummary(
         header=header,
-        n_samples=n_samples,
+        n_samples=sizes.total(),
         n_shards=len(paths),
         n_bytes=sum(path.stat().st_size for path in paths),
         n_rejected=n_rejected,
-        picture_sizes=dict(sorted(sizes.items(), key=lambda item: (-item[1], item[0]))),
-        origins={
-            name: dict(sorted(found.items(), key=lambda item: (-item[1], item[0]))) for name, found in origins.items()
-        },
-        example=_first_layer(paths[0], header),
+        picture_sizes=sizes,
+        pictures=pictures,
+        geometries=geometries,
+        n_own_backdrops=n_own_backdrops,
+        hdf5_example=_hdf5_example(paths[0], header),
     )
 
 
 def dataset_card(summary: DatasetSummary) -> str:
-    """The card, in Markdown; every text that came out of a file is shown as it stands."""
+    """Writes the card as Markdown. Texts that come from files are quoted, so that they cannot act as markup."""
     header, n_rejected = summary.header, summary.n_rejected
-    rejected = f" {counted(n_rejected, 'sample')} more could not be used: see rejected.jsonl." if n_rejected else ""
+    rejected = f" {counted(n_rejected, 'sample')} could not be used: see rejected.jsonl." if n_rejected else ""
+    regions = ", ".join(map(_quoted, header.region_names)) or "none"
     parts = [
         "# Faces with dense ground truth",
         f"{counted(summary.n_samples, 'sample')} in {counted(summary.n_shards, 'shard')}, "
-        f"{summary.n_bytes / 1e6:.1f} MB, made by {_code(header.generator)}.{rejected}",
+        f"{summary.n_bytes / 1e6:.1f} MB, made by {_quoted(header.generator)}.{rejected}",
         "## What a sample holds",
         _layer_table(header),
-        "Beside these: camera (4 x 4), identity and expression coefficients in standard deviations, attributes.",
-        f"Morphable model: {_code(header.model_name)}, SHA-256 {_code(header.model_sha256)}. Regions: "
-        f"{', '.join(map(_code, header.region_names)) or 'none'}.",
-        "Sizes: " + _kinds(summary.picture_sizes),
+        "Each sample also has its camera (4 x 4), identity and expression coefficients in standard deviations, and "
+        "attributes.",
+        f"Morphable model: {_quoted(header.model_name)}, SHA-256 {_quoted(header.model_sha256)}. Regions: {regions}.",
+        f"Sizes: {_kinds(summary.picture_sizes)}",
         "## Sources",
-        "\n".join(f"- {name}: {_kinds(found)}" for name, found in summary.origins.items()),
-        f"Terms, as the source states them: {_code(header.licence)}",
+        f"- picture: {_kinds(summary.pictures)}\n- geometry: {_kinds(summary.geometries)}",
+        f"Terms, as the source states them: {_quoted(header.licence)}",
         "## What may be passed on",
         "\n".join(f"- {line}" for line in terms(summary)),
         "## How to read it",
-        f"With the package:\n\n{_block(package_example(), 'python')}",
+        f"With the package:\n\n{_block(_PACKAGE_EXAMPLE, 'python')}",
     ]
-    example = hdf5_example(summary)
-    if example:
-        parts.append(f"Without it, of one layer:\n\n{_block(example, 'python')}")
+    if summary.hdf5_example:
+        parts.append(f"One layer without the package:\n\n{_block(summary.hdf5_example, 'python')}")
     parts += ["## Configuration", _block(_pretty(header.configuration), "json")]
     return "\n\n".join(parts) + "\n"
 
 
 def terms(summary: DatasetSummary) -> list[str]:
-    """What may be passed on and what not, in words; where nothing is known, it may not."""
+    """Says what may be passed on, one sentence or two a line. A picture of unknown origin counts as a photograph."""
     header, builtin = summary.header, builtin_model()
-    pictures = summary.origins["picture"] if IMAGE in header.layers else {}
-    n_photographs = sum(n for kind, n in pictures.items() if kind != "rendered")
+    pictures = summary.pictures if IMAGE in header.layers else {}
+    n_rendered = sum(pictures.get(kind, 0) for kind in (PictureKind.SYNTHETIC, PictureKind.PLAIN))
+    n_photographs = sum(pictures.values()) - n_rendered
+    n_own = summary.n_own_backdrops if pictures else 0
     lines = []
     if n_photographs:
         lines.append(
             f"**Photographs ({n_photographs}): not to be passed on** unless the terms of their source allow it. Those "
             "of 300W-LP and AFLW2000-3D are for research only, and the shards hold their very bytes."
         )
+    if n_own:
+        lines.append(
+            f"**Rendered pictures with a picture of your own behind the face ({n_own}): not to be passed on** unless "
+            "the terms of that picture allow it."
+        )
     if header.model_sha256 != builtin.sha256:
         lines.append(
-            f"**Maps, coefficients, landmarks and renders of {_code(header.model_name)}: not to be passed on** unless "
-            "its terms (above) allow it. PNCC is the model's mean face itself and the offsets span its bases: maps "
-            "made with the Basel Face Model are bound like the model, which is not passed on."
+            f"**Maps, coefficients, landmarks and renders of {_quoted(header.model_name)}: not to be passed on** "
+            "unless its terms (above) allow it. PNCC is the model's mean face itself and the offsets span its bases: "
+            "maps made with the Basel Face Model are bound like the model, which is not passed on."
         )
     else:
-        is_free = header.licence == builtin.licence and not n_photographs
-        also = (
-            "" if is_free else "; what was fitted to photographs or annotations is bound by the terms of those as well"
-        )
+        is_fitted = n_photographs > 0 or PictureKind.PHOTOGRAPH in summary.pictures
+        is_free = header.licence == builtin.licence and not is_fitted
+        also = "" if is_free else "; what was fitted to photographs or annotations is bound by their terms as well"
         lines.append(f"Maps, coefficients and landmarks: the built-in model is under {builtin.licence}{also}.")
-        if "rendered" in pictures:
-            lines.append(f"Rendered pictures ({pictures['rendered']}): {builtin.licence}, like the built-in model.")
-    lines.append("A network trained on this is bound by the same terms; checkpoints carry them in their header.")
+        if n_rendered > n_own:
+            lines.append(f"Rendered pictures ({n_rendered - n_own}): {builtin.licence}, like the built-in model.")
+    lines.append("A network trained on this set is bound by the same terms; checkpoints carry them in their header.")
     return lines
 
 
-def package_example() -> str:
-    """Three lines that read a sample with the package."""
-    return (
-        "from pathlib import Path\n"
-        "from pix2face.shards.shard_reader import ShardReader\n"
-        'with ShardReader(Path("shard-00000.h5")) as reader: triplet = reader.triplet(0)  # .image, .layers, .camera'
-    )
-
-
-def hdf5_example(summary: DatasetSummary) -> str:
-    """Five lines that read a layer with h5py; "" without layers."""
-    layer = summary.example
+def _hdf5_example(path: Path, header: ShardHeader) -> str:
+    layer = next((layer for name, layer in LAYERS.items() if name in header.layers), None)
     if layer is None:
         return ""
-    name, kind = layer.name, layer.dtype
-    imports = "import h5py, hdf5plugin  # pip install hdf5plugin" if layer.needs_plugin else "import h5py"
-    lines = [imports, 'with h5py.File("shard-00000.h5") as file:', f'    values = file["{name}"][0]']
-    if layer.is_planar:  # the predictor leaves each value less its neighbours, the sign in the lowest bit
+    with h5py.File(path, "r") as file:
+        is_planar, needs_plugin = is_predicted(file[layer.name]), has_foreign_filter(file[layer.name])
+    imports = "import h5py, hdf5plugin  # pip install hdf5plugin" if needs_plugin else "import h5py"
+    lines = [imports, 'with h5py.File("shard-00000.h5") as file:', f'    values = file["{layer.name}"][0]']
+    if is_planar:  # Stored is each value less its prediction from its neighbours, with the sign in the lowest bit.
+        kind = f"i{layer.stored.itemsize}"
         lines.append(
             f'    values = ((values >> 1) ^ -(values & 1)).view("{kind}").cumsum(0, "{kind}").cumsum(1, "{kind}")'
         )
-    unit = LAYERS[name].unit
-    named = f"  # {unit}" if unit else ""
-    lines.append(f'    values = values / file["{name}"].attrs["steps_per_unit"]{named}')
-    return "\n".join(lines)
-
-
-def _first_layer(path: Path, header: ShardHeader) -> StoredLayer | None:
-    name = next((name for name in LAYERS if name in header.layers), None)
-    if name is None:
-        return None
-    with h5py.File(path, "r") as file:
-        dtype = f"i{LAYERS[name].stored.itemsize}"
-        return StoredLayer(name, dtype, is_predicted(file[name]), has_foreign_filter(file[name]))
+    unit = f"  # {layer.unit}" if layer.unit else ""
+    return "\n".join([*lines, f'    values = values / file["{layer.name}"].attrs["steps_per_unit"]{unit}'])
 
 
 def _layer_table(header: ShardHeader) -> str:
@@ -232,26 +211,28 @@ def _layer_table(header: ShardHeader) -> str:
             layer = LAYERS[name]
             lines.append(f"| `{name}` | {layer.n_channels} | {layer.unit or '-'} | {layer.meaning} |")
         else:
-            lines.append(f"| `{name}` | - | - | {_OTHERS[name]} |")
+            lines.append(f"| `{name}` | - | - | {_OTHER_LAYERS[name]} |")
     return "\n".join(lines)
 
 
-def _kinds(counts: dict[str, int]) -> str:
-    shown = [f"{_code(value)} {n}" for value, n in list(counts.items())[:N_KINDS_SHOWN]]
-    rest = list(counts.values())[N_KINDS_SHOWN:]
-    return ", ".join([*shown, f"{len(rest)} others {sum(rest)}"] if rest else shown) or "none"
+def _kinds(counts: Mapping[str, int]) -> str:
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    shown, rest = ordered[:N_KINDS_SHOWN], ordered[N_KINDS_SHOWN:]
+    texts = [f"{_quoted(value)} {n}" for value, n in shown]
+    if rest:
+        texts.append(f"{len(rest)} others {sum(n for _, n in rest)}")
+    return ", ".join(texts) or "none"
 
 
 def _pretty(configuration: str) -> str:
     try:
-        parsed: Any = json.loads(configuration)
+        return json.dumps(json.loads(configuration), indent=2, sort_keys=True)
     except ValueError:
         return configuration
-    return json.dumps(parsed, indent=2, sort_keys=True)
 
 
-def _code(text: str) -> str:
-    """A text as it stands, whatever Markdown, HTML or a terminal would make of it."""
+def _quoted(text: str) -> str:
+    """A text as inline code, whatever Markdown, HTML or a terminal would make of it."""
     shown = _visible(text).replace("\n", "\\n")
     fence = "`" * (_longest_run(shown) + 1)
     return f"{fence} {shown} {fence}" if "`" in shown else f"{fence}{shown or ' '}{fence}"
@@ -270,9 +251,5 @@ def _visible(text: str) -> str:
 
 
 def _longest_run(text: str) -> int:
-    """Of backticks."""
-    longest = run = 0
-    for character in text:
-        run = run + 1 if character == "`" else 0
-        longest = max(longest, run)
-    return longest
+    """The length of the longest run of backticks."""
+    return max(map(len, re.findall("`+", text)), default=0)

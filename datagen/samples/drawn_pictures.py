@@ -32,6 +32,7 @@ from pix2face.files.images import encode_photograph
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import RenderedMaps
 from pix2face.shards.layers import SEEN, SEEN_REGIONS
+from pix2face.shards.triplet import PICTURE, PictureKind
 
 
 @final
@@ -91,7 +92,7 @@ class PlainPictures(PictureSource):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
             picture = renderer.render_image(vertices, face.camera, appearance, background)
             shown = view.jittered_colours(develop_plain(picture, appearance))
-            return DrawnPicture(encode_photograph(shown), {"picture": "plain"})
+            return DrawnPicture(encode_photograph(shown), {PICTURE: PictureKind.PLAIN})
 
 
 @final
@@ -134,7 +135,7 @@ class ScenePictures(PictureSource):
         layers = self._seen(picture, rendered, appearance)
         n_face = max(int(rendered.mask.sum()), 1)
         attributes = {
-            "picture": "synthetic",
+            PICTURE: PictureKind.SYNTHETIC,
             "seen_share": round(float(layers[SEEN].sum() / n_face), 4),
             **appearance_attributes(appearance),
         }

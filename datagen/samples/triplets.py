@@ -25,7 +25,7 @@ from pix2face.models.morphable_model import MorphableModel, builtin_model
 from pix2face.models.rasterise import RenderedMaps
 from pix2face.models.surface_attributes import REGIONS, check_layers
 from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LANDMARKS, LAYERS, SCENE_LAYERS, SEEN_REGIONS
-from pix2face.shards.shard_reader import Triplet
+from pix2face.shards.triplet import PICTURE, PictureKind, Triplet
 
 
 @final
@@ -157,7 +157,7 @@ class TripletMaker:
                     check_decodes(content, str(face.image_path))
                 else:
                     content = encode_photograph(view.jittered_photograph(decode_image(content, str(face.image_path))))
-            return DrawnPicture(content, {"picture": "photograph"})
+            return DrawnPicture(content, {PICTURE: PictureKind.PHOTOGRAPH})
         if not self._is_drawn:
             return DrawnPicture(None, {})
         return self._pictures.draw(view, vertices, rendered, times)

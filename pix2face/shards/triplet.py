@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import final
 
 import numpy as np
@@ -15,6 +16,21 @@ from pix2face.shards.layers import SEEN
 
 MASK = "mask"
 MAP_LAYERS = ("pncc", "offset", MASK)
+PICTURE = "picture"
+
+
+class PictureKind(StrEnum):
+    """Where the picture of a sample comes from: the values of its attribute `picture`.
+
+    Attributes:
+        PHOTOGRAPH: A photograph of a person.
+        SYNTHETIC: A synthetic photograph, drawn from the built-in assets.
+        PLAIN: A head painted region by region.
+    """
+
+    PHOTOGRAPH = "photograph"
+    SYNTHETIC = "synthetic"
+    PLAIN = "plain"
 
 
 @final

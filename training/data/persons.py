@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Float32, UInt64
 from numpy import ndarray
 
+from pix2face.shards.triplet import PICTURE, PictureKind
+
 # Such as AFW/AFW_134212_1_0, AFW_Flip/AFW_134212_1_0, LFPW/LFPW_image_train_0001_3: the last number is of the turn.
 _300W_LP_NAME = re.compile(r"(?:.*/)?((?:AFW|HELEN|IBUG|LFPW)_.+)_\d+")
 _HASH_BYTES = 8
@@ -35,7 +37,7 @@ class PersonGroups:
         if "jitter_of" in attributes:
             roots.add(self._root(_hash(b"face", str(attributes["jitter_of"]).encode())))
         photograph = _300W_LP_NAME.fullmatch(str(attributes.get("jitter_of", sample_id)))
-        if photograph and attributes.get("picture") == "photograph":
+        if photograph and attributes.get(PICTURE) == PictureKind.PHOTOGRAPH:
             roots.add(self._root(_hash(b"photograph", photograph[1].encode())))
         smallest = min(roots)
         self._parent |= dict.fromkeys(roots, smallest)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,13 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datagen.appearance.appearance_config import DEFAULT, PLAIN
 from datagen.cli import main
 from datagen.inspection.dataset_card import CARD_FILE, write_card
+from datagen.opengl.gl_context import GLContext
+from datagen.sampling.faces import sample_faces
 from pix2face.errors import UsageError
-from pix2face.models.morphable_model import builtin_model
+from pix2face.face_files.coefficients import save_coefficients
+from pix2face.files.images import encode_photograph
+from pix2face.models.morphable_model import builtin_model, load_model
 from pix2face.shards.compressions import COMPRESSIONS, DEFAULT_COMPRESSION
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet
 from pix2face.shards.shard_writing import write_shard
+from tests.model_files import write_small_head
 
 HOSTILE = "a`b``c\n# heading <script>alert(1)</script>\x1b[2J ![x](http://x)"
 Writer = Callable[..., str]
@@ -46,38 +53,105 @@ def examples(text: str) -> list[str]:
 
 
 def test_a_card_says_what_is_in_the_shards(card: Writer, base: tuple[ShardHeader, Triplet], tmp_path: Path) -> None:
-    text = card({"picture": "rendered"}, configuration='{"seed": 3}', region_names=("skin", "lips"))
+    text = card({"picture": "plain"}, configuration='{"seed": 3}', region_names=("skin", "lips"))
     n_bytes = sum(path.stat().st_size for path in (tmp_path / "shards").glob("shard-*.h5"))
     assert f"4 samples in 2 shards, {n_bytes / 1e6:.1f} MB, made by `test`." in text
     assert f"`{base[0].model_name}`, SHA-256 `{base[0].model_sha256}`. Regions: `skin`, `lips`." in text
-    for name in (*base[0].layers, "`200 x 200 px` 4", "picture: `rendered` 4", "as the source states them: `CC0`"):
+    for name in (*base[0].layers, "`200 x 200 px` 4", "picture: `plain` 4", "as the source states them: `CC0`"):
         assert name in text
     assert '```json\n{\n  "seed": 3\n}\n```' in text
     assert "could not be used" not in text
     rejected = json.dumps([["x", "why"], ["y", "why"]])
-    assert "4 more could not be used" not in text
-    assert "4 samples more could not be used: see rejected.jsonl." in card({}, rejected=rejected)
+    assert "4 could not be used" not in text
+    assert "4 samples could not be used: see rejected.jsonl." in card({}, rejected=rejected)
 
 
-def test_renders_of_the_builtin_model_are_free(card: Writer) -> None:
-    ours = {"model_sha256": builtin_model().sha256, "licence": builtin_model().licence}
-    free = section(card({"picture": "rendered"}, **ours), "What may be passed on")
-    assert "not to be passed on" not in free
-    assert "Rendered pictures (4): CC0-1.0" in free
-    assert "the built-in model is under CC0-1.0." in free
-    fitted = section(card({"picture": "rendered"}, **{**ours, "licence": "300W-LP"}), "What may be passed on")
-    assert "bound by the terms of those as well" in fitted
+@pytest.fixture
+def rendered(gl_session: GLContext, tmp_path: Path) -> Callable[..., str]:
+    """Runs `datagen render` and gives what its card says of terms."""
+    del gl_session  # skips where there is none
+
+    def render(coeffs: Path, *options: str) -> str:
+        out = tmp_path / "out"
+        assert main(["render", "--coeffs", str(coeffs), "--out", str(out), "--workers", "1", *options]) == 0
+        return section((out / CARD_FILE).read_text(encoding="utf-8"), "What may be passed on")
+
+    return render
 
 
-def test_photographs_and_models_of_others_are_not(card: Writer) -> None:
-    photographs = section(card({"picture": "photograph"}, model_sha256=builtin_model().sha256), "What may be passed on")
-    assert "**Photographs (4): not to be passed on**" in photographs
-    assert "bound by the terms of those as well" in photographs
-    basel = section(card({"picture": "rendered"}, model_name="BFM 2009"), "What may be passed on")
-    assert "renders of `BFM 2009`: not to be passed on**" in basel
-    assert "CC0" not in basel
+def sampled(folder: Path, n_photographs: int = 0, n: int = 3) -> Path:
+    """Writes a table of drawn faces; the first of them get a photograph."""
+    table = sample_faces(builtin_model(), n, 3, 48)
+    (folder / "photograph.jpg").write_bytes(encode_photograph(np.full((48, 48, 3), 90, np.uint8)))
+    paths = ["photograph.jpg" if index < n_photographs else "" for index in range(n)]
+    save_coefficients(replace(table, image_paths=tuple(paths)), folder / "faces.h5")
+    return folder / "faces.h5"
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("appearance", [PLAIN, DEFAULT])
+def test_renders_of_the_builtin_model_are_free(appearance: str, rendered: Callable[..., str], tmp_path: Path) -> None:
+    text = rendered(sampled(tmp_path), "--appearance", appearance)
+    assert "not to be passed on" not in text
+    assert "Rendered pictures (3): CC0-1.0" in text
+    assert "the built-in model is under CC0-1.0." in text
+
+
+@pytest.mark.gl
+def test_a_mixture_says_how_many_pictures_are_free(rendered: Callable[..., str], tmp_path: Path) -> None:
+    text = rendered(sampled(tmp_path, n_photographs=1))
+    assert "**Photographs (1): not to be passed on**" in text
+    assert "Rendered pictures (2): CC0-1.0" in text
+    assert "bound by their terms as well" in text
+
+
+@pytest.mark.gl
+def test_maps_of_photographs_are_bound_without_the_photographs(rendered: Callable[..., str], tmp_path: Path) -> None:
+    text = rendered(sampled(tmp_path, n_photographs=3), "--layers", "pncc,mask")
+    assert "Photographs (" not in text
+    assert "Rendered pictures" not in text
+    assert "bound by their terms as well" in text
+
+
+@pytest.mark.gl
+def test_photographs_of_research_data_are_not_free(
+    rendered: Callable[..., str], shared_dir: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "files").mkdir()
+    for path in sorted((shared_dir / "data" / "aflw2000_3d" / "dev").glob("image000*"))[:4]:
+        shutil.copy(path, tmp_path / "files")
+    text = rendered(tmp_path / "files")
+    assert "**Photographs (2): not to be passed on**" in text
+    assert "Rendered pictures" not in text
+    assert "bound by their terms as well" in text
+
+
+@pytest.mark.gl
+def test_own_pictures_behind_faces_are_not_free(rendered: Callable[..., str], tmp_path: Path) -> None:
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    (pictures / "wall.jpg").write_bytes(encode_photograph(np.full((60, 80, 3), (200, 30, 200), np.uint8)))
+    text = rendered(sampled(tmp_path, n=6), "--backgrounds", str(pictures))
+    with ShardReader(tmp_path / "out" / "shard-00000.h5") as reader:
+        n_own = sum(attributes["backdrop.kind"] == "photograph" for attributes in reader.attributes())
+    assert 0 < n_own < 6
+    assert f"picture of your own behind the face ({n_own}): not to be passed on**" in text
+    assert f"Rendered pictures ({6 - n_own}): CC0-1.0" in text
+
+
+@pytest.mark.gl
+def test_renders_of_other_models_are_bound_like_the_model(rendered: Callable[..., str], tmp_path: Path) -> None:
+    model = load_model(write_small_head(tmp_path / "model.h5"))
+    save_coefficients(sample_faces(model, 2, 0, 48), tmp_path / "faces.h5")
+    text = rendered(tmp_path / "faces.h5", "--model", str(tmp_path / "model.h5"))
+    assert f"renders of `{model.name}`: not to be passed on**" in text
+    assert "CC0" not in text
+    assert "Photographs (" not in text
+
+
+def test_pictures_of_unknown_origin_count_as_photographs(card: Writer) -> None:
     unknown = section(card({}, model_sha256=builtin_model().sha256), "What may be passed on")
-    assert "**Photographs (4): not to be passed on**" in unknown  # nobody said that they were rendered
+    assert "**Photographs (4): not to be passed on**" in unknown
     maps = section(card({}, model_sha256=builtin_model().sha256, layers=("pncc", "mask")), "What may be passed on")
     assert "Photographs" not in maps
 
@@ -110,7 +184,7 @@ def test_sets_without_layers_have_no_example_of_one(card: Writer) -> None:
 
 
 def test_the_same_shards_have_the_same_card_wherever_they_lie(card: Writer, tmp_path: Path) -> None:
-    text = card({"picture": "rendered", "geometry": "x"})
+    text = card({"picture": "plain", "geometry": "x"})
     (tmp_path / "shards").rename(tmp_path / "elsewhere")
     assert write_card(tmp_path / "elsewhere").read_text(encoding="utf-8") == text
     assert str(tmp_path) not in text
@@ -142,7 +216,7 @@ def test_a_set_of_which_nothing_could_be_used_has_a_card(base: tuple[ShardHeader
     write_shard(tmp_path / "none" / "shard-00000.h5", replace(base[0], rejected='[["x", "why"]]'), [])
     text = write_card(tmp_path / "none").read_text(encoding="utf-8")
     assert "0 samples in 1 shard" in text
-    assert "1 sample more could not be used" in text
+    assert "1 sample could not be used" in text
     assert "Sizes: none" in text
 
 
