@@ -7,12 +7,15 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int, Int32, UInt8
 from numpy import ndarray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pix2face.errors import UsageError
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
+from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import rasterise
 from pix2face.models.vertex_normals import vertex_normals
@@ -30,6 +33,12 @@ STEP_MM, STEP_REACH_PX = 10.0, 2
 # A surface counts fully from this cosine to the viewer up, and not at all below the other: there a pixel is smeared.
 FULL_COSINE, LEAST_COSINE = 0.5, 0.15
 NO_COLOUR = 128.0
+# Skin has its colour from around the nose: what is farther away may be hair. Towards scalp and neck the photograph's
+# colours fade out over the last millimetres of the face. An ear much darker than the skin is covered by hair.
+MIDDLE_MM, BORDER_FADE_MM = 60.0, 25.0
+HAIR_BRIGHTNESS, EAR_BRIGHTNESS = 0.4, 0.6
+EARS = "ears"
+NOSE_TIP = 30  # of the 68 landmarks
 # What is not seen takes the mean colour of so many seen points (of at most so many), fading over this distance; three
 # times as far nothing of it is left.
 NEIGHBOURS, MOST_NEIGHBOURS, FADE_MM, REACH_FADES = 6, 40_000, 12.0, 3
@@ -50,6 +59,11 @@ class SurfacePoints:
     corners: Int32[ndarray, "n 3"]
     weights: Float64[ndarray, "n 3"]
 
+    @classmethod
+    def vertices(cls, n: int) -> "SurfacePoints":
+        """The vertices 0 to n - 1 themselves."""
+        return cls(np.repeat(np.arange(n, dtype=np.int32)[:, None], 3, axis=1), np.tile([1.0, 0.0, 0.0], (n, 1)))
+
     def interpolate(self, attribute: Float[ndarray, "v ..."]) -> Float64[ndarray, "n ..."]:
         """A quantity given per vertex at the points."""
         weights = self.weights.reshape(*self.weights.shape, *[1] * (attribute.ndim - 1))
@@ -62,13 +76,16 @@ class PhotographColours:
 
     Where a point of the face is seen, its colour is the photograph's; where it is hidden, the mirrored point's, if the
     model is symmetric and that one is seen; the rest of the face has the colour of what is seen around it, fading to
-    the median colour, which all has that is not face. In between colours are blended by how much the surface turns to
-    the viewer.
+    the median colour of the middle of the face, which everything has that is not face (scalp, neck, and ears that hair
+    covers). In between, colours are blended: by how much the surface turns to the viewer, and towards scalp and neck.
 
     Args:
         image: RGB.
         fit: In the pixels of the image.
         model: The model of the fit.
+
+    Attributes:
+        skin: The median colour of the middle of the face, RGB; grey where nothing of the face is seen.
 
     Raises:
         DegenerateGeometryError: The face has no extent in the image, or is not in front of the camera.
@@ -85,26 +102,44 @@ class PhotographColours:
         self._depth_camera, self._depths = _depths(fit, model, square_crop(box, 1.1, DEPTH_PX))
         self._cosines = facing(self._vertices, model.triangles, fit.camera)
         self._is_face = model.is_face_vertex
+        self._share = _share_of_photograph(model)
+        self._is_ear = _vertices_of_region(model, EARS)
+        from_nose = np.linalg.norm(model.mean - model.mean[model.landmarks[IBUG68][NOSE_TIP]], axis=1)
+        self.skin = self._skin(from_nose < MIDDLE_MM)
 
     def at(self, points: SurfacePoints) -> UInt8[ndarray, "n 3"]:
         """Colours (RGB) of points of the mesh."""
         colour, weight = self._seen(points)
-        sure = weight > 0.5
-        below = self._around(points, colour, sure)
+        weight *= self._uncovered(points, colour)
+        below = self._around(points, colour, weight > 0.5)
         if self._model.symmetry is not None:
             mirrored = SurfacePoints(self._model.symmetry[points.corners], points.weights)
-            below = _blend(*self._seen(mirrored), below)
+            colour_there, weight_there = self._seen(mirrored)
+            below = _blend(colour_there, weight_there * self._uncovered(mirrored, colour_there), below)
         return np.clip(np.rint(_blend(colour, weight, below)), 0, 255).astype(np.uint8)
+
+    def _skin(self, is_middle: Bool[ndarray, " v"]) -> Float64[ndarray, "3"]:
+        """The median colour of the vertices that are seen around the nose, else of all that are seen."""
+        colour, weight = self._seen(SurfacePoints.vertices(len(is_middle)))
+        seen = weight > 0.5
+        chosen = seen & is_middle if (seen & is_middle).any() else seen
+        return np.median(colour[chosen], axis=0).astype(np.float64) if chosen.any() else np.full(3, NO_COLOUR)
+
+    def _uncovered(self, points: SurfacePoints, colour: Float32[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
+        """0 for points of the ears that are as dark as hair beside this skin, 1 for those that are not, and between."""
+        brightness = colour.mean(axis=1) / max(float(self.skin.mean()), 1.0)
+        bright = np.clip((brightness - HAIR_BRIGHTNESS) / (EAR_BRIGHTNESS - HAIR_BRIGHTNESS), 0, 1)
+        return np.where(self._is_ear[points.corners].any(axis=1), bright, 1.0).astype(np.float64)
 
     def _around(
         self, points: SurfacePoints, colour: Float32[ndarray, "n 3"], sure: Bool[ndarray, " n"]
     ) -> Float64[ndarray, "n 3"]:
-        """What is seen near each point, fading to the median colour: folds and lids leave no lines."""
+        """What is seen near each point, fading to the colour of the skin: folds and lids leave no lines."""
+        below = np.tile(self.skin, (len(sure), 1))
         if not sure.any():
-            return np.full((len(sure), 3), NO_COLOUR)
-        neutral = np.median(colour[sure], axis=0).astype(np.float64)
-        below = np.tile(neutral, (len(sure), 1))
-        places, unsure = points.interpolate(self._model.mean), ~sure & self._is_face[points.corners].all(axis=1)
+            return below
+        places = points.interpolate(self._model.mean)
+        unsure = ~sure & (points.interpolate(self._share) == 1) & ~self._is_ear[points.corners].any(axis=1)
         known = np.flatnonzero(sure)[:: max(1, int(sure.sum()) // MOST_NEIGHBOURS)]
         neighbours = list(range(1, min(NEIGHBOURS, len(known)) + 1))
         distance, nearest = cKDTree(places[known]).query(
@@ -113,7 +148,7 @@ class PhotographColours:
         near = np.isfinite(distance).all(axis=1)
         share = np.exp(-((distance[near].mean(axis=1, keepdims=True) / FADE_MM) ** 2))
         around = colour[known[nearest[near]]].mean(axis=1)
-        below[np.flatnonzero(unsure)[near]] = share * around + (1 - share) * neutral
+        below[np.flatnonzero(unsure)[near]] = share * around + (1 - share) * self.skin
         return below
 
     def _seen(self, points: SurfacePoints) -> tuple[Float32[ndarray, "n 3"], Float64[ndarray, " n"]]:
@@ -127,7 +162,7 @@ class PhotographColours:
         weight *= (nearest >= own_depth - STEP_MM) & (farthest <= own_depth + STEP_MM)
         pixels = self._to_picture.to_crop(self._camera.project(places))
         weight *= _sample(self._inside, pixels, cv2.INTER_LINEAR) >= 255
-        weight *= self._is_face[points.corners].all(axis=1)
+        weight *= points.interpolate(self._share)
         return _sample(self._picture, pixels, cv2.INTER_LINEAR), weight
 
 
@@ -137,9 +172,7 @@ def vertex_colours(image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: Morphabl
     Raises:
         DegenerateGeometryError: As ``PhotographColours``.
     """
-    vertices = np.arange(len(model.mean), dtype=np.int32)
-    points = SurfacePoints(np.repeat(vertices[:, None], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(vertices), 1)))
-    return PhotographColours(image, fit, model).at(points)
+    return PhotographColours(image, fit, model).at(SurfacePoints.vertices(len(model.mean)))
 
 
 def face_texture(
@@ -167,10 +200,9 @@ def face_texture(
     texels = rasterise(np.eye(4), places, model.uv_triangles[is_face], size_px, size_px)
     drawn = texels.triangle >= 0
     corners = model.triangles[is_face][texels.triangle[drawn]]
-    colours = PhotographColours(image, fit, model).at(SurfacePoints(corners, texels.barycentric[drawn]))
-    neutral = np.median(colours, axis=0) if len(colours) else np.full(3, NO_COLOUR)
-    texture = np.broadcast_to(neutral.astype(np.uint8), (size_px, size_px, 3)).copy()
-    texture[drawn] = colours
+    colours = PhotographColours(image, fit, model)
+    texture = np.broadcast_to(np.rint(colours.skin).astype(np.uint8), (size_px, size_px, 3)).copy()
+    texture[drawn] = colours.at(SurfacePoints(corners, texels.barycentric[drawn]))
     return _padded(texture, drawn)
 
 
@@ -178,6 +210,26 @@ def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], came
     """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
     towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
     return np.asarray(vertex_normals(vertices, triangles) @ towards, dtype=np.float64)
+
+
+def _share_of_photograph(model: MorphableModel) -> Float64[ndarray, " v"]:
+    """1 for vertices of the face, fading to 0 towards scalp and neck: the largest part of the mesh that is not face."""
+    share = model.is_face_vertex.astype(np.float64)
+    others = model.triangles[~model.is_face_triangle]
+    if len(others):
+        edges = others[:, [0, 1, 1, 2]].reshape(-1, 2).T
+        graph = coo_array((np.ones(edges.shape[1]), edges), shape=(len(share), len(share)))
+        part_of_vertex = connected_components(graph, directed=False)[1]
+        head = part_of_vertex == np.bincount(part_of_vertex[np.unique(others)]).argmax()
+        share *= np.clip(cKDTree(model.mean[head]).query(model.mean)[0] / BORDER_FADE_MM, 0, 1)
+    return share
+
+
+def _vertices_of_region(model: MorphableModel, name: str) -> Bool[ndarray, " v"]:
+    inside = np.zeros(len(model.mean), dtype=bool)
+    if name in model.region_names:
+        inside[model.triangles[model.triangle_regions == model.region_names.index(name)]] = True
+    return inside
 
 
 def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"]) -> int:

@@ -1,4 +1,4 @@
-"""One HTML file that turns fitted faces beside their photographs; it needs no network and nothing beside it.
+"""One HTML file that shows fitted faces over their photographs and turns them; it needs no other file and no network.
 
 The viewer in it is three.js with ``scripts/viewer/viewer.js`` (ASSETS.md says how it is built).
 """
@@ -21,7 +21,7 @@ from numpy import ndarray
 from pix2face.command_line import printable
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
-from pix2face.geometry.crops import FaceBox, crop_image, square_crop
+from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.vertex_normals import vertex_normals
 from pix2face.photographs.mesh_files import linear_colours, split_at_seams
@@ -66,7 +66,7 @@ def face_data(face: ViewedFace, model: MorphableModel) -> FaceData:
         DegenerateGeometryError: The face has no extent in the photograph.
     """
     crop = square_crop(FaceBox.around(face.fit.landmarks2d), PHOTOGRAPH_SCALE, PHOTOGRAPH_PX)
-    pose = head_pose(face.fit.camera)
+    pose, camera = head_pose(face.fit.camera), nearest_weak_perspective(crop_camera(face.fit.camera, crop))
     fields = {
         "name": printable(face.name),
         "facts": f"pitch {pose.pitch_deg:.0f}°, yaw {pose.yaw_deg:.0f}°, roll {pose.roll_deg:.0f}°",
@@ -74,7 +74,9 @@ def face_data(face: ViewedFace, model: MorphableModel) -> FaceData:
         "photograph_px": PHOTOGRAPH_PX,
         "landmarks2d": np.round(crop.to_crop(face.fit.landmarks2d), 2).tolist(),
         "landmarks3d": _base64(face.fit.landmarks3d, "<f4"),
-        "rotation": nearest_weak_perspective(face.fit.camera).rotation.ravel().tolist(),
+        "rotation": camera.rotation.ravel().tolist(),
+        "px_per_mm": camera.scale,
+        "translation_px": camera.translation_px.tolist(),
         "points": _base64(face.points, "<f4"),
         "point_colours": _base64(linear_colours(face.point_colours), "u1"),
         **_mesh_fields(face, model),
@@ -136,15 +138,21 @@ header { display: flex; flex-wrap: wrap; gap: .4em 1.4em; align-items: center; p
          background: #2b3038; }
 fieldset { display: flex; flex-wrap: wrap; gap: .2em 1em; margin: 0; padding: 0; border: 0; }
 main { flex: 1; min-height: 0; display: flex; flex-wrap: wrap; }
-figure { margin: 0; flex: 1 1 20em; min-width: 0; height: 100%; position: relative; display: flex;
-         align-items: center; justify-content: center; }
-#photograph, #landmarks2d { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; }
+figure { margin: 0; flex: 1 1 20em; min-width: 0; height: 100%; container-type: size; display: grid;
+         place-items: center; }
+.square { position: relative; width: min(100cqw, 100cqh); aspect-ratio: 1; overflow: hidden; }
+.square > * { position: absolute; inset: 0; width: 100%; height: 100%; }
 #landmarks2d circle { fill: #3cff3c; }
-#stage { flex: 1 1 20em; min-width: 0; height: 100%; position: relative; overflow: hidden; }
-#stage canvas { position: absolute; inset: 0; }
+#stage { cursor: grab; }
+#stage:active { cursor: grabbing; }
+#behind { transition: opacity .3s; }
+[data-view=turned] #behind { opacity: .12; }
+#hint { inset: auto 0 .6em; width: auto; height: auto; margin: 0; text-align: center; pointer-events: none; }
+#hint span { padding: .2em .8em; border-radius: 1em; background: #20242acc; }
+[data-view=turned] #hint { display: none; }
 #problem { padding: 1em; background: #7a2020; }
 #facts { color: #b8c0c8; }
-@media (max-width: 45em) { figure, #stage { height: 50%; flex-basis: 100%; } }
+@media (max-width: 45em) { figure { height: 50%; flex-basis: 100%; } }
 """
 
 _PAGE = """<!doctype html>
@@ -168,8 +176,10 @@ _PAGE = """<!doctype html>
 </header>
 <p id="problem" hidden></p>
 <main>
-<figure><img id="photograph" alt=""><svg id="landmarks2d" xmlns="http://www.w3.org/2000/svg"></svg></figure>
-<div id="stage"></div>
+<figure><div class="square"><img id="photograph" alt="">
+<svg id="landmarks2d" xmlns="http://www.w3.org/2000/svg"></svg></div></figure>
+<figure><div class="square"><img id="behind" alt=""><div id="stage"></div>
+<p id="hint"><span>Drag to turn the face, scroll to zoom</span></p></div></figure>
 </main>
 <script type="application/json" id="faces">{data}</script>
 <script>{script}</script>

@@ -1,8 +1,10 @@
-// Turns fitted faces beside their photographs. Built into pix2face/assets/viewer/viewer.js by scripts/build_viewer.sh.
+// Shows fitted faces over their photographs and lets the reader turn them. scripts/build_viewer.sh builds it into
+// pix2face/assets/viewer/viewer.js.
 //
-// The page (pix2face/view_page.py) holds the faces as JSON in #faces; arrays are base64 of little-endian numbers. The
-// model frame is three's: x to the subject's left, y up, z out of the face, mm. `rotation` is camera_from_model with y
-// down and z forward, so the photograph's view is diag(1, -1, -1) times it.
+// The page (pix2face/photographs/view_page.py) holds the faces as JSON in #faces; arrays are base64 of little-endian
+// numbers. The model frame is three's: x to the subject's left, y up, z out of the face, mm. The camera of a face is
+// weak-perspective: `rotation` is camera_from_model with y down and z forward, so the photograph's view is
+// diag(1, -1, -1) times it; `px_per_mm` and `translation_px` lead to the pixels of the photograph that the page shows.
 import {
   AmbientLight,
   BufferAttribute,
@@ -13,7 +15,7 @@ import {
   Mesh,
   MeshBasicMaterial,
   MeshLambertMaterial,
-  PerspectiveCamera,
+  OrthographicCamera,
   Points,
   PointsMaterial,
   Scene,
@@ -23,11 +25,9 @@ import {
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
-const BACKGROUND = 0x20242a;
 const SKIN = 0xc9b8a8;
-const FIELD_OF_VIEW_DEG = 20;
-// three takes the size of points as if the field of view were 90 degrees.
-const POINT_SIZE_PER_MM = 1 / Math.tan((FIELD_OF_VIEW_DEG / 360) * Math.PI);
+// The camera stands this far from the middle of the head, which is always between its near and its far plane.
+const DISTANCE_MM = 2000;
 // What a face shows of itself in one photograph: points are made just large enough to cover it.
 const SEEN_MM2 = 22000;
 const LANDMARK_MM = 3;
@@ -61,12 +61,13 @@ function loadTexture(address, changed) {
 }
 
 function cloud(positions, colours, sizeMm, colour) {
-  const size = sizeMm * POINT_SIZE_PER_MM;
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   if (colours) geometry.setAttribute("color", new BufferAttribute(colours, 3, true));
   const look = colours ? { vertexColors: true } : { color: colour };
-  return new Points(geometry, new PointsMaterial({ size, sizeAttenuation: true, ...look }));
+  const points = new Points(geometry, new PointsMaterial({ sizeAttenuation: false, ...look }));
+  points.userData.sizeMm = sizeMm;
+  return points;
 }
 
 function buildFace(face, changed) {
@@ -90,14 +91,23 @@ function buildFace(face, changed) {
   const model = new Group();
   model.add(parts.mesh, parts.points, parts.landmarks);
   geometry.computeBoundingSphere();
-  model.position.copy(geometry.boundingSphere.center).negate();
+  const middle = geometry.boundingSphere.center;
+  model.position.copy(middle).negate();
   parts.group = new Group();
   parts.group.add(model);
   const [r00, r01, r02, r10, r11, r12, r20, r21, r22] = face.rotation;
   const turned = new Matrix4().set(r00, r01, r02, 0, -r10, -r11, -r12, 0, -r20, -r21, -r22, 0, 0, 0, 0, 1);
   parts.group.quaternion.setFromRotationMatrix(turned);
-  parts.radius = geometry.boundingSphere.radius;
+  parts.frame = photographFrame(face, middle.clone().applyMatrix4(turned));
   return parts;
+}
+
+// The borders of the photograph in mm around the middle of the head: with them the mesh lies where the face is.
+function photographFrame(face, middle) {
+  const side = face.photograph_px / face.px_per_mm;
+  const [x, y] = face.translation_px.map((shift) => shift / face.px_per_mm);
+  const [left, top] = [-(x + middle.x), y - middle.y];
+  return { left, right: left + side, top, bottom: top - side };
 }
 
 function dispose(parts) {
@@ -109,9 +119,8 @@ function dispose(parts) {
 }
 
 function showPhotograph(face) {
-  const picture = byId("photograph");
-  picture.src = face.photograph;
-  picture.alt = `Photograph of ${face.name}`;
+  for (const picture of document.querySelectorAll("img")) picture.src = face.photograph;
+  byId("photograph").alt = `Photograph of ${face.name}`;
   const drawing = byId("landmarks2d");
   drawing.setAttribute("viewBox", `0 0 ${face.photograph_px} ${face.photograph_px}`);
   drawing.replaceChildren(
@@ -129,23 +138,27 @@ function start() {
   const stage = byId("stage");
   let renderer;
   try {
-    renderer = new WebGLRenderer({ antialias: true });
+    renderer = new WebGLRenderer({ alpha: true, antialias: true });
   } catch {
     fail("This browser shows no WebGL; the meshes beside this page open in any 3D viewer.");
     return;
   }
   renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-  renderer.setClearColor(BACKGROUND);
+  renderer.setClearAlpha(0);
   stage.append(renderer.domElement);
   const scene = new Scene();
-  const camera = new PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 1, 10000);
+  const camera = new OrthographicCamera(-1, 1, 1, -1, 1, 2 * DISTANCE_MM);
   const light = new DirectionalLight(0xffffff, 2.4);
   camera.add(light);
   scene.add(camera, new AmbientLight(0xffffff, 0.9));
   const controls = new OrbitControls(camera, renderer.domElement);
   let shown = null;
 
-  const draw = () => renderer.render(scene, camera);
+  function draw() {
+    const pxPerMm = (camera.zoom * stage.clientWidth) / (camera.right - camera.left);
+    for (const points of [shown.points, shown.landmarks]) points.material.size = points.userData.sizeMm * pxPerMm;
+    renderer.render(scene, camera);
+  }
   const toggled = (name) => byId(name).checked;
   function restyle() {
     shown.mesh.visible = toggled("show-mesh") || toggled("show-wireframe");
@@ -158,9 +171,12 @@ function start() {
   }
   function reset() {
     controls.target.set(0, 0, 0);
-    camera.up.set(0, 1, 0);
-    camera.position.set(0, 0, (1.15 * shown.radius) / Math.sin((FIELD_OF_VIEW_DEG / 360) * Math.PI));
+    camera.position.set(0, 0, DISTANCE_MM);
+    camera.zoom = 1;
+    Object.assign(camera, shown.frame);
+    camera.updateProjectionMatrix();
     controls.update();
+    document.body.dataset.view = "photograph";
     draw();
   }
   function choose(index) {
@@ -177,8 +193,6 @@ function start() {
   function resize() {
     const { clientWidth: width, clientHeight: height } = stage;
     if (!width || !height) return;
-    camera.aspect = width / height;
-    camera.updateProjectionMatrix();
     renderer.setSize(width, height);
     draw();
   }
@@ -189,6 +203,7 @@ function start() {
   for (const box of document.querySelectorAll("#toggles input")) box.addEventListener("change", restyle);
   byId("reset").addEventListener("click", reset);
   controls.addEventListener("change", draw);
+  controls.addEventListener("start", () => (document.body.dataset.view = "turned"));
   new ResizeObserver(resize).observe(stage);
   choose(0);
   resize();

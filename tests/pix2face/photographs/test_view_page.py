@@ -121,10 +121,12 @@ def test_nothing_comes_from_elsewhere_and_only_the_viewer_runs() -> None:
 def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None:
     page = tmp_path / "view.html"
     names = ["</script><img src=x onerror=alert(1)>", "second"]
-    page.write_text(view_page([face_data(viewed(model, name), model) for name in names], names[0]))
+    text = view_page([face_data(viewed(model, name), model) for name in names], names[0])
+    page.write_text(text.replace('<img id="behind"', '<img hidden id="behind"'))  # the mesh alone
     seen = visit(page, tmp_path)
     assert seen.console == []
     assert 'data-state="ready"' in seen.document
+    assert "Drag to turn" in seen.document
     assert "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt;</option>" in seen.document
     height, width = seen.picture.shape[:2]
     stage = seen.picture[height // 5 :, width // 2 :].astype(int)
@@ -139,12 +141,27 @@ def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None
     assert colours.std(axis=0).min() > 5
     photograph = seen.picture[height // 5 :, : width // 2].astype(int)
     assert (np.abs(photograph - BACKGROUND).max(axis=2) > 20).mean() > 0.5
+    # The mesh lies where the face is in the photograph: most of it has the colours that are at the same place there.
+    assert np.mean(np.abs(stage - photograph)[drawn].max(axis=1) < 12) > 0.4
+
+
+def test_the_mesh_lies_over_the_photograph(tmp_path: Path) -> None:
+    """Its landmarks are drawn where the photograph beside it has its own, to some pixels."""
+    page = tmp_path / "view.html"
+    text = view_page([face_data(viewed(PLAIN), PLAIN)], "over")
+    page.write_text(text.replace('id="show-landmarks"', 'id="show-landmarks" checked'))
+    picture = visit(page, tmp_path, 1400, 800).picture.astype(int)
+    is_dot = (picture[..., 1] > 200) & (picture[..., 0] < 120) & (picture[..., 2] < 120)
+    places, meshes = (np.argwhere(half) for half in (is_dot[:, :700], is_dot[:, 700:]))
+    assert min(len(places), len(meshes)) > 68
+    for statistic in (np.mean, np.min, np.max):  # the dots of the two are of different sizes
+        assert np.abs(statistic(places, axis=0) - statistic(meshes, axis=0)).max() < 3
 
 
 def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
     face = viewed(PLAIN)
     text = view_page([face_data(face, PLAIN)], "points")
-    text = text.replace('id="show-mesh" checked', 'id="show-mesh"')
+    text = text.replace('id="show-mesh" checked', 'id="show-mesh"').replace('id="behind"', 'hidden id="behind"')
     for name in ("show-points", "show-landmarks"):
         text = text.replace(f'id="{name}"', f'id="{name}" checked')
     page = tmp_path / "view.html"
