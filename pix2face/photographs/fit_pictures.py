@@ -17,6 +17,9 @@ from pix2face.models.rasterise import interpolate, rasterise
 from pix2face.photographs.texture import facing
 
 LANDMARK_COLOUR = (60, 255, 60)
+# How many times as large as the radius of a dot a face is; the smallest radius is one pixel.
+FACE_PER_RADIUS = 150
+LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.
 OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
@@ -25,12 +28,13 @@ PICTURE_LIMITS_MM = (120.0, 15.0)
 def draw_landmarks(
     image: UInt8[ndarray, "h w 3"], landmarks2d: Float[ndarray, "m 2"], colour: tuple[int, int, int] = LANDMARK_COLOUR
 ) -> UInt8[ndarray, "h w 3"]:
-    """A copy of a picture with a dot on every landmark."""
+    """A copy of a picture with a dot on every landmark, small beside the face that the landmarks are of."""
     picture = image.copy()
-    radius = max(1, round(max(image.shape[:2]) / 250))
-    for x, y in landmarks2d[np.isfinite(landmarks2d).all(axis=1)]:
-        if max(abs(x), abs(y)) < 1e6:  # OpenCV takes 32-bit pixels
-            cv2.circle(picture, (int(np.floor(x)), int(np.floor(y))), radius, colour, -1, cv2.LINE_AA)
+    known = landmarks2d[(np.abs(landmarks2d) < LARGEST_PX).all(axis=1)]  # neither NaN nor infinity
+    radius = max(1, round(float(np.ptp(known, axis=0).max(initial=0)) / FACE_PER_RADIUS)) if len(known) else 1
+    edge = cv2.LINE_AA if radius > 1 else cv2.LINE_8  # smoothed, the smallest dot would be three times as large
+    for x, y in np.floor(known).astype(int).tolist():
+        cv2.circle(picture, (x, y), radius, colour, -1, edge)
     return picture
 
 

@@ -150,6 +150,15 @@ def test_drawing_leaves_the_picture_alone_and_marks_the_pixel_that_holds_the_lan
     np.testing.assert_array_equal(drawn[20, 10], [1, 2, 3])
 
 
+def test_dots_are_small_beside_the_face_whatever_the_size_of_the_picture() -> None:
+    landmarks2d = np.array([[40.0, 40.0], [130.0, 40.0], [40.0, 130.0], [130.0, 130.0]])
+    for size_px in (200, 2000):
+        drawn = draw_landmarks(np.zeros((size_px, size_px, 3), np.uint8), landmarks2d)
+        assert 4 <= drawn.any(axis=2).sum() <= 4 * 5
+    larger = draw_landmarks(np.zeros((2000, 2000, 3), np.uint8), 10 * landmarks2d)
+    assert 4 * 80 < larger.any(axis=2).sum() < 4 * 250
+
+
 def test_maps_are_shown_beside_the_crop() -> None:
     rng = np.random.default_rng(0)
     mask = np.zeros((32, 32), dtype=bool)
