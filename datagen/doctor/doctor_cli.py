@@ -1,4 +1,4 @@
-"""The command ``datagen doctor``: which OpenGL there is, whether it draws what it should, and what to do if not."""
+"""The command ``datagen doctor``: which OpenGL a machine has, whether it draws correctly, and what to do if not."""
 
 import json
 from collections.abc import Sequence
@@ -24,19 +24,19 @@ class DoctorConfig:
     """Configuration of ``datagen doctor``."""
 
     gl: str | None = None
-    """Judge this backend alone: ``egl`` or ``osmesa``. Without it PIX2FACE_GL, or EGL before OSMesa."""
+    """Judge this backend alone: `egl` or `osmesa`. Default: PIX2FACE_GL, or EGL before OSMesa."""
     device: int | None = None
-    """Judge this of the devices that EGL lists, from 0. Without it PIX2FACE_GL_DEVICE, or EGL's first."""
+    """Judge this one of the devices that EGL lists, from 0. Default: PIX2FACE_GL_DEVICE, or EGL's first."""
     rasteriser: Rasteriser = "auto"
-    """Judge this path. Without it PIX2FACE_RASTERISER, or compute where the driver has OpenGL 4.3."""
+    """Judge this rasteriser. Default: PIX2FACE_RASTERISER, or `compute` where the driver has OpenGL 4.3."""
     json: bool = False
     """Print everything as JSON instead of tables."""
 
 
 def doctor(config: Annotated[DoctorConfig, tyro.conf.arg(name="")]) -> int:
-    """Say which OpenGL there is, hold a test render against the oracle, and name the remedy for what fails.
+    """Say which OpenGL there is, compare test renders with the oracle, and name the remedy for what fails.
 
-    The exit status is 0 where renders can be trusted, 2 where not.
+    The exit status is 0 if renders can be trusted, and 2 if not.
     """
     settings = GLSettings(config.gl, config.device, config.rasteriser).resolved()
     with progress_bar(console, "probing", 1 + len(BACKENDS)) as advance:
@@ -49,23 +49,18 @@ def doctor(config: Annotated[DoctorConfig, tyro.conf.arg(name="")]) -> int:
             advance()
     diagnosis = diagnose(surroundings, probes, settings)
     if config.json:
-        print(json.dumps(_as_json(settings, surroundings, probes, diagnosis), indent=2))
+        found = {
+            "healthy": diagnosis.is_healthy,
+            "settings": asdict(settings),
+            "diagnosis": asdict(diagnosis),
+            "backends": [asdict(probe) for probe in probes],
+            "surroundings": asdict(surroundings),
+            "versions": versions(),
+        }
+        print(json.dumps(found, indent=2))
     else:
         _show(Console(), surroundings, probes, diagnosis)
     return 0 if diagnosis.is_healthy else EXIT_ERROR
-
-
-def _as_json(
-    settings: GLSettings, surroundings: Surroundings, probes: Sequence[BackendProbe], diagnosis: Diagnosis
-) -> dict[str, object]:
-    return {
-        "healthy": diagnosis.is_healthy,
-        "settings": asdict(settings),
-        "diagnosis": asdict(diagnosis),
-        "backends": [asdict(probe) for probe in probes],
-        "surroundings": asdict(surroundings),
-        "versions": versions(),
-    }
 
 
 def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProbe], diagnosis: Diagnosis) -> None:
@@ -81,8 +76,8 @@ def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProb
         if not probe.error:
             _print(out, f"{probe.backend}: {probe.renderer}, OpenGL {probe.gl_version}")
         for check in probe.checks:
-            counts = [check.mask_px, check.mask_differs_px, check.off_px]
-            shown = [*map(str, counts), f"{check.typical_worst_mm:.2g}", f"{check.milliseconds:.1f}"]
+            pixels = [str(number) for number in (check.mask_px, check.mask_differs_px, check.off_px)]
+            shown = [*pixels, f"{check.typical_worst_mm:.2g}", f"{check.milliseconds:.1f}"]
             table.add_row(probe.backend, check.rasteriser, *(["draws nothing"] if check.error else shown))
     if table.row_count:
         out.print(table)

@@ -1,7 +1,6 @@
-"""What OpenGL does here: a test render held against the oracle, each backend in a process of its own.
+"""What OpenGL draws on this machine, compared with the oracle, each backend in a process of its own.
 
-A driver that is broken may end its process, and two backends in one share their dispatch tables: so whoever asks stays
-alive, and is answered in JSON.
+A broken driver may end its process, and two backends in one process would share their dispatch tables.
 """
 
 import json
@@ -33,15 +32,15 @@ from datagen.rendering.renderer import Renderer
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import Pix2FaceError
 from pix2face.geometry.camera import Camera
-from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import RenderedMaps, render_maps
 
 SIZE_PX, N_FACES, SEED = 128, 4, 7
 SECONDS_AT_MOST = 300
 PROGRAM = "import sys; from datagen.doctor.gl_probe import answer; sys.stdout.write(answer(sys.argv[1]))"
-# A pixel that is further off than this shows another surface, or the driver computes something else.
+# A pixel that is farther off shows another surface, or the driver computes something else.
 LIMIT_MM = 0.02
-# Settings are asked with them resolved; in the environment of the other process they would be resolved again.
+# The settings to be probed are resolved already: the other process must not resolve them again.
 OUR_VARIABLES = (ENVIRONMENT_VARIABLE, DEVICE_VARIABLE, RASTERISER_VARIABLE)
 
 
@@ -52,11 +51,10 @@ class RenderCheck:
 
     Attributes:
         rasteriser: ``compute`` or ``fragment``.
-        error: Why nothing was drawn; "" where it was.
-        mask_px: Pixels of face that the oracle found.
-        mask_differs_px: Pixels that only one of the two calls face.
-        off_px: Pixels of both that are more than 0.02 mm off: folds, where the nearer of two surfaces is a matter of
-            rounding, or worse.
+        error: Why nothing was drawn; empty where it was.
+        mask_px: Face pixels of the oracle.
+        mask_differs_px: Pixels that are face to only one of the two.
+        off_px: Face pixels of both that differ by more than 0.02 mm. At folds rounding decides which surface is nearer.
         typical_worst_mm: The largest difference of 99.9 % of the pixels of both.
         milliseconds: Shortest time of one picture.
     """
@@ -71,7 +69,7 @@ class RenderCheck:
 
     @property
     def is_right(self) -> bool:
-        """Whether the maps are those of the oracle, but for folds and borders."""
+        """Whether the maps are the oracle's, except at folds and borders."""
         few = 0.002 * self.mask_px
         drawn = not self.error and self.mask_px > 0
         return drawn and self.mask_differs_px <= few and self.off_px <= few and self.typical_worst_mm <= LIMIT_MM
@@ -80,12 +78,12 @@ class RenderCheck:
 @final
 @dataclass(frozen=True)
 class BackendProbe:
-    """What one backend does here.
+    """What one backend does on this machine.
 
     Attributes:
         backend: ``egl`` or ``osmesa``.
-        error: Why it makes no context; "" where it does.
-        renderer: What the driver calls itself.
+        error: Why it makes no context; empty where it does.
+        renderer: The driver's name for itself.
         gl_version: Version of OpenGL and of the driver, in the driver's words.
         version_code: 450 for OpenGL 4.5.
         checks: One for each rasteriser that this version has.
@@ -100,30 +98,28 @@ class BackendProbe:
 
 
 def probe_backend(settings: GLSettings) -> BackendProbe:
-    """Makes a context in this process and draws with every rasteriser that it has."""
+    """Makes a context in this process, and draws with every rasteriser that it has."""
     backend = str(settings.backend)
     try:
         with create_gl_context(settings) as gl:
-            info = gl.context.info
-            made = BackendProbe(backend, "", gl.renderer, str(info["GL_VERSION"]), gl.version_code)
+            paths: list[Rasteriser] = ["compute", "fragment"] if gl.version_code >= COMPUTE_VERSION else ["fragment"]
+            checks = tuple(check_rendering(gl, path) for path in paths)
+            return BackendProbe(backend, "", gl.renderer, str(gl.context.info["GL_VERSION"]), gl.version_code, checks)
     except Pix2FaceError as error:
         return BackendProbe(backend, str(error).removesuffix(f"; {REMEDY}"))
-    paths: tuple[Rasteriser, ...] = ("compute", "fragment") if made.version_code >= COMPUTE_VERSION else ("fragment",)
-    checks = tuple(_check(GLSettings(backend, settings.device, path)) for path in paths)
-    return BackendProbe(**{**vars(made), "checks": checks})
 
 
-def probe_backend_apart(settings: GLSettings, environment: Mapping[str, str] = os.environ) -> BackendProbe:
-    """As ``probe_backend``, in a process of its own; one that dies is a failure like any other."""
-    found, failure = _ask({"ask": "render", **asdict(settings)}, environment)
+def probe_backend_apart(settings: GLSettings) -> BackendProbe:
+    """As ``probe_backend``, in a process of its own; if that dies, the backend has failed."""
+    found, failure = _ask(asdict(settings))
     if found is None:
         return BackendProbe(str(settings.backend), failure)
     return BackendProbe(**{**found, "checks": tuple(RenderCheck(**check) for check in found["checks"])})
 
 
-def devices_apart(environment: Mapping[str, str] = os.environ) -> tuple[tuple[EGLDevice, ...], str]:
-    """The devices that EGL lists, asked in a process of its own, and why there are none."""
-    found, failure = _ask({"ask": "devices"}, environment)
+def devices_apart() -> tuple[tuple[EGLDevice, ...], str]:
+    """The devices that EGL lists, asked for in a process of its own, and why there are none."""
+    found, failure = _ask(None)
     if found is None:
         return (), failure
     devices = [EGLDevice(**{**device, "extensions": tuple(device["extensions"])}) for device in found["devices"]]
@@ -131,20 +127,20 @@ def devices_apart(environment: Mapping[str, str] = os.environ) -> tuple[tuple[EG
 
 
 def answer(question: str) -> str:
-    """Answers one question of the other process, both as JSON."""
-    asked = json.loads(question)
-    if asked.pop("ask") == "render":
-        return json.dumps(asdict(probe_backend(GLSettings(**asked))))
+    """Answers the question of another process: settings to be probed, or null for the devices; all in JSON."""
+    settings = json.loads(question)
+    if settings is not None:
+        return json.dumps(asdict(probe_backend(GLSettings(**settings))))
     try:
         return json.dumps({"devices": [asdict(device) for device in egl_devices()], "error": ""})
     except OSError as error:
         return json.dumps({"devices": [], "error": str(error)})
 
 
-def _ask(question: Mapping[str, Any], environment: Mapping[str, str]) -> tuple[dict[str, Any] | None, str]:
-    packages = str(Path(__file__).parents[2])
-    paths = os.pathsep.join([packages, *filter(None, [environment.get("PYTHONPATH")])])
-    inherited = {name: value for name, value in environment.items() if name not in OUR_VARIABLES}
+def _ask(question: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str]:
+    """The answer to a question, or None and why there is none."""
+    paths = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
+    inherited = {name: value for name, value in os.environ.items() if name not in OUR_VARIABLES}
     try:
         done = subprocess.run(  # noqa: S603 - this interpreter, this package
             [sys.executable, "-c", PROGRAM, json.dumps(question)],
@@ -165,42 +161,34 @@ def _ask(question: Mapping[str, Any], environment: Mapping[str, str]) -> tuple[d
     return None, f"the test process failed: {last}"
 
 
-def _check(settings: GLSettings) -> RenderCheck:
-    try:
-        with create_gl_context(settings) as gl:
-            return check_rendering(builtin_model(), gl, settings.rasteriser)
-    except Pix2FaceError as error:
-        return RenderCheck(settings.rasteriser, str(error))
-
-
-def check_rendering(model: MorphableModel, gl: GLContext, rasteriser: Rasteriser) -> RenderCheck:
-    """Draws a few faces and counts what differs from the oracle.
-
-    Raises:
-        GLUnavailableError: The driver does not draw.
-    """
+def check_rendering(gl: GLContext, rasteriser: Rasteriser) -> RenderCheck:
+    """Draws some faces of the built-in model, and counts the pixels that differ from the oracle's."""
+    model = builtin_model()
     table = sample_faces(model, N_FACES, SEED, SIZE_PX)
-    renderer = Renderer(model, SIZE_PX, SIZE_PX, gl, rasteriser)
     mask_px = mask_differs_px = 0
     errors_mm, seconds = [np.zeros(0)], []
-    for vertices, matrix in zip(model.vertices(table.identity, table.expression), table.cameras, strict=True):
-        camera = Camera(matrix)
-        expected = render_maps(model, vertices, camera, SIZE_PX, SIZE_PX)
-        for _ in range(3):
-            start = time.perf_counter()
-            found = renderer.render(vertices, camera)
-            seconds.append(time.perf_counter() - start)
-        mask_px += int(expected.mask.sum())
-        mask_differs_px += int((found.mask != expected.mask).sum())
-        errors_mm.append(_errors_mm(found, expected))
+    try:
+        renderer = Renderer(model, SIZE_PX, SIZE_PX, gl, rasteriser)
+        for vertices, matrix in zip(model.vertices(table.identity, table.expression), table.cameras, strict=True):
+            camera = Camera(matrix)
+            expected = render_maps(model, vertices, camera, SIZE_PX, SIZE_PX)
+            for _ in range(3):
+                start = time.perf_counter()
+                found = renderer.render(vertices, camera)
+                seconds.append(time.perf_counter() - start)
+            mask_px += int(expected.mask.sum())
+            mask_differs_px += int((found.mask != expected.mask).sum())
+            errors_mm.append(_errors_mm(found, expected))
+    except Pix2FaceError as error:
+        return RenderCheck(rasteriser, str(error))
     errors = np.concatenate(errors_mm)
     worst = float(np.quantile(errors, 0.999)) if len(errors) else 0.0
     off = int((~(errors <= LIMIT_MM)).sum())  # also counts NaN
-    return RenderCheck(renderer.rasteriser, "", mask_px, mask_differs_px, off, worst, 1000 * min(seconds))
+    return RenderCheck(rasteriser, "", mask_px, mask_differs_px, off, worst, 1000 * min(seconds))
 
 
 def _errors_mm(found: RenderedMaps, expected: RenderedMaps) -> np.ndarray:
-    """The largest difference of PNCC, offset and depth at each pixel that both call face, mm."""
+    """The largest difference of PNCC, offset and depth at each pixel that is face to both, mm."""
     both = found.mask & expected.mask
     maps = [np.abs(getattr(found, name) - getattr(expected, name))[both].max(axis=-1) for name in ("pncc", "offset")]
     return np.asarray(np.max([*maps, np.abs(found.depth - expected.depth)[both]], axis=0))

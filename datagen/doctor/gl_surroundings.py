@@ -1,10 +1,10 @@
-"""What of OpenGL is installed on a machine: libraries, device files, vendor files, variables. Nothing is drawn."""
+"""What a machine has that OpenGL needs: libraries, device files, vendor files, variables. Nothing is drawn."""
 
 import ctypes
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import distributions
 from pathlib import Path
 from platform import python_version
 from typing import Any, final
@@ -17,25 +17,8 @@ from datagen.opengl.osmesa_context import OSMESA_LIBRARIES
 GL_LIBRARY, NVIDIA_LIBRARY, OSMESA = "libGL.so.1", "libEGL_nvidia.so.0", "libOSMesa"
 VENDOR_FOLDERS = ("usr/share/glvnd/egl_vendor.d", "etc/glvnd/egl_vendor.d")
 VENDOR_VARIABLE, VENDOR_FOLDER_VARIABLE = "__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS"
-# Variables that change what OpenGL does.
-VARIABLES = (
-    "PIX2FACE_GL",
-    "PIX2FACE_GL_DEVICE",
-    "PIX2FACE_RASTERISER",
-    "GLCONTEXT_DEVICE_INDEX",
-    "GLCONTEXT_GLVERSION",
-    "GLCONTEXT_LINUX_LIBGL",
-    "GLCONTEXT_LINUX_LIBEGL",
-    "LIBGL_ALWAYS_SOFTWARE",
-    "GALLIUM_DRIVER",
-    "LP_NUM_THREADS",
-    "MESA_LOADER_DRIVER_OVERRIDE",
-    "MESA_GL_VERSION_OVERRIDE",
-    "NVIDIA_VISIBLE_DEVICES",
-    "NVIDIA_DRIVER_CAPABILITIES",
-    VENDOR_VARIABLE,
-    VENDOR_FOLDER_VARIABLE,
-)
+# Variables that change what OpenGL does have names that begin so.
+VARIABLES = ("PIX2FACE_", "GLCONTEXT_", "LIBGL_", "GALLIUM_", "LP_", "MESA_", "NVIDIA_", "__EGL_")
 PACKAGES = ("pix2face", "numpy", "moderngl", "glcontext", "h5py", "isal", "opencv-python-headless")
 
 
@@ -45,9 +28,9 @@ class DeviceFile:
     """A file by which a graphics card is reached, such as /dev/dri/renderD128.
 
     Attributes:
-        path: Where it is.
-        group: Who may use it beside its owner, by name or number.
-        is_open: Whether this process may.
+        path: Its path.
+        group: Name or number of the group that may use it.
+        is_open: Whether this process may use it.
     """
 
     path: str
@@ -61,15 +44,15 @@ class Surroundings:
     """What is installed.
 
     Attributes:
-        complaints: For each library why it cannot be loaded; "" where it can.
-        devices: What EGL lists.
-        devices_error: Why it lists nothing.
-        render_nodes: Of Mesa and of NVIDIA, /dev/dri/renderD*.
-        nvidia_nodes: /dev/nvidia0 and so on.
+        complaints: Why each library cannot be loaded; empty where it can.
+        devices: The devices that EGL lists.
+        devices_error: Why EGL lists none.
+        render_nodes: Files /dev/dri/renderD*.
+        nvidia_nodes: Files /dev/nvidia0 and so on.
         vendor_files: The files that tell EGL which drivers there are.
-        missing_vendor_files: Those that an environment variable names and that are not there.
-        is_container: Whether this looks like the inside of one.
-        environment: Those of VARIABLES that are set.
+        missing_vendor_files: Files and folders that an environment variable names and that do not exist.
+        is_container: Whether this looks like a container.
+        environment: The variables that are set and change what OpenGL does.
     """
 
     complaints: Mapping[str, str]
@@ -89,13 +72,13 @@ def survey(
     environment: Mapping[str, str] = os.environ,
     load: Callable[[str], Any] = ctypes.CDLL,
 ) -> Surroundings:
-    """Looks around.
+    """Finds out what is installed.
 
     Args:
-        devices: What EGL lists, and why it lists nothing.
-        root: Of the file system.
-        environment: Variables.
-        load: Loads a shared library or raises OSError.
+        devices: The devices that EGL lists, and why it lists none.
+        root: The root of the file system.
+        environment: The variables of the environment.
+        load: Loads a shared library, or raises OSError.
     """
     files, missing = _vendor_files(root, environment)
     return Surroundings(
@@ -110,19 +93,15 @@ def survey(
         vendor_files=files,
         missing_vendor_files=missing,
         is_container=_is_container(root, environment),
-        environment={name: environment[name] for name in VARIABLES if name in environment},
+        environment={name: value for name, value in sorted(environment.items()) if name.startswith(VARIABLES)},
     )
 
 
 def versions() -> dict[str, str]:
-    """Versions of what takes part, Python first."""
-    found = {"python": python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return {**found, "hdf5": h5py.version.hdf5_version}
+    """Versions of Python and of the packages and libraries that take part in drawing."""
+    installed = {package.name: package.version for package in distributions()}
+    found = {name: installed.get(name, "not installed") for name in PACKAGES}
+    return {"python": python_version(), **found, "hdf5": h5py.version.hdf5_version}
 
 
 def _complaint(load: Callable[[str], Any], names: Sequence[str]) -> str:
@@ -149,7 +128,7 @@ def _device_files(folder: Path, pattern: str) -> tuple[DeviceFile, ...]:
 
 
 def _vendor_files(root: Path, environment: Mapping[str, str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The vendor files that count, and those that a variable names and that are not there."""
+    """The vendor files in use, and what a variable names and does not exist."""
     if environment.get(VENDOR_VARIABLE):
         named = [Path(name) for name in environment[VENDOR_VARIABLE].split(":") if name]
         present = [path for path in named if path.is_file()]

@@ -46,6 +46,13 @@ class GLSettings:
     device: int | None = None
     rasteriser: Rasteriser = "auto"
 
+    @property
+    def allowed_backends(self) -> tuple[str, ...]:
+        """The backends that may be used, in the order in which they are tried."""
+        if self.backend is not None:
+            return (self.backend,)
+        return BACKENDS if self.device is None else ("egl",)
+
     def resolved(self, environment: Mapping[str, str] = os.environ) -> "GLSettings":
         """What is left open here, filled in from PIX2FACE_GL, PIX2FACE_GL_DEVICE and PIX2FACE_RASTERISER.
 
@@ -143,7 +150,7 @@ def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
     """
     chosen = (settings if isinstance(settings, GLSettings) else GLSettings(settings)).resolved()
     failures = []
-    for name in _backends(chosen):
+    for name in chosen.allowed_backends:
         try:
             context = _CREATORS[name](chosen)
         except UsageError:
@@ -172,12 +179,6 @@ def choose_rasteriser(rasteriser: Rasteriser, version_code: int) -> Literal["com
             f"choose the rasteriser fragment ({RASTERISER_VARIABLE}=fragment), or auto"
         )
     return "compute"
-
-
-def _backends(settings: GLSettings) -> tuple[str, ...]:
-    if settings.backend is not None:
-        return (settings.backend,)
-    return BACKENDS if settings.device is None else ("egl",)
 
 
 def _create_egl(settings: GLSettings) -> moderngl.Context:

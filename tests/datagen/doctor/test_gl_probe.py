@@ -16,7 +16,6 @@ from datagen.opengl.gl_context import COMPUTE_VERSION, GLContext, GLSettings, Ra
 from datagen.opengl.osmesa_context import OSMESA_LIBRARIES
 from datagen.rendering.renderer import Renderer
 from pix2face.geometry.camera import Camera
-from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import RenderedMaps
 
 
@@ -29,7 +28,7 @@ def rasteriser(request: pytest.FixtureRequest, gl: GLContext) -> Rasteriser:
 
 @pytest.mark.gl
 def test_the_render_of_this_machine_is_right(gl: GLContext, rasteriser: Rasteriser) -> None:
-    found = check_rendering(builtin_model(), gl, rasteriser)
+    found = check_rendering(gl, rasteriser)
     assert found.rasteriser == rasteriser
     assert found.mask_px > 10_000
     assert found.is_right
@@ -47,7 +46,7 @@ def test_a_render_that_is_a_tenth_of_a_pixel_off_is_noticed(
         return right(self, vertices, camera.transformed(shift))
 
     monkeypatch.setattr(Renderer, "render", shifted)
-    assert not check_rendering(builtin_model(), gl, rasteriser).is_right
+    assert not check_rendering(gl, rasteriser).is_right
 
 
 def test_a_driver_that_ends_its_process_is_a_failure_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
