@@ -111,8 +111,15 @@ class GLContext:
     device: int | None = None
 
     def make_current(self) -> None:
-        """Lets OpenGL calls of this thread go here: needed before drawing where a thread has two contexts."""
+        """Directs the OpenGL calls of this thread to this context, and frees what nothing refers to any longer."""
         self.context.mglo.__enter__()
+        self.context.gc()
+
+    def check(self) -> None:
+        """Raises GLUnavailableError if OpenGL has an error to report."""
+        error = self.context.error
+        if error != "GL_NO_ERROR":
+            raise GLUnavailableError(f"expected {self.renderer} to draw, found {error}; is its memory full?")
 
     def release(self) -> None:
         """Gives the context back; nothing made from it can be used afterwards.
@@ -158,6 +165,9 @@ def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
         except Exception as error:  # noqa: BLE001 - glcontext raises bare Exception
             failures.append(f"{name}: {str(error).strip() or type(error).__name__}")
             continue
+        context.gc_mode = (
+            "context_gc"  # objects are freed by make_current alone, never while another context is current
+        )
         renderer, version = str(context.info["GL_RENDERER"]), int(context.version_code)
         made = GLContext(context, name, renderer, version, chosen.rasteriser, chosen.device)
         _THREAD.living = [*_living(), made]

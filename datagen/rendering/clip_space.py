@@ -1,14 +1,14 @@
-"""A camera in OpenGL's terms: for pictures, whose surfaces OpenGL interpolates itself (maps: screen_projection.py)."""
+"""A camera in OpenGL's clip space, for pictures, whose surfaces OpenGL interpolates (maps: ``screen_projection``)."""
 
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 from numpy import ndarray
 
 from pix2face.geometry.camera import Camera
-from pix2face.models.rasterise import handedness, project_homogeneous
+from pix2face.models.rasterise import handedness
 
 # Vertices exactly on the near or far plane may be clipped by rounding: the planes stand off by this part of the range.
 DEPTH_MARGIN = 1e-3
@@ -17,7 +17,7 @@ DEPTH_MARGIN = 1e-3
 @final
 @dataclass(frozen=True, eq=False)
 class ClipTransform:
-    """How OpenGL shall project one mesh.
+    """How OpenGL projects a mesh.
 
     Attributes:
         clip_from_model: Rows x, y, z, w of the clip coordinates. Row 0 of the image becomes the first of the buffer.
@@ -28,22 +28,19 @@ class ClipTransform:
     outside_is_clockwise: bool
 
 
-def clip_transform(camera: Camera, vertices: Float32[ndarray, "v 3"], height: int, width: int) -> ClipTransform:
-    """Brings a camera into clip space, with the depth range of one mesh.
+def clip_transform(camera: Camera, nearest: float, extent: float, height: int, width: int) -> ClipTransform:
+    """Brings a camera into clip space.
 
     The third clip coordinate is ``a depth + b`` for both kinds of camera. With w = 1 that is linear in the depth, with
     w = depth it is linear in 1 / depth after the division by w: each is linear in the image, as the depth test wants.
-    Depth is taken relative to the nearest vertex, because float32 must not see the difference of two large depths.
+    Depth is taken relative to the nearest point, because float32 must not see the difference of two large depths.
 
-    Raises:
-        DegenerateGeometryError: As in ``rasterise``.
-    """
-    depth = project_homogeneous(camera.matrix, vertices)[:, 2]
-    return clip_transform_of_depths(camera, float(depth.min()), float(np.ptp(depth)), height, width)
-
-
-def clip_transform_of_depths(camera: Camera, nearest: float, extent: float, height: int, width: int) -> ClipTransform:
-    """The same for a range of depth, mm; of a pinhole, what is nearer is cut off.
+    Args:
+        camera: From the model frame to the image.
+        nearest: The smallest depth that is drawn, mm. A pinhole cuts off what is nearer.
+        extent: Largest minus smallest depth, mm.
+        height: Rows of the image.
+        width: Columns of the image.
 
     Raises:
         DegenerateGeometryError: The camera flattens space.

@@ -5,7 +5,7 @@ triangle costs what it covers, edges are decided in full float32, and the smalle
 atomic minimum, so that the result does not depend on the order of threads.
 """
 
-from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import moderngl
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64, UInt32
 from numpy import ndarray
 
-from datagen.rendering.gl_mesh import TEXTURE_UNITS, GLMesh, KeptBySize, shader_source
+from datagen.rendering.gl_mesh import SIZES_KEPT, TEXTURE_UNITS, GLMesh, shader_source
 from datagen.rendering.screen_projection import ScreenProjection
 
 # Of the shader: a thread takes this many pairs, or the start of threads costs more than their work.
@@ -22,22 +22,8 @@ NONE = np.uint32(0xFFFFFFFF)
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class _Keys:
-    """What is kept for one size of image."""
-
-    lowest: moderngl.Buffer
-    highest: moderngl.Buffer
-    seen: moderngl.Texture
-
-
-@final
 class ComputeRasteriser:
-    """See the module.
-
-    Args:
-        mesh: What to draw.
-    """
+    """Finds the nearest triangle of each pixel, for one mesh."""
 
     def __init__(self, mesh: GLMesh) -> None:
         self._mesh, self._context = mesh, mesh.context
@@ -46,7 +32,7 @@ class ComputeRasteriser:
         self._triangle_bits = int(mesh.n_triangles).bit_length()  # all ones is no triangle
         self._shader["n_pairs"] = mesh.n_pairs
         self._shader["triangle_bits"] = self._triangle_bits
-        self._keys = KeptBySize(self._make, _release)
+        self._keys = lru_cache(SIZES_KEPT)(self._make)
         self._groups = -(-mesh.n_pairs // (LOCAL_SIZE * PAIRS_PER_THREAD))
 
     def see(self, projection: ScreenProjection, height: int, width: int) -> int:
@@ -57,14 +43,14 @@ class ComputeRasteriser:
         Returns:
             How many texels a pixel has in each direction: 1.
         """
-        keys = self._keys.get(height, width)
+        keys_lowest, keys_highest, seen = self._keys(height, width)
         top, bottom = projection.box_px[1], projection.box_px[3]
-        keys.seen.use(TEXTURE_UNITS["seen"])
+        seen.use(TEXTURE_UNITS["seen"])
         if top == bottom:
             return 1
         n_pixels, first_byte = (bottom - top) * width, top * width * 4
         clear = np.full(n_pixels, NONE)
-        for binding, buffer in enumerate((keys.lowest, keys.highest)):
+        for binding, buffer in enumerate((keys_lowest, keys_highest)):
             buffer.write(clear, offset=first_byte)
             buffer.bind_to_storage_buffer(binding)
         low, high = projection.order_range_mm
@@ -74,10 +60,9 @@ class ComputeRasteriser:
         self._shader.run(self._groups)
         self._context.memory_barrier()
         lowest, highest = clear, np.empty_like(clear)  # the buffers have taken the copy
-        keys.lowest.read_into(lowest, size=lowest.nbytes, offset=first_byte)
-        keys.highest.read_into(highest, size=highest.nbytes, offset=first_byte)
-        seen = self._nearest(lowest, highest, top, width)
-        keys.seen.write(seen, viewport=(0, top, width, bottom - top))
+        keys_lowest.read_into(lowest, size=lowest.nbytes, offset=first_byte)
+        keys_highest.read_into(highest, size=highest.nbytes, offset=first_byte)
+        seen.write(self._nearest(lowest, highest, top, width), viewport=(0, top, width, bottom - top))
         return 1
 
     def _nearest(self, lowest: UInt32[ndarray, " n"], highest: UInt32[ndarray, " n"], top: int, width: int) -> ndarray:
@@ -90,18 +75,19 @@ class ComputeRasteriser:
             first = lowest[undecided].astype(np.int64)
             second = (every - (highest[undecided] & every)).astype(np.int64)
             centre = np.stack([undecided % width, undecided // width + top], axis=1) + 0.5
-            corners = self._mesh.screen.reshape(-1, 4)[:, :3]
+            corners = self._mesh.screen[:, :3]
             depths = [
                 depth_at(corners[self._mesh.triangles[each]].astype(np.float64), centre) for each in (first, second)
             ]
             lowest[undecided] = np.where(depths[1] < depths[0], second, first)
         return lowest
 
-    def _make(self, height: int, width: int) -> _Keys:
+    def _make(self, height: int, width: int) -> tuple[moderngl.Buffer, moderngl.Buffer, moderngl.Texture]:
+        """The smallest and largest key of each pixel, and its nearest triangle."""
         lowest, highest = (self._context.buffer(reserve=4 * height * width) for _ in range(2))
         seen = self._context.texture((width, height), 1, dtype="u4")
         seen.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        return _Keys(lowest, highest, seen)
+        return lowest, highest, seen
 
 
 def depth_at(corners: Float64[ndarray, "n 3 3"], centre: Float64[ndarray, "n 2"]) -> Float64[ndarray, " n"]:
@@ -112,8 +98,3 @@ def depth_at(corners: Float64[ndarray, "n 3 3"], centre: Float64[ndarray, "n 2"]
     area = sides.sum(axis=1)
     depth = (sides * corners[:, :, 2]).sum(axis=1) / np.where(area == 0, 1, area)
     return np.asarray(np.where(area == 0, corners[:, :, 2].mean(axis=1), depth))
-
-
-def _release(keys: _Keys) -> None:
-    for each in (keys.lowest, keys.highest, keys.seen):
-        each.release()

@@ -4,38 +4,23 @@ Its vertices snap to a grid of 1/256 pixel or so, and a pixel centre within that
 side. In small images that is a large part of them, and there it costs little to draw several times as fine.
 """
 
-from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import moderngl
 import numpy as np
 
-from datagen.rendering.gl_mesh import TEXTURE_UNITS, GLMesh, KeptBySize
+from datagen.rendering.clip_space import DEPTH_MARGIN
+from datagen.rendering.gl_mesh import SIZES_KEPT, TEXTURE_UNITS, GLMesh
 from datagen.rendering.screen_projection import ScreenProjection
 
-# Vertices exactly on the near or far plane may be clipped by rounding: the planes stand off by this part of the range.
-DEPTH_MARGIN = 1e-3
 # Images are drawn as fine as stays below this size: at 256 px and above, snapping is wrong for one pixel in 10,000.
 FINE_SIZE_PX = 768
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class _Target:
-    """What is kept for one size of image."""
-
-    framebuffer: moderngl.Framebuffer
-    seen: moderngl.Texture
-    depth: moderngl.Renderbuffer
-
-
-@final
 class FragmentRasteriser:
-    """See the module.
-
-    Args:
-        mesh: What to draw.
-    """
+    """Finds the nearest triangle of each pixel, for one mesh."""
 
     def __init__(self, mesh: GLMesh) -> None:
         self._mesh, self._context = mesh, mesh.context
@@ -46,7 +31,7 @@ class FragmentRasteriser:
             [(self._vertices, "3f4 1x4", "position")],
             self._context.buffer(mesh.triangles),
         )
-        self._targets = KeptBySize(self._make, _release)
+        self._targets = lru_cache(SIZES_KEPT)(self._make)
 
     def see(self, projection: ScreenProjection, height: int, width: int) -> int:
         """Binds a texture of the nearest triangle of each pixel in the projection's box.
@@ -57,31 +42,26 @@ class FragmentRasteriser:
             How many texels a pixel has in each direction: odd.
         """
         finer = max(1, ((FINE_SIZE_PX - 1) // max(height, width) - 1) // 2 * 2 + 1)
-        target = self._targets.get(finer * height, finer * width)
+        target, seen = self._targets(finer * height, finer * width)
         low, high = projection.order_range_mm
         scale = 2 * (1 - DEPTH_MARGIN) / max(high - low, 1e-6)
         self._vertices.write(self._mesh.screen)
         self._program["clip_from_screen"] = (2 / width, 2 / height, scale, -scale * (low + high) / 2)
         # A clear would write a float into whole numbers.
-        target.seen.write(np.full(target.seen.size, 0xFFFFFFFF, dtype=np.uint32))
+        seen.write(np.full(seen.size, 0xFFFFFFFF, dtype=np.uint32))
         for colours in (False, True):  # masks count from the next use on
-            target.framebuffer.color_mask = colours, colours, colours, colours
-            target.framebuffer.use()
+            target.color_mask = colours, colours, colours, colours
+            target.use()
             if not colours:
-                target.framebuffer.clear()
+                target.clear()
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._vertex_array.render(moderngl.TRIANGLES)
-        target.seen.use(TEXTURE_UNITS["seen"])
+        seen.use(TEXTURE_UNITS["seen"])
         return finer
 
-    def _make(self, height: int, width: int) -> _Target:
+    def _make(self, height: int, width: int) -> tuple[moderngl.Framebuffer, moderngl.Texture]:
         seen = self._context.texture((width, height), 1, dtype="u4")
         seen.filter = (moderngl.NEAREST, moderngl.NEAREST)
         # 24 bits of depth, all that moderngl offers, are steps of some 0.00002 mm over a head.
         depth = self._context.depth_renderbuffer((width, height))
-        return _Target(self._context.framebuffer(color_attachments=[seen], depth_attachment=depth), seen, depth)
-
-
-def _release(target: _Target) -> None:
-    for each in (target.framebuffer, target.seen, target.depth):
-        each.release()
+        return self._context.framebuffer([seen], depth), seen

@@ -1,9 +1,7 @@
 """A model in the driver: textures of its pairs and of the face that is being drawn, and the programs over them."""
 
-from collections import OrderedDict
-from collections.abc import Callable
 from importlib.resources import files
-from typing import Generic, TypeVar, final
+from typing import final
 
 import moderngl
 import numpy as np
@@ -19,13 +17,11 @@ from pix2face.models.morphable_model import MorphableModel
 TEXTURE_WIDTH = 1024
 # Vertex numbers have 24 bits in the texture of pairs; regions and flags lie above (shaders/mesh.glsl).
 VERTEX_BITS = 24
-# Photographs come in several sizes: the buffers of this many are kept.
+# Photographs come in several sizes: the buffers of so many are kept.
 SIZES_KEPT = 8
 
 # Where each texture is bound, in all programs.
 TEXTURE_UNITS = {"screen": 0, "pairs": 1, "seen": 2, "mean": 3, "values": 4, "corners": 5}
-
-T = TypeVar("T")
 
 
 @final
@@ -55,12 +51,13 @@ class GLMesh:
         self._pairs = pair_triangles(place[model.triangles])
         self.triangles: Int32[ndarray, "t 3"] = self._pairs.triangles
         self.n_pairs, self.n_triangles = len(self._pairs.corners), len(self.triangles)
-        self.screen: Float32[ndarray, "rows w 4"] = np.zeros(_rows(len(model.mean), 4), dtype=np.float32)
-        self._textures = {
-            "screen": self._texture(self.screen),
-            "pairs": self.list_texture(_flagged(self._pairs.corners, self._pairs.source, model)),
-            "mean": self.list_texture(model.mean[self._order]),
+        self.screen: Float32[ndarray, "padded 4"] = padded_list(len(model.mean))
+        lists = {
+            "screen": self.screen,
+            "pairs": _flagged(self._pairs.corners, self._pairs.source, model),
+            "mean": model.mean[self._order],
         }
+        self._textures = {name: list_texture(context, values) for name, values in lists.items()}
 
     def program(self, fragment: str, vertex: str = "whole_vertex", with_sight: bool = True) -> moderngl.Program:
         """Compiles a vertex and a fragment shader."""
@@ -81,59 +78,17 @@ class GLMesh:
 
     def load(self, projection: ScreenProjection) -> None:
         """Uploads a posed face, and binds what all passes read."""
-        flat = self.screen.reshape(-1, 4)
         if self._is_reordered:
-            np.take(projection.screen, self._order, axis=0, out=flat[: len(self._order)])
+            np.take(projection.screen, self._order, axis=0, out=self.screen[: len(self._order)])
         else:
-            flat[: len(self._order)] = projection.screen
+            self.screen[: len(self._order)] = projection.screen
         self._textures["screen"].write(self.screen)
         for name, texture in self._textures.items():
             texture.use(TEXTURE_UNITS[name])
 
-    def list_texture(self, values: Shaped[ndarray, "n c"]) -> moderngl.Texture:
-        """A texture of a list of up to four numbers each."""
-        padded = np.zeros(_rows(len(values), 4), dtype=np.float32 if values.dtype.kind == "f" else np.uint32)
-        padded.reshape(-1, 4)[: len(values), : values.shape[1]] = values
-        return self._texture(padded)
-
     def corner_texture(self, corners: Int32[ndarray, "m 3"]) -> moderngl.Texture:
         """A texture of the numbers that values have at the corners of the model's triangles."""
-        return self.list_texture(self._pairs.at_corners(corners))
-
-    def _texture(self, padded: Shaped[ndarray, "rows w 4"]) -> moderngl.Texture:
-        kind = "f4" if padded.dtype == np.float32 else "u4"
-        texture = self.context.texture((TEXTURE_WIDTH, len(padded)), 4, padded, dtype=kind)
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        return texture
-
-
-@final
-class KeptBySize(Generic[T]):
-    """Things made for a size of image, of which those used last are kept.
-
-    Args:
-        make: Makes one, from height and width.
-        release: Gives one back to the driver.
-    """
-
-    def __init__(self, make: Callable[[int, int], T], release: Callable[[T], None]) -> None:
-        self._make, self._release = make, release
-        self._kept: OrderedDict[tuple[int, int], T] = OrderedDict()
-
-    def get(self, height: int, width: int) -> T:
-        """The one for a size, new or kept."""
-        key = (height, width)
-        if key not in self._kept:
-            while len(self._kept) >= SIZES_KEPT:
-                self._release(self._kept.popitem(last=False)[1])
-            self._kept[key] = self._make(height, width)
-        self._kept.move_to_end(key)
-        return self._kept[key]
-
-    def release_all(self) -> None:
-        """Gives back what is kept."""
-        while self._kept:
-            self._release(self._kept.popitem()[1])
+        return list_texture(self.context, self._pairs.at_corners(corners))
 
 
 def shader_source(version: int, *names: str) -> str:
@@ -143,15 +98,19 @@ def shader_source(version: int, *names: str) -> str:
     return "\n".join([f"#version {version} core", *parts])
 
 
-def uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
-    """A uniform, for writing many numbers at once."""
-    found = program[name]
-    assert isinstance(found, moderngl.Uniform)
-    return found
+def list_texture(context: moderngl.Context, values: Shaped[ndarray, "n c"]) -> moderngl.Texture:
+    """A texture of a list of up to four numbers each."""
+    padded = padded_list(len(values), np.float32 if values.dtype.kind == "f" else np.uint32)
+    padded[: len(values), : values.shape[1]] = values
+    size, kind = (TEXTURE_WIDTH, len(padded) // TEXTURE_WIDTH), "f4" if padded.dtype == np.float32 else "u4"
+    texture = context.texture(size, 4, padded, dtype=kind)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
 
 
-def _rows(n: int, channels: int) -> tuple[int, int, int]:
-    return max(1, -(-n // TEXTURE_WIDTH)), TEXTURE_WIDTH, channels
+def padded_list(n: int, dtype: type = np.float32) -> Shaped[ndarray, "padded 4"]:
+    """Zeros for a list of n times four numbers, as many as fill the rows of its texture."""
+    return np.zeros((max(1, -(-n // TEXTURE_WIDTH)) * TEXTURE_WIDTH, 4), dtype)
 
 
 def _flagged(corners: Int32[ndarray, "p 4"], source: ndarray, model: MorphableModel) -> UInt32[ndarray, "p 4"]:

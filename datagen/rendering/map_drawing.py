@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from datagen.rendering.gl_mesh import TEXTURE_UNITS, GLMesh, KeptBySize
+from datagen.rendering.gl_mesh import SIZES_KEPT, TEXTURE_UNITS, GLMesh, list_texture
 from datagen.rendering.screen_projection import ScreenProjection
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
@@ -21,11 +22,11 @@ from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS, Attribute
 @final
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """What is kept for one size of image.
+    """What one size of image is drawn into.
 
     Attributes:
-        framebuffer: With two colours of four floats.
-        copies: Where each is read into, over and over: memory that is asked for anew costs as much as reading does.
+        framebuffer: Two colours of four floats.
+        copies: Memory that each colour is read into again and again: new memory costs as much as the reading.
     """
 
     framebuffer: moderngl.Framebuffer
@@ -61,7 +62,7 @@ class MapDrawer:
         self._maps_array = self._context.vertex_array(self._maps, [])
         self._attribute = mesh.program("attribute_fragment")
         self._attribute_array = self._context.vertex_array(self._attribute, [])
-        self._targets = KeptBySize(self._make, _release)
+        self._targets = lru_cache(SIZES_KEPT)(self._make)
         self.seen_per_pixel = 1
         self._corners: dict[str, moderngl.Texture] = {}
         self._values: dict[str, moderngl.Texture] = {}
@@ -126,12 +127,8 @@ class MapDrawer:
         return out
 
     def _bind(self, name: str, attribute: Attribute, vertices: Float32[ndarray, "v 3"], camera: Camera) -> None:
-        kept = self._values.get(name)
-        if kept is None or not attribute.same_for_all:
-            values = attribute.values(self._model, vertices, camera)
-            if kept is not None:
-                kept.release()
-            self._values[name] = self._mesh.list_texture(values)
+        if name not in self._values or not attribute.same_for_all:
+            self._values[name] = list_texture(self._context, attribute.values(self._model, vertices, camera))
         if name not in self._corners:
             self._corners[name] = self._mesh.corner_texture(attribute.corners(self._model))
         self._values[name].use(TEXTURE_UNITS["values"])
@@ -149,7 +146,7 @@ class MapDrawer:
 
     def _begin(self, projection: ScreenProjection, height: int, width: int) -> _Target:
         left, top, right, bottom = projection.box_px
-        target = self._targets.get(height, width)
+        target = self._targets(height, width)
         target.framebuffer.use()
         target.framebuffer.viewport = (left, top, right - left, bottom - top)
         self._context.enable_only(moderngl.NOTHING)
@@ -159,10 +156,3 @@ class MapDrawer:
         colours = [self._context.renderbuffer((width, height), 4, dtype="f4") for _ in range(2)]
         copies = tuple(np.empty(4 * height * width, dtype=np.float32) for _ in colours)
         return _Target(self._context.framebuffer(color_attachments=colours), copies)
-
-
-def _release(target: _Target) -> None:
-    attachments = target.framebuffer.color_attachments
-    target.framebuffer.release()
-    for attachment in attachments:
-        attachment.release()

@@ -1,5 +1,6 @@
 """Draws the plain picture of a face of a model that has no photographs: lit, painted, edges smooth."""
 
+from functools import lru_cache
 from typing import final
 
 import cv2
@@ -11,9 +12,10 @@ from numpy import ndarray
 from datagen.appearance.plain_appearance import PlainAppearance, lights_in_model, vertex_paint
 from datagen.appearance.scene import Surface
 from datagen.rendering.clip_space import clip_transform
-from datagen.rendering.gl_mesh import KeptBySize, shader_source, uniform
+from datagen.rendering.gl_mesh import SIZES_KEPT, shader_source
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import project_homogeneous
 
 # Pictures (never maps) are drawn this much finer and averaged, so that edges are as smooth as a lens makes them.
 PICTURE_OVERSAMPLING = 2
@@ -40,7 +42,7 @@ class PictureDrawer:
         content = [(self._vertices, "3f4", "vertex"), (self._normals, "3f4", "normal"), (self._paint, "4f4", "paint")]
         triangles = context.buffer(np.ascontiguousarray(model.triangles))
         self._mesh = context.vertex_array(self._program, content, triangles)
-        self._targets = KeptBySize(self._make, _release)
+        self._targets = lru_cache(SIZES_KEPT)(self._make)
 
     def draw(
         self,
@@ -55,15 +57,15 @@ class PictureDrawer:
             DegenerateGeometryError: The camera flattens space, or part of the face is behind a pinhole.
         """
         height, width = background.shape[:2]
-        transform = clip_transform(camera, vertices, height, width)
+        depth = project_homogeneous(camera.matrix, vertices)[:, 2]
+        transform = clip_transform(camera, float(depth.min()), float(np.ptp(depth)), height, width)
         self._vertices.write(np.ascontiguousarray(vertices))
         self._normals.write(self._surface.normals(vertices))
         self._paint.write(vertex_paint(appearance, self._surface))
-        clip = np.ascontiguousarray(transform.clip_from_model.T, dtype=np.float32)
-        uniform(self._program, "clip_from_model").write(clip)
+        self._program["clip_from_model"] = tuple(transform.clip_from_model.T.ravel())
         _light(self._program, appearance, camera)
         fine = height * PICTURE_OVERSAMPLING, width * PICTURE_OVERSAMPLING
-        target = self._targets.get(*fine)
+        target = self._targets(*fine)
         target.use()
         target.clear()
         self._context.enable_only(moderngl.DEPTH_TEST)
@@ -82,16 +84,8 @@ class PictureDrawer:
 
 def _light(program: moderngl.Program, appearance: PlainAppearance, camera: Camera) -> None:
     directions, colours = lights_in_model(appearance, camera)
-    uniform(program, "light_directions").write(directions)
-    uniform(program, "light_colours").write(colours)
+    program["light_directions"], program["light_colours"] = directions.tolist(), colours.tolist()
     program["ambient"] = appearance.ambient_rgb
     program["shine"] = appearance.shine
     towards_camera = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
     program["towards_camera"] = tuple(towards_camera)
-
-
-def _release(framebuffer: moderngl.Framebuffer) -> None:
-    attachments = [*framebuffer.color_attachments, framebuffer.depth_attachment]
-    framebuffer.release()
-    for attachment in attachments:
-        attachment.release()

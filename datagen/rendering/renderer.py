@@ -5,7 +5,9 @@ One of two rasterisers finds the triangle that each pixel sees; one pass makes e
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
+from functools import cache
 from typing import final
 
 from jaxtyping import Float32, UInt8
@@ -19,7 +21,7 @@ from datagen.rendering.gl_mesh import GLMesh
 from datagen.rendering.map_drawing import MapDrawer
 from datagen.rendering.picture_drawing import PICTURE_OVERSAMPLING, PictureDrawer
 from datagen.rendering.screen_projection import project_to_screen
-from pix2face.errors import GLUnavailableError, UsageError
+from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import RenderedMaps
@@ -28,7 +30,7 @@ from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
 @final
 class Renderer:
-    """Renders faces of one model in one image size; ``with_size`` shares the uploaded model with another size.
+    """Renders faces of one model in one size of images; ``with_size`` shares the uploaded model with another size.
 
     Args:
         model: Mean, triangles and regions.
@@ -40,26 +42,28 @@ class Renderer:
     Raises:
         UsageError: The size is not positive, or larger than the driver draws.
         GLUnavailableError: The rasteriser that was asked for needs a newer OpenGL.
+
+    Attributes:
+        rasteriser: The one in use: ``compute`` or ``fragment``.
     """
 
     def __init__(
         self, model: MorphableModel, height: int, width: int, gl: GLContext, rasteriser: Rasteriser | None = None
     ) -> None:
-        self.model = model
-        self._scene = _Scene(model, gl, rasteriser or gl.rasteriser)
-        self.height, self.width = self._scene.checked_size(height, width)
+        self.rasteriser = choose_rasteriser(rasteriser or gl.rasteriser, gl.version_code)
+        gl.make_current()
+        self.model, self._gl = model, gl
+        self._mesh = GLMesh(model, gl.context)
+        self._maps = MapDrawer(self._mesh, model)
+        self._triangles = _RASTERISERS[self.rasteriser](self._mesh)
+        self._pictures = cache(lambda: PictureDrawer(model, gl.context))  # photographs need none
+        self._set_size(height, width)
 
     def with_size(self, height: int, width: int) -> "Renderer":
         """The same renderer for another size of images; cheap."""
-        other = object.__new__(Renderer)
-        other.model, other._scene = self.model, self._scene
-        other.height, other.width = self._scene.checked_size(height, width)
+        other = copy(self)
+        other._set_size(height, width)
         return other
-
-    @property
-    def rasteriser(self) -> str:
-        """The one in use: ``compute`` or ``fragment``."""
-        return self._scene.rasteriser_name
 
     def render(self, vertices: Float32[ndarray, "v 3"], camera: Camera, layers: Sequence[str] = ()) -> RenderedMaps:
         """Renders PNCC, offset, mask, depth and what is asked for of one face.
@@ -77,19 +81,15 @@ class Renderer:
 
         Source: Crispell and Bazik 2017, Sec. 3 (PNCC and offset images).
         """
-        projection = project_to_screen(camera, vertices, self.height, self.width)
-        scene = self._scene
-        scene.gl.make_current()
-        scene.mesh.load(projection)
-        scene.maps.seen_per_pixel = scene.rasteriser.see(projection, self.height, self.width)
-        rendered = scene.maps.draw(projection, self.height, self.width, REGIONS in layers)
-        size = (self.height, self.width)
-        drawn = {
-            name: scene.maps.attribute(name, vertices, camera, projection, size)
-            for name in layers
-            if name in ATTRIBUTES
-        }
-        scene.check()
+        size = self.height, self.width
+        projection = project_to_screen(camera, vertices, *size)
+        self._gl.make_current()
+        self._mesh.load(projection)
+        self._maps.seen_per_pixel = self._triangles.see(projection, *size)
+        rendered = self._maps.draw(projection, *size, REGIONS in layers)
+        attributes = [name for name in layers if name in ATTRIBUTES]
+        drawn = {name: self._maps.attribute(name, vertices, camera, projection, size) for name in attributes}
+        self._gl.check()
         return replace(rendered, extra={**drawn, **rendered.extra}) if drawn else rendered
 
     def render_image(
@@ -109,52 +109,23 @@ class Renderer:
             raise UsageError(
                 f"expected a background of {self.height} x {self.width} pixels, found {background.shape[:2]}"
             )
-        self._scene.gl.make_current()
-        picture = self._scene.pictures.draw(vertices, camera, appearance, background)
-        self._scene.check()
+        self._gl.make_current()
+        picture = self._pictures().draw(vertices, camera, appearance, background)
+        self._gl.check()
         return picture
 
-
-@final
-class _Scene:
-    """What lives in the driver for one model."""
-
-    def __init__(self, model: MorphableModel, gl: GLContext, rasteriser: Rasteriser) -> None:
-        self.gl, self._context = gl, gl.context
-        self.rasteriser_name = choose_rasteriser(rasteriser, gl.version_code)
-        gl.make_current()
-        self._model = model
-        self.mesh = GLMesh(model, gl.context)
-        self.maps = MapDrawer(self.mesh, model)
-        self.rasteriser = _RASTERISERS[self.rasteriser_name](self.mesh)
-        self._pictures: PictureDrawer | None = None
-
-    @property
-    def pictures(self) -> PictureDrawer:
-        """Made when the first picture is drawn: photographs need none."""
-        if self._pictures is None:
-            self._pictures = PictureDrawer(self._model, self._context)
-        return self._pictures
-
-    def checked_size(self, height: int, width: int) -> tuple[int, int]:
-        """The size, if the driver can draw it."""
-        limits = self._context.info
+    def _set_size(self, height: int, width: int) -> None:
+        limits = self._gl.context.info
         largest = min(
             limits["GL_MAX_RENDERBUFFER_SIZE"], limits["GL_MAX_TEXTURE_SIZE"], *limits["GL_MAX_VIEWPORT_DIMS"]
         )
         largest //= PICTURE_OVERSAMPLING
         if not (0 < height <= largest and 0 < width <= largest):
             raise UsageError(
-                f"expected images of 1 to {largest} pixels a side ({self.gl.renderer} draws no larger ones), "
+                f"expected images of 1 to {largest} pixels a side ({self._gl.renderer} draws no larger ones), "
                 f"found {height} x {width}"
             )
-        return height, width
-
-    def check(self) -> None:
-        """Raises GLUnavailableError if OpenGL has an error to report."""
-        error = self._context.error
-        if error != "GL_NO_ERROR":
-            raise GLUnavailableError(f"expected {self.gl.renderer} to draw, found {error}; is its memory full?")
+        self.height, self.width = height, width
 
 
 _RASTERISERS: dict[str, type[ComputeRasteriser] | type[FragmentRasteriser]] = {

@@ -1,14 +1,11 @@
 """What shaders need to know of the camera of a scene."""
 
-from dataclasses import dataclass
-from typing import final
-
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.appearance.scene import Scene, UniformValue
-from datagen.rendering.clip_space import clip_transform_of_depths
+from datagen.rendering.clip_space import ClipTransform, clip_transform
 from pix2face.geometry.camera import Camera
 
 # Of a pinhole: what is nearer is cut off, mm.
@@ -17,29 +14,15 @@ NEAREST_MM = 10.0
 EDGE_MM, EDGE_PX = 3.0, 3.0
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class SceneView:
-    """A camera before a scene.
+def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> tuple[ClipTransform, dict[str, UniformValue]]:
+    """The camera's view of a scene, and what shaders need to know of it, by the uniform's name.
 
-    Attributes:
-        clip_from_model: As in ``ClipTransform``.
-        outside_is_clockwise: As in ``ClipTransform``.
-        uniforms: By name.
-    """
-
-    clip_from_model: Float64[ndarray, "4 4"]
-    outside_is_clockwise: bool
-    uniforms: dict[str, UniformValue]
-
-
-def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> SceneView:
-    """The camera's view of a scene: everything that is before it lies within the range of depth.
+    Everything before the camera lies within the range of depth.
 
     Raises:
         DegenerateGeometryError: The camera flattens space.
     """
-    transform = clip_transform_of_depths(camera, *depth_range(scene, camera), height, width)
+    transform = clip_transform(camera, *depth_range(scene, camera), height, width)
     rows = camera.matrix
     forward = rows[2, :3] / np.linalg.norm(rows[2, :3])
     # Pixels per mm across, where w is 1: the root of the area that a square mm takes.
@@ -61,7 +44,7 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> SceneVi
         "depth_from_buffer": _depth_from_buffer(camera, clip),
         "edge_mm": EDGE_MM + EDGE_PX * typical_w / scale,
     }
-    return SceneView(clip, transform.outside_is_clockwise, uniforms)
+    return transform, uniforms
 
 
 def depth_range(scene: Scene, camera: Camera) -> tuple[float, float]:

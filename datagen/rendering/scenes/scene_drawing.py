@@ -13,6 +13,7 @@ are smaller than a pixel, and every triangle in a block of pixels would shade th
 """
 
 from collections.abc import Mapping
+from functools import lru_cache, partial
 from typing import final
 
 import moderngl
@@ -22,8 +23,9 @@ from numpy import ndarray
 
 from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering.gl_mesh import KeptBySize
-from datagen.rendering.scenes.scene_camera import SceneView, view_scene
+from datagen.rendering.clip_space import ClipTransform
+from datagen.rendering.gl_mesh import SIZES_KEPT
+from datagen.rendering.scenes.scene_camera import view_scene
 from datagen.rendering.scenes.scene_head import SceneHead
 from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, joined
 from datagen.rendering.scenes.scene_openings import Openings
@@ -41,7 +43,6 @@ from datagen.rendering.scenes.scene_program import (
 )
 from datagen.rendering.scenes.scene_shadows import SKY, LightView, ShadowMaps
 from datagen.rendering.scenes.scene_targets import SceneTarget, make_target
-from pix2face.errors import GLUnavailableError
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
 
@@ -97,7 +98,7 @@ class SceneDrawer:
         whole = {name: self._programs[name] for name in ("head depth", "head kind", *HEAD_KINDS, "edges", *PICTURES)}
         self._whole = {name: context.vertex_array(program.program, []) for name, program in whole.items()}
         self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
-        self._targets = KeptBySize(lambda height, width: make_target(context, height, width), SceneTarget.release)
+        self._targets = lru_cache(SIZES_KEPT)(partial(make_target, context))
         set_uniforms(list(self._programs.values()), self._textures.units)
 
     def draw(self, scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
@@ -115,37 +116,25 @@ class SceneDrawer:
             GLUnavailableError: The driver reports an error.
         """
         self._gl.make_current()
-        view = view_scene(scene, camera, height, width)
+        view, uniforms = view_scene(scene, camera, height, width)
         self._head.load(scene.head)
         self._objects.load(scene.meshes, camera.matrix[2])
         self._textures.bind()
-        target = self._targets.get(height, width)
+        target = self._targets(height, width)
         target.bind()
         used = used_programs(self._programs, self._objects.kinds(scene.meshes))
         programs = list(used.values())
         set_uniforms(programs, scene.uniforms)
         set_uniforms(programs, self._draw_shadows(scene, used))
-        set_uniforms(programs, view.uniforms)
+        set_uniforms(programs, uniforms)
         self._draw_seen(scene, view, target, self._openings.box(scene.head.vertices, camera, height, width))
         self._draw_opaque(scene, target)
         self._draw_edges(target)
         self._draw_blended(scene, target)
         self._draw_picture(target)
         colours, labels = target.read()
-        self._check()
+        self._gl.check()
         return ScenePicture(radiance=colours[..., :3], coverage=np.clip(colours[..., 3], 0, 1), labels=labels)
-
-    def release(self) -> None:
-        """Gives everything back to the driver."""
-        self._gl.make_current()
-        self._context.detect_framebuffer(0).use()  # or what is released would be bound again by the next that draws
-        self._targets.release_all()
-        for each in (self._objects, self._head, self._shadows, self._textures):
-            each.release()
-        for array in self._whole.values():
-            array.release()
-        for program in self._programs.values():
-            program.release()
 
     def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1; what the shaders need to know of it."""
@@ -173,7 +162,7 @@ class SceneDrawer:
         return self._shadows.draw(scene.head.vertices, scene.lights, casters)
 
     def _draw_seen(
-        self, scene: Scene, view: SceneView, target: SceneTarget, inside: tuple[int, int, int, int] | None
+        self, scene: Scene, view: ClipTransform, target: SceneTarget, inside: tuple[int, int, int, int] | None
     ) -> None:
         """Step 2; ``inside`` is where backs of the head's triangles may be seen."""
         context, framebuffer = self._context, target.seen
@@ -287,13 +276,6 @@ class SceneDrawer:
             }
         )
         self._objects.draw(name, run)
-
-    def _check(self) -> None:
-        error = self._context.error
-        if error != "GL_NO_ERROR":
-            raise GLUnavailableError(
-                f"expected {self._gl.renderer} to draw a scene, found {error}; is its memory full?"
-            )
 
 
 def _compile_picture(context: moderngl.Context, name: str) -> SceneProgram:

@@ -4,11 +4,11 @@ from typing import Any, final
 
 import moderngl
 import numpy as np
-from jaxtyping import Float32, Int32, Int64, Shaped
+from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
 from datagen.appearance.scene import PosedHead
-from datagen.rendering.gl_mesh import TEXTURE_WIDTH
+from datagen.rendering.gl_mesh import list_texture, padded_list
 from datagen.rendering.scenes.scene_openings import WITHIN
 from datagen.rendering.scenes.scene_program import UNITS, SceneProgram
 from pix2face.errors import UsageError
@@ -21,14 +21,14 @@ SHADOW_CELL_MM = 6.0
 
 @final
 class SceneHead:
-    """See the module. Vertices stand once for each texture coordinate they have.
+    """The head of a scene. A vertex stands once for each texture coordinate that it has.
 
     Args:
         model: Triangles and texture coordinates; without these, uv is 0.
         context: Where.
         paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
         occlusion: How much ambient light arrives at each vertex, 0..1.
-        programs: That draws depth alone, and that draws which triangle a sample sees.
+        programs: The one that draws depth alone, and the one that draws which triangle a sample sees.
     """
 
     def __init__(
@@ -45,26 +45,24 @@ class SceneHead:
                 f"expected paint and occlusion of {n_vertices:,} vertices, found {len(paint):,} and {len(occlusion):,}"
             )
         self._source, uv, triangles = split_by_uv(model)
-        rows = -(-len(self._source) // TEXTURE_WIDTH)
-        self._moving = {name: np.zeros((rows * TEXTURE_WIDTH, 4), np.float32) for name in ("positions", "normals")}
+        self._moving = {name: padded_list(len(self._source)) for name in ("positions", "normals")}
         for place, values in enumerate(self._moving.values()):
             values[: len(uv), 3] = uv[:, place]
         home = np.concatenate([model.mean, occlusion[:, None]], axis=1)[self._source]
-        static = {"places": home, "paint0": paint[self._source, :4], "paint1": paint[self._source, 4:]}
-        self._textures = {f"head_{name}": list_texture(context, each) for name, each in static.items()}
-        self._textures |= {f"head_{name}": list_texture(context, each) for name, each in self._moving.items()}
-        corners = np.column_stack([triangles, painted_kinds(uv, triangles)])
-        self._textures["head_corners"] = list_texture(context, corners)
+        lists = {
+            "places": home,
+            "paint0": paint[self._source, :4],
+            "paint1": paint[self._source, 4:],
+            "corners": np.column_stack([triangles, painted_kinds(uv, triangles)]),
+            **self._moving,
+        }
+        self._textures = {f"head_{name}": list_texture(context, each) for name, each in lists.items()}
         self._vertices = context.buffer(reserve=self._moving["positions"].nbytes, dynamic=True)
-        self._buffers = [
-            self._vertices,
-            context.buffer(triangles),
-            context.buffer(coarse_triangles(model, self._source)),
-        ]
         content: list[Any] = [(self._vertices, "3f4 4x1", "vertex")]
         bare, seen = programs
-        self._whole = context.vertex_array(seen.program, content, self._buffers[1])
-        self._coarse = context.vertex_array(bare.program, content, self._buffers[2])
+        coarse = coarse_triangles(model, self._source)
+        self._whole = context.vertex_array(seen.program, content, context.buffer(triangles))
+        self._coarse = context.vertex_array(bare.program, content, context.buffer(coarse))
 
     def load(self, head: PosedHead) -> None:
         """Uploads a face, and binds what shades it."""
@@ -82,12 +80,6 @@ class SceneHead:
     def draw_shadow(self) -> None:
         """Draws the depth of the coarser head."""
         self._coarse.render(moderngl.TRIANGLES)
-
-    def release(self) -> None:
-        """Gives everything back to the driver."""
-        kept: list[Any] = [self._whole, self._coarse, *self._buffers, *self._textures.values()]
-        for each in kept:
-            each.release()
 
 
 def split_by_uv(
@@ -137,14 +129,3 @@ def coarse_triangles(model: MorphableModel, source: Int64[ndarray, " s"]) -> Int
     split = np.full(len(mean), -1, dtype=np.int64)
     split[source[::-1]] = np.arange(len(source))[::-1]
     return np.ascontiguousarray(np.unique(split[coarse[whole]], axis=0), dtype=np.int32)
-
-
-def list_texture(context: moderngl.Context, values: Shaped[ndarray, "n c"]) -> moderngl.Texture:
-    """A texture of a list of up to four numbers each."""
-    rows = max(1, -(-len(values) // TEXTURE_WIDTH))
-    is_float = values.dtype.kind == "f"
-    padded = np.zeros((rows * TEXTURE_WIDTH, 4), dtype=np.float32 if is_float else np.uint32)
-    padded[: len(values), : values.shape[1]] = values
-    texture = context.texture((TEXTURE_WIDTH, rows), 4, padded, dtype="f4" if is_float else "u4")
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return texture

@@ -99,18 +99,10 @@ class ObjectMeshes:
         """Draws a run with one of the programs."""
         self._arrays[name].render(moderngl.TRIANGLES, vertices=run.count, first=run.first)
 
-    def release(self) -> None:
-        """Gives everything back to the driver."""
-        for each in (*self._arrays.values(), self._vertices, self._corners):
-            if each is not None:
-                each.release()
-        self._arrays, self._vertices, self._corners = {}, None, None
-
     def _upload(self, vertices: Float32[ndarray, "v 8"], corners: Int32[ndarray, "t 3"]) -> None:
         kept = self._vertices, self._corners
         wanted = vertices.nbytes, corners.nbytes
         if any(buffer is None or buffer.size < size for buffer, size in zip(kept, wanted, strict=True)):
-            self.release()
             # Half as much again: the next scene may have longer hair.
             self._vertices, self._corners = (
                 self._context.buffer(reserve=size * 3 // 2, dynamic=True) for size in wanted

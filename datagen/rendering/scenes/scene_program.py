@@ -85,10 +85,6 @@ class SceneProgram:
         """
         set_uniforms([self], values)
 
-    def release(self) -> None:
-        """Gives it back to the driver."""
-        self.program.release()
-
 
 def set_uniforms(programs: Sequence[SceneProgram], values: Mapping[str, UniformValue]) -> None:
     """Sets what each of several programs has, as ``SceneProgram.set``; a value becomes bytes once for all of them.
@@ -138,11 +134,6 @@ class SceneTextures:
         """Puts each at its unit."""
         for name, array in self._arrays.items():
             array.use(self.units[name])
-
-    def release(self) -> None:
-        """Gives them back to the driver."""
-        for array in self._arrays.values():
-            array.release()
 
 
 def compile_head(context: moderngl.Context, kind: str) -> SceneProgram:

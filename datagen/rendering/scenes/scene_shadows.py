@@ -36,7 +36,7 @@ class LightView:
 
 @final
 class ShadowMaps:
-    """See the module.
+    """The depth maps of all lights.
 
     Args:
         context: Where.
@@ -94,11 +94,6 @@ class ShadowMaps:
             "shadow_texel": 1 / MAP_PX,
             "shadow_depth_mm": radius * (1 + TOWARDS_LIGHT),
         }
-
-    def release(self) -> None:
-        """Gives the maps back to the driver."""
-        self._framebuffer.release()
-        self._maps.release()
 
 
 def light_view(direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], radius_mm: float) -> LightView:

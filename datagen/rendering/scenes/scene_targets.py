@@ -47,17 +47,6 @@ class SceneTarget:
         labels = np.frombuffer(self.picture.read(components=1, attachment=1, alignment=1), dtype=np.uint8)
         return colours.reshape(height, width, 4), labels.reshape(height, width).copy()
 
-    def release(self) -> None:
-        """Gives everything back to the driver."""
-        attachments = {}
-        for framebuffer in (self.seen, self.colours, self.kinds, self.edges, self.blended, self.picture):
-            for each in (*framebuffer.color_attachments, framebuffer.depth_attachment):
-                attachments[id(each)] = each
-            framebuffer.release()
-        for each in attachments.values():
-            if each is not None:
-                each.release()
-
 
 def make_target(context: moderngl.Context, height: int, width: int) -> SceneTarget:
     """Framebuffers for pictures of a size."""

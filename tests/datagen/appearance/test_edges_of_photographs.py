@@ -46,7 +46,6 @@ def test_people_end_where_their_maps_end(gl: GLContext, preset: str) -> None:
         alone = cv2.dilate(others, np.ones((9, 9), np.uint8)) == 0
         offsets = edge_offsets(picture.coverage, head, alone)
         found.append(edge_offsets(picture.coverage, head, alone))
-    drawer.release()
     offsets = np.concatenate(found)
     assert len(offsets) > 1000
     assert np.abs(offsets).max() < 0.5

@@ -72,7 +72,6 @@ def plain_drawer(
     with mock.patch.object(scene_program, "shader_source", replaced):
         drawer = SceneDrawer(model, gl, textures or {}, paint, np.ones(n_vertices, dtype=np.float32))
     yield drawer
-    drawer.release()
 
 
 def head_of(model: MorphableModel, vertices: ndarray | None = None) -> PosedHead:

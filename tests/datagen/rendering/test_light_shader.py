@@ -1,6 +1,6 @@
 """light.glsl against the same formulas in NumPy, and against what energy allows."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import moderngl
@@ -62,7 +62,7 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> Non
 
 
 @pytest.fixture(scope="module")
-def show(gl_session: GLContext) -> Iterator[Show]:
+def show(gl_session: GLContext) -> Show:
     """What surfaces of all normals show in a light, seen from straight above each of them."""
     context = gl_session.context
     gl_session.make_current()
@@ -94,9 +94,7 @@ def show(gl_session: GLContext) -> Iterator[Show]:
         assert np.isfinite(pixels).all()
         return pixels[:, :3].astype(np.float64)
 
-    yield draw
-    for each in (textures, shadows, program, given, triangle):  # the target is bound: other tests begin from there
-        each.release()
+    return draw
 
 
 def even_light(level: float = 1.0) -> Light:

@@ -85,4 +85,3 @@ def painted_skin(
     with mock.patch.object(scene_program, "shader_source", replaced):
         drawer = SceneDrawer(model, gl, skin_textures(), head_paint(model), open_to_sky)
     yield PaintedSkin(model, Surface(model), drawer)
-    drawer.release()

@@ -1,6 +1,8 @@
 """What hides what, what shines through what, and what the driver is left with."""
 
+import gc
 import itertools
+import weakref
 from contextlib import ExitStack
 from typing import Any
 from unittest import mock
@@ -139,8 +141,8 @@ def test_sizes_change_and_nothing_is_left_of_another_picture(gl: GLContext) -> N
         np.testing.assert_array_equal(one.labels, other.labels)
 
 
-def test_release_gives_everything_back(gl: GLContext) -> None:
-    made: list[Any] = []
+def test_a_drawer_that_nobody_keeps_gives_everything_back(gl: GLContext) -> None:
+    made: list[weakref.ref[Any]] = []
     kinds = ("buffer", "texture", "texture_array", "depth_texture", "renderbuffer", "depth_renderbuffer")
     kinds += ("framebuffer", "vertex_array", "program")
     model = small_head_model()
@@ -151,8 +153,9 @@ def test_release_gives_everything_back(gl: GLContext) -> None:
         make = getattr(moderngl.Context, name)
 
         def wrapper(*arguments: Any, **options: Any) -> Any:
-            made.append(make(*arguments, **options))
-            return made[-1]
+            found = make(*arguments, **options)
+            made.append(weakref.ref(found))
+            return found
 
         return mock.patch.object(moderngl.Context, name, wrapper)
 
@@ -162,11 +165,15 @@ def test_release_gives_everything_back(gl: GLContext) -> None:
         with plain_drawer(model, gl, textures=textures) as drawer:
             drawer.draw(scene, camera_at(0, 0, SIZE), SIZE, SIZE)
             drawer.draw(scene, camera_at(0, 0, SIZE), SIZE, SIZE + 1)
-            assert not any(isinstance(each.mglo, moderngl.InvalidObject) for each in made)
-    assert len({type(each) for each in made}) == 7
-    assert [each for each in made if not isinstance(each.mglo, moderngl.InvalidObject)] == []
-    # Whoever draws next finds a context that draws.
+            assert len({type(each()) for each in made if each() is not None}) == 7
+    del drawer
+    # Whoever draws next finds a context that draws, and has bound another framebuffer.
     assert np.isfinite(Renderer(model, SIZE, SIZE, gl).render(model.mean, camera_at(0, 0, SIZE)).depth).any()
+    gc.collect()
+    assert [each() for each in made if each() is not None] == []
+    assert gl.context.objects  # they wait for their context to be current
+    gl.make_current()
+    assert not gl.context.objects
 
 
 @pytest.mark.parametrize("is_blended", [False, True])
