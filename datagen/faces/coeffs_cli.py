@@ -1,10 +1,7 @@
 """The commands ``datagen coeffs`` and ``datagen fit``: tables of coefficients from folders, and between models."""
 
-import multiprocessing
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +16,7 @@ from datagen.faces.conversion import ConversionJob, ConversionSummary, convert, 
 from datagen.faces.model_transfer import Through, transfer_table
 from datagen.faces.sources import coefficient_paths
 from datagen.faces.text_files import REJECTED_FILE
+from datagen.process_pool import process_pool
 from pix2face.command_line import (
     EXIT_REJECTED,
     check_max_rejected,
@@ -123,7 +121,8 @@ def _run(job: ConversionJob, config: CoeffsConvertConfig | FitConfig) -> int:
     model, source = open_job(job)
     n = len(source.sample_ids)
     say(console, f"{counted(n, 'face')} in {job.folder}; model: {model.name} ({model.sha256[:12]})")
-    with _executor(config.workers) as executor, progress_bar(console, "reading", n) as advance:
+    place = process_pool(config.workers) if config.workers > 1 else nullcontext()
+    with place as executor, progress_bar(console, "reading", n) as advance:
         summary = convert(job, config.out, executor, advance)
     return _report(summary, config)
 
@@ -137,18 +136,6 @@ def _report(summary: ConversionSummary, config: CoeffsConvertConfig | FitConfig)
     model = "" if config.model == BUILTIN_MODEL else f" --model {config.model}"
     say(console, f"next: datagen coeffs info {config.out}; datagen render --coeffs {config.out}{model} --out shards/")
     return EXIT_REJECTED if len(summary.rejected) > config.max_rejected else 0
-
-
-@contextmanager
-def _executor(workers: int) -> Iterator[Executor | None]:
-    """Where faces are read: here, or in processes of one thread each."""
-    if workers == 1:
-        yield None
-        return
-    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
-        yield executor
 
 
 def _info(config: CoeffsInfoConfig) -> int:

@@ -17,10 +17,10 @@ import cv2
 from threadpoolctl import threadpool_limits
 
 from datagen.faces.sources import FaceSource, open_source
-from datagen.jobs.executors import limit_threads
 from datagen.jobs.folder_lock import worker_lock
 from datagen.jobs.render_job import RenderJob, shard_header, shard_path
 from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
+from datagen.process_pool import limit_threads
 from datagen.samples.baked_jitter import View, ViewMaker
 from datagen.samples.stage_times import StageTimes
 from datagen.samples.triplets import TripletMaker

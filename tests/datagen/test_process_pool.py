@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from datagen.jobs.executors import ONE_THREAD, limit_threads
+from datagen.process_pool import ONE_THREAD, limit_threads
 
 
 def test_workers_draw_and_compute_with_one_thread_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
