@@ -10,9 +10,9 @@ from numpy import ndarray
 
 from pix2face.detectors.detection import DEFAULT_DETECTOR, Detector, open_detector
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.face_fit import CameraKind, FaceFit, fit_face
+from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.fitting.joint_fit import fit_joint
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.geometry.crops import FaceBox, image_centre_in_crop
 from pix2face.inference.default_checkpoint import PACKAGED
 from pix2face.inference.predictor import Prediction, Predictor
@@ -157,60 +157,33 @@ class Pix2Face:
         self,
         image: UInt8[ndarray, "h w 3"],
         boxes: Sequence[FaceBox] | None = None,
-        *,
-        camera: CameraKind = "weak-perspective",
-        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
-        reprojection_rounds: int = 0,
-        silhouette: bool = True,
+        options: FitOptions = DEFAULT_FIT,
     ) -> list[FaceFit]:
         """Camera, coefficients, mesh and landmarks of every face of one photograph, in its pixels.
 
         Args:
             image: RGB.
             boxes: As in ``predict``.
-            camera: "affine", "weak-perspective", "pinhole" (its principal point is the centre of the photograph), or
-                "auto": a pinhole where perspective shows, else weak perspective.
-            regularisation: Tikhonov weight of the coefficients, in mm^2; None estimates it from the maps, which
-                takes longer.
-            reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
-            silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of
-                weak-perspective cameras.
+            options: Camera, regularisation and so on.
 
         Raises:
             DegenerateGeometryError: As ``predict``, or the maps of a face do not determine it.
         """
         height, width = image.shape[:2]
-        return [
-            self.fit_prediction(
-                prediction,
-                (height, width),
-                camera=camera,
-                regularisation=regularisation,
-                reprojection_rounds=reprojection_rounds,
-                silhouette=silhouette,
-            )
-            for prediction in self.predict(image, boxes)
-        ]
+        return [self.fit_prediction(prediction, (height, width), options) for prediction in self.predict(image, boxes)]
 
     def fit_prediction(
         self,
         prediction: Prediction,
         image_size_px: tuple[int, int],
-        *,
-        camera: CameraKind = "weak-perspective",
-        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
-        reprojection_rounds: int = 0,
-        silhouette: bool = True,
+        options: FitOptions = DEFAULT_FIT,
     ) -> FaceFit:
         """As ``fit``, from maps that are there already.
 
         Args:
             prediction: Of one face.
             image_size_px: Height and width of the photograph.
-            camera: As in ``fit``.
-            regularisation: As in ``fit``.
-            reprojection_rounds: As in ``fit``.
-            silhouette: As in ``fit``.
+            options: As in ``fit``.
 
         Raises:
             DegenerateGeometryError: The maps do not determine camera and coefficients, or are not finite.
@@ -219,30 +192,22 @@ class Pix2Face:
         return fit_face(
             prediction.maps,
             self.model,
-            camera_kind=camera,
-            regularisation=regularisation,
+            options,
             principal_point_px=image_centre_in_crop(prediction.crop, image_size_px),
-            reprojection_rounds=reprojection_rounds,
-            silhouette=silhouette,
         ).in_image(prediction.crop)
 
     def fit_joint(
         self,
         images: Sequence[UInt8[ndarray, "_ _ 3"]],
         boxes: Sequence[FaceBox] | None = None,
-        *,
-        camera: CameraKind = "weak-perspective",
-        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
-        silhouette: bool = True,
+        options: FitOptions = DEFAULT_FIT,
     ) -> list[FaceFit]:
         """Fits photographs of one person: one identity, and for each photograph its camera and expression (Eq. 5).
 
         Args:
             images: RGB, each showing the person.
             boxes: For each photograph where the person is; None takes the largest face.
-            camera: As in ``fit``.
-            regularisation: As in ``fit``.
-            silhouette: As in ``fit``.
+            options: As in ``fit``.
 
         Returns:
             One fit for each photograph, in its pixels; all have the same identity.
@@ -255,27 +220,20 @@ class Pix2Face:
             boxes = [self._largest_face(image, index) for index, image in enumerate(images)]
         predictions = [prediction for (prediction,) in self.predict_batch(images, [[box] for box in boxes])]
         sizes = [(image.shape[0], image.shape[1]) for image in images]
-        return self.fit_predictions_joint(
-            predictions, sizes, camera=camera, regularisation=regularisation, silhouette=silhouette
-        )
+        return self.fit_predictions_joint(predictions, sizes, options)
 
     def fit_predictions_joint(
         self,
         predictions: Sequence[Prediction],
         image_sizes_px: Sequence[tuple[int, int]],
-        *,
-        camera: CameraKind = "weak-perspective",
-        regularisation: float | None = PREDICTED_MAPS_REGULARISATION,
-        silhouette: bool = True,
+        options: FitOptions = DEFAULT_FIT,
     ) -> list[FaceFit]:
         """As ``fit_joint``, from maps that are there already.
 
         Args:
             predictions: Of one face in each photograph.
             image_sizes_px: Height and width of each.
-            camera: As in ``fit``.
-            regularisation: As in ``fit``.
-            silhouette: As in ``fit``.
+            options: As in ``fit``.
 
         Raises:
             DegenerateGeometryError: As ``fit_prediction``, or there is no photograph.
@@ -289,10 +247,8 @@ class Pix2Face:
         joint = fit_joint(
             (prediction.maps for prediction in predictions),
             self.model,
-            camera_kind=camera,
-            regularisation=regularisation,
+            options,
             principal_points_px=principal_points,
-            silhouette=silhouette,
         )
         return [fit.in_image(prediction.crop) for fit, prediction in zip(joint.fits, predictions, strict=True)]
 

@@ -13,13 +13,14 @@ from datagen.samples.triplets import TripletMaker
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError
 from pix2face.face_files.coefficients import save_coefficients
-from pix2face.fitting.face_fit import CameraKind, fit_face
-from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION
+from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, CameraKind
 from pix2face.geometry.camera import linearised
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
+from tests.fits import paper_fit
 
 N_FACES = 12
 LIMIT = 0.001  # of the eye distance
@@ -56,7 +57,7 @@ def test_shards_give_camera_and_landmarks_back(shard_of: dict[str, Path], kind: 
     with ShardReader(shard_of[kind]) as reader:
         for index in range(len(reader)):
             truth = reader.triplet(index)
-            found = fit_face(truth.maps, model, camera_kind=kind, regularisation=EXACT_MAPS_REGULARISATION)
+            found = fit_face(truth.maps, model, paper_fit(camera=kind, regularisation=EXACT_MAPS_REGULARISATION))
             corners = truth.landmarks3d[[36, 45]]
             flat = linearised(truth.camera)
             scale = np.sqrt(np.linalg.norm(np.cross(flat.matrix[0, :3], flat.matrix[1, :3])))  # px per mm

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, final
+from typing import final
 
 from jaxtyping import UInt8
 from numpy import ndarray
@@ -11,18 +11,7 @@ from pix2face.api import Pix2Face
 from pix2face.detectors.detection import DEFAULT_DETECTOR
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.face_files.box_files import LARGEST_BOX_PX, BoxFile, read_box_file
-from pix2face.fitting.cameras.reprojection import MOST_ROUNDS
-from pix2face.fitting.face_fit import FaceFit
-from pix2face.fitting.least_squares.regularisation import (
-    PREDICTED_MAPS_REGULARISATION,
-    Regularisation,
-    check_regularisation,
-    lambda_or_none,
-)
-from pix2face.fitting.picture_measurement import CameraKind
 from pix2face.geometry.crops import FaceBox
-from pix2face.inference.predictor import Prediction
-from pix2face.landmark_choice.contour_landmarks import with_contour
 from pix2face.landmark_choice.landmark_file import open_model_with
 from pix2face.models.morphable_model import BUILTIN_MODEL
 
@@ -92,52 +81,6 @@ class FaceOptions:
                 raise
             raise ModelMismatchError(f"{error}; or say --no-refine, which needs no model") from error
         return FaceFinder(pix2face, self.box, box_file, self.largest)
-
-
-@final
-@dataclass(frozen=True)
-class FitOptions:
-    """How faces are fitted; part of the configuration of several commands."""
-
-    camera: CameraKind = "weak-perspective"
-    """Camera of the fit: affine, weak-perspective, pinhole (its principal point is the centre of the photograph), or
-    auto: a pinhole where perspective shows, else weak-perspective."""
-    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
-    """Tikhonov weight of the coefficients, in mm^2; ``estimate`` takes one from each face's maps, and longer."""
-    contour: Literal["off", "2d"] = "off"
-    """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
-    silhouette: bool = True
-    """Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of weak-perspective cameras."""
-    reprojection_rounds: int = 0
-    """How often the camera is fitted again to the fitted mesh, and the coefficients after it."""
-
-    def check(self) -> None:
-        """Refuses what can never work, before anything takes time.
-
-        Raises:
-            UsageError: A regularisation that is neither positive nor ``estimate``, or a negative number of rounds.
-        """
-        check_regularisation(self.regularisation)
-        if not 0 <= self.reprojection_rounds <= MOST_ROUNDS:
-            raise UsageError(
-                f"expected --reprojection-rounds from 0 to {MOST_ROUNDS}, found {self.reprojection_rounds}"
-            )
-
-    def fit(self, pix2face: Pix2Face, prediction: Prediction, image_size_px: tuple[int, int]) -> FaceFit:
-        """Fits the maps of one face, as ``Pix2Face.fit_prediction``."""
-        fitted = pix2face.fit_prediction(
-            prediction,
-            image_size_px,
-            camera=self.camera,
-            regularisation=lambda_or_none(self.regularisation),
-            reprojection_rounds=self.reprojection_rounds,
-            silhouette=self.silhouette,
-        )
-        return self.with_landmarks(fitted)
-
-    def with_landmarks(self, fitted: FaceFit) -> FaceFit:
-        """A fit in the pixels of the photograph with the landmarks that were asked for."""
-        return with_contour(fitted) if self.contour == "2d" else fitted
 
 
 @final

@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 
 from pix2face.command_line import prepare_output_folder
-from pix2face.commands.face_options import FaceFinder, FaceOptions, FitOptions
+from pix2face.commands.face_options import FaceFinder, FaceOptions
 from pix2face.commands.photograph_jobs import (
     Photograph,
     SeenFace,
@@ -21,7 +21,7 @@ from pix2face.commands.photograph_jobs import (
 )
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.fitting.least_squares.regularisation import lambda_or_none
+from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import crop_image
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_files import write_fit
@@ -43,7 +43,7 @@ class FitConfig:
     """Network, model and face boxes."""
     out: Path = Path("out/fit")
     """Folder for fits, meshes, point clouds and overlays."""
-    how: Annotated[FitOptions, tyro.conf.arg(name="")] = field(default_factory=FitOptions)
+    how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
     """Camera and coefficients."""
     joint: bool = False
     """The photographs show one person (the largest face of each): one identity, an expression for each."""
@@ -78,7 +78,7 @@ def _fit_each(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder) -
     pix2face = finder.pix2face
 
     def use(face: SeenFace) -> None:
-        fitted = config.how.fit(pix2face, face.prediction, face.size_px)
+        fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
         _write(config, formats, face, fitted, pix2face.model)
 
     return for_each_face(config.images, finder, Console(stderr=True), use)
@@ -90,7 +90,7 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
     pix2face = finder.pix2face
 
     def keep(face: SeenFace) -> None:
-        config.how.fit(pix2face, face.prediction, face.size_px)  # a face that cannot be fitted is left out
+        pix2face.fit_prediction(face.prediction, face.size_px, config.how)  # a face that cannot be fitted is left out
         seen.append(face.without_image())
 
     tally = for_each_face(config.images, finder.only_largest(), Console(stderr=True), keep)
@@ -99,13 +99,11 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
     fits = pix2face.fit_predictions_joint(
         [face.prediction for face in seen],
         [face.size_px for face in seen],
-        camera=config.how.camera,
-        regularisation=lambda_or_none(config.how.regularisation),
-        silhouette=config.how.silhouette,
+        config.how,
     )
     for face, fitted in zip(seen, fits, strict=True):
         try:
-            _write(config, formats, face.with_image(), config.how.with_landmarks(fitted), pix2face.model)
+            _write(config, formats, face.with_image(), fitted, pix2face.model)
         except (DegenerateGeometryError, InputFileError) as error:  # of the overlay; the photograph is gone
             tally.n_faces -= 1
             tally.problems.append(located(error, face.path))

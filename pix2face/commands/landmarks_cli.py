@@ -19,7 +19,6 @@ from pix2face.face_files.annotations import AnnotatedFace, Annotation, find_anno
 from pix2face.face_files.coefficients import load_coefficients
 from pix2face.files.images import read_photograph
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
@@ -181,13 +180,7 @@ def _predicted_fits(model: MorphableModel, checkpoint: Path) -> FitFrame:
         # Points of another scheme have another box: the landmarks of a first fit give the one that crops go by.
         for _turn in range(1 if len(annotated.landmarks2d) == SCHEMES[IBUG68] else 2):
             prediction = predictor.predict(image, box)
-            fitted = fit_face(
-                prediction.maps,
-                model,
-                regularisation=PREDICTED_MAPS_REGULARISATION,
-                scheme=framing,
-                silhouette=True,
-            ).in_image(prediction.crop)
+            fitted = fit_face(prediction.maps, model, scheme=framing).in_image(prediction.crop)
             box = FaceBox.around(fitted.landmarks2d)
         return fitted.camera, fitted.vertices.astype(np.float64)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, final, get_args
+from typing import Annotated, final, get_args
 
 import cv2
 import tyro
@@ -18,13 +18,7 @@ from pix2face.command_line import counted, prepare_output_folder, progress_bar, 
 from pix2face.detectors.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
-from pix2face.fitting.least_squares.regularisation import (
-    PREDICTED_MAPS_REGULARISATION,
-    Regularisation,
-    check_regularisation,
-    lambda_or_none,
-)
-from pix2face.fitting.picture_measurement import HELD_CAMERAS, CameraKind
+from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.default_checkpoint import PACKAGED
 from pix2face.inference.predictor import Predictor
@@ -92,14 +86,8 @@ class TrackConfig:
     """Follow every face through the frames in which it is; without it, the main face through all frames."""
     smoothing: Smoothing = "mean3"
     """none, mean3 (mean of three frames, the paper's), one-euro (looks at no frame ahead), spline (smoothest)."""
-    camera: CameraKind = "weak-perspective"
-    """Camera of the fits; the principal point of a pinhole is the centre of the frame."""
-    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
-    """Tikhonov weight of the coefficients, in mm^2; with ``estimate`` each frame's own noise sets it."""
-    silhouette: bool = True
-    """Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Of weak-perspective cameras."""
-    contour: Literal["off", "2d"] = "off"
-    """2d: jaw landmarks lie on the visible outline, where 300-W has them, instead of at fixed points of the skin."""
+    how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
+    """Camera and coefficients of each frame."""
     identity_frames: int = IDENTITY_FRAMES
     """From how many frames the identity comes, evenly spread over the clip."""
     write: Annotated[str, tyro.conf.arg(metavar="csv,npz,pts,video")] = "csv,npz,video"
@@ -117,9 +105,7 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     if config.landmarks is None:
         model = with_own_landmarks(model, predictor.header)
     predictor.header.check_model(model.name, model.sha256)
-    slides_jaw = config.contour == "2d"
-    regularisation = lambda_or_none(config.regularisation)
-    fitter = FrameFitter(predictor, model, config.camera, regularisation, config.refine, slides_jaw, config.silhouette)
+    fitter = FrameFitter(predictor, model, config.how, config.refine)
     find = _finder(config, source)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"
@@ -165,7 +151,7 @@ def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
         raise UsageError(f"expected --detect-every of 1 or more, found {config.detect_every}")
     if config.identity_frames < 1:
         raise UsageError(f"expected --identity-frames of 1 or more, found {config.identity_frames}")
-    check_regularisation(config.regularisation)
+    config.how.check()
     return tuple(own for own in known if own in formats)
 
 
@@ -285,10 +271,10 @@ def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, 
         "frames_announced": source.n_announced,
         "detector": None if config.boxes else config.detector,
         "smoothing": config.smoothing,
-        "camera": config.camera,
-        "regularisation": config.regularisation,
-        "silhouette": config.silhouette and config.camera in HELD_CAMERAS,
-        "contour": config.contour,
+        "camera": config.how.camera,
+        "regularisation": config.how.regularisation,
+        "silhouette": config.how.is_held,
+        "contour": config.how.contour,
         "landmarks": _landmarks_of(config, fitter),
         "refine": config.refine,
         "detect_every": config.detect_every,

@@ -13,10 +13,11 @@ from numpy import ndarray
 from rich.console import Console
 
 from pix2face.command_line import check_output_file, say
-from pix2face.commands.face_options import FaceOptions, FitOptions
+from pix2face.commands.face_options import FaceOptions
 from pix2face.commands.photograph_jobs import SeenFace, Tally, for_each_face, located
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
+from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import crop_image
 from pix2face.geometry.maps import point_cloud
 from pix2face.models.morphable_model import MorphableModel, open_model
@@ -35,7 +36,7 @@ class ViewConfig:
     """Network, model and face boxes."""
     out: Path = Path("out/view.html")
     """The page; a file that any browser opens, without a network."""
-    how: Annotated[FitOptions, tyro.conf.arg(name="")] = field(default_factory=FitOptions)
+    how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
     """Camera and coefficients of photographs."""
 
 
@@ -80,7 +81,7 @@ def _fit_photographs(
     pix2face = finder.pix2face
 
     def use(face: SeenFace) -> None:
-        fitted = config.how.fit(pix2face, face.prediction, face.size_px)
+        fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
         points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
         show(face_data(ViewedFace(face.name, face.image, fitted, points, colours), pix2face.model))
 

@@ -31,13 +31,8 @@ from pix2face.evaluation.report.compare_cli import compare
 from pix2face.evaluation.report.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.evaluation.report.report_files import Cases, write_report
 from pix2face.evaluation.report.report_text import report_notes, report_tables
-from pix2face.evaluation.subjects.measured_subject import SubjectOptions, open_subject, versions
-from pix2face.fitting.cameras.reprojection import MOST_ROUNDS
-from pix2face.fitting.least_squares.regularisation import (
-    PREDICTED_MAPS_REGULARISATION,
-    check_regularisation,
-    lambda_or_none,
-)
+from pix2face.evaluation.subjects.measured_subject import open_subject, versions
+from pix2face.fitting.fit_options import DEFAULT_FIT
 from pix2face.geometry.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.landmark_choice.landmark_file import open_model_with
 from pix2face.models.morphable_model import MorphableModel
@@ -61,11 +56,11 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     model_landmarks(model)  # a model without them is refused before anything takes time
     found = find_benchmark(manifest, _data_folder(config), model, config.reannotated)
     by = _attribute_values(config, manifest, found)
-    subject, description = open_subject(_subject_options(config), model, manifest, found)
+    subject, description = open_subject(config, model, manifest, found)
     settings = EvaluationSettings(
         method=subject.method,
         alignment=config.align or manifest.alignment or "rigid",
-        contour=config.contour,
+        contour=config.how.contour,
         bootstrap=Bootstrap(config.resamples, config.seed),
         by=by,
     )
@@ -93,9 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _check_numbers(config: EvaluateConfig) -> None:
     check_max_rejected(config.max_rejected)
-    check_regularisation(config.regularisation)
-    if not 0 <= config.reprojection_rounds <= MOST_ROUNDS:
-        raise UsageError(f"expected --reprojection-rounds from 0 to {MOST_ROUNDS}, found {config.reprojection_rounds}")
+    config.how.check()
     if config.crop_scale is not None and not SMALLEST_CROP_SCALE <= config.crop_scale <= LARGEST_CROP_SCALE:
         raise UsageError(
             f"expected --crop-scale from {SMALLEST_CROP_SCALE:g} to {LARGEST_CROP_SCALE:g}, found {config.crop_scale}"
@@ -129,9 +122,9 @@ def _check_of_networks_alone(config: EvaluateConfig) -> None:
     if config.predictions is None and not config.oracle:
         return
     given = {
-        "--regularisation": config.regularisation != PREDICTED_MAPS_REGULARISATION,
-        "--no-silhouette": not config.silhouette,
-        "--reprojection-rounds": config.reprojection_rounds > 0,
+        "--regularisation": config.how.regularisation != DEFAULT_FIT.regularisation,
+        "--no-silhouette": not config.how.silhouette,
+        "--reprojection-rounds": config.how.reprojection_rounds > 0,
         "--crop-scale": config.crop_scale is not None,
     }
     for name in (name for name, is_given in given.items() if is_given):
@@ -141,15 +134,15 @@ def _check_of_networks_alone(config: EvaluateConfig) -> None:
 def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
     """The benchmark with everything that the call changes about it."""
     manifest = manifest.with_truth(config.truth or manifest.truth)
-    if config.contour == "2d" and not manifest.jaw_follows_outline:
+    if config.how.contour == "2d" and not manifest.jaw_follows_outline:
         raise UsageError(
             "--contour 2d: expected a split whose truth follows the visible outline (300-W, 300-VW), found "
             f"{config.split}"
         )
-    if config.contour == "2d" and config.predictions is not None:
+    if config.how.contour == "2d" and config.predictions is not None:
         raise UsageError("--contour 2d: expected a fit whose jaw points can slide, found --predictions")
     _check_of_networks_alone(config)
-    if config.camera != "weak-perspective" and config.predictions is not None:
+    if config.how.camera != DEFAULT_FIT.camera and config.predictions is not None:
         raise UsageError("--camera: expected a checkpoint or --oracle; landmarks of a file are not fitted")
     if config.align is not None and manifest.alignment is None:
         raise UsageError(f"--align {config.align}: expected a split with 3D landmarks, found {config.split}")
@@ -185,26 +178,10 @@ def _attribute_values(config: EvaluateConfig, manifest: Manifest, found: Benchma
         raise UsageError(f"{error}. {manifest.split} takes these by itself. {manifest.how_to_get_it}") from error
 
 
-def _subject_options(config: EvaluateConfig) -> SubjectOptions:
-    return SubjectOptions(
-        checkpoint=config.checkpoint,
-        predictions=config.predictions,
-        frame=config.frame,
-        oracle=config.oracle,
-        boxes=config.boxes,
-        slides_jaw=config.contour == "2d",
-        camera=config.camera,
-        regularisation=lambda_or_none(config.regularisation),
-        silhouette=config.silhouette,
-        reprojection_rounds=config.reprojection_rounds,
-        crop_scale=config.crop_scale,
-        landmarks=config.landmarks,
-    )
-
-
 def _facts(config: EvaluateConfig, model: MorphableModel, description: dict[str, Any]) -> dict[str, Any]:
     """What was evaluated, for the report: sentences to print, and everything needed to repeat it."""
-    given = {key: value if value is None else str(value) for key, value in vars(config).items()}
+    options = vars(config) | vars(config.how)
+    given = {key: value if value is None else str(value) for key, value in options.items() if key != "how"}
     return {
         **description,
         "model": f"{model.name} ({model.sha256[:12]})",

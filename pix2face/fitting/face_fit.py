@@ -9,7 +9,8 @@ from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
 
 from pix2face.errors import UsageError
-from pix2face.fitting.picture_measurement import CameraKind as CameraKind
+from pix2face.fitting.fit_options import DEFAULT_FIT, Contour, FitOptions
+from pix2face.fitting.jaw_contour import JAW, JawContour
 from pix2face.fitting.picture_measurement import Constraints, measure_picture
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.geometry.camera import Camera
@@ -54,37 +55,31 @@ class FaceFit:
 def fit_face(
     maps: FaceMaps,
     model: MorphableModel,
+    options: FitOptions = DEFAULT_FIT,
     *,
-    camera_kind: CameraKind = "weak-perspective",
-    regularisation: float | None = None,
     principal_point_px: Float[ndarray, "2"] | None = None,
     scheme: str = IBUG68,
-    reprojection_rounds: int = 0,
     n_vertices: int | None = None,
     constraints: Constraints = "vertices",
-    silhouette: bool = False,
 ) -> FaceFit:
     """Fits camera and coefficients to the maps of one picture.
 
     Args:
-        maps: PNCC, offset and mask; where they know which part of it is seen, the camera goes by that.
+        maps: PNCC, offset and mask. Where the maps say which part of the mask is seen, the camera is fitted to that
+            part.
         model: The model that the maps are of.
-        camera_kind: "affine" (Eq. 1), "weak-perspective" (the default: predicted maps of profiles tilt and stretch an
-            unconstrained affine camera), "pinhole", or "auto": a pinhole where ``camera_choice`` finds it warranted,
-            else weak perspective. All are robust against outliers.
-        regularisation: Tikhonov's lambda in mm^2; None estimates it from the residuals (docs/explanation/fitting.md).
-        principal_point_px: Pinhole and auto: where the optical axis meets the maps, None is their centre. It is not the
-            centre where the maps are those of a crop off the image's centre.
+        options: Camera, regularisation and so on. The defaults are for predicted maps. Exact maps are fitted best
+            without the silhouette and with ``EXACT_MAPS_REGULARISATION``. All cameras are robust against outliers;
+            "auto" decides by ``camera_choice``.
+        principal_point_px: Where the optical axis of a pinhole meets the maps; None takes their centre, which is wrong
+            for a crop beside the centre of the image.
         scheme: Which landmarks of the model.
-        reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients to where its
-            vertices were found; 0 is the paper's way. With the silhouette at least once.
-        n_vertices: How many vertices of the face to look for, evenly spread (docs/explanation/fitting.md: time against
-            error). None are 1,200 where lambda is given as that of predicted maps (0.5 mm^2 and more), else 2,500.
+        n_vertices: How many vertices of the face to look for, evenly spread (time against error:
+            docs/explanation/fitting.md). None takes 1,200 where lambda is that of predicted maps (0.5 mm^2 and more),
+            else 2,500.
         constraints: "vertices" as in the paper, or "surface": pixels inside the triangles of the mean face. On exact
-            maps ten times as accurate, and ten times as slow; of noisy maps hardly a pixel lies on the surface.
-        silhouette: Hold camera and mesh to the mask (``silhouette.py``): better on predicted maps, where PNCC alone
-            tells the turn of a head badly. Of weak-perspective cameras and with constraints of vertices; others are
-            not changed.
+            maps surface constraints are ten times as accurate and ten times as slow; in noisy maps hardly a pixel lies
+            on the surface. They cannot be held to the silhouette.
 
     Raises:
         DegenerateGeometryError: Fewer than 50 valid pixels, values that are not finite, or none of the vertices found.
@@ -96,17 +91,14 @@ def fit_face(
     measured = measure_picture(
         maps,
         model,
-        camera_kind=camera_kind,
-        regularisation=regularisation,
+        options,
         principal_point_px=principal_point_px,
-        reprojection_rounds=reprojection_rounds,
         n_vertices=n_vertices,
         constraints=constraints,
-        silhouette=silhouette,
     )
     coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]
-    return face_of_coefficients(model, measured.camera, identity, expression, scheme)
+    return face_of_coefficients(model, measured.camera, identity, expression, scheme=scheme, contour=options.contour)
 
 
 def face_of_coefficients(
@@ -114,17 +106,33 @@ def face_of_coefficients(
     camera: Camera,
     identity: Float64[ndarray, " k"],
     expression: Float64[ndarray, " e"],
+    *,
     scheme: str = IBUG68,
+    contour: Contour = "off",
 ) -> FaceFit:
     """Puts a face together from its camera and coefficients.
 
+    Args:
+        model: What the coefficients are of.
+        camera: From the model frame to pixels.
+        identity: Standard deviations.
+        expression: Standard deviations.
+        scheme: Which landmarks of the model.
+        contour: "2d" moves the jaw landmarks (in the picture; those in space stay) to the visible outline.
+
     Raises:
-        UsageError: The model has no such landmarks.
+        UsageError: The model has no such landmarks, or they have no jaw to move.
     """
     check_scheme(model, scheme)
     mean, basis = _landmark_basis(model, scheme)
-    landmarks3d = np.asarray(mean + basis @ np.concatenate([identity, expression]), dtype=np.float64)
-    return FaceFit(camera, identity, expression, model, camera.project(landmarks3d), landmarks3d)
+    coefficients = np.concatenate([identity, expression])
+    landmarks3d = np.asarray(mean + basis @ coefficients, dtype=np.float64)
+    landmarks2d = camera.project(landmarks3d)
+    if contour == "2d":
+        if scheme != IBUG68:
+            raise UsageError(f"contour 2d: expected the landmarks {IBUG68}, found {scheme!r}")
+        landmarks2d[list(JAW)] = camera.project(_contour_of(model).outermost_points(camera, coefficients))
+    return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d)
 
 
 def check_scheme(model: MorphableModel, scheme: str) -> None:
@@ -141,3 +149,8 @@ def check_scheme(model: MorphableModel, scheme: str) -> None:
 def _landmark_basis(model: MorphableModel, scheme: str) -> tuple[Float64[ndarray, "m 3"], Float64[ndarray, "m 3 c"]]:
     vertices = model.landmarks[scheme]
     return model.mean[vertices].astype(np.float64), vertex_basis(model, vertices).astype(np.float64)
+
+
+@lru_cache(maxsize=2)
+def _contour_of(model: MorphableModel) -> JawContour:
+    return JawContour.of(model)

@@ -79,6 +79,11 @@ class JawContour:
         last_of_owner = np.searchsorted(self.owner[order], np.arange(len(JAW)), side="right") - 1
         return order[last_of_owner]
 
+    def outermost_points(self, camera: Camera, coefficients: Float64[ndarray, " c"]) -> Float64[ndarray, "17 3"]:
+        """The places of ``outermost`` on the face of these coefficients, mm, model frame."""
+        outermost = self.outermost(camera, coefficients)
+        return self.mean[outermost] + np.tensordot(coefficients, self.basis[:, outermost], axes=1)
+
 
 def _upright_axes(camera: Camera) -> Float64[ndarray, "2 2"]:
     """Where x and y of the frontal face point in the picture: turned by roll alone, whatever yaw and pitch are."""

@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
+from pix2face.errors import UsageError
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit, check_scheme, face_of_coefficients
-from pix2face.fitting.picture_measurement import CameraKind, measure_picture
+from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
+from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
@@ -33,12 +35,10 @@ class JointFit:
 def fit_joint(
     maps: Iterable[FaceMaps],
     model: MorphableModel,
+    options: FitOptions = DEFAULT_FIT,
     *,
-    camera_kind: CameraKind = "weak-perspective",
-    regularisation: float | None = None,
     principal_points_px: Sequence[Float[ndarray, "2"] | None] | None = None,
     scheme: str = IBUG68,
-    silhouette: bool = False,
 ) -> JointFit:
     """Fits pictures of one person together: the identity is shared, cameras and expressions are not.
 
@@ -48,35 +48,33 @@ def fit_joint(
     Args:
         maps: Of each picture.
         model: The model that the maps are of.
-        camera_kind: As ``fit_face``.
-        regularisation: As ``fit_face``; None estimates it for each picture, so that noisy ones count less. Identity
-            pays the penalty once, whatever the number of pictures.
-        principal_points_px: As ``fit_face``, one for each picture.
-        scheme: As ``fit_face``.
-        silhouette: As ``fit_face``.
+        options: As in ``fit_face``. Regularisation "estimate" is estimated for each picture, so that noisy ones count
+            less. Identity pays the penalty once, whatever the number of pictures.
+        principal_points_px: As in ``fit_face``, one for each picture.
+        scheme: As in ``fit_face``.
 
     Raises:
         DegenerateGeometryError: As ``fit_face``, or there is no picture.
-        UsageError: As ``fit_face``.
+        UsageError: As ``fit_face``, or rounds of reprojection are asked for.
 
     Source: Crispell and Bazik 2017, Eq. 5.
     """
     check_scheme(model, scheme)
+    if options.reprojection_rounds:
+        raise UsageError("expected no --reprojection-rounds with --joint, whose fits have no more rounds")
     joint, cameras = JointAccumulator(model.n_identity), []
     for index, own in enumerate(maps):
         measured = measure_picture(
             own,
             model,
-            camera_kind=camera_kind,
-            regularisation=regularisation,
+            options,
             principal_point_px=None if principal_points_px is None else principal_points_px[index],
-            silhouette=silhouette,
         )
         joint.add(measured.system, measured.regularisation)
         cameras.append(measured.camera)
     identity, expressions = joint.solve()
     fits = (
-        face_of_coefficients(model, camera, identity, np.asarray(expression), scheme)
+        face_of_coefficients(model, camera, identity, np.asarray(expression), scheme=scheme, contour=options.contour)
         for camera, expression in zip(cameras, expressions, strict=True)
     )
     return JointFit(identity, tuple(fits))

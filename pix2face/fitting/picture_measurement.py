@@ -12,8 +12,8 @@ from pix2face.fitting.cameras.camera_choice import fit_warranted_camera
 from pix2face.fitting.cameras.camera_fit import fit_affine_camera, fit_weak_perspective_camera
 from pix2face.fitting.cameras.pinhole_fit import fit_pinhole_camera
 from pix2face.fitting.cameras.reprojection import with_reprojection
+from pix2face.fitting.fit_options import FitOptions
 from pix2face.fitting.least_squares.linear_system import ImageSystem, image_system
-from pix2face.fitting.least_squares.regularisation import IS_OF_PREDICTED_MAPS_FROM
 from pix2face.fitting.localise import ValidPixels, VertexPixels, localise_prepared, valid_pixel_values
 from pix2face.fitting.noise import FIRST_REGULARISATION, estimated_regularisation, without_white_noise
 from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepared_model
@@ -23,10 +23,10 @@ from pix2face.geometry.camera import Camera
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
 
-CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
 Constraints = Literal["vertices", "surface"]
-# Cameras that can be held to the silhouette; of "auto" those that it finds to be weak-perspective.
-HELD_CAMERAS = ("weak-perspective", "auto")
+# From this lambda (mm^2) on maps are a network's, whose errors are alike over patches; below they may be exact to
+# 0.01 mm.
+IS_OF_PREDICTED_MAPS_FROM = 0.5
 
 # Section 3.4.1: "only a small subset of the correspondences" is needed for the camera. Of vertices, as many tell some
 # hundred coefficients as well as all of them do, at a fraction of the time.
@@ -70,14 +70,11 @@ class PictureMeasurement:
 def measure_picture(
     maps: FaceMaps,
     model: MorphableModel,
+    options: FitOptions,
     *,
-    camera_kind: CameraKind,
-    regularisation: float | None,
-    principal_point_px: Float[ndarray, "2"] | None,
-    reprojection_rounds: int = 0,
+    principal_point_px: Float[ndarray, "2"] | None = None,
     n_vertices: int | None = None,
     constraints: Constraints = "vertices",
-    silhouette: bool = False,
 ) -> PictureMeasurement:
     """Finds camera and system; the arguments are those of ``fit_face``.
 
@@ -85,7 +82,8 @@ def measure_picture(
         DegenerateGeometryError: As ``fit_face``.
         UsageError: There is no such kind of camera, or reprojection is asked for without vertices.
     """
-    if constraints == "surface" and reprojection_rounds:
+    regularisation = None if options.regularisation == "estimate" else options.regularisation
+    if constraints == "surface" and options.reprojection_rounds:
         raise UsageError("expected vertices as constraints for reprojection rounds, found pixels of the surface")
     whole, maps = maps, without_white_noise(maps)
     pixels = valid_pixel_values(maps)
@@ -95,13 +93,13 @@ def measure_picture(
     prepared = prepared_model(model, n_vertices)
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
-    can_hold = silhouette and constraints == "vertices" and camera_kind in HELD_CAMERAS
+    can_hold = options.is_held and constraints == "vertices"
     width_mm = float(np.ptp(prepared.mean[:, 0]))
     # What the silhouette refines need not be robust, for the refinement is.
-    is_start = can_hold and camera_kind == "weak-perspective"
-    eye = _CameraFit(camera_kind, principal_point_px, width_mm, is_robust=not is_start)
+    is_start = can_hold and options.camera == "weak-perspective"
+    eye = _CameraFit(options.camera, principal_point_px, width_mm, is_robust=not is_start)
     clear = _clear_pixels(maps, pixels)
-    camera = eye.fit(*correspondences(clear, maps.mask.shape[1], _CORRESPONDENCES.get(camera_kind, CAMERA_PIXELS)))
+    camera = eye.fit(*correspondences(clear, maps.mask.shape[1], _CORRESPONDENCES.get(options.camera, CAMERA_PIXELS)))
     if constraints == "surface":
         regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
         surface = image_system(*surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust=True)
@@ -115,8 +113,8 @@ def measure_picture(
     system = image_system(basis, found.offsets, regularisation, robust=True)
     if can_hold and camera.is_affine:
         measured = PictureMeasurement(camera, system, regularisation)
-        return _inside_mask(measured, whole, clear, prepared, found, basis, max(1, reprojection_rounds))
-    for _ in range(reprojection_rounds):
+        return _inside_mask(measured, whole, clear, prepared, found, basis, max(1, options.reprojection_rounds))
+    for _ in range(options.reprojection_rounds):
         vertices = prepared.mean[found.places] + basis @ system.solve(regularisation)
         camera = eye.fit(vertices.astype(np.float64), found.points2d)
         system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)

@@ -16,7 +16,6 @@ from numpy import ndarray
 from pix2face.detectors.protocol import DetectedFace, Detector, overlap, without_doubles
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.maps import FaceMaps
@@ -111,7 +110,7 @@ def refine_boxes(
 def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:
     """What a prediction in a box says of it; None where its maps determine no face."""
     try:
-        fit = fit_face(prediction.maps, model, regularisation=PREDICTED_MAPS_REGULARISATION)
+        fit = fit_face(prediction.maps, model)
         better = FaceBox.around(prediction.crop.to_image(fit.landmarks2d))
     except DegenerateGeometryError:
         return None

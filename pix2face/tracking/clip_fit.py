@@ -11,14 +11,13 @@ from scipy.linalg import cho_solve
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
+from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.fitting.least_squares.linear_system import cholesky
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
-from pix2face.fitting.picture_measurement import CameraKind, PictureMeasurement, measure_picture
+from pix2face.fitting.picture_measurement import PictureMeasurement, measure_picture
 from pix2face.geometry.camera import WeakPerspective, nearest_weak_perspective, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.geometry.landmarks import OUTER_EYE_CORNERS
 from pix2face.inference.predictor import Prediction, Predictor
-from pix2face.landmark_choice.contour_landmarks import with_contour
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.refined_detection import refine_boxes
 
@@ -49,20 +48,14 @@ class FrameFitter:
     Attributes:
         predictor: The network.
         model: The one that it was trained for.
-        camera: Kind of camera.
-        regularisation: Tikhonov's lambda in mm^2; None estimates it for each frame.
+        options: How each frame is fitted.
         refine: Whether a first prediction refines each box.
-        slides_jaw: Whether jaw landmarks slide to the visible outline.
-        silhouette: Whether camera and mesh are held to it.
     """
 
     predictor: Predictor
     model: MorphableModel
-    camera: CameraKind = "weak-perspective"
-    regularisation: float | None = PREDICTED_MAPS_REGULARISATION
+    options: FitOptions = DEFAULT_FIT
     refine: bool = True
-    slides_jaw: bool = False
-    silhouette: bool = True
 
     def measure(self, faces: Sequence[tuple[Photograph, FaceBox]]) -> list[MeasuredFace | None]:
         """Predicts and measures faces of one frame or of several; None where the maps hold no face.
@@ -82,14 +75,7 @@ class FrameFitter:
         prediction.check_finite()
         middle = image_centre_in_crop(prediction.crop, (image.shape[0], image.shape[1]))
         try:
-            measurement = measure_picture(
-                prediction.maps,
-                self.model,
-                camera_kind=self.camera,
-                regularisation=self.regularisation,
-                principal_point_px=middle,
-                silhouette=self.silhouette,
-            )
+            measurement = measure_picture(prediction.maps, self.model, self.options, principal_point_px=middle)
         except DegenerateGeometryError:
             return None
         return MeasuredFace(measurement, prediction.crop, prediction.maps.seen_share)
@@ -101,8 +87,9 @@ class FrameFitter:
             DegenerateGeometryError: lambda is too small for the arithmetic.
         """
         expression = expression_of(face.measurement, identity)
-        fit = face_of_coefficients(self.model, face.measurement.camera, identity, expression).in_image(face.crop)
-        return with_contour(fit) if self.slides_jaw else fit
+        camera = face.measurement.camera
+        fit = face_of_coefficients(self.model, camera, identity, expression, contour=self.options.contour)
+        return fit.in_image(face.crop)
 
     def placed(self, box: FaceBox, identity: Float64[ndarray, " k"]) -> FaceFit:
         """The neutral face of an identity, frontal and upright, with its landmarks in a box."""

@@ -25,6 +25,7 @@ from pix2face.geometry.camera import HeadPose, pinhole_of
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
+from tests.fits import paper_fit
 from tests.full_size_model import full_size_model
 from tests.pix2face.fitting.rendered_faces import KnownFace, render_known_face
 
@@ -126,14 +127,13 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     model = MODELS[options.model]()
-    regularisation = options.regularisation
+    regularisation = options.regularisation or "estimate"
 
     def fit(face: KnownFace, maps: FaceMaps) -> FaceFit:
         return fit_face(
             maps,
             model,
-            camera_kind=options.camera,
-            regularisation=regularisation,
+            paper_fit(camera=options.camera, regularisation=regularisation),
             principal_point_px=face.principal_point_px,
             n_vertices=options.vertices,
             constraints=options.constraints,

@@ -24,6 +24,7 @@ from threadpoolctl import threadpool_limits
 
 from pix2face.api import Pix2Face
 from pix2face.files.images import read_photograph
+from pix2face.fitting.fit_options import FitOptions
 from pix2face.geometry.crops import crop_image, square_crop
 from pix2face.inference.default_checkpoint import PACKAGED
 from tests.benchmarks.surroundings import surroundings
@@ -37,15 +38,15 @@ def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callabl
     header = faces.predictor.header
     size_px = header.size_px
 
-    def fit(**options: Any) -> Callable[[], object]:
-        return lambda: faces.fit_prediction(prediction, (height, width), **options)
+    def fit(**changes: Any) -> Callable[[], object]:
+        return lambda: faces.fit_prediction(prediction, (height, width), FitOptions(**changes))
 
     return {
         "crop": lambda: crop_image(image, square_crop(box, header.crop_scale, size_px)),
         "crop and network": lambda: faces.predict(image, [box]),
         "fit": fit(),
         "fit, not held to the silhouette": fit(silhouette=False),
-        "fit, regularisation estimated": fit(regularisation=None),
+        "fit, regularisation estimated": fit(regularisation="estimate"),
         "all of it": lambda: faces.fit(image, [box]),
     }
 

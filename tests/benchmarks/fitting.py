@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from pix2face.fitting.cameras.camera_fit import fit_weak_perspective_camera
 from pix2face.fitting.face_fit import face_of_coefficients, fit_face
+from pix2face.fitting.fit_options import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.least_squares.linear_system import image_system
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.localise import localise_prepared, valid_pixel_values
 from pix2face.fitting.noise import estimated_regularisation, white_noise_mm
 from pix2face.fitting.picture_measurement import (
@@ -33,6 +33,7 @@ from pix2face.fitting.prepared_model import prepared_model
 from pix2face.models.morphable_model import MorphableModel
 from tests.benchmarks.closed_loop import MODELS, known_face, measure, summary
 from tests.benchmarks.surroundings import surroundings
+from tests.fits import paper_fit
 
 VERTEX_COUNTS = (600, 1250, COEFFICIENT_VERTICES, 5000, 10_000)
 REGULARISATION = PREDICTED_MAPS_REGULARISATION
@@ -59,17 +60,21 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
             prepared.basis[found.places], found.offsets, REGULARISATION, robust=True
         ).solve(REGULARISATION),
         "landmarks": lambda: face_of_coefficients(model, camera, c[:k], c[k:]),
-        "together (fit_face)": lambda: fit_face(maps, model, regularisation=REGULARISATION),
+        "together (fit_face)": lambda: fit_face(maps, model, paper_fit(regularisation=REGULARISATION)),
         "the same, held to the silhouette": lambda: fit_face(
-            maps, model, regularisation=REGULARISATION, silhouette=True
+            maps, model, paper_fit(regularisation=REGULARISATION, silhouette=True)
         ),
         "not in it: estimating lambda": lambda: estimated_regularisation(
             system, exact, found.offsets, prepared.patches[found.places]
         ),
         "not in it: the mesh": lambda: model.vertices(c[None, :k], c[None, k:]),
-        "not in it: all, lambda estimated": lambda: fit_face(maps, model),
-        "not in it: all, pinhole": lambda: fit_face(maps, model, camera_kind="pinhole", regularisation=REGULARISATION),
-        "not in it: all, camera auto": lambda: fit_face(maps, model, camera_kind="auto", regularisation=REGULARISATION),
+        "not in it: all, lambda estimated": lambda: fit_face(maps, model, paper_fit()),
+        "not in it: all, pinhole": lambda: fit_face(
+            maps, model, paper_fit(camera="pinhole", regularisation=REGULARISATION)
+        ),
+        "not in it: all, camera auto": lambda: fit_face(
+            maps, model, paper_fit(camera="auto", regularisation=REGULARISATION)
+        ),
     }
 
 
@@ -91,10 +96,12 @@ def subsets(model: MorphableModel, n_faces: int, repeats: int) -> list[dict[str,
         maps = known_face(model, 3, perspective=False).maps
 
         def fit(count: int = count) -> object:
-            return fit_face(maps, model, regularisation=REGULARISATION, n_vertices=count)  # noqa: B023
+            return fit_face(maps, model, paper_fit(regularisation=REGULARISATION), n_vertices=count)  # noqa: B023
 
         fit()
-        errors = summary(measure(model, n_faces, lambda _, own, n=count: fit_face(own, model, n_vertices=n), 1.0, 0.05))
+        errors = summary(
+            measure(model, n_faces, lambda _, own, n=count: fit_face(own, model, paper_fit(), n_vertices=n), 1.0, 0.05)
+        )
         out.append(
             {"vertices": count, "ms": least_ms({"fit": fit}, repeats)["fit"]}
             | {

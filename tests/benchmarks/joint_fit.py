@@ -24,6 +24,7 @@ from pix2face.geometry.camera import HeadPose
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.benchmarks.surroundings import surroundings
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, KnownFace, render_known_face
 
 COUNTS = (1, 3, 10, 30, 100)
@@ -94,7 +95,7 @@ def main() -> int:
                 for n in COUNTS:
                     for _ in range(3 if n < 30 else 1):
                         started = time.process_time()
-                        found = fit_joint(maps[:n], model)
+                        found = fit_joint(maps[:n], model, paper_fit())
                         times[n].append((time.process_time() - started) / n)
                     errors[kind][n].append(identity_errors(model, found.identity, seen[0].identity))
     report = {

@@ -11,17 +11,18 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from pix2face.fitting.face_fit import FaceFit, fit_face
-from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
+from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION, Regularisation
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.closed_loop import measure, summary
 from tests.benchmarks.surroundings import surroundings
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import KnownFace
 
 NOISE_MM = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 OUTLIERS = 0.05
-LAMBDAS = {
-    "estimated": None,
+LAMBDAS: dict[str, Regularisation] = {
+    "estimated": "estimate",
     f"{EXACT_MAPS_REGULARISATION:g} mm2": EXACT_MAPS_REGULARISATION,
     f"{PREDICTED_MAPS_REGULARISATION:g} mm2": PREDICTED_MAPS_REGULARISATION,
 }
@@ -34,8 +35,8 @@ def curves(n_faces: int) -> dict[str, dict[str, list[float]]]:
     out: dict[str, dict[str, list[float]]] = {name: {part: [] for part in PARTS} for name in LAMBDAS}
     for name, regularisation in LAMBDAS.items():
 
-        def fit(_: KnownFace, maps: FaceMaps, regularisation: float | None = regularisation) -> FaceFit:
-            return fit_face(maps, model, regularisation=regularisation)
+        def fit(_: KnownFace, maps: FaceMaps, regularisation: Regularisation = regularisation) -> FaceFit:
+            return fit_face(maps, model, paper_fit(regularisation=regularisation))
 
         for noise in NOISE_MM:
             errors = summary(measure(model, n_faces, fit, noise, OUTLIERS))

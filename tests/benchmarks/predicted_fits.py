@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
-from typing import final
+from typing import Any, final
 
 import cv2
 import numpy as np
@@ -29,8 +29,8 @@ from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS, yaw_bin
 from pix2face.face_files.annotations import find_annotations
 from pix2face.files.images import read_photograph
 from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.fitting.fit_options import FitOptions
 from pix2face.fitting.from_landmarks import fit_landmarks
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.picture_measurement import PREDICTED_MAPS_VERTICES
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.crops import FaceBox
@@ -59,9 +59,8 @@ class PredictedFace:
 def variants(model: MorphableModel) -> dict[str, Fit]:
     """By name; each differs from the first in what the name says."""
 
-    def fit(maps: FaceMaps, **options: object) -> FaceFit:
-        chosen = {"regularisation": PREDICTED_MAPS_REGULARISATION, "silhouette": True} | options
-        return fit_face(maps, model, **chosen)  # type: ignore[arg-type]
+    def fit(maps: FaceMaps, n_vertices: int | None = None, **changes: Any) -> FaceFit:
+        return fit_face(maps, model, FitOptions(**changes), n_vertices=n_vertices)
 
     return {
         "held to the silhouette (the default)": fit,
@@ -69,18 +68,18 @@ def variants(model: MorphableModel) -> dict[str, Fit]:
         "not held, camera by all pixels of the mask": lambda maps: fit(replace(maps, seen=None), silhouette=False),
         "held, camera by all pixels of the mask": lambda maps: fit(replace(maps, seen=None)),
         "not held, two reprojections": lambda maps: fit(maps, silhouette=False, reprojection_rounds=2),
-        "not held, affine camera": lambda maps: fit(maps, silhouette=False, camera_kind="affine"),
+        "not held, affine camera": lambda maps: fit(maps, silhouette=False, camera="affine"),
         "held, two rounds": lambda maps: fit(maps, reprojection_rounds=2),
         "held, lambda 5": lambda maps: fit(maps, regularisation=5.0),
         "held, lambda 80": lambda maps: fit(maps, regularisation=80.0),
-        "held, lambda estimated": lambda maps: fit(maps, regularisation=None, n_vertices=PREDICTED_MAPS_VERTICES),
+        "held, lambda estimated": lambda maps: fit(maps, regularisation="estimate", n_vertices=PREDICTED_MAPS_VERTICES),
         "held, 600 vertices": lambda maps: fit(maps, n_vertices=600),
         "held, 2,500 vertices": lambda maps: fit(maps, n_vertices=2500),
     }
 
 
 def predicted_faces(folder: Path, predictor: Predictor, model: MorphableModel, every: int) -> list[PredictedFace]:
-    """Every so-manieth annotated photograph."""
+    """Every n-th annotated photograph."""
     found = []
     for annotation in find_annotations(folder, IBUG68)[::every]:
         annotated = annotation.load()

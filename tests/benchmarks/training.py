@@ -20,7 +20,7 @@ import tyro
 from torch import Tensor
 
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
+from pix2face.fitting.fit_options import PREDICTED_MAPS_REGULARISATION
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import CheckpointHeader
@@ -30,6 +30,7 @@ from pix2face.models.rasterise import render_maps
 from pix2face.networks.architectures import build_network
 from tests.benchmarks.plain_unet import PlainUNet
 from tests.benchmarks.surroundings import surroundings
+from tests.fits import paper_fit
 from training.data.batches import Batch, network_input, target_planes
 from training.loop.learner import ADAM_BETAS, Learner
 from training.loop.losses import LossPlan
@@ -189,9 +190,9 @@ def inference(options: Options) -> dict[str, Any]:
     maps = render_maps(model, model.mean, pose, recipe.size_px, recipe.size_px).face_maps
     ways = {
         "network": lambda: predictor.predict(image, box),
-        "fit": lambda: fit_face(maps, model, regularisation=PREDICTED_MAPS_REGULARISATION),
+        "fit": lambda: fit_face(maps, model, paper_fit(regularisation=PREDICTED_MAPS_REGULARISATION)),
         "fit, held to the silhouette": lambda: fit_face(
-            maps, model, regularisation=PREDICTED_MAPS_REGULARISATION, silhouette=True
+            maps, model, paper_fit(regularisation=PREDICTED_MAPS_REGULARISATION, silhouette=True)
         ),
     }
     found = {name: round(1000 * median_seconds(way), 1) for name, way in ways.items()}

@@ -53,10 +53,17 @@ def colour_network(planes_of_pncc: float) -> object:
     def network(images: Tensor) -> Tensor:
         levels = (images + 0.5) * 255
         pncc_mm = ((levels - 1) / 254 - 0.5) * SPAN_MM
-        is_face = levels.amin(dim=1, keepdim=True) > 2  # beside the face, blends with black
+        is_coloured = levels.amin(dim=1) > 2  # beside the face, blends with black
+        is_face = torch.stack([_largest_blob(own) for own in is_coloured])[:, None]
         return torch.cat([pncc_mm * is_face / planes_of_pncc, torch.zeros_like(images)], dim=1)
 
     return network
+
+
+def _largest_blob(mask: Tensor) -> Tensor:
+    """As networks do, which see one face in a crop."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.numpy().astype(np.uint8))
+    return torch.from_numpy(labels == 1 + np.argmax(stats[1:, 4])) & mask if len(stats) > 1 else mask
 
 
 def colour_predictor(model: MorphableModel, size_px: int = 96) -> Predictor:

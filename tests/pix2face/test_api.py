@@ -18,6 +18,7 @@ from pix2face.inference.predictor import Predictor
 from pix2face.models.model_file import read_stored_model
 from pix2face.models.morphable_model import MorphableModel, load_model
 from pix2face.photographs.interface_checks import check_photograph
+from tests.fits import paper_fit
 from tests.model_files import write_small_head
 from tests.pix2face.photographs.seen_faces import (
     HEIGHT_PX,
@@ -32,7 +33,7 @@ from tests.pix2face.photographs.seen_faces import (
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
-EXACT = 1e-3  # regularisation for exact maps, mm^2
+EXACT = paper_fit(regularisation=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def seeing(*faces: PhotographedFace, refine: bool = False) -> Pix2Face:
 
 
 def test_a_fit_is_in_the_pixels_of_the_photograph(face: PhotographedFace) -> None:
-    (fit,) = seeing(face).fit(face.photograph(), regularisation=EXACT, silhouette=False)
+    (fit,) = seeing(face).fit(face.photograph(), options=EXACT)
     np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.1)
     np.testing.assert_allclose(fit.identity, face.identity, atol=0.1)
     np.testing.assert_allclose(fit.camera.project(fit.landmarks3d), fit.landmarks2d, atol=1e-6)
@@ -58,7 +59,7 @@ def test_boxes_say_where_the_faces_are(face: PhotographedFace) -> None:
     blind = Pix2Face(exact_predictor(MODEL, [face.maps()]), MODEL, SureDetector([]))
     assert blind.fit(face.photograph()) == []
     assert blind.predict(face.photograph()) == []
-    (fit,) = blind.fit(face.photograph(), [face.box], regularisation=EXACT, silhouette=False)
+    (fit,) = blind.fit(face.photograph(), [face.box], options=EXACT)
     np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.1)
 
 
@@ -93,7 +94,7 @@ def test_many_faces_go_through_the_network_in_portions() -> None:
 
 @pytest.mark.parametrize("camera", ["affine", "weak-perspective", "pinhole"])
 def test_every_kind_of_camera_is_offered(face: PhotographedFace, camera: str) -> None:
-    (fit,) = seeing(face).fit(face.photograph(), camera=camera, regularisation=EXACT, silhouette=False)
+    (fit,) = seeing(face).fit(face.photograph(), options=replace(EXACT, camera=camera))
     np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.3)
     assert fit.camera.is_affine == (camera != "pinhole")
 
@@ -103,7 +104,7 @@ def test_a_joint_fit_has_one_identity_and_an_expression_for_each_photograph() ->
     second = replace(photographed_face(MODEL, 7, (120, 115)), identity=first.identity)
     maps, images = [first.maps(), second.maps()], [first.photograph(), second.photograph()]
     person = Pix2Face(Predictor(network_of(maps), header_of(MODEL)), MODEL)
-    fits = person.fit_joint(images, [first.box, second.box], regularisation=EXACT, silhouette=False)
+    fits = person.fit_joint(images, [first.box, second.box], options=EXACT)
     np.testing.assert_array_equal(fits[0].identity, fits[1].identity)
     for fit, face in zip(fits, (first, second), strict=True):
         np.testing.assert_allclose(fit.identity, face.identity, atol=0.1)
@@ -114,7 +115,7 @@ def test_a_joint_fit_has_one_identity_and_an_expression_for_each_photograph() ->
 def test_a_joint_fit_takes_the_largest_face_and_names_the_photograph_without_one(face: PhotographedFace) -> None:
     small = FaceBox(5, 5, 20, 20)
     found = Pix2Face(exact_predictor(MODEL, [face.maps()]), MODEL, SureDetector([face.box, small]), refine=False)
-    (fit,) = found.fit_joint([face.photograph()], regularisation=EXACT, silhouette=False)
+    (fit,) = found.fit_joint([face.photograph()], options=EXACT)
     np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.1)
     with pytest.raises(DegenerateGeometryError, match="no face found in photograph 0"):
         Pix2Face(exact_predictor(MODEL, [face.maps()]), MODEL, SureDetector([])).fit_joint([face.photograph()])

@@ -67,8 +67,7 @@ class ValidationSet:
         for number in self.numbers.tolist():
             sample = self._samples.get(number)
             if self._recipe.cropping == "full":
-                crop = inference_crop(sample.landmarks2d, self._recipe)
-                found.append(crop.to_crop(sample.landmarks2d))
+                found.append(inference_crop(sample.landmarks2d, self._recipe).to_crop(sample.landmarks2d))
             else:
                 found.append(sample.landmarks2d - middle_corner(sample, self._recipe.size_px))
         return np.stack(found).astype(np.float32)

@@ -1,20 +1,16 @@
 """How good the network is on faces that it is not trained on."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 import torch
 from jaxtyping import Float32
-from numpy import ndarray
 from torch import Tensor, nn
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.least_squares.regularisation import PREDICTED_MAPS_REGULARISATION
 from pix2face.geometry.landmark_metrics import nme
-from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import read_planes
@@ -73,8 +69,7 @@ class Validator:
 
     Args:
         header: What the network's checkpoint would say of it.
-        batches: From a batch's size to the samples.
-        landmarks2d: Of these, in the same order, pixels of the network's input.
+        held_out: The samples.
         model: The morphable model to fit; None measures the maps alone.
         every: So many samples of training lie between two measurements; None measures after each epoch.
     """
@@ -82,13 +77,11 @@ class Validator:
     def __init__(
         self,
         header: CheckpointHeader,
-        batches: Callable[[int], Iterator[Batch]],
-        landmarks2d: Float32[ndarray, "n 68 2"],
+        held_out: ValidationSet,
         model: MorphableModel | None,
         every: int | None = None,
     ) -> None:
-        self._header, self._batches, self._landmarks2d = header, batches, landmarks2d
-        self._model, self._every = model, every
+        self._header, self._held_out, self._model, self._every = header, held_out, model, every
 
     @property
     def scales_mm(self) -> tuple[float, float]:
@@ -109,7 +102,7 @@ class Validator:
 
     def first_batch(self) -> Batch:
         """Some samples, to look at."""
-        return next(self._batches(BATCH_SIZE))
+        return next(self._held_out.batches(BATCH_SIZE))
 
     def scores(self, network: nn.Module) -> Scores:
         """Measures a network; it is left in the state in which it was."""
@@ -118,11 +111,10 @@ class Validator:
         rows: list[tuple[float, ...]] = []
         network.eval()
         with torch.inference_mode():
-            for batch in self._batches(BATCH_SIZE):
+            for batch in self._held_out.batches(BATCH_SIZE):
                 planes = network(network_input(batch.to(device))).float().cpu()
                 for own, sample in zip(planes, range(len(batch)), strict=True):
-                    landmarks2d = self._landmarks2d[len(rows)]
-                    rows.append(self._measure(own, batch.rows(sample, sample + 1), landmarks2d))
+                    rows.append(self._measure(own, batch.rows(sample, sample + 1), len(rows)))
         network.train(was_training)
         pncc_mm, offset_mm, zero_mm, iou, error = (float(mean) for mean in np.array(rows).mean(axis=0))
         return Scores(
@@ -133,9 +125,7 @@ class Validator:
             nme=None if self._model is None else error,
         )
 
-    def _measure(
-        self, planes: Float32[Tensor, "planes s s"], truth: Batch, landmarks2d: Float32[ndarray, "68 2"]
-    ) -> tuple[float, ...]:
+    def _measure(self, planes: Float32[Tensor, "planes s s"], truth: Batch, index: int) -> tuple[float, ...]:
         mask = truth.mask[0].bool()
         size = mask.sum().clamp(min=1)
         errors_mm = []
@@ -144,15 +134,15 @@ class Validator:
             true_mm = steps[0] / FIXED_POINT_STEPS_PER_MM
             errors_mm.append(float((predicted * scale_mm - true_mm).norm(dim=0)[mask].sum() / size))
         zero_mm = float((truth.offset[0] / FIXED_POINT_STEPS_PER_MM).norm(dim=0)[mask].sum() / size)
-        found = read_planes(np.ascontiguousarray(planes.permute(1, 2, 0).numpy()), self._header)
+        found = read_planes(np.ascontiguousarray(planes.permute(1, 2, 0).numpy()), self._header).maps
         true_mask = mask.numpy()
-        union = (found.maps.mask | true_mask).sum()
-        iou = float((found.maps.mask & true_mask).sum() / max(union, 1))
+        union = (found.mask | true_mask).sum()
+        iou = float((found.mask & true_mask).sum() / max(union, 1))
         error = 0.0
         if self._model is not None:
             try:
-                fit = fit_face(found.maps, self._model, regularisation=PREDICTED_MAPS_REGULARISATION, scheme=IBUG68)
-                error = min(nme(fit.landmarks2d, landmarks2d, "box-sqrt"), NME_OF_FAILURE)
+                fit = fit_face(found, self._model)
+                error = min(nme(fit.landmarks2d, self._held_out.landmarks2d[index], "box-sqrt"), NME_OF_FAILURE)
             except DegenerateGeometryError:
                 error = NME_OF_FAILURE
         return *errors_mm, zero_mm, iou, error
@@ -168,11 +158,9 @@ def validator_of(held_out: ShardIndex, recipe: Recipe, most: int, every: int | N
         every: So many samples of training lie between two measurements; None measures after each epoch.
     """
     builtin = builtin_model()
-    found = ValidationSet(held_out, recipe, most)
     return Validator(
         checkpoint_header(held_out, recipe, "", 0, 0),
-        found.batches,
-        found.landmarks2d,
+        ValidationSet(held_out, recipe, most),
         builtin if builtin.sha256 == held_out.model_sha256 else None,
         every,
     )

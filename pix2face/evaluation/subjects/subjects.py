@@ -1,9 +1,9 @@
 """What an evaluation can measure: a network with a fit, another system's file, or the model fitted to the truth."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import Any, Protocol, final, runtime_checkable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
@@ -12,15 +12,14 @@ from numpy import ndarray
 from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
-from pix2face.fitting.face_fit import CameraKind, fit_face
+from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
 from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
-from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION
 from pix2face.geometry.camera import Camera, head_pose
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
-from pix2face.landmark_choice.contour_landmarks import contour_landmarks2d
 from pix2face.models.morphable_model import MorphableModel
 
 
@@ -122,8 +121,6 @@ class FittedFace(Protocol):
 Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FittedFace]
 # The box that a face is looked for in; raises DegenerateGeometryError where there is none.
 BoxRule = Callable[[BenchmarkFace], FaceBox]
-# Which landmarks of a fit are compared: fixed points of the model, or jaw points on the visible outline.
-LandmarksOf = Callable[[Any], Float64[ndarray, "68 2"]]
 
 # A benchmark states the poses of the very model that is fitted.
 OWN_FRAME = np.eye(3)
@@ -132,11 +129,6 @@ OWN_FRAME = np.eye(3)
 def true_box(face: BenchmarkFace) -> FaceBox:
     """The tight box of the true landmarks: the rule of the benchmarks here."""
     return FaceBox.around(face.landmarks2d)
-
-
-def fitted_landmarks(fitted: FittedFace) -> Float64[ndarray, "68 2"]:
-    """The landmarks of a fit: fixed points of the model."""
-    return np.asarray(fitted.landmarks2d, dtype=np.float64)
 
 
 @final
@@ -148,14 +140,12 @@ class NetworkSubject:
         predictor: Picture and box to maps.
         fit: Maps to a fitted face; raises DegenerateGeometryError where they hold none.
         box_rule: Where it looks.
-        landmarks_of: The landmarks of a fit, in the picture.
         model_from_stated: As ``pose_of``: what face the benchmark's poses are of.
     """
 
     predictor: MapPredictor
     fit: Fit
     box_rule: BoxRule = true_box
-    landmarks_of: LandmarksOf = fitted_landmarks
     model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
     method = "network"
     needs_images = True
@@ -183,7 +173,7 @@ class NetworkSubject:
             fitted = self.fit(prediction.maps, image_centre).in_image(prediction.crop)
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error), maps=prediction.maps, crop=prediction.crop)
-        return _found(fitted, self.landmarks_of, self.model_from_stated, prediction)
+        return _found(fitted, self.model_from_stated, prediction)
 
 
 @final
@@ -227,21 +217,19 @@ class OracleSubject:
 
     Attributes:
         model: What is fitted.
-        slides_jaw: Whether jaw points slide to the visible outline.
-        camera: Of the fit to maps; landmarks are fitted by weak perspective.
+        options: Of these, the contour, and the camera of the fit to maps; landmarks are fitted by weak perspective.
         model_from_stated: As ``pose_of``.
     """
 
     model: MorphableModel
-    slides_jaw: bool = False
-    camera: CameraKind = "weak-perspective"
+    options: FitOptions = DEFAULT_FIT
     model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
     method = "oracle"
     needs_images = False
 
     @cached_property
     def _contour(self) -> JawContour | None:
-        return JawContour.of(self.model) if self.slides_jaw else None
+        return JawContour.of(self.model) if self.options.contour == "2d" else None
 
     def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
         """Fits each face."""
@@ -250,11 +238,8 @@ class OracleSubject:
     def _fit(self, face: BenchmarkFace) -> FoundFace:
         try:
             if face.maps is not None:
-                landmarks_of = partial(contour_landmarks2d, model=self.model) if self.slides_jaw else fitted_landmarks
-                fitted_maps = fit_face(
-                    face.maps, self.model, camera_kind=self.camera, regularisation=EXACT_MAPS_REGULARISATION
-                )
-                return _found(fitted_maps, landmarks_of, self.model_from_stated)
+                exactly = replace(self.options, regularisation=EXACT_MAPS_REGULARISATION, silhouette=False)
+                return _found(fit_face(face.maps, self.model, exactly), self.model_from_stated)
             fitted = fit_landmarks(self.model, face.landmarks2d, contour=self._contour)
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error))
@@ -283,12 +268,11 @@ def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRA
 
 def _found(
     fitted: FittedFace,
-    landmarks_of: LandmarksOf,
     model_from_stated: Float64[ndarray, "3 3"],
     prediction: PredictedMaps | None = None,
 ) -> FoundFace:
     return FoundFace(
-        landmarks2d=landmarks_of(fitted),
+        landmarks2d=np.asarray(fitted.landmarks2d, dtype=np.float64),
         landmarks3d=np.asarray(fitted.landmarks3d, dtype=np.float64),
         pose_deg=pose_of(fitted.camera, model_from_stated),
         maps=None if prediction is None else prediction.maps,

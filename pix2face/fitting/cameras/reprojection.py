@@ -8,8 +8,6 @@ from pix2face.fitting.least_squares.linear_system import ImageSystem
 from pix2face.fitting.localise import VertexPixels
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 
-MOST_ROUNDS = 100
-
 
 def with_reprojection(
     camera: Camera,

@@ -14,6 +14,7 @@ from pix2face.geometry.camera import HeadPose
 from pix2face.models.model_file import write_stored_model
 from pix2face.models.morphable_model import MorphableModel, load_model
 from pix2face.shards.shard_reader import ShardReader, shard_paths
+from tests.fits import paper_fit
 from tests.model_files import stored_small_head
 from tests.pix2face.fitting.rendered_faces import render_known_face
 
@@ -51,7 +52,7 @@ def test_faces_are_rendered(tmp_path: Path, path: Path) -> None:
 
 def test_maps_are_fitted(model: MorphableModel) -> None:
     known = render_known_face(model, HeadPose(5, 20, -3), 1, perspective=False)
-    fit = fit_face(known.maps, model, camera_kind="affine", regularisation=1.0)
+    fit = fit_face(known.maps, model, paper_fit(camera="affine", regularisation=1.0))
     assert fit.expression.shape == (0,)
     assert np.linalg.norm(fit.vertices - known.vertices, axis=1)[model.is_face_vertex].mean() < 1
 

@@ -177,9 +177,9 @@ def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small
     """A checkpoint's own landmarks stand for how people annotate photographs."""
     measured = []
 
-    def fit(maps, model, **options):
+    def fit(maps, model, *options, **more):
         measured.append(model.landmarks["ibug68"])
-        return fit_face(maps, model, **options)
+        return fit_face(maps, model, *options, **more)
 
     monkeypatch.setattr("pix2face.evaluation.subjects.measured_subject.fit_face", fit)
     write_ibug(tmp_path)

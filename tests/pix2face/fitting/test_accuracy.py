@@ -3,9 +3,10 @@
 import pytest
 
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION
+from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION
 from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.closed_loop import MODELS, measure, summary
+from tests.fits import paper_fit
 
 N_FACES = 4
 
@@ -18,8 +19,7 @@ def test_exact_maps_give_the_face_back(kind):
         return fit_face(
             maps,
             model,
-            camera_kind=kind,
-            regularisation=EXACT_MAPS_REGULARISATION,
+            paper_fit(camera=kind, regularisation=EXACT_MAPS_REGULARISATION),
             principal_point_px=face.principal_point_px,
         )
 
@@ -37,6 +37,6 @@ def test_exact_maps_give_the_face_back(kind):
 @pytest.mark.parametrize("name", ["builtin", "full-size"])
 def test_noise_and_gross_outliers_leave_visible_landmarks_within_half_a_percent(name):
     model = MODELS[name]()
-    errors = summary(measure(model, N_FACES, lambda _, maps: fit_face(maps, model), 1.0, 0.05))
+    errors = summary(measure(model, N_FACES, lambda _, maps: fit_face(maps, model, paper_fit()), 1.0, 0.05))
     assert errors["visible_landmarks_percent"]["largest"] < 0.5
     assert errors["visible_vertices_mean_mm"]["largest"] < 0.5

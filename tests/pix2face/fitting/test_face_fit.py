@@ -7,13 +7,14 @@ import pytest
 
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.least_squares.regularisation import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
+from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.prepared_model import evenly_spread
 from pix2face.geometry.camera import HeadPose, head_pose, pinhole_of
 from pix2face.geometry.crops import FaceBox, square_crop
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import rasterise
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, render_known_face
 from tests.synthetic_models import small_head_model
 
@@ -37,8 +38,7 @@ def test_closed_loop(model, index, kind):
     fit = fit_face(
         face.maps,
         model,
-        camera_kind=kind,
-        regularisation=EXACT_MAPS_REGULARISATION,
+        paper_fit(camera=kind, regularisation=EXACT_MAPS_REGULARISATION),
         principal_point_px=face.principal_point_px,
     )
     tolerance = 1e-3 * face.eye_distance_px(model)  # 0.1 % of the eye distance
@@ -62,8 +62,7 @@ def test_closed_loop_of_the_builtin_model(index, kind):
     fit = fit_face(
         face.maps,
         model,
-        camera_kind=kind,
-        regularisation=EXACT_MAPS_REGULARISATION,
+        paper_fit(camera=kind, regularisation=EXACT_MAPS_REGULARISATION),
         principal_point_px=face.principal_point_px,
     )
     tolerance = 1e-3 * face.eye_distance_px(model)
@@ -88,7 +87,7 @@ def visible_landmarks(face, model):
 def test_pinhole_gives_the_focal_length_back(model):
     face = render_known_face(model, HeadPose(0, 25, 0), 5, perspective=True)
     fit = fit_face(
-        face.maps, model, camera_kind="pinhole", regularisation=1e-3, principal_point_px=face.principal_point_px
+        face.maps, model, paper_fit(camera="pinhole", regularisation=1e-3), principal_point_px=face.principal_point_px
     )
     assert pinhole_of(fit.camera).focal_px == pytest.approx(pinhole_of(face.camera).focal_px, rel=1e-3)
 
@@ -102,7 +101,7 @@ def test_every_camera_survives_outliers(model):
     pncc[wrong] = values[rng.integers(len(values), size=wrong.sum())]
     maps = replace(face.maps, pncc=pncc)
     yaws = {
-        kind: head_pose(fit_face(maps, model, camera_kind=kind, regularisation=1.0).camera).yaw_deg
+        kind: head_pose(fit_face(maps, model, paper_fit(camera=kind, regularisation=1.0)).camera).yaw_deg
         for kind in ("affine", "weak-perspective", "pinhole", "auto")
     }
     for yaw in yaws.values():
@@ -118,14 +117,14 @@ def test_predicted_regularisation_serves_smooth_noise(model):
         noise = np.kron(rng.normal(size=(9, 9, 3)) * 3, np.ones((32, 32, 1)))[:256, :256].astype(np.float32)
         maps = replace(face.maps, offset=(face.maps.offset + noise) * face.maps.mask[..., None])
         for factor in errors:
-            fit = fit_face(maps, model, regularisation=factor * PREDICTED_MAPS_REGULARISATION)
+            fit = fit_face(maps, model, paper_fit(regularisation=factor * PREDICTED_MAPS_REGULARISATION))
             errors[factor].append(np.linalg.norm(fit.vertices - face.vertices, axis=1).mean())
     assert np.mean(errors[1.0]) <= np.mean(errors[1e-4])
     assert np.mean(errors[1.0]) < np.mean(errors[1e4])
 
 
 def test_in_image_moves_everything(model, frontal):
-    fit = fit_face(frontal.maps, model, regularisation=1e-3)
+    fit = fit_face(frontal.maps, model, paper_fit(regularisation=1e-3))
     crop = square_crop(FaceBox(300, 200, 420, 360), 1.4, 256, rotation=0.3)
     moved = fit.in_image(crop)
     np.testing.assert_allclose(moved.landmarks2d, crop.to_image(fit.landmarks2d))
@@ -136,25 +135,29 @@ def test_in_image_moves_everything(model, frontal):
 def test_bad_maps_have_a_name(model, frontal):
     empty = FaceMaps(frontal.maps.pncc * 0, frontal.maps.offset * 0, np.zeros((256, 256), dtype=bool))
     with pytest.raises(DegenerateGeometryError, match="only background"):
-        fit_face(empty, model, regularisation=1.0)
+        fit_face(empty, model, paper_fit(regularisation=1.0))
     few = np.zeros((256, 256), dtype=bool)
     few[128, 100:120] = True
     with pytest.raises(DegenerateGeometryError, match="at least 50 valid pixels in the maps, found 20"):
-        fit_face(replace(frontal.maps, mask=few), model, regularisation=1.0)
+        fit_face(replace(frontal.maps, mask=few), model, paper_fit(regularisation=1.0))
     with pytest.raises(DegenerateGeometryError, match="not finite"):
-        fit_face(replace(frontal.maps, offset=frontal.maps.offset * np.float32(np.nan)), model, regularisation=1.0)
+        fit_face(
+            replace(frontal.maps, offset=frontal.maps.offset * np.float32(np.nan)), model, paper_fit(regularisation=1.0)
+        )
 
 
 def test_constant_maps_have_a_name(model, frontal):
     constant = np.full_like(frontal.maps.pncc, 60)
     for kind in ("affine", "weak-perspective", "pinhole"):
         with pytest.raises(DegenerateGeometryError):
-            fit_face(replace(frontal.maps, pncc=constant, offset=constant), model, camera_kind=kind, regularisation=1.0)
+            fit_face(
+                replace(frontal.maps, pncc=constant, offset=constant), model, paper_fit(camera=kind, regularisation=1.0)
+            )
 
 
 def test_unknown_landmarks_are_refused(model, frontal):
     with pytest.raises(UsageError, match=r"'menpo84'.*found \['ibug68'\]"):
-        fit_face(frontal.maps, model, regularisation=1.0, scheme="menpo84")
+        fit_face(frontal.maps, model, paper_fit(regularisation=1.0), scheme="menpo84")
 
 
 def test_evenly_spread():

@@ -6,6 +6,7 @@ from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.joint_fit import fit_joint
 from pix2face.fitting.prepared_model import VertexGrid, patches_of, prepared_model
 from pix2face.geometry.camera import HeadPose
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.pix2face.fitting.test_noise import alike_over_patches
 from tests.synthetic_models import small_head_model
@@ -24,7 +25,10 @@ def pictures(identity_seed, yaws, noise_mm):
 
 def test_one_picture_jointly_is_one_picture():
     ((_, maps),) = pictures(1, [20], 0.5)
-    joint, alone = fit_joint([maps], MODEL, regularisation=3.0), fit_face(maps, MODEL, regularisation=3.0)
+    joint, alone = (
+        fit_joint([maps], MODEL, paper_fit(regularisation=3.0)),
+        fit_face(maps, MODEL, paper_fit(regularisation=3.0)),
+    )
     np.testing.assert_allclose(joint.identity, alone.identity, atol=1e-6)
     np.testing.assert_allclose(joint.fits[0].expression, alone.expression, atol=1e-6)
     np.testing.assert_allclose(joint.fits[0].landmarks2d, alone.landmarks2d, atol=1e-6)
@@ -35,7 +39,7 @@ def test_more_pictures_tell_the_identity_better():
     for seed in range(4):
         seen = pictures(seed, [-50, 40, 0, 20, -25, 60], 1.5)
         for n in errors:
-            fit = fit_joint((maps for _, maps in seen[:n]), MODEL)
+            fit = fit_joint((maps for _, maps in seen[:n]), MODEL, paper_fit())
             errors[n].append(np.sqrt(np.mean((fit.identity - seen[0][0].identity) ** 2)))
             assert all(np.array_equal(own.identity, fit.identity) for own in fit.fits)
     means = [np.mean(errors[n]) for n in (1, 2, 6)]
@@ -47,16 +51,17 @@ def test_a_noisy_picture_counts_less():
     (face, good), (_, other) = pictures(3, [0, 30], 0.1)
     bad = alike_over_patches(other, 8.0, 1)
     errors = [
-        np.linalg.norm(fit_joint([good, bad], MODEL, regularisation=r).identity - face.identity) for r in (None, 10.0)
+        np.linalg.norm(fit_joint([good, bad], MODEL, paper_fit(regularisation=r)).identity - face.identity)
+        for r in ("estimate", 10.0)
     ]
     assert errors[0] < errors[1]
 
 
 def test_bad_input_is_refused():
     with pytest.raises(DegenerateGeometryError, match="found none"):
-        fit_joint([], MODEL)
+        fit_joint([], MODEL, paper_fit())
     with pytest.raises(UsageError, match="menpo84"):
-        fit_joint([], MODEL, scheme="menpo84")
+        fit_joint([], MODEL, paper_fit(), scheme="menpo84")
 
 
 def test_the_grid_knows_the_nearest_vertex():

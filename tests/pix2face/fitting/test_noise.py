@@ -9,6 +9,7 @@ from pix2face.fitting.noise import WHITE_NOISE_IS_STRONG_MM, white_noise_mm, wit
 from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.geometry.camera import HeadPose
 from tests.benchmarks.closed_loop import with_noise
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.synthetic_models import small_head_model
 
@@ -28,9 +29,7 @@ def alike_over_patches(maps, noise_mm, seed, size_px=32):
 
 
 def estimate(maps):
-    return measure_picture(
-        maps, MODEL, camera_kind="affine", regularisation=None, principal_point_px=None
-    ).regularisation
+    return measure_picture(maps, MODEL, paper_fit(camera="affine"), principal_point_px=None).regularisation
 
 
 @pytest.mark.parametrize("noise_mm", [0.1, 0.5, 2.0])
@@ -83,16 +82,16 @@ def test_the_estimate_is_nearly_as_good_as_the_best_constant(faces, alike, noise
         for seed, face in enumerate(faces):
             make = alike_over_patches(face.maps, noise_mm, seed) if alike else None
             maps = with_noise(face.maps, MODEL, noise_mm, 0, seed) if make is None else make
-            fit = fit_face(maps, MODEL, regularisation=regularisation)
+            fit = fit_face(maps, MODEL, paper_fit(regularisation=regularisation))
             total += float(np.linalg.norm(fit.vertices - face.vertices, axis=1).mean())
         return total
 
-    assert error(None) < 1.15 * min(error(constant) for constant in np.geomspace(1e-3, 1e3, 7))
+    assert error("estimate") < 1.15 * min(error(constant) for constant in np.geomspace(1e-3, 1e3, 7))
 
 
 def test_gross_errors_with_noise_leave_visible_landmarks_in_place(faces):
     for seed, face in enumerate(faces):
-        fit = fit_face(with_noise(face.maps, MODEL, 1.0, 0.05, seed), MODEL)
+        fit = fit_face(with_noise(face.maps, MODEL, 1.0, 0.05, seed), MODEL, paper_fit())
         seen = face.is_visible(MODEL)[MODEL.landmarks["ibug68"]]
         errors = np.linalg.norm(fit.landmarks2d - face.landmarks2d(MODEL), axis=1)[seen]
         assert errors.mean() < 0.005 * face.eye_distance_px(MODEL)
@@ -102,4 +101,4 @@ def test_maps_that_are_not_finite_are_still_refused(faces):
     maps = with_noise(faces[0].maps, MODEL, 1.0, 0, 0)
     maps.offset[128, 128] = np.nan
     with pytest.raises(DegenerateGeometryError, match="finite"):
-        fit_face(maps, MODEL)
+        fit_face(maps, MODEL, paper_fit())

@@ -14,6 +14,7 @@ from pix2face.geometry.camera import (
     nearest_weak_perspective,
     weak_perspective_camera,
 )
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, render_known_face
 from tests.synthetic_models import small_head_model
 
@@ -38,7 +39,7 @@ def test_pose_comes_back(angles, translation, scale, height):
 def test_pose_parameters_of_a_fit_place_the_face_as_300w_lp_does():
     """Their formula (points_of_pose, in their 1-based pixels) with our numbers lands where our camera does."""
     face = render_known_face(MODEL, HeadPose(10, -35, 20), 4, perspective=False)
-    fit = fit_face(face.maps, MODEL)
+    fit = fit_face(face.maps, MODEL, paper_fit())
     pose = pose_of_camera(fit.camera, SIZE_PX)
     points = fit.vertices.astype(np.float64)
     posed = points_of_pose(1000 * points, pose, SIZE_PX)
@@ -60,7 +61,7 @@ def test_pose_parameters_of_a_fit_place_the_face_as_300w_lp_does():
 )
 def test_signs_in_words(pose, moves):
     face = render_known_face(MODEL, pose, 5, perspective=False, spread=0.3)
-    camera = fit_face(face.maps, MODEL).camera
+    camera = fit_face(face.maps, MODEL, paper_fit()).camera
     found = head_pose(camera)
     np.testing.assert_allclose(
         [found.pitch_deg, found.yaw_deg, found.roll_deg], [pose.pitch_deg, pose.yaw_deg, pose.roll_deg], atol=0.2
@@ -72,7 +73,7 @@ def test_signs_in_words(pose, moves):
 
 def test_weak_perspective_of_a_fit_is_the_camera_itself():
     face = render_known_face(MODEL, HeadPose(0, 50, 0), 6, perspective=False)
-    camera = fit_face(face.maps, MODEL, regularisation=1.0).camera
+    camera = fit_face(face.maps, MODEL, paper_fit(regularisation=1.0)).camera
     parameters = nearest_weak_perspective(camera)
     assert isinstance(parameters, WeakPerspective)
     np.testing.assert_allclose(weak_perspective_camera(parameters).matrix, camera.matrix, atol=1e-9)

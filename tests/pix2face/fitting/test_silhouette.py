@@ -15,6 +15,7 @@ from pix2face.fitting.silhouette import SLACK_PX, FaceSurface, OutsideDistance, 
 from pix2face.geometry.camera import HeadPose, head_pose, nearest_weak_perspective
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import builtin_model
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, KnownFace, render_known_face
 
 MODEL = builtin_model()
@@ -101,7 +102,7 @@ def test_what_pncc_gets_wrong_over_patches_the_mask_puts_right(turned: KnownFace
     faults = []
     for seed in range(8):
         maps = with_smooth_errors(turned, seed)
-        fits = [fit_face(maps, MODEL, regularisation=20.0, silhouette=own) for own in (False, True)]
+        fits = [fit_face(maps, MODEL, paper_fit(regularisation=20.0, silhouette=own)) for own in (False, True)]
         faults.append([[abs(head_pose(own.camera).yaw_deg - 50), landmark_error_px(turned, own)] for own in fits])
     (plain_yaw, plain_px), (held_yaw, held_px) = np.mean(faults, axis=0)
     assert held_yaw < 0.75 * plain_yaw
@@ -132,7 +133,7 @@ def test_the_mesh_moves_into_the_mask(turned: KnownFace) -> None:
 @pytest.mark.parametrize("yaw_deg", [0, 50, 90])
 def test_exact_maps_stay_exact(yaw_deg: float) -> None:
     face = render_known_face(MODEL, HeadPose(-5, yaw_deg, 10), 9, perspective=False)
-    assert landmark_error_px(face, fit_face(face.maps, MODEL, regularisation=1e-3, silhouette=True)) < 0.3
+    assert landmark_error_px(face, fit_face(face.maps, MODEL, paper_fit(regularisation=1e-3, silhouette=True))) < 0.3
 
 
 def test_gross_errors_do_not_pull_the_camera(turned: KnownFace) -> None:
@@ -141,7 +142,7 @@ def test_gross_errors_do_not_pull_the_camera(turned: KnownFace) -> None:
     pncc = turned.maps.pncc.copy()
     pncc[turned.maps.mask & (rng.random(turned.maps.mask.shape) < 0.05)] += np.float32(40)
     maps = replace(turned.maps, pncc=pncc)
-    assert landmark_error_px(turned, fit_face(maps, MODEL, regularisation=1.0, silhouette=True)) < 1
+    assert landmark_error_px(turned, fit_face(maps, MODEL, paper_fit(regularisation=1.0, silhouette=True))) < 1
 
 
 def test_the_camera_goes_by_what_is_seen(turned: KnownFace) -> None:
@@ -154,7 +155,7 @@ def test_the_camera_goes_by_what_is_seen(turned: KnownFace) -> None:
     known = replace(unknown, seen=unknown.mask & ~hidden)
     for silhouette in (False, True):
         errors = [
-            landmark_error_px(turned, fit_face(maps, MODEL, regularisation=20.0, silhouette=silhouette))
+            landmark_error_px(turned, fit_face(maps, MODEL, paper_fit(regularisation=20.0, silhouette=silhouette)))
             for maps in (unknown, known)
         ]
         assert errors[1] < 0.6 * errors[0], silhouette
@@ -164,14 +165,15 @@ def test_too_little_that_is_seen_is_no_better_than_all(turned: KnownFace) -> Non
     seen = np.zeros_like(turned.maps.mask)
     seen[100:110, 100:110] = True
     few = replace(turned.maps, seen=seen & turned.maps.mask)
-    fits = [fit_face(maps, MODEL, regularisation=20.0) for maps in (turned.maps, few)]
+    fits = [fit_face(maps, MODEL, paper_fit(regularisation=20.0)) for maps in (turned.maps, few)]
     np.testing.assert_array_equal(fits[0].landmarks2d, fits[1].landmarks2d)
 
 
 @pytest.mark.parametrize("kind", ["affine", "pinhole"])
 def test_other_cameras_are_not_changed(turned: KnownFace, kind: str) -> None:
     fits = [
-        fit_face(turned.maps, MODEL, camera_kind=kind, regularisation=20.0, silhouette=own) for own in (False, True)
+        fit_face(turned.maps, MODEL, paper_fit(camera=kind, regularisation=20.0, silhouette=own))
+        for own in (False, True)
     ]
     np.testing.assert_array_equal(fits[0].landmarks2d, fits[1].landmarks2d)
 
@@ -179,7 +181,7 @@ def test_other_cameras_are_not_changed(turned: KnownFace, kind: str) -> None:
 def test_a_choice_of_cameras_is_held_where_it_falls_on_weak_perspective(turned: KnownFace) -> None:
     maps = with_smooth_errors(turned, 0)
     plain, held = (
-        fit_face(maps, MODEL, camera_kind="auto", regularisation=20.0, silhouette=own) for own in (False, True)
+        fit_face(maps, MODEL, paper_fit(camera="auto", regularisation=20.0, silhouette=own)) for own in (False, True)
     )
     assert held.camera.is_affine
     assert landmark_error_px(turned, held) < 0.95 * landmark_error_px(turned, plain)
@@ -187,5 +189,5 @@ def test_a_choice_of_cameras_is_held_where_it_falls_on_weak_perspective(turned: 
 
 def test_a_joint_fit_is_held_as_well(turned: KnownFace) -> None:
     maps = [with_smooth_errors(turned, seed) for seed in range(3)]
-    plain, held = (fit_joint(maps, MODEL, regularisation=20.0, silhouette=own).fits for own in (False, True))
+    plain, held = (fit_joint(maps, MODEL, paper_fit(regularisation=20.0, silhouette=own)).fits for own in (False, True))
     assert sum(landmark_error_px(turned, fit) for fit in held) < sum(landmark_error_px(turned, fit) for fit in plain)

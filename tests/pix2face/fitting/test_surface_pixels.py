@@ -9,6 +9,7 @@ from pix2face.fitting.localise import valid_pixel_values
 from pix2face.fitting.surface_pixels import _place_on_surface, surface_rows
 from pix2face.geometry.camera import HeadPose
 from tests.benchmarks.closed_loop import MODELS, measure, summary, with_noise
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.synthetic_models import small_head_model
 
@@ -43,7 +44,7 @@ def test_rows_explain_the_offsets_to_the_rounding_of_the_maps():
 @pytest.mark.parametrize(("name", "n_faces"), [("builtin", 4), ("full-size", 3)])
 def test_exact_maps_give_everything_back(name, n_faces):
     model = MODELS[name]()
-    errors = summary(measure(model, n_faces, lambda _, maps: fit_face(maps, model, constraints="surface")))
+    errors = summary(measure(model, n_faces, lambda _, maps: fit_face(maps, model, paper_fit(), constraints="surface")))
     assert errors["reprojection_rms_px"]["largest"] < 0.005
     assert errors["visible_landmarks_percent"]["largest"] < 0.005
     assert errors["occluded_landmarks_percent"]["mean"] < 0.05
@@ -53,8 +54,8 @@ def test_exact_maps_give_everything_back(name, n_faces):
 def test_misuse_is_refused():
     face = render_known_face(MODEL, HeadPose(0, 30, 0), 2, perspective=False)
     with pytest.raises(UsageError, match="reprojection"):
-        fit_face(face.maps, MODEL, constraints="surface", reprojection_rounds=1)
+        fit_face(face.maps, MODEL, paper_fit(reprojection_rounds=1), constraints="surface")
     far_off = with_noise(face.maps, MODEL, 0, 0, 0)
     far_off.pncc[:] *= np.float32(1.1)
     with pytest.raises(DegenerateGeometryError, match="found none"):
-        fit_face(far_off, MODEL, constraints="surface")
+        fit_face(far_off, MODEL, paper_fit(), constraints="surface")

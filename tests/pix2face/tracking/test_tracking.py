@@ -30,6 +30,7 @@ from pix2face.tracking.face_tracks import FaceTracker, FrameBox, boxes_of_every_
 from pix2face.tracking.smoothing import open_smoother
 from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
 from pix2face.tracking.video import FrameSource, open_frames
+from tests.fits import paper_fit
 from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces, true_landmarks
 from tests.synthetic_models import small_head_model
 
@@ -225,7 +226,9 @@ def test_the_identity_of_a_clip_is_that_of_all_frames_together_and_expressions_f
         vertices = model.vertices(identity[None], expression[None])[0]
         crop = square_crop(FaceBox.around(camera.project(vertices[model.landmarks["ibug68"]])), 1.4, 128)
         maps = render_maps(model, vertices, crop_camera(camera, crop), 128, 128).face_maps
-        own = measure_picture(maps, model, camera_kind="weak-perspective", regularisation=1e-3, principal_point_px=None)
+        own = measure_picture(
+            maps, model, paper_fit(camera="weak-perspective", regularisation=1e-3), principal_point_px=None
+        )
         joint.add(own.system, own.regularisation)
         measured.append(own)
         truth.append(expression)

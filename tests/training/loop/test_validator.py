@@ -42,7 +42,7 @@ class Oracle(nn.Module):
 def measured(shards, change) -> Scores:
     held_out = ValidationSet(shards, RECIPE)
     header = checkpoint_header(shards, RECIPE, "", 0, 0)
-    validator = Validator(header, held_out.batches, held_out.landmarks2d, small_head_model())
+    validator = Validator(header, held_out, small_head_model())
     return validator.scores(Oracle(list(held_out.batches(16)), header, change))
 
 

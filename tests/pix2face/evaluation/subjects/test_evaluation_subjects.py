@@ -14,6 +14,7 @@ from pix2face.evaluation.benchmarks.detection_boxes import DetectedBox
 from pix2face.evaluation.evaluator import Evaluator, evaluate_faces
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
 from pix2face.evaluation.subjects.subjects import NetworkSubject, OracleSubject, PredictionsSubject
+from pix2face.fitting.fit_options import FitOptions
 from pix2face.fitting.jaw_contour import JawContour
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import FaceBox
@@ -163,15 +164,18 @@ def test_the_oracle_comes_as_near_to_true_landmarks_as_the_model_can():
 
 def test_the_oracle_lets_jaw_points_slide_where_the_outline_was_annotated():
     _, camera = random_face(yaw_deg=45.0)
-    contour = JawContour.of(MODEL)
+    jaw = JawContour.of(MODEL)
     coefficients = np.zeros(MODEL.n_identity + MODEL.n_expression)
     landmarks2d = camera.project(MODEL.mean[MODEL.landmarks["ibug68"]])
-    chosen = contour.outermost(camera, coefficients)
-    landmarks2d[:17] = camera.project(contour.mean[chosen])
+    chosen = jaw.outermost(camera, coefficients)
+    landmarks2d[:17] = camera.project(jaw.mean[chosen])
     true = face(landmarks2d=landmarks2d)
     fixed, sliding = (
-        Evaluator(MODEL, OracleSubject(MODEL, slides_jaw), "box-sqrt").evaluate([true])[0].landmark_errors[:17].mean()
-        for slides_jaw in (False, True)
+        Evaluator(MODEL, OracleSubject(MODEL, FitOptions(contour=contour)), "box-sqrt")
+        .evaluate([true])[0]
+        .landmark_errors[:17]
+        .mean()
+        for contour in ("off", "2d")
     )
     assert sliding < 0.5 * fixed
 

@@ -10,6 +10,7 @@ from pix2face.evaluation.report.evaluation_report import EvaluationSettings, mak
 from pix2face.evaluation.report.report_text import report_notes
 from pix2face.evaluation.subjects.subjects import FoundFace, OracleSubject
 from pix2face.evaluation.subjects.truth_errors import compare_coefficients, compare_maps
+from pix2face.fitting.fit_options import FitOptions
 from pix2face.geometry.camera import HeadPose, head_pose
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.synthetic_models import small_head_model
@@ -66,7 +67,7 @@ def test_the_oracle_fits_the_camera_that_is_asked_for():
     known = render_known_face(MODEL, HeadPose(0.0, 25.0, 0.0), 5, perspective=True)
     true = BenchmarkFace(**{**vars(face(maps=known.maps)), "landmarks2d": known.landmarks2d(MODEL)})
     weak, affine = (
-        Evaluator(MODEL, OracleSubject(MODEL, camera=camera), "box-sqrt").evaluate([true])[0].error()
+        Evaluator(MODEL, OracleSubject(MODEL, FitOptions(camera=camera)), "box-sqrt").evaluate([true])[0].error()
         for camera in ("weak-perspective", "affine")
     )
     assert weak > 5e-3

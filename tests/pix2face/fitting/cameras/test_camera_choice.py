@@ -9,6 +9,7 @@ from pix2face.fitting.cameras.pinhole_fit import fit_pinhole_camera
 from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.camera import HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
 from tests.benchmarks.closed_loop import with_noise
+from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.synthetic_models import small_head_model
 
@@ -80,7 +81,9 @@ def test_from_maps(widths, is_affine):
     width = float(np.ptp(model.mean[model.is_face_vertex, 0]))
     face = render_known_face(model, HeadPose(4, -40, 10), 3, perspective=True, distance_mm=widths * width)
     for maps in (face.maps, with_noise(face.maps, model, 0.1, 0.05, 0)):
-        fit = fit_face(maps, model, camera_kind="auto", regularisation=1.0, principal_point_px=face.principal_point_px)
+        fit = fit_face(
+            maps, model, paper_fit(camera="auto", regularisation=1.0), principal_point_px=face.principal_point_px
+        )
         assert fit.camera.is_affine == is_affine
         if not is_affine:
             assert pinhole_of(fit.camera).focal_px == pytest.approx(pinhole_of(face.camera).focal_px, rel=0.05)

@@ -1,31 +1,31 @@
 import numpy as np
 
-from pix2face.fitting.face_fit import FaceFit
+from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
+from pix2face.fitting.fit_options import Contour
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.geometry.landmarks import IBUG68, INNER51
-from pix2face.landmark_choice.contour_landmarks import JAW, contour_landmarks2d
+from pix2face.geometry.landmarks import IBUG68_PARTS, INNER51
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
 
+JAW = list(IBUG68_PARTS["jaw"])
 
-def fit_of_mean(yaw_deg: float) -> FaceFit:
+
+def fit_of_mean(yaw_deg: float, contour: Contour) -> FaceFit:
     model = builtin_model()
     rotation = rotation_of_pose(HeadPose(0, yaw_deg, 0))
     camera = weak_perspective_camera(WeakPerspective(1.0, rotation, np.full(2, 150.0)))
-    landmarks3d = model.mean[model.landmarks[IBUG68]].astype(np.float64)
     identity, expression = np.zeros(model.n_identity), np.zeros(model.n_expression)
-    return FaceFit(camera, identity, expression, model, camera.project(landmarks3d), landmarks3d)
+    return face_of_coefficients(model, camera, identity, expression, contour=contour)
 
 
 def test_jaw_points_of_a_frontal_face_stay():
-    fit = fit_of_mean(0)
-    moved = np.linalg.norm(contour_landmarks2d(fit, builtin_model()) - fit.landmarks2d, axis=1)
+    moved = np.linalg.norm(fit_of_mean(0, "2d").landmarks2d - fit_of_mean(0, "off").landmarks2d, axis=1)
     assert moved.max() < 4  # of 300 px
 
 
 def test_jaw_points_on_the_far_side_of_a_turned_face_lie_at_its_edge():
-    model, fit = builtin_model(), fit_of_mean(45)
-    slid = contour_landmarks2d(fit, model)
+    model, fit = builtin_model(), fit_of_mean(45, "off")
+    slid = fit_of_mean(45, "2d").landmarks2d
     np.testing.assert_array_equal(slid[list(INNER51)], fit.landmarks2d[list(INNER51)])
     moved = np.linalg.norm(slid - fit.landmarks2d, axis=1)[JAW]
     far = JAW[:8] if moved[:8].sum() > moved[9:].sum() else JAW[9:]

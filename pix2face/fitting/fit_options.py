@@ -1,0 +1,71 @@
+"""How faces are fitted to maps: one set of options for programs, the Python interface, and validation in training."""
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal, final
+
+from pix2face.errors import UsageError
+
+CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
+Regularisation = float | Literal["estimate"]
+Contour = Literal["off", "2d"]
+
+# Exact maps: rounding to 1/128 mm and the mesh's kinks between pixels leave 0.01 mm.
+EXACT_MAPS_REGULARISATION = 1e-4
+# Predicted maps: landmarks hardly depend on it, and estimating it takes longer than all else
+# (docs/explanation/fitting.md).
+PREDICTED_MAPS_REGULARISATION = 20.0
+MOST_REPROJECTION_ROUNDS = 100
+# Cameras that can be held to the silhouette; of "auto" those that it finds to be weak-perspective.
+HELD_CAMERAS = ("weak-perspective", "auto")
+
+
+@final
+@dataclass(frozen=True)
+class FitOptions:
+    """How camera, coefficients and landmarks of a face are found. The defaults are for maps that a network predicts.
+
+    The penalty on coefficients is lambda |c|^2 with coefficients in standard deviations, so the best lambda is the
+    variance (mm^2) of the error of one coordinate of one offset, where the errors of the constraints are independent.
+    Errors of a network are alike over patches of the face: where n constraints share one error, lambda is n times the
+    variance.
+
+    Source: Crispell and Bazik 2017, Eq. 1 (affine camera) and Eq. 4 (regularisation).
+    """
+
+    camera: CameraKind = "weak-perspective"
+    """Camera of the fit. The principal point of a pinhole is the centre of the photograph; auto takes a pinhole where
+    perspective shows, else weak-perspective."""
+    regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
+    """Tikhonov weight of the coefficients, in mm^2; `estimate` derives it from the maps of each face, which takes
+    longer."""
+    contour: Contour = "off"
+    """Where the jaw landmarks lie: off puts them at fixed points of the skin, 2d on the visible outline, where 300-W
+    has them."""
+    silhouette: bool = True
+    """Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Weak-perspective cameras
+    only."""
+    reprojection_rounds: int = 0
+    """How often the camera is fitted again to the fitted mesh, and the coefficients after it."""
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the fit is held to the silhouette."""
+        return self.silhouette and self.camera in HELD_CAMERAS
+
+    def check(self) -> None:
+        """Refuses values that no fit can use.
+
+        Raises:
+            UsageError: A regularisation that is neither positive nor `estimate`, or rounds out of range.
+        """
+        if self.regularisation != "estimate" and not 0 < self.regularisation < math.inf:
+            raise UsageError(f"expected a positive --regularisation in mm^2, or estimate, found {self.regularisation}")
+        if not 0 <= self.reprojection_rounds <= MOST_REPROJECTION_ROUNDS:
+            raise UsageError(
+                f"expected --reprojection-rounds from 0 to {MOST_REPROJECTION_ROUNDS}, found {self.reprojection_rounds}"
+            )
+
+
+# The one default: whatever is not told how to fit takes this very object.
+DEFAULT_FIT: Final = FitOptions()
