@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Any, Literal, final, get_args
 
 import tyro
 from rich.console import Console
@@ -69,6 +69,20 @@ def run_commands(
     except KeyboardInterrupt:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
         return EXIT_INTERRUPTED
+
+
+def optional(metavar: str) -> Any:
+    """For the type of an option that may be left out: its help names the type alone, and no default.
+
+    Args:
+        metavar: What the help shows in place of the type.
+    """
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
+def choices(literal: Any) -> str:
+    """The values of a ``Literal`` as help shows them: {a,b}."""
+    return "{" + ",".join(get_args(literal)) + "}"
 
 
 def prepare_output_folder(path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, final
 import tyro
 from rich.console import Console
 
-from pix2face.command_line import check_output_file, say
+from pix2face.command_line import check_output_file, optional, say
 from pix2face.inference.default_checkpoint import PACKAGED
 
 
@@ -17,8 +17,8 @@ from pix2face.inference.default_checkpoint import PACKAGED
 class ExportConfig:
     """Configuration of ``pix2face export``."""
 
-    checkpoint: Path | None = None
-    """What training wrote; default is the packaged one."""
+    checkpoint: Annotated[Path | None, optional("PATH")] = None
+    """Checkpoint that `train` wrote; without it the one that comes with the package."""
     out: Path = Path("out/network.onnx")
     """The ONNX file."""
 

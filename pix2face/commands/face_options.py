@@ -1,43 +1,98 @@
-"""What every command that finds faces asks for: which network, and where the faces are."""
+"""What every command asks for that reads faces: which network and model, and where the faces are."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import final
+from typing import Annotated, final
 
+import tyro
 from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.api import Pix2Face
+from pix2face.command_line import optional
 from pix2face.detectors.detection import DEFAULT_DETECTOR
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.face_files.box_files import LARGEST_BOX_PX, BoxFile, read_box_file
 from pix2face.geometry.crops import FaceBox
-from pix2face.landmark_choice.landmark_file import open_model_with
-from pix2face.models.morphable_model import BUILTIN_MODEL
+from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference.predictor import Predictor
+from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
+from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel
+
+
+@final
+@dataclass(frozen=True)
+class NetworkOptions:
+    """Which network, and the morphable model that it was trained for."""
+
+    checkpoint: Annotated[Path | None, optional("PATH")] = None
+    """Checkpoint that `train` wrote; without it the one that comes with the package."""
+    model: str = BUILTIN_MODEL
+    """`builtin`, or the model file that the checkpoint was trained for."""
+    landmarks: Annotated[Path | None, optional("PATH")] = None
+    """Which vertices are the landmarks: a file that `pix2face landmarks select` wrote. Without it the choice of the
+    checkpoint; the model's own where the checkpoint makes none, and for renders."""
+    device: Annotated[str | None, optional("STR")] = None
+    """Torch device, such as cpu or cuda; without it a GPU where there is one."""
+
+    @property
+    def path(self) -> Path:
+        """The checkpoint, named or packaged."""
+        return self.checkpoint or PACKAGED
+
+    def open_model(self) -> MorphableModel:
+        """Opens the model, with the landmarks of the file if one is named.
+
+        Raises:
+            Pix2FaceError: As ``open_model_with``.
+        """
+        return open_model_with(self.model, self.landmarks)
+
+    def open_predictor(self) -> Predictor:
+        """Opens the network.
+
+        Raises:
+            Pix2FaceError: As ``Predictor.load``.
+        """
+        return Predictor.load(self.path, self.device)
+
+    def with_chosen_landmarks(self, model: MorphableModel, predictor: Predictor) -> MorphableModel:
+        """The model with the landmarks of the checkpoint, unless a file was named.
+
+        Raises:
+            ModelMismatchError: The checkpoint was trained for another model.
+        """
+        predictor.header.check_model(model.name, model.sha256)
+        return with_own_landmarks(model, predictor.header) if self.landmarks is None else model
 
 
 @final
 @dataclass(frozen=True)
 class FaceOptions:
-    """Network, model and face boxes; part of the configuration of several commands."""
+    """Which network, and where the faces are."""
 
-    checkpoint: Path | None = None
-    """What training wrote; default is the packaged one."""
-    model: str = BUILTIN_MODEL
-    """``builtin`` or a model file: the one that the checkpoint was trained for."""
-    landmarks: Path | None = None
-    """Which vertices the landmarks are: a file of ``pix2face landmarks select``. Without it those that the checkpoint
-    chooses, or else the model's own."""
-    device: str | None = None
-    """Torch device, such as cpu or cuda; default is a GPU where there is one."""
-    box: tuple[float, float, float, float] | None = None
-    """Face box in pixels: left top right bottom (tight around the 68 landmarks). Without it faces are detected."""
-    boxes: Path | None = None
-    """File of face boxes: CSV with a line image,left,top,right,bottom above, or JSON; without it faces are detected."""
+    network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
+    """Network and model."""
+    boxes: Annotated[Path | None, optional("PATH")] = None
+    """File of face boxes, in place of a detector: CSV with the header image,left,top,right,bottom (of videos
+    frame,left,top,right,bottom with frames from 0; for a folder of frames either), or JSON. The boxes.csv that
+    `pix2face track` wrote is one."""
     detector: str = DEFAULT_DETECTOR
-    """What finds faces: lbp, lbp-quick (faster, finds fewer), dlib (the paper's; pip install 'pix2face[dlib]')."""
+    """What finds faces: lbp, lbp-quick (five times as fast, finds fewer), or dlib (the paper's; pip install
+    'pix2face[dlib]')."""
     refine: bool = True
-    """Correct, confirm or refute the detector's boxes by a first prediction."""
+    """Correct each box by a first prediction; in photographs also confirm or refute what the detector found."""
+
+
+@final
+@dataclass(frozen=True)
+class PhotographOptions:
+    """Which network, and where the faces of photographs are."""
+
+    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = FaceOptions()
+    """Network, boxes and detector."""
+    box: Annotated[tuple[float, float, float, float] | None, optional("LEFT TOP RIGHT BOTTOM")] = None
+    """Face box in pixels (tight around the 68 landmarks), in place of a detector."""
     largest: bool = False
     """Take only the largest face of each photograph."""
 
@@ -49,7 +104,7 @@ class FaceOptions:
         """
         if self.box is None:
             return
-        if self.boxes is not None:
+        if self.faces.boxes is not None:
             raise UsageError("expected --box or --boxes, found both")
         left, top, right, bottom = self.box
         if not (right - left >= 1 and bottom - top >= 1 and max(abs(side) for side in self.box) <= LARGEST_BOX_PX):
@@ -64,17 +119,18 @@ class FaceOptions:
         Raises:
             Pix2FaceError: As ``Pix2Face.load`` and ``read_box_file``.
         """
-        detects = self.box is None and self.boxes is None
-        model = open_model_with(self.model, self.landmarks) if needs_model or (detects and self.refine) else None
-        box_file = None if self.boxes is None else read_box_file(self.boxes)
+        faces, network = self.faces, self.faces.network
+        detects = self.box is None and faces.boxes is None
+        model = network.open_model() if needs_model or (detects and faces.refine) else None
+        box_file = None if faces.boxes is None else read_box_file(faces.boxes)
         try:
             pix2face = Pix2Face.load(
-                self.checkpoint,
+                network.checkpoint,
                 model,
-                self.device,
-                self.detector,
-                self.refine,
-                own_landmarks=self.landmarks is None,
+                network.device,
+                faces.detector,
+                faces.refine,
+                own_landmarks=network.landmarks is None,
             )
         except ModelMismatchError as error:
             if needs_model:

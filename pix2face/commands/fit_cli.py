@@ -1,6 +1,6 @@
 """The command ``pix2face fit``: photographs in; camera, coefficients, mesh and landmarks out."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, final
 
@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 
 from pix2face.command_line import prepare_output_folder
-from pix2face.commands.face_options import FaceFinder, FaceOptions
+from pix2face.commands.face_options import FaceFinder, PhotographOptions
 from pix2face.commands.photograph_jobs import (
     Photograph,
     SeenFace,
@@ -39,7 +39,7 @@ class FitConfig:
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Photographs."""
-    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = field(default_factory=FaceOptions)
+    faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
     """Network, model and face boxes."""
     out: Path = Path("out/fit")
     """Folder for fits, meshes, point clouds and overlays."""

@@ -12,7 +12,8 @@ from numpy import ndarray
 from rich.console import Console
 from rich.table import Table
 
-from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, progress_bar, say
+from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, optional, progress_bar, say
+from pix2face.commands.face_options import NetworkOptions
 from pix2face.commands.photograph_jobs import write_picture
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.face_files.annotations import AnnotatedFace, Annotation, find_annotations
@@ -22,7 +23,6 @@ from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
-from pix2face.inference.default_checkpoint import PACKAGED
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import load_landmarks, save_landmarks, with_landmarks
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection, ReprojectionErrors, fold_of_frame
@@ -47,12 +47,10 @@ class LandmarksSelectConfig:
     """File to write; --landmarks of other commands takes it."""
     scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = IBUG68
     """Which points the annotations hold."""
-    checkpoint: Path | None = None
-    """Fit the maps that this network predicts, as the paper does; default is the packaged one."""
-    coeffs: Path | None = None
-    """Take the fits of this table instead (as ``datagen fit`` writes it), matched by name."""
-    model: str = BUILTIN_MODEL
-    """``builtin`` or a model file: that of the checkpoint or the table."""
+    network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
+    """The network whose predicted maps are fitted, as in the paper, and the model."""
+    coeffs: Annotated[Path | None, optional("PATH")] = None
+    """Take the fits of this table instead (as `datagen fit` writes it), matched by name."""
     folds: int = 5
     """Parts of the frames that are held out in turn, to measure the choice on frames without a part in it."""
 
@@ -61,14 +59,14 @@ class LandmarksSelectConfig:
 class LandmarksShowConfig:
     """Draw the mean face from three sides with its landmarks in green; those of a file in red."""
 
-    file: Annotated[Path | None, tyro.conf.Positional] = None
-    """What ``pix2face landmarks select`` wrote."""
+    file: Annotated[Path | None, tyro.conf.Positional, optional("PATH")] = None
+    """File that `pix2face landmarks select` wrote."""
     out: Path = Path("landmarks.png")
     """Picture to write (.png or .jpg)."""
     scheme: str = IBUG68
     """Which landmarks of the model to draw, where no file is given."""
     model: str = BUILTIN_MODEL
-    """``builtin`` or a model file."""
+    """`builtin`, or a model file."""
 
 
 LandmarksCommand = (
@@ -99,17 +97,17 @@ def _show(config: LandmarksShowConfig) -> int:
 
 def _select(config: LandmarksSelectConfig) -> int:
     check_output_file(config.out, (".json",))
-    if config.checkpoint is not None and config.coeffs is not None:
+    if config.network.checkpoint is not None and config.coeffs is not None:
         raise UsageError("expected --checkpoint (fit predicted maps) or --coeffs (take fits as given), found both")
     annotations = find_annotations(config.data, config.scheme)
-    model = open_model(config.model)
+    model = config.network.open_model()
     candidates = np.flatnonzero(model.is_face_vertex)
     errors = ReprojectionErrors(candidates, SCHEMES[config.scheme], config.folds)
     if config.coeffs is not None:
         fit_frame, origin = _given_fits(model, config.coeffs), str(config.coeffs.name)
     else:
-        checkpoint = config.checkpoint or PACKAGED
-        fit_frame, origin = _predicted_fits(model, checkpoint), f"maps predicted by {checkpoint.name}"
+        predictor = config.network.open_predictor()
+        fit_frame, origin = _predicted_fits(model, predictor), f"maps predicted by {config.network.path.name}"
     problems = _measure(annotations, fit_frame, candidates, errors, config)
     if len(problems) == len(annotations):
         raise UsageError(f"{config.data}: expected frames that can be fitted, found none: {problems[0]}")
@@ -166,8 +164,7 @@ def _given_fits(model: MorphableModel, path: Path) -> FitFrame:
     return fit_frame
 
 
-def _predicted_fits(model: MorphableModel, checkpoint: Path) -> FitFrame:
-    predictor = Predictor.load(checkpoint)
+def _predicted_fits(model: MorphableModel, predictor: Predictor) -> FitFrame:
     predictor.header.check_model(model.name, model.sha256)
     framing = next((scheme for scheme in (IBUG68, *model.landmarks) if scheme in model.landmarks), None)
     if framing is None:

@@ -1,6 +1,6 @@
 """The command ``pix2face predict``: photographs in, maps out."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, final
 
@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 
 from pix2face.command_line import prepare_output_folder
-from pix2face.commands.face_options import FaceOptions
+from pix2face.commands.face_options import PhotographOptions
 from pix2face.commands.photograph_jobs import SeenFace, check_photographs, for_each_face, write_maps_picture
 from pix2face.photographs.map_files import MAP_FORMATS, parse_formats
 
@@ -20,7 +20,7 @@ class PredictConfig:
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Photographs."""
-    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = field(default_factory=FaceOptions)
+    faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
     """Network, model and face boxes."""
     out: Path = Path("out/predict")
     """Folder for the maps."""

@@ -15,15 +15,12 @@ from numpy import ndarray
 from rich.console import Console
 
 from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
+from pix2face.commands.face_options import FaceOptions
 from pix2face.detectors.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import FaceBox
-from pix2face.inference.default_checkpoint import PACKAGED
-from pix2face.inference.predictor import Predictor
-from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
-from pix2face.models.morphable_model import BUILTIN_MODEL
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.face_follower import (
     IDENTITY_FRAMES,
@@ -63,25 +60,10 @@ class TrackConfig:
     """Video file, folder of frames, or pattern such as frames/%05d.png."""
     out: Path = Path("out/track")
     """Folder for boxes, landmarks, overlay and summary."""
-    checkpoint: Path | None = None
-    """What training wrote; default is the packaged one."""
-    model: str = BUILTIN_MODEL
-    """``builtin`` or a model file: the one that the checkpoint was trained for."""
-    landmarks: Path | None = None
-    """Which vertices the landmarks are: a file of ``pix2face landmarks select``. Without it those that the checkpoint
-    chooses, or else the model's own."""
-    device: str | None = None
-    """Torch device, such as cpu or cuda; default is a GPU where there is one."""
-    detector: str = "lbp-quick"
-    """What finds faces: lbp-quick, lbp (finds more, takes five times as long), dlib (the paper's; pip install
-    'pix2face[dlib]')."""
+    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = FaceOptions(detector="lbp-quick")
+    """Network, model and face boxes."""
     detect_every: int = 1
-    """Detect in each so-manieth frame only; boxes between are interpolated."""
-    boxes: Path | None = None
-    """File of face boxes instead of a detector: CSV with a line frame,left,top,right,bottom above (frames from 0), or
-    JSON; for a folder of frames also by file name. The boxes.csv of an earlier run is one."""
-    refine: bool = True
-    """Correct each box by a first prediction."""
+    """Run the detector on every n-th frame only; boxes in between are interpolated."""
     all_faces: bool = False
     """Follow every face through the frames in which it is; without it, the main face through all frames."""
     smoothing: Smoothing = "mean3"
@@ -100,12 +82,10 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     formats = _check_call(config)
     _silence_decoders()
     source = open_frames(config.video)
-    model = open_model_with(config.model, config.landmarks)
-    predictor = Predictor.load(config.checkpoint or PACKAGED, config.device)
-    if config.landmarks is None:
-        model = with_own_landmarks(model, predictor.header)
-    predictor.header.check_model(model.name, model.sha256)
-    fitter = FrameFitter(predictor, model, config.how, config.refine)
+    network = config.faces.network
+    model, predictor = network.open_model(), network.open_predictor()
+    model = network.with_chosen_landmarks(model, predictor)
+    fitter = FrameFitter(predictor, model, config.how, config.faces.refine)
     find = _finder(config, source)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"
@@ -163,10 +143,10 @@ def _finder(config: TrackConfig, source: FrameSource) -> Find:
     Raises:
         Pix2FaceError: The file cannot be used, or what the detector needs is not installed.
     """
-    if config.boxes is None:
-        detector = open_detector(config.detector)
+    if config.faces.boxes is None:
+        detector = open_detector(config.faces.detector)
         return lambda index, image: detector.detect(image)
-    given = read_box_file(config.boxes)
+    given = read_box_file(config.faces.boxes)
     if source.pictures:
         return lambda index, image: given.of_frame(index) or given.of_image(source.pictures[index]) or None
     return lambda index, image: given.of_frame(index) or None
@@ -191,7 +171,7 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
             "the rest, or the file is cut off or damaged; going on with what there is",
         )
     if not tracker.tracks:
-        by = f"in {config.boxes}" if config.boxes else f"by the detector {config.detector}"
+        by = f"in {config.faces.boxes}" if config.faces.boxes else f"by the detector {config.faces.detector}"
         raise InputFileError(
             f"{source.path}: expected a face, found none {by} in {counted(n_frames, 'frame')}; "
             "try another --detector, or say where it is with --boxes"
@@ -200,7 +180,7 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
 
 
 def _faces(config: TrackConfig, tracks: Sequence[TrackSummary], n_frames: int) -> list[ClipFace]:
-    least = 0.0 if config.boxes else LEAST_SHARE_DETECTED / config.detect_every
+    least = 0.0 if config.faces.boxes else LEAST_SHARE_DETECTED / config.detect_every
     chosen = [[own] for own in lasting_faces(tracks, least)] if config.all_faces else [main_face(tracks, least)]
     faces = []
     for index, own in enumerate(chosen):
@@ -258,8 +238,8 @@ def _follow(
 
 def _landmarks_of(config: TrackConfig, fitter: FrameFitter) -> str:
     """Who chose which vertices the landmarks are: a file, the checkpoint or the model."""
-    if config.landmarks is not None:
-        return str(config.landmarks)
+    if config.faces.network.landmarks is not None:
+        return str(config.faces.network.landmarks)
     return "checkpoint" if fitter.predictor.header.landmarks else "model"
 
 
@@ -269,14 +249,14 @@ def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, 
         "fps": source.fps,
         "frames": n_frames,
         "frames_announced": source.n_announced,
-        "detector": None if config.boxes else config.detector,
+        "detector": None if config.faces.boxes else config.faces.detector,
         "smoothing": config.smoothing,
         "camera": config.how.camera,
         "regularisation": config.how.regularisation,
         "silhouette": config.how.is_held,
         "contour": config.how.contour,
         "landmarks": _landmarks_of(config, fitter),
-        "refine": config.refine,
+        "refine": config.faces.refine,
         "detect_every": config.detect_every,
         "model": {"name": fitter.model.name, "sha256": fitter.model.sha256},
         "licence": fitter.predictor.header.licence,

@@ -1,7 +1,7 @@
 """The command ``pix2face view``: photographs or fits in, a page that turns the faces out."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, final
 
@@ -13,7 +13,7 @@ from numpy import ndarray
 from rich.console import Console
 
 from pix2face.command_line import check_output_file, say
-from pix2face.commands.face_options import FaceOptions
+from pix2face.commands.face_options import PhotographOptions
 from pix2face.commands.photograph_jobs import SeenFace, Tally, for_each_face, located
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
@@ -32,7 +32,7 @@ class ViewConfig:
 
     inputs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote."""
-    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = field(default_factory=FaceOptions)
+    faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
     """Network, model and face boxes."""
     out: Path = Path("out/view.html")
     """The page; a file that any browser opens, without a network."""
@@ -50,13 +50,13 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
     console, shown = Console(stderr=True), list[FaceData]()
     fits = [path for path in config.inputs if path.suffix.lower() == ".json"]
     photographs = [path for path in config.inputs if path.suffix.lower() != ".json"]
-    if fits and config.faces.landmarks is not None:
+    if fits and config.faces.faces.network.landmarks is not None:
         raise UsageError(
             f"--landmarks: expected photographs alone, found {fits[0]}, which keeps the landmarks it was written with; "
             "give --landmarks to `pix2face fit`"
         )
     tally = _fit_photographs(config, photographs, console, shown.append) if photographs else Tally()
-    model = open_model(config.faces.model) if fits else None
+    model = open_model(config.faces.faces.network.model) if fits else None
     for path in fits:
         try:
             assert model is not None

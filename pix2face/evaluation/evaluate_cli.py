@@ -34,7 +34,6 @@ from pix2face.evaluation.report.report_text import report_notes, report_tables
 from pix2face.evaluation.subjects.measured_subject import open_subject, versions
 from pix2face.fitting.fit_options import DEFAULT_FIT
 from pix2face.geometry.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
-from pix2face.landmark_choice.landmark_file import open_model_with
 from pix2face.models.morphable_model import MorphableModel
 
 DESCRIPTION = (
@@ -52,7 +51,7 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     """
     _check_numbers(config)
     manifest = _as_asked(config, load_manifest(config.split))
-    model = open_model_with(config.model, config.landmarks)
+    model = config.network.open_model()
     model_landmarks(model)  # a model without them is refused before anything takes time
     found = find_benchmark(manifest, _data_folder(config), model, config.reannotated)
     by = _attribute_values(config, manifest, found)
@@ -107,7 +106,7 @@ def _check_numbers(config: EvaluateConfig) -> None:
     chosen = [
         option
         for option, is_given in (
-            ("--checkpoint", config.checkpoint is not None),
+            ("--checkpoint", config.network.checkpoint is not None),
             ("--predictions", config.predictions is not None),
             ("--oracle", config.oracle),
         )
@@ -180,8 +179,9 @@ def _attribute_values(config: EvaluateConfig, manifest: Manifest, found: Benchma
 
 def _facts(config: EvaluateConfig, model: MorphableModel, description: dict[str, Any]) -> dict[str, Any]:
     """What was evaluated, for the report: sentences to print, and everything needed to repeat it."""
-    options = vars(config) | vars(config.how)
-    given = {key: value if value is None else str(value) for key, value in options.items() if key != "how"}
+    options = vars(config) | vars(config.how) | vars(config.network)
+    nested = ("how", "network")
+    given = {key: value if value is None else str(value) for key, value in options.items() if key not in nested}
     return {
         **description,
         "model": f"{model.name} ({model.sha256[:12]})",

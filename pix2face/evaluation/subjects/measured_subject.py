@@ -28,9 +28,6 @@ from pix2face.evaluation.subjects.subjects import (
 from pix2face.evaluation.subjects.tracks_as_predictions import read_tracks
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.fit_options import Regularisation
-from pix2face.inference.default_checkpoint import PACKAGED
-from pix2face.inference.predictor import Predictor
-from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import MorphableModel
 
 
@@ -57,7 +54,7 @@ def open_subject(
 
 
 def _landmarks_of_model(config: EvaluateConfig) -> str:
-    return "vertices of the model" if config.landmarks is None else f"vertices of {config.landmarks}"
+    return "vertices of the model" if config.network.landmarks is None else f"vertices of {config.network.landmarks}"
 
 
 def versions() -> dict[str, str]:
@@ -71,15 +68,14 @@ def versions() -> dict[str, str]:
 
 
 def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) -> tuple[Subject, dict[str, Any]]:
-    checkpoint, how = config.checkpoint or PACKAGED, config.how
-    predictor = Predictor.load(checkpoint)
+    how, checkpoint, predictor = config.how, config.network.path, config.network.open_predictor()
     if config.crop_scale is not None:
         predictor = predictor.with_crop_scale(config.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
     # Renders are annotated by the model's vertices; a checkpoint's own stand for how people annotate photographs.
-    takes_own = config.landmarks is None and manifest.kind != "shards"
-    if takes_own:
-        model = with_own_landmarks(model, predictor.header)
+    if manifest.kind != "shards":
+        model = config.network.with_chosen_landmarks(model, predictor)
+    takes_own = config.network.landmarks is None and manifest.kind != "shards"
     subject = NetworkSubject(
         predictor,
         lambda maps, image_centre: fit_face(maps, model, how, principal_point_px=image_centre),
