@@ -1,7 +1,7 @@
 """Coefficient files of 300W-LP and AFLW2000-3D: one MAT 5 file for each picture (docs/reference/conventions.md)."""
 
 import math
-import os
+import stat
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.face_files.mat5 import names_in_mat5, read_mat5
+from pix2face.files.mat_files import mat_names, read_mat
 from pix2face.geometry.camera import (
     FRONTAL,
     Camera,
@@ -29,8 +29,8 @@ N_IDENTITY = 199
 N_EXPRESSION = 29
 N_LIGHTING = 10
 # Files of this kind hold some 10 KB; a file far beyond that is something else and is not read.
-USUAL_FILE_BYTES = 64 << 10
 LARGEST_FILE_BYTES = 4 << 20
+LARGEST_ARRAY_BYTES = 1 << 20
 
 _LENGTHS = {
     "Shape_Para": N_IDENTITY,
@@ -91,12 +91,12 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
     Raises:
         InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
     """
-    fields = read_mat(path, _LENGTHS.keys())
+    fields = _read_small_mat(path, _LENGTHS.keys())
     missing = [name for name in ("Shape_Para", "Exp_Para", "Pose_Para") if name not in fields]
     if missing:
         raise InputFileError(
             f"{path}: expected a coefficient file of 300W-LP or AFLW2000-3D, missing are {', '.join(missing)}; "
-            f"found {', '.join(names_in_mat5(_read_small_file(path))) or 'nothing'} in it"
+            f"found {', '.join(mat_names(path)) or 'nothing'} in it"
         )
     if "pt2d" in fields and fields["pt2d"].shape != (2, 68):
         del fields["pt2d"]  # AFLW2000-3D has 21 points there, with -1 for missing ones
@@ -128,7 +128,7 @@ def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
     Raises:
         InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
     """
-    fields = read_mat(path, ("pts_3d", "pts_2d"))
+    fields = _read_small_mat(path, ("pts_3d", "pts_2d"))
     name = next((name for name in ("pts_3d", "pts_2d") if name in fields), None)
     if name is None:
         raise InputFileError(f"{path}: expected pts_3d or pts_2d of 300W-LP's landmarks folder, found neither")
@@ -150,7 +150,7 @@ def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
     Raises:
         InputFileError: Missing, truncated or foreign file; other counts; values that are not finite.
     """
-    points = read_mat(path, ("pt2d",)).get("pt2d")
+    points = _read_small_mat(path, ("pt2d",)).get("pt2d")
     if points is None or points.shape != (2, 21):
         found = "none" if points is None else f"an array of {' x '.join(map(str, points.shape))}"
         raise InputFileError(f"{path}: expected pt2d with 21 points (AFLW2000-3D), found {found}")
@@ -210,31 +210,21 @@ def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]
     return points + ONE_BASED_TO_CENTRES_PX
 
 
-def read_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
-    """Reads named variables of a small MAT 5 file; those that it lacks are left out.
+def _read_small_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
+    """Reads named variables; those that the file lacks are left out.
 
     Raises:
-        InputFileError: The file is missing, too large, truncated, or no MAT 5 file.
+        InputFileError: The file is missing, too large, truncated, or no MAT 5 file of numbers.
     """
-    return read_mat5(_read_small_file(path), names, str(path))
-
-
-def _read_small_file(path: Path) -> bytes:
-    # Without a file object: opening one takes longer than reading these files does.
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe that nobody writes to would wait forever
-        try:
-            content = os.read(descriptor, USUAL_FILE_BYTES)
-            while len(content) >= USUAL_FILE_BYTES and (more := os.read(descriptor, LARGEST_FILE_BYTES)):
-                content += more
-                if len(content) > LARGEST_FILE_BYTES:
-                    found = os.fstat(descriptor).st_size >> 20
-                    raise InputFileError(f"{path}: expected a coefficient file of some 10 KB, found {found} MB")
-        finally:
-            os.close(descriptor)
+        status = path.stat()
     except OSError as error:
         raise InputFileError(f"{path}: expected a coefficient file, cannot read it: {error.strerror}") from error
-    return content
+    if not stat.S_ISREG(status.st_mode):
+        raise InputFileError(f"{path}: expected a coefficient file, found a folder, device or pipe")
+    if status.st_size > LARGEST_FILE_BYTES:
+        raise InputFileError(f"{path}: expected a coefficient file of some 10 KB, found {status.st_size >> 20} MB")
+    return read_mat(path, names, LARGEST_ARRAY_BYTES)
 
 
 def _numbers(path: Path, fields: Mapping[str, ndarray]) -> dict[str, Float64[ndarray, " _"]]:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import open_hdf5, read_text
+from pix2face.files.mat_files import is_mat5
 from pix2face.model_formats.bfm2009 import ORIGINAL_FILE, SHAPE_FILE, is_bfm2009, read_bfm2009
 from pix2face.model_formats.flame import read_flame
 from pix2face.model_formats.gnm import TEMPLATE, array_names, read_gnm
 from pix2face.model_formats.ict_facekit import model_folder, read_ict_facekit
-from pix2face.model_formats.large_mat import is_mat5
 from pix2face.model_formats.statismo import is_statismo, read_statismo
 from pix2face.model_formats.surrey import is_surrey, read_surrey
 from pix2face.models.model_file import FORMAT, StoredModel

@@ -18,6 +18,7 @@ from jaxtyping import Float32, Float64, Int32, Int64
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.files.mat_files import mat_names, read_mat
 from pix2face.geometry.landmarks import IBUG68, N_IBUG68
 from pix2face.model_formats.checks import (
     basis_of_columns,
@@ -27,7 +28,6 @@ from pix2face.model_formats.checks import (
     vertex_numbers,
     wound_outward,
 )
-from pix2face.model_formats.large_mat import mat_names, read_mat
 from pix2face.model_formats.tables import ibug68_vertices, table_rows
 from pix2face.models.model_file import StoredModel
 from pix2face.models.morphable_model import MorphableModel

@@ -1,9 +1,9 @@
-"""How fast a data set of 300W-LP's size is read: python -m tests.benchmarks.mat5 --original FACE.mat --out mat5.json.
+"""How fast a data set of 300W-LP's size is read: python -m tests.benchmarks.coefficient_files --original FACE.mat.
 
 Makes N copies of one real file with its picture's head, in the folder layout as distributed (four folders, their
-``_Flip`` twins, and a ``landmarks/`` folder), in a temporary place; then, in one run, reads all of them by SciPy and by
-our reader, and converts them into a table. The copies differ in their numbers, so nothing is read from a cache but the
-files' own pages. Both readers run twice, in turns; the better time counts.
+``_Flip`` twins, and a ``landmarks/`` folder), in a temporary place; then reads all of them, twice, of which the better
+time counts, and converts them into a table. The copies differ in their numbers, so nothing is read from a cache but the
+files' own pages.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 
@@ -22,11 +22,10 @@ import cv2
 import numpy as np
 import scipy.io
 
-from pix2face.face_files.w300lp import read_coefficient_file, read_mat
+from pix2face.face_files.w300lp import read_coefficient_file
 from tests.benchmarks.surroundings import surroundings
 
 FOLDERS = ("AFW", "HELEN", "IBUG", "LFPW", "AFW_Flip", "HELEN_Flip", "IBUG_Flip", "LFPW_Flip")
-WANTED = ("Shape_Para", "Exp_Para", "Pose_Para", "Illum_Para", "pt2d", "pt3d_68")
 FULL_SIZE = 122_450
 
 
@@ -52,29 +51,15 @@ def make_data_set(root: Path, original: Path, n: int) -> list[Path]:
     return sorted(paths)
 
 
-def measure_readers(paths: Sequence[Path]) -> dict[str, float]:
-    """Files a second of both readers, for the arrays alone and for everything that a coefficient file says."""
-
-    def by_scipy(path: Path) -> object:
-        return scipy.io.loadmat(path, variable_names=list(WANTED))
-
-    def by_us(path: Path) -> object:
-        return read_mat(path, WANTED)
-
-    seconds = {"scipy": np.inf, "ours": np.inf, "whole": np.inf}
-    readers: dict[str, Callable[[Path], object]] = {"scipy": by_scipy, "ours": by_us, "whole": read_coefficient_file}
+def files_per_second(paths: Sequence[Path]) -> float:
+    """How many coefficient files are read in a second."""
+    seconds = np.inf
     for _ in range(2):
-        for name, read in readers.items():
-            start = perf_counter()
-            for path in paths:
-                read(path)
-            seconds[name] = min(seconds[name], perf_counter() - start)
-    return {
-        "scipy_files_per_second": len(paths) / seconds["scipy"],
-        "ours_files_per_second": len(paths) / seconds["ours"],
-        "ratio": seconds["scipy"] / seconds["ours"],
-        "coefficient_files_per_second": len(paths) / seconds["whole"],
-    }
+        start = perf_counter()
+        for path in paths:
+            read_coefficient_file(path)
+        seconds = min(seconds, perf_counter() - start)
+    return len(paths) / seconds
 
 
 def measure_conversion(root: Path, model: str, workers: int) -> dict[str, float]:
@@ -119,8 +104,12 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         paths = make_data_set(Path(name), options.original, options.n)
-        result: dict[str, object] = {"original": options.original.name, "files": len(paths), **measure_readers(paths)}
-        result["measured_on"] = surroundings()
+        result: dict[str, object] = {
+            "original": options.original.name,
+            "files": len(paths),
+            "files_per_second": files_per_second(paths),
+            "measured_on": surroundings(),
+        }
         if options.model:
             conversion = measure_conversion(Path(name), options.model, options.workers)
             per_file = conversion["seconds"] / len(paths)
