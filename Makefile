@@ -1,4 +1,4 @@
-# Two targets for people: `make demo` and `make test`. Each sets up what it needs.
+# Targets for people: `make demo`, `make test` and `make docs`. Each sets up what it needs.
 
 PYTHON ?= python3
 VENV := .venv
@@ -6,11 +6,12 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: help demo test format lint types layers tests gl chromium clean
+.PHONY: help demo test docs format lint types layers tests gl chromium clean
 
 help:
 	@echo "make demo   renders, trains, evaluates and writes demo/report.html (under 8 minutes on two cores)"
 	@echo "make test   formatter, linter, types, layer contracts, tests with coverage (under 10 minutes)"
+	@echo "make docs   builds the documentation into build/docs (open build/docs/index.html)"
 	@echo "make format rewrites the code in the project's format"
 	@echo "make clean  removes the virtual environment and everything that the targets made"
 
@@ -35,6 +36,9 @@ tests: export OMP_NUM_THREADS ?= 1
 tests: $(INSTALLED) gl chromium
 	$(BIN)/pytest -n 2 --dist loadgroup --cov --cov-report term --durations 10
 
+docs: $(INSTALLED)
+	$(BIN)/sphinx-build -W --keep-going -n -q -b html docs build/docs
+
 format: $(INSTALLED)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -54,4 +58,4 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) demo out .coverage* .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build demo out .coverage* .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
