@@ -12,7 +12,6 @@ project = "pix2face"
 author = "The pix2face authors"
 release = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "command_help"]
-exclude_patterns = ["measurements"]
 
 html_theme = "furo"
 html_title = f"pix2face {release}"

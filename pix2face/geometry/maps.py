@@ -75,7 +75,7 @@ def fixed_point_to_maps(values: Int16[ndarray, "*h 3"]) -> Float32[ndarray, "*h 
 
 
 def valid_pixels(pncc: Float32[ndarray, "h w 3"], smallest_radius_mm: float) -> Bool[ndarray, "h w"]:
-    """Which predicted pixels are face: |PNCC| beyond half the model's smallest radius, then eroded by one pixel.
+    """Which predicted pixels are face: PNCC longer than half the model's smallest radius, then eroded by one pixel.
 
     The background is 0 and every point of the face is far from the origin, so the threshold lies midway.
     """
