@@ -20,8 +20,8 @@ NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 sys.path.append(str(ROOT / "docs"))
 from command_help import PROGRAMS, commands, help_text  # noqa: E402  (an extension of Sphinx, beside the pages)
 
-# Of other programs (docker, usermod, torchrun, dask, pip, git), and of our scripts and benchmarks.
-FOREIGN_OPTIONS = {"--group-add", "--gpus", "--nproc-per-node", "--nthreads", "--nworkers"}
+# Of docker, dask and torchrun, and of a benchmark whose options are the fields of a class.
+FOREIGN_OPTIONS = {"--group-add", "--gpus", "--nproc-per-node", "--nthreads", "--curve-steps", "--curve-size-px"}
 
 
 def relative_links(text: str) -> set[str]:
@@ -32,7 +32,7 @@ def relative_links(text: str) -> set[str]:
 def commands_in_blocks(text: str) -> list[str]:
     """The calls of our programs in indented blocks, without comments."""
     lines = [line.split(" # ")[0] for line in text.splitlines() if line.startswith("    ")]
-    parts = [re.sub(r" > \S+$", "", part.strip()) for line in lines for part in line.split("&&")]
+    parts = [re.sub(r" > [\w./-]+$", "", part.strip()) for line in lines for part in line.split("&&")]
     return [part for part in parts if re.match(rf"({'|'.join(PROGRAMS)}) [\w-]", part)]
 
 
