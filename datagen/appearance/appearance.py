@@ -27,27 +27,16 @@ from datagen.random_streams import generator_for
 @final
 @dataclass(frozen=True, kw_only=True)
 class Appearance:
-    """Everything that a synthetic photograph has beside the shape and the pose of its face.
-
-    Attributes:
-        person: Who it is.
-        torso: How the body stands.
-        skin: Skin, eyes, mouth, make-up.
-        hair: Hair, brows, lashes.
-        accessories: What is worn, and what stands before the face.
-        light: What light falls on it.
-        backdrop: What is behind.
-        photograph: What camera and file make of it.
-    """
+    """Everything that a synthetic photograph has beside the shape and the pose of its face."""
 
     person: Person
-    torso: Torso
-    skin: Skin
-    hair: Hair
-    accessories: Accessories
+    torso: Torso  # how the body stands
+    skin: Skin  # with eyes, mouth and make-up
+    hair: Hair  # with brows and lashes
+    accessories: Accessories  # what is worn, and what is in front of the face
     light: Light
-    backdrop: Backdrop
-    photograph: Photograph
+    backdrop: Backdrop  # what is behind the head
+    photograph: Photograph  # what the camera and the file make of it
 
 
 def draw_appearance(seed: int, sample_id: str, config: AppearanceConfig) -> Appearance:

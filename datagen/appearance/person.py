@@ -13,23 +13,14 @@ from pix2face.geometry.camera import Camera, HeadPose, head_pose, rotation_of_po
 @final
 @dataclass(frozen=True, kw_only=True)
 class Person:
-    """Traits that the parts of an appearance share. They say nothing about the shape of the face.
+    """Traits that the parts of an appearance share. They say nothing about the shape of the face."""
 
-    Attributes:
-        age_years: 16 to 90.
-        femininity: 0 male, 1 female, between them either.
-        african: Weight of the skins of African people; the three sum to 1.
-        asian: Of Asian people.
-        caucasian: Of Caucasian people.
-        melanin: 0 the lightest skin, 1 the darkest.
-    """
-
-    age_years: float
-    femininity: float
-    african: float
+    age_years: float  # 16 to 90
+    femininity: float  # 0 is male, 1 female
+    african: float  # weights of the three groups sum to 1
     asian: float
     caucasian: float
-    melanin: float
+    melanin: float  # 0 is the lightest skin, 1 the darkest
 
 
 # Melanin of the three groups: mean and standard deviation.
@@ -58,17 +49,11 @@ MOST_TURN_DEG, MOST_NOD_DEG, MOST_TILT_DEG = 70.0, 30.0, 25.0
 @final
 @dataclass(frozen=True, kw_only=True)
 class Torso:
-    """What part of the head's pose comes from the neck.
+    """What part of the head's pose comes from the neck."""
 
-    Attributes:
-        turn: Of its yaw, 0 (the whole body is turned) to 1 (the body faces the camera).
-        nod: Of its pitch.
-        tilt: Of its roll.
-    """
-
-    turn: float
-    nod: float
-    tilt: float
+    turn: float  # share of the yaw: 0 turns the whole body, 1 leaves the body facing the camera
+    nod: float  # share of the pitch
+    tilt: float  # share of the roll
 
 
 def draw_torso(rng: np.random.Generator) -> Torso:

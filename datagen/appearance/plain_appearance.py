@@ -36,42 +36,23 @@ GLOSS = {"eyes": 0.7, "iris": 1.0, "pupil": 1.0, "lips": 0.12, "teeth": 0.5, "to
 @final
 @dataclass(frozen=True)
 class PlainAppearance:
-    """Everything that the picture of a face has beside its shape, storable as JSON (``dataclasses.asdict``).
+    """Everything that the picture of a face has beside its shape, storable as JSON (``dataclasses.asdict``)."""
 
-    Attributes:
-        skin_rgb: sRGB, 0..1, like the next four.
-        lips_rgb: Lips.
-        hair_rgb: Scalp.
-        brows_rgb: Brows.
-        iris_rgb: Irises.
-        flush: How much redder cheeks, nose and ears are, 0..1.
-        beard: How dark the beard area is, 0..1.
-        blotchiness: Relative amplitude of the large spots of skin and hair.
-        texture_seed: Seed of those spots.
-        ambient_rgb: Light from everywhere, linear; 1 shows a colour as it is.
-        light_directions: Towards each light, camera frame (x right, y down, z forward), unit length.
-        light_rgb: Linear colour of each light.
-        shine: Strength of the skin's highlights, 0..1.
-        blur_px: Standard deviation of the lens's blur.
-        noise: Standard deviation of the sensor's noise, 0..1.
-        noise_seed: Seed of that noise.
-    """
-
-    skin_rgb: Colour
+    skin_rgb: Colour  # sRGB, 0..1, like the next four
     lips_rgb: Colour
-    hair_rgb: Colour
+    hair_rgb: Colour  # of the scalp
     brows_rgb: Colour
     iris_rgb: Colour
-    flush: float
-    beard: float
-    blotchiness: float
+    flush: float  # how much redder cheeks, nose and ears are, 0..1
+    beard: float  # how dark the beard area is, 0..1
+    blotchiness: float  # relative amplitude of the large spots of skin and hair
     texture_seed: int
-    ambient_rgb: Colour
-    light_directions: tuple[Colour, ...]
-    light_rgb: tuple[Colour, ...]
-    shine: float
-    blur_px: float
-    noise: float
+    ambient_rgb: Colour  # light from everywhere, linear; 1 shows a colour as it is
+    light_directions: tuple[Colour, ...]  # towards each light, camera frame (x right, y down, z forward), unit length
+    light_rgb: tuple[Colour, ...]  # linear colour of each light
+    shine: float  # strength of the skin's highlights, 0..1
+    blur_px: float  # standard deviation of the lens's blur
+    noise: float  # standard deviation of the sensor's noise, 0..1
     noise_seed: int
 
 

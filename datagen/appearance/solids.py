@@ -15,19 +15,12 @@ from datagen.appearance.scene import Material, SceneMesh
 @final
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A triangle mesh without a material.
+    """A triangle mesh without a material."""
 
-    Attributes:
-        vertices: mm.
-        triangles: Corners.
-        uv: Texture coordinates in repeats of the texture.
-        normals: Unit, outward.
-    """
-
-    vertices: Float32[ndarray, "v 3"]
+    vertices: Float32[ndarray, "v 3"]  # mm
     triangles: Int32[ndarray, "t 3"]
-    uv: Float32[ndarray, "v 2"]
-    normals: Float32[ndarray, "v 3"]
+    uv: Float32[ndarray, "v 2"]  # texture coordinates in repeats of the texture
+    normals: Float32[ndarray, "v 3"]  # unit, outward
 
     def placed(self, rotation: Float[ndarray, "3 3"], place: Float[ndarray, "3"], scale: float = 1.0) -> "Solid":
         """Scaled, turned, then moved."""

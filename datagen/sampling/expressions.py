@@ -23,15 +23,10 @@ _DIGITS = 2
 @final
 @dataclass(frozen=True)
 class DrawnExpression:
-    """An expression.
+    """An expression."""
 
-    Attributes:
-        kind: ``neutral``, ``emotion/anger``, ``speech/a+o``, ``extreme/yawn`` or ``mixture``.
-        strengths: Of the named expressions that are active, above 0 to 1.
-    """
-
-    kind: str
-    strengths: Mapping[str, float]
+    kind: str  # `neutral`, `emotion/anger`, `speech/a+o`, `extreme/yawn` or `mixture`
+    strengths: Mapping[str, float]  # of the active named expressions, above 0 to 1
 
 
 def draw_named_expression(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> DrawnExpression:

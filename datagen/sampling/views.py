@@ -24,23 +24,14 @@ FOCAL_LENGTH = "focal_px"
 @final
 @dataclass(frozen=True)
 class PhotographedView:
-    """How a face is photographed.
+    """How a face is photographed."""
 
-    Attributes:
-        pose: Of the head, as seen along the ray from the camera to it, before the picture is turned.
-        turn_deg: How far the whole picture is turned, clockwise as seen: people who lie, cameras held askew.
-        distance_mm: From the camera to the centre of the landmarks.
-        off_axis_deg: Angle between that ray and the optical axis, to the right and downward.
-        picture_per_box: Side of the picture as a multiple of the longer side of the box of the landmarks.
-        shift: The picture's centre from the box's, (right, down), as a share of the longer side.
-    """
-
-    pose: HeadPose
-    turn_deg: float
-    distance_mm: float
-    off_axis_deg: tuple[float, float]
-    picture_per_box: float
-    shift: tuple[float, float]
+    pose: HeadPose  # of the head, seen along the ray from the camera to it, before the picture is turned
+    turn_deg: float  # clockwise rotation of the whole picture: people who lie, cameras held askew
+    distance_mm: float  # from the camera to the centre of the landmarks
+    off_axis_deg: tuple[float, float]  # angle between that ray and the optical axis, to the right and downward
+    picture_per_box: float  # side of the picture as a multiple of the longer side of the box of the landmarks
+    shift: tuple[float, float]  # the picture's centre from the box's, (right, down), as a share of the longer side
 
 
 def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> PhotographedView:

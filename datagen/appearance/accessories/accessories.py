@@ -49,29 +49,17 @@ _BESIDE_MASK_MM = 2.5  # a beard below a mask is pressed flat
 @final
 @dataclass(frozen=True, kw_only=True)
 class Accessories:
-    """What one person wears, and what is before the face; None what is not there.
+    """What one person wears, and what is before the face; None what is not there."""
 
-    Attributes:
-        clothes: Around the neck, always.
-        jewellery: Rings, necklaces, earphones: kinds may be ``none``.
-        glasses: On the nose or in the hair.
-        beard: Beyond stubble.
-        headwear: On or around the head.
-        mask: Before mouth and nose.
-        hand: At or before the face.
-        held: At mouth or ear.
-        thing: Between camera and face.
-    """
-
-    clothes: Clothes
-    jewellery: Jewellery
-    glasses: Glasses | None = None
-    beard: Beard | None = None
-    headwear: Headwear | None = None
-    mask: Mask | None = None
-    hand: Hand | None = None
-    held: Held | None = None
-    thing: Thing | None = None
+    clothes: Clothes  # always there
+    jewellery: Jewellery  # rings, necklaces, earphones; each kind may be `none`
+    glasses: Glasses | None = None  # on the nose or pushed up into the hair
+    beard: Beard | None = None  # more than stubble
+    headwear: Headwear | None = None  # on or around the head
+    mask: Mask | None = None  # over mouth and nose
+    hand: Hand | None = None  # at or in front of the face
+    held: Held | None = None  # at mouth or ear
+    thing: Thing | None = None  # between the camera and the face
 
 
 _KINDS: Mapping[str, type] = {

@@ -159,23 +159,14 @@ SKIN_GAP_MM = 0.4
 @final
 @dataclass(frozen=True, kw_only=True)
 class Beard:
-    """A beard.
+    """A beard."""
 
-    Attributes:
-        style: One of ``STYLES``.
-        thickness_mm: How far it stands out from the skin.
-        hang_mm: How far its tips hang down at the chin.
-        density: Of its strands, 1 is dense.
-        greyness: 0 the colour of the hair, 1 white.
-        darkening: Factor on the colour of the hair.
-    """
-
-    style: str
-    thickness_mm: float
-    hang_mm: float
-    density: float
-    greyness: float
-    darkening: float
+    style: str  # one of `STYLES`
+    thickness_mm: float  # how far it stands out from the skin
+    hang_mm: float  # how far its tips hang below the chin
+    density: float  # density of the strands; 1 is dense
+    greyness: float  # 0 has the colour of the hair, 1 is white
+    darkening: float  # factor on the colour of the hair
 
 
 def draw_beard(rng: np.random.Generator, person: Person) -> Beard:

@@ -15,43 +15,24 @@ RIMS = ("full", "half", "none", "goggles")
 @final
 @dataclass(frozen=True, kw_only=True)
 class Glasses:
-    """A pair of glasses.
+    """A pair of glasses."""
 
-    Attributes:
-        shape: One of ``SHAPES``.
-        rim: One of ``RIMS``.
-        width_mm: Of a lens.
-        height_mm: Of a lens.
-        bridge_mm: Between the lenses.
-        thickness_mm: Half width of the rim.
-        is_metal: Instead of plastic.
-        colour: Of the frame, linear.
-        lens_colour: Linear.
-        lens_alpha: 0 clear to 1 opaque.
-        mirror: Light that a coating mirrors; 0 bare glass.
-        gradient: How much darker lenses are above than below.
-        slip_mm: How far down the nose they sit.
-        lift: 0 on the nose, 1 pushed up on the hair.
-        tilt_deg: Top of the lenses forward.
-        skew_deg: How crooked they sit.
-    """
-
-    shape: str
-    rim: str
-    width_mm: float
-    height_mm: float
-    bridge_mm: float
-    thickness_mm: float
-    is_metal: bool
-    colour: Colour
-    lens_colour: Colour
-    lens_alpha: float
-    mirror: float
-    gradient: float
-    slip_mm: float
-    lift: float
-    tilt_deg: float
-    skew_deg: float
+    shape: str  # one of `SHAPES`
+    rim: str  # one of `RIMS`
+    width_mm: float  # of one lens
+    height_mm: float  # of one lens
+    bridge_mm: float  # between the lenses
+    thickness_mm: float  # half the width of the rim
+    is_metal: bool  # otherwise plastic
+    colour: Colour  # of the frame, linear
+    lens_colour: Colour  # linear
+    lens_alpha: float  # 0 is clear, 1 opaque
+    mirror: float  # share of light that a coating reflects; 0 for bare glass
+    gradient: float  # how much darker the lenses are at the top than at the bottom
+    slip_mm: float  # how far down the nose they sit
+    lift: float  # 0 on the nose, 1 pushed up on the hair
+    tilt_deg: float  # how far the top of the lenses leans forward
+    skew_deg: float  # rotation in the plane of the lenses
 
 
 def draw_glasses(rng: np.random.Generator, person: Person, *, is_dark: bool, goggle_share: float = 0.0) -> Glasses:

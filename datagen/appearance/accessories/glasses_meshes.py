@@ -30,19 +30,13 @@ _PLACES = np.array([[0, 20, 104], [33, 27, 94], [76.5, 37, 4], [75, 26, -19], [7
 @final
 @dataclass(frozen=True, eq=False)
 class GlassesFit:
-    """Where the parts of a pair are, model frame, mm.
+    """Where the parts of a pair are, model frame, mm."""
 
-    Attributes:
-        rotation: Model from front frame.
-        place: Of the front frame's origin.
-        temples: Path of each, from hinge to behind the ear; 1 the left, -1 the right.
-        strap: Around the head, from the left end of the front to the right one.
-    """
-
-    rotation: Float64[ndarray, "3 3"]
-    place: Float64[ndarray, "3"]
+    rotation: Float64[ndarray, "3 3"]  # from the front frame to the model frame
+    place: Float64[ndarray, "3"]  # origin of the front frame
+    # path from the hinge to behind the ear: 1 the left, -1 the right one
     temples: Mapping[int, Float64[ndarray, "_ 3"]]
-    strap: Float64[ndarray, "_ 3"]
+    strap: Float64[ndarray, "_ 3"]  # around the head, from the left end of the front to the right one
 
 
 def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) -> GlassesFit:

@@ -21,15 +21,10 @@ OUTER_REGIONS = ("skin", "brows", "lips", "scalp", "neck")
 @final
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Points of the surface of a model, whatever the head.
+    """Points of the surface of a model, whatever the head."""
 
-    Attributes:
-        corners: For each point the triangle that it lies in, by its vertices.
-        weights: Of the corners; rows sum to 1.
-    """
-
-    corners: Int32[ndarray, "n 3"]
-    weights: Float32[ndarray, "n 3"]
+    corners: Int32[ndarray, "n 3"]  # vertices of the triangle that each point lies in
+    weights: Float32[ndarray, "n 3"]  # of the corners; rows sum to 1
 
     def at(self, values: Float32[ndarray, "v 3"]) -> Float32[ndarray, "n 3"]:
         """What vertices have (places, normals) at the points."""
@@ -137,14 +132,10 @@ def direction(rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Flo
 @final
 @dataclass(frozen=True, eq=False)
 class Skull:
-    """The outside of one head.
+    """The outside of one head."""
 
-    Attributes:
-        centre: Middle of the skull, mm, model frame.
-        radii: Distance of the skin, mm; rows from the crown down, columns around from the back over the right side.
-    """
-
-    centre: Float32[ndarray, "3"]
+    centre: Float32[ndarray, "3"]  # middle of the skull, mm, model frame
+    # distance of the skin, mm; rows from the crown down, columns around from the back over the right side
     radii: Float32[ndarray, "r c"]
 
     def radius(self, rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Float32[ndarray, "*_"]:

@@ -26,29 +26,17 @@ _REGIONS = ("ears", "ears", "skin", "skin", "brows", "skin")
 @final
 @dataclass(frozen=True, kw_only=True)
 class Jewellery:
-    """What hangs, sits and plays at a head.
+    """What hangs, sits and plays at a head."""
 
-    Attributes:
-        earrings: One of ``EARRINGS``.
-        one_ear: Only the left one has one.
-        piercing: One of ``PIERCINGS``.
-        necklace: 0 none, 1 a chain, 2 beads, 3 a chain with a pendant.
-        sound: One of ``SOUND``.
-        size: 0 to 1.
-        metal: Linear colour.
-        stone: Of beads and stones, linear.
-        gear: Of earphones, linear.
-    """
-
-    earrings: str
-    one_ear: bool
-    piercing: str
-    necklace: int
-    sound: str
-    size: float
-    metal: Colour
-    stone: Colour
-    gear: Colour
+    earrings: str  # one of `EARRINGS`
+    one_ear: bool  # only the left ear has an earring
+    piercing: str  # one of `PIERCINGS`
+    necklace: int  # 0 none, 1 a chain, 2 beads, 3 a chain with a pendant
+    sound: str  # one of `SOUND`
+    size: float  # 0..1
+    metal: Colour  # linear colour
+    stone: Colour  # linear colour of beads and stones
+    gear: Colour  # linear colour of earphones
 
 
 def draw_jewellery(rng: np.random.Generator, femininity: float, sound_share: float, share: float) -> Jewellery:

@@ -38,55 +38,32 @@ _BEHIND_SILHOUETTE, _BEHIND_BACKLIT = (0.7, 2.2), (0.8, 2.2)
 @final
 @dataclass(frozen=True, kw_only=True)
 class PersonPlace:
-    """Where another person stands, for whoever draws one.
+    """Where another person stands, for whoever draws one."""
 
-    Attributes:
-        x: Middle of the head, as a share of the picture's width.
-        y: As a share of its height.
-        scale: Size of the head beside the one in front.
-        blur: Radius out of focus, as a share of the picture's width.
-        seed: Of who it is.
-    """
-
-    x: float
-    y: float
-    scale: float
-    blur: float
-    seed: int
+    x: float  # middle of the head, as a share of the picture's width
+    y: float  # middle of the head, as a share of the picture's height
+    scale: float  # size of the head relative to the one in front
+    blur: float  # radius out of focus, as a share of the picture's width
+    seed: int  # of the person's appearance
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Backdrop:
-    """What is behind one head.
+    """What is behind one head."""
 
-    Attributes:
-        kind: ``environment`` (the light's), ``other environment``, ``photograph``, ``plain``, or a pattern's name.
-        seed: Of a pattern.
-        panoramas: Of environments.
-        view_deg: How much of an environment is seen across the picture; 0 is what the camera would see.
-        colour: Of a plain one, sRGB, 0..1.
-        level: Factor of the light, for what is not an environment.
-        blur: Radius out of focus, as a share of the picture's width.
-        file: Of a photograph, relative to the folder.
-        crop: As ``picture_folder.read_crop``.
-        is_mirrored: Of a photograph.
-        people: Others behind.
-        n_people: How many.
-    """
-
-    kind: str
-    seed: int = 0
-    panoramas: tuple[PanoramaLight, ...] = ()
-    view_deg: float = 0.0
-    colour: Triple = (0.5, 0.5, 0.5)
-    level: float = 1.0
-    blur: float = 0.0
-    file: str = ""
-    crop: Triple = (0.0, 0.0, 1.0)
-    is_mirrored: bool = False
-    people: tuple[PersonPlace, ...] = ()
-    n_people: int = 0
+    kind: str  # `environment` (the light's), `other environment`, `photograph`, `plain`, or a pattern's name
+    seed: int = 0  # of the pattern
+    panoramas: tuple[PanoramaLight, ...] = ()  # only for environments
+    view_deg: float = 0.0  # angle of an environment across the picture; 0 is the camera's own
+    colour: Triple = (0.5, 0.5, 0.5)  # only for `plain`; sRGB, 0..1
+    level: float = 1.0  # factor on the light of anything but environments
+    blur: float = 0.0  # radius out of focus, as a share of the picture's width
+    file: str = ""  # only for photographs; relative to the folder
+    crop: Triple = (0.0, 0.0, 1.0)  # only for photographs; see `picture_folder.read_crop`
+    is_mirrored: bool = False  # only for photographs
+    people: tuple[PersonPlace, ...] = ()  # other people behind
+    n_people: int = 0  # stored with samples, to filter by
 
 
 def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light) -> Backdrop:

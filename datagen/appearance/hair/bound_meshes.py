@@ -27,32 +27,19 @@ MIRRORED = np.array([-1, 1, 1], dtype=np.float32)
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoundMesh:
-    """A mesh around a model's mean that follows its heads.
+    """A mesh around a model's mean that follows its heads."""
 
-    Attributes:
-        name: Of the style.
-        mean: Points around the mean, mm, model frame. Several vertices may share one, along seams of the texture.
-        feet: Nearest place on the skin of each point, around the mean.
-        heights: Distance of each point from the skin, mm, negative inside.
-        over_face: Which points hang over the face, not over scalp or neck.
-        neighbours: Vertices of the model that each point follows.
-        weights: How much; they sum to 1.
-        normals: Of the points, unit, around the mean.
-        point_of_vertex: Point of each vertex.
-        uv: Texture coordinates of each vertex, the origin at the top left.
-        triangles: Indices of vertices.
-    """
-
-    name: str
+    name: str  # of the style
+    # points around the mean, mm, model frame. Several vertices may share one, along seams of the texture.
     mean: Float32[ndarray, "p 3"]
-    feet: Float32[ndarray, "p 3"]
-    heights: Float32[ndarray, " p"]
-    over_face: Bool[ndarray, " p"]
-    neighbours: Int32[ndarray, "p n"]
-    weights: Float32[ndarray, "p n"]
-    normals: Float32[ndarray, "p 3"]
-    point_of_vertex: Int32[ndarray, " v"]
-    uv: Float32[ndarray, "v 2"]
+    feet: Float32[ndarray, "p 3"]  # nearest place on the skin of each point, around the mean
+    heights: Float32[ndarray, " p"]  # distance of each point from the skin, mm, negative inside
+    over_face: Bool[ndarray, " p"]  # which points hang over the face, not over scalp or neck
+    neighbours: Int32[ndarray, "p n"]  # vertices of the model that each point follows
+    weights: Float32[ndarray, "p n"]  # of the neighbours; rows sum to 1
+    normals: Float32[ndarray, "p 3"]  # of the points, unit, around the mean
+    point_of_vertex: Int32[ndarray, " v"]  # point of each vertex
+    uv: Float32[ndarray, "v 2"]  # texture coordinates of each vertex, the origin at the top left
     triangles: Int32[ndarray, "t 3"]
 
     def displacements(self, head: Float[ndarray, "h 3"], mean: Float[ndarray, "h 3"]) -> Float32[ndarray, "p 3"]:

@@ -33,46 +33,27 @@ INK = (0.008, 0.007, 0.007)
 @final
 @dataclass(frozen=True, kw_only=True)
 class Brows:
-    """Brows of a face.
+    """Brows of a face."""
 
-    Attributes:
-        layer: Which of the twelve.
-        colour: Linear.
-        alpha: 0 none, 1 as painted.
-        density: 1 as painted.
-        thickness: Factor on their height.
-        shift_mm: Upward, of both, as far as it is not the face's.
-        apart_mm: How much farther from the middle; negative joins them.
-        uneven_mm: The subject's left higher than the right.
-    """
-
-    layer: int
-    colour: Colour
-    alpha: float
-    density: float
-    thickness: float
-    shift_mm: float
-    apart_mm: float
-    uneven_mm: float
+    layer: int  # index into the twelve brows
+    colour: Colour  # linear
+    alpha: float  # 0 without brows, 1 as painted
+    density: float  # 1 as painted
+    thickness: float  # factor on their height
+    shift_mm: float  # how far both are moved up
+    apart_mm: float  # how much farther both are from the middle; negative joins them
+    uneven_mm: float  # how much higher the subject's left brow is than the right one
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Lashes:
-    """Lashes of a face.
+    """Lashes of a face."""
 
-    Attributes:
-        layer: Which of ``LASH_STYLES``.
-        colour: Linear.
-        alpha: 0 none to be seen, 1 full.
-        length: Factor.
-        has_mascara: Whether they are painted.
-    """
-
-    layer: int
-    colour: Colour
-    alpha: float
-    length: float
+    layer: int  # index into `LASH_STYLES`
+    colour: Colour  # linear
+    alpha: float  # 0 is invisible, 1 full
+    length: float  # factor on the length
     has_mascara: bool
 
 

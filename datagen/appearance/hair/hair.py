@@ -40,21 +40,13 @@ MIDDLE_MM = np.array([0.0, 40.0, 0.0], dtype=np.float32)
 @final
 @dataclass(frozen=True, kw_only=True)
 class Hair:
-    """All hair of a head but the beard.
-
-    Attributes:
-        hairdo: What is on the scalp.
-        colour: Its colour.
-        brows: Brows.
-        lashes: Lashes.
-        seed: Of the strands' pattern, 0..100.
-    """
+    """All hair of a head but the beard."""
 
     hairdo: Hairdo
     colour: HairColour
     brows: Brows
     lashes: Lashes
-    seed: float
+    seed: float  # of the strands' pattern, 0..100
 
     @property
     def scalp_density(self) -> float:

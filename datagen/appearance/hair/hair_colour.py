@@ -24,37 +24,21 @@ VIVID_HUES = (0.58, 0.9, 0.4, 0.78, 0.99, 0.5)
 @final
 @dataclass(frozen=True, kw_only=True)
 class HairColour:
-    """What colours the hair of a head; colours are linear, 0..1.
+    """What colours the hair of a head; colours are linear, 0..1."""
 
-    Attributes:
-        eumelanin: Brown and black pigment, 0.05 (platinum) to 9 (black).
-        pheomelanin: Red pigment, 0 to 3.
-        base: Colour without grey.
-        tips: Colour of the ends.
-        tips_from_mm: Height in the model frame where the ends' colour begins.
-        tips_to_mm: Where it is full.
-        highlight: Colour of highlighted strands.
-        highlight_share: How many there are.
-        grey: Colour of grey strands.
-        grey_share: How many there are.
-        root_darkness: How dark the crown's roots are, 0..1.
-        is_dyed: Whether the colour is not the person's own.
-        roughness: Of strands.
-    """
-
-    eumelanin: float
-    pheomelanin: float
-    base: Colour
-    tips: Colour
-    tips_from_mm: float
-    tips_to_mm: float
-    highlight: Colour
-    highlight_share: float
-    grey: Colour
-    grey_share: float
-    root_darkness: float
-    is_dyed: bool
-    roughness: float
+    eumelanin: float  # brown and black pigment, 0.05 (platinum) to 9 (black)
+    pheomelanin: float  # red pigment, 0 to 3
+    base: Colour  # colour without grey
+    tips: Colour  # colour of the ends
+    tips_from_mm: float  # height in the model frame where the colour of the ends begins
+    tips_to_mm: float  # height where it is full
+    highlight: Colour  # colour of highlighted strands
+    highlight_share: float  # share of strands that are highlighted
+    grey: Colour  # colour of grey strands
+    grey_share: float  # share of strands that are grey
+    root_darkness: float  # how dark the roots at the crown are, 0..1
+    is_dyed: bool  # not the person's own colour
+    roughness: float  # of strands
 
 
 def melanin_to_linear(eumelanin: float, pheomelanin: float) -> ndarray:

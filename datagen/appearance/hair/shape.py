@@ -35,15 +35,10 @@ MIDDLE_REGIONS = ("skin", "brows", "lips", "eyes", "iris", "pupil", "scalp", "ne
 @final
 @dataclass(frozen=True, eq=False)
 class Parting:
-    """Where a hairdo leaves the face free, by height.
+    """Where a hairdo leaves the face free, by height."""
 
-    Attributes:
-        right: x of the gap's end on the subject's right, mm, for each row.
-        left: On the left.
-    """
-
-    right: Float32[ndarray, " rows"]
-    left: Float32[ndarray, " rows"]
+    right: Float32[ndarray, " rows"]  # x of the gap's end on the subject's right, mm, for each row
+    left: Float32[ndarray, " rows"]  # the same on the left
 
 
 def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) -> None:
@@ -176,15 +171,10 @@ STRIP_MM, AT_RIM_MM = 12.0, 3.0
 @final
 @dataclass(frozen=True)
 class CrownPlane:
-    """Above it a hat hides hair.
+    """Above it a hat hides hair."""
 
-    Attributes:
-        point: On the rim of the hat, mm, around the model's mean.
-        normal: Out of the top of the hat, unit.
-    """
-
-    point: tuple[float, float, float]
-    normal: tuple[float, float, float]
+    point: tuple[float, float, float]  # on the rim of the hat, mm, around the model's mean
+    normal: tuple[float, float, float]  # unit, towards the top of the hat
 
 
 def shaped(mesh: BoundMesh, parting: Parting, hairdo: Hairdo, crown: CrownPlane | None) -> Float32[ndarray, "p 3"]:

@@ -12,25 +12,15 @@ from datagen.appearance.person import Person
 @final
 @dataclass(frozen=True, kw_only=True)
 class Style:
-    """A modelled hairdo.
+    """A modelled hairdo."""
 
-    Attributes:
-        female: Weight among women, against other styles.
-        male: Among men.
-        african: How much more often among African people: factor at full weight.
-        is_long: Hangs below the ears: it may be cut and lengthened.
-        covers: Hangs over cheeks, shoulders and forehead.
-        cap: Has gaps at the crown that short hair below would fill.
-        scalp_density: How much short hair the scalp itself shows between the strands, 0..1.
-    """
-
-    female: float
-    male: float
-    african: float = 1.0
-    is_long: bool = False
-    covers: bool = False
-    cap: bool = False
-    scalp_density: float = 0.7
+    female: float  # weight among women
+    male: float  # weight among men
+    african: float = 1.0  # factor on the weight for African people
+    is_long: bool = False  # hangs below the ears, so that it may be cut and lengthened
+    covers: bool = False  # hangs over cheeks, shoulders and forehead
+    cap: bool = False  # has gaps at the crown that short hair below would fill
+    scalp_density: float = 0.7  # how much short hair the scalp itself shows between the strands, 0..1
 
 
 # Every style has a weight for everybody. African: coils and short hair more often than smooth bobs.
@@ -55,33 +45,19 @@ UNCUT_MM = -1000.0
 @final
 @dataclass(frozen=True, kw_only=True)
 class Hairdo:
-    """A hairdo as it was drawn for one person.
+    """A hairdo as it was drawn for one person."""
 
-    Attributes:
-        style: A key of ``STYLES`` or of ``WITHOUT_MESH``.
-        cap: A second style below, or empty.
-        is_mirrored: Turned left to right.
-        length: Factor on what hangs below the ears.
-        cut_mm: Height in the model frame at which it is cut off.
-        volume: Factor on the distance from the scalp.
-        aside: How far strands over forehead and cheeks are combed aside, 0 as modelled .. 1 none are left.
-        sway_mm: How far tips that hang 10 cm from the scalp move to the subject's left.
-        density: How full it is; 1 as modelled.
-        thinning: How much of the crown is thin, 0..1.
-        scalp_density: How much short hair the scalp itself shows, 0..1, for ``skin_scalp_hair``.
-    """
-
-    style: str
-    cap: str
+    style: str  # a key of `STYLES` or of `WITHOUT_MESH`
+    cap: str  # a second style below it, or empty
     is_mirrored: bool
-    length: float
-    cut_mm: float
-    volume: float
-    aside: float
-    sway_mm: float
-    density: float
-    thinning: float
-    scalp_density: float
+    length: float  # factor on what hangs below the ears
+    cut_mm: float  # height in the model frame at which it is cut off
+    volume: float  # factor on the distance from the scalp
+    aside: float  # how far strands over forehead and cheeks are combed aside: 0 as modelled, 1 leaves none
+    sway_mm: float  # how far tips that hang 10 cm from the scalp move towards the subject's left
+    density: float  # how full it is; 1 as modelled
+    thinning: float  # how much of the crown is thin, 0..1
+    scalp_density: float  # how much short hair the scalp itself shows, 0..1, for `skin_scalp_hair`
 
 
 def draw_hairdo(rng: np.random.Generator, config: HairConfig, person: Person) -> Hairdo:

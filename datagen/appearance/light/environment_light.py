@@ -22,16 +22,11 @@ _LARGEST_AZIMUTH_DEG = 105.0  # of a lamp that is to light the face
 @final
 @dataclass(frozen=True, eq=False)
 class EnvironmentLight:
-    """What environments give.
+    """What environments give."""
 
-    Attributes:
-        name: Of them.
-        setup: Their light, camera frame.
-        panoramas: For what mirrors, and for what is behind the head; mean luminance of the sum about 1.
-    """
-
-    name: str
-    setup: Setup
+    name: str  # names of the environments
+    setup: Setup  # their light, camera frame
+    # for reflections and for the backdrop; the mean luminance of their sum is about 1
     panoramas: tuple[PanoramaLight, ...]
 
 

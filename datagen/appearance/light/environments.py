@@ -30,37 +30,23 @@ N_LAMPS = 2
 @final
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """Something bright in an environment: the sun, a window, a lamp.
+    """Something bright in an environment: the sun, a window, a lamp."""
 
-    Attributes:
-        direction: Towards it, unit length, environment frame.
-        colour: What a white surface that faces it shows: irradiance / pi, linear.
-        radius_rad: Its size: root mean square of the angle from its middle, times the square root of 2.
-    """
-
-    direction: Float64[ndarray, "3"]
-    colour: Float64[ndarray, "3"]
-    radius_rad: float
+    direction: Float64[ndarray, "3"]  # towards the lamp, unit length, environment frame
+    colour: Float64[ndarray, "3"]  # what a white surface that faces it shows: irradiance / pi, linear
+    radius_rad: float  # its size: root mean square of the angle from its middle, times the square root of 2
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """An environment taken apart: lamps and rest make up the whole.
-
-    Attributes:
-        name: Of the file's.
-        lamps: The brightest first; black ones where there are fewer.
-        rest: The panorama without them.
-        harmonics: Of the rest.
-        mean: Of the whole panorama over the sphere.
-    """
+    """An environment taken apart: lamps and rest make up the whole."""
 
     name: str
-    lamps: tuple[Lamp, ...]
-    rest: Float32[ndarray, "h w 3"]
-    harmonics: Float64[ndarray, "9 3"]
-    mean: Float64[ndarray, "3"]
+    lamps: tuple[Lamp, ...]  # the brightest first; black ones where there are fewer
+    rest: Float32[ndarray, "h w 3"]  # the panorama without its lamps
+    harmonics: Float64[ndarray, "9 3"]  # of the rest
+    mean: Float64[ndarray, "3"]  # mean colour of the whole panorama over the sphere
 
 
 @lru_cache(maxsize=1)

@@ -19,14 +19,11 @@ from datagen.appearance.light.sources import direction_of
 @final
 @dataclass(eq=False)
 class Setup:
-    """Light under construction, camera frame.
+    """Light under construction, camera frame."""
 
-    Attributes:
-        lamps: Direction, colour (irradiance / pi) and angular radius of each, in any order and number.
-        ambient: Harmonics of everything else.
-    """
-
+    # direction, colour (irradiance / pi) and angular radius of each, in any order and number
     lamps: list[tuple[Float64[ndarray, "3"], Float64[ndarray, "3"], float]] = field(default_factory=list)
+    # harmonics of all other light
     ambient: Float64[ndarray, "9 3"] = field(default_factory=lambda: np.zeros((N_HARMONICS, 3)))
 
     def lamp(self, azimuth_deg: float, elevation_deg: float, colour: ndarray, radius_rad: float) -> None:

@@ -16,57 +16,36 @@ Triple = tuple[float, float, float]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Lamplight:
-    """Light from one side, which casts shadows.
+    """Light from one side, which casts shadows."""
 
-    Attributes:
-        direction: Towards the lamp, camera frame (x right, y down, z forward), unit length.
-        colour: What a white surface that faces it shows: irradiance / pi, linear.
-        radius_rad: Angle from the middle to the edge of the lamp: how soft shadows and highlights are.
-    """
-
-    direction: Triple
-    colour: Triple
-    radius_rad: float
+    direction: Triple  # towards the lamp, camera frame (x right, y down, z forward), unit length
+    colour: Triple  # what a white surface that faces it shows: irradiance / pi, linear
+    radius_rad: float  # angle from the middle to the edge of the lamp: how soft shadows and highlights are
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class PanoramaLight:
-    """An environment around the camera.
-
-    Attributes:
-        name: Of the environment.
-        heading_deg: How far to the right of the panorama's middle the camera looks.
-        tilt_deg: How far it looks up.
-        roll_deg: How far it is turned clockwise.
-        colour_matrix: Acts on the panorama's linear colours: exposure, white balance, saturation, share of a mixture.
-    """
+    """An environment around the camera."""
 
     name: str
-    heading_deg: float
-    tilt_deg: float
-    roll_deg: float
+    heading_deg: float  # how far to the right of the panorama's middle the camera looks
+    tilt_deg: float  # how far the camera looks up
+    roll_deg: float  # how far the camera is turned clockwise
+    # acts on linear colours: exposure, white balance, saturation and share of a mixture
     colour_matrix: tuple[Triple, Triple, Triple]
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Gobo:
-    """Something between the first lamp and the face that lets light through in patches.
+    """Something between the first lamp and the face that lets light through in patches."""
 
-    Attributes:
-        kind: ``blinds``, ``leaves`` or ``bars`` (of a window).
-        period_mm: Distance of slats, leaves, panes.
-        turn_rad: In the plane across the light.
-        shift: Where the pattern begins, in periods.
-        depth: How much it takes away where it is darkest, 0..1.
-    """
-
-    kind: str
-    period_mm: float
-    turn_rad: float
-    shift: tuple[float, float]
-    depth: float
+    kind: str  # `blinds`, `leaves` or `bars` (of a window)
+    period_mm: float  # distance between slats, leaves or panes
+    turn_rad: float  # rotation in the plane across the light
+    shift: tuple[float, float]  # where the pattern begins, in periods
+    depth: float  # how much light it takes away where it is darkest, 0..1
 
 
 GOBOS = ("blinds", "leaves", "bars")  # numbered from 1 in light.glsl
@@ -75,31 +54,18 @@ GOBOS = ("blinds", "leaves", "bars")  # numbered from 1 in light.glsl
 @final
 @dataclass(frozen=True, kw_only=True)
 class Light:
-    """All light of one photograph.
+    """All light of one photograph."""
 
-    Attributes:
-        kind: ``soft``, ``directional``, ``studio``, ``backlit``, ``silhouette`` or ``night``.
-        setup: The environments' names, or the name of the arrangement of lamps.
-        illuminance: What a white ball shows on average, seen by the camera: 1 is white.
-        key_share: How much of that the lamps give, 0..1.
-        key_azimuth_deg: Of the first lamp, from the camera's side; 90 is the picture's right, 180 behind the head.
-        key_elevation_deg: Of the first lamp; 90 is straight above.
-        lamps: At most two; both cast shadows; the first is the stronger.
-        panoramas: At most two, their light added.
-        ambient: All light but the lamps': nine harmonics, one after the other, three colours each; camera frame.
-        gobo: Before the first lamp, or None.
-    """
-
-    kind: str
-    setup: str
-    illuminance: float
-    key_share: float
-    key_azimuth_deg: float
-    key_elevation_deg: float
-    lamps: tuple[Lamplight, ...]
-    panoramas: tuple[PanoramaLight, ...]
-    ambient: tuple[float, ...]
-    gobo: Gobo | None
+    kind: str  # `soft`, `directional`, `studio`, `backlit`, `silhouette` or `night`
+    setup: str  # names of the environments, or of the arrangement of lamps
+    illuminance: float  # what a white ball shows the camera on average; 1 is white
+    key_share: float  # share of the lamps in that, 0..1
+    key_azimuth_deg: float  # of the first lamp: 0 on the camera's side, 90 on the picture's right, 180 behind the head
+    key_elevation_deg: float  # of the first lamp; 90 is straight above
+    lamps: tuple[Lamplight, ...]  # at most two, the stronger first; both cast shadows
+    panoramas: tuple[PanoramaLight, ...]  # at most two, whose light is added
+    ambient: tuple[float, ...]  # nine harmonics of all light but the lamps', three colours each; camera frame
+    gobo: Gobo | None  # in front of the first lamp
 
 
 def environment_from_camera(panorama: PanoramaLight) -> Float64[ndarray, "3 3"]:

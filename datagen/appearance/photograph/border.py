@@ -19,21 +19,13 @@ FILLINGS = ("black", "replicated", "reflected", "white", "mean", "blurred")
 @final
 @dataclass(frozen=True, kw_only=True)
 class Border:
-    """Where the photograph ends in the picture.
+    """Where the photograph ends in the picture."""
 
-    Attributes:
-        left: Share of the picture's width beyond the border; likewise the other three.
-        top: Share of its height.
-        right: Share of its width.
-        bottom: Share of its height.
-        filling: One of ``FILLINGS``.
-    """
-
-    left: float = 0.0
-    top: float = 0.0
+    left: float = 0.0  # share of the picture's width beyond the border
+    top: float = 0.0  # share of its height
     right: float = 0.0
     bottom: float = 0.0
-    filling: str = "black"
+    filling: str = "black"  # one of `FILLINGS`
 
     @property
     def is_there(self) -> bool:

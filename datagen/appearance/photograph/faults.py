@@ -17,21 +17,13 @@ SEPIA = (1.0, 0.86, 0.66)
 @final
 @dataclass(frozen=True, kw_only=True)
 class TakenPicture:
-    """What happens to a picture, border aside.
+    """What happens to a picture, border aside."""
 
-    Attributes:
-        lens: Blur, and where light goes astray.
-        sensor: Exposure and noise.
-        tone: From light to bytes.
-        processing: What programs did.
-        quality: Of the JPEG file.
-    """
-
-    lens: Lens
-    sensor: Sensor
-    tone: Tone
-    processing: Processing
-    quality: int
+    lens: Lens  # blur, and where light goes astray
+    sensor: Sensor  # exposure and noise
+    tone: Tone  # from light to bytes
+    processing: Processing  # what programs did
+    quality: int  # of the JPEG file
 
 
 def draw_good_photograph(rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:

@@ -15,29 +15,17 @@ _LEAST_BLUR_PX = 0.3
 @final
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """A lens, its focus, and how it moved. Lengths are shares of the picture's longer side.
+    """A lens, its focus, and how it moved. Lengths are shares of the picture's longer side."""
 
-    Attributes:
-        defocus: Radius of the disc that a point becomes.
-        motion: How far the picture moved during the exposure.
-        motion_deg: Which way; 0 right, 90 down.
-        motion_bend: How much the path bends: its height over its length.
-        magnification: Of red relative to green, less 1; blue has the opposite.
-        vignetting: How much darker the corner farthest from the axis is, 0 to 1.
-        axis: Where the optical axis meets the picture, (right, down), from its centre.
-        bloom: Share of the light that is scattered near its source.
-        glare: Share of all light that is scattered everywhere.
-    """
-
-    defocus: float = 0.0
-    motion: float = 0.0
-    motion_deg: float = 0.0
-    motion_bend: float = 0.0
-    magnification: float = 0.0
-    vignetting: float = 0.0
-    axis: tuple[float, float] = (0.0, 0.0)
-    bloom: float = 0.0
-    glare: float = 0.0
+    defocus: float = 0.0  # radius of the disc that a point becomes
+    motion: float = 0.0  # how far the picture moved during the exposure
+    motion_deg: float = 0.0  # direction: 0 right, 90 down
+    motion_bend: float = 0.0  # height of the path's bend over its length
+    magnification: float = 0.0  # of red relative to green, minus 1; blue has the opposite
+    vignetting: float = 0.0  # how much darker the corner farthest from the axis is, 0 to 1
+    axis: tuple[float, float] = (0.0, 0.0)  # where the optical axis meets the picture, (right, down) from its centre
+    bloom: float = 0.0  # share of the light that is scattered near its source
+    glare: float = 0.0  # share of all light that is scattered everywhere
 
 
 def expose_through(lens: Lens, light: Float32[ndarray, "h w 3"]) -> Float32[ndarray, "h w 3"]:

@@ -22,29 +22,17 @@ from datagen.appearance.photograph.sensor import Sensor, Tone, sense, tone
 @final
 @dataclass(frozen=True, kw_only=True)
 class Photograph:
-    """All that happens between the light and the file, storable as JSON (``dataclasses.asdict``).
-
-    Attributes:
-        lens: Blur, and where light goes astray.
-        sensor: Exposure and noise.
-        tone: From light to bytes.
-        processing: What programs did.
-        border: Where the photograph ends in the picture.
-        quality: Of the JPEG file, 1 to 100.
-        is_colour_halved: The file has colour at half the resolution, as most have.
-        faults: What it is bad in, of ``FAULTS``, parted by ``+``; empty for a decent photograph.
-        seed: Of noise, grain and dust.
-    """
+    """All that happens between the light and the file, storable as JSON (``dataclasses.asdict``)."""
 
     lens: Lens
     sensor: Sensor
-    tone: Tone
-    processing: Processing
-    border: Border
-    quality: int
-    is_colour_halved: bool
-    faults: str
-    seed: int
+    tone: Tone  # from light to bytes
+    processing: Processing  # what programs did
+    border: Border  # where the photograph ends in the picture
+    quality: int  # of the JPEG file, 1 to 100
+    is_colour_halved: bool  # the file has colour at half the resolution
+    faults: str  # names out of `FAULTS`, joined by `+`; empty for a decent photograph
+    seed: int  # of noise, grain and dust
 
 
 def draw_photograph(rng: np.random.Generator, config: PhotographConfig) -> Photograph:

@@ -16,43 +16,24 @@ INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cub
 @final
 @dataclass(frozen=True, kw_only=True)
 class Processing:
-    """What happened to a picture, in this order.
+    """What happened to a picture, in this order."""
 
-    Attributes:
-        smoothing: How smooth a program made the skin, 0 to 1.
-        side_px: Longer side of the small picture that was enlarged; 0 where there was none.
-        enlarged_by: ``nearest``, ``linear`` or ``cubic``.
-        sharpening: Strength of the haloes, 0 none.
-        sharpening_px: How wide they are.
-        grain: Standard deviation of film grain, 0 to 255.
-        scratches: How many, from top to bottom.
-        dust: How many specks and hairs.
-        interlace: How far odd lines are moved to one side and even ones to the other, as a share of the width.
-        moire: Strength of the pattern of a photographed screen, 0 to 1.
-        colours: How many steps each colour has; 256 is all.
-        text: What stands over the picture: a date, a watermark; empty for none.
-        text_place: Where it begins, as shares of width and height.
-        text_size: Height of its letters, as a share of the picture's side.
-        text_opacity: 0 to 1.
-        first_quality: Of the JPEG file that the picture was in before; 0 where there was none.
-    """
-
-    smoothing: float = 0.0
-    side_px: int = 0
-    enlarged_by: str = "cubic"
-    sharpening: float = 0.0
-    sharpening_px: float = 1.0
-    grain: float = 0.0
-    scratches: int = 0
-    dust: int = 0
-    interlace: float = 0.0
-    moire: float = 0.0
-    colours: int = 256
-    text: str = ""
-    text_place: tuple[float, float] = (0.0, 0.0)
-    text_size: float = 0.0
-    text_opacity: float = 0.0
-    first_quality: int = 0
+    smoothing: float = 0.0  # how smooth a program made the skin, 0..1
+    side_px: int = 0  # longer side of a small picture that was enlarged; 0 without
+    enlarged_by: str = "cubic"  # `nearest`, `linear` or `cubic`
+    sharpening: float = 0.0  # strength of the haloes
+    sharpening_px: float = 1.0  # width of the haloes
+    grain: float = 0.0  # standard deviation of film grain, 0 to 255
+    scratches: int = 0  # number of scratches from top to bottom
+    dust: int = 0  # number of specks and hairs
+    interlace: float = 0.0  # how far odd lines move to one side and even lines to the other, as a share of the width
+    moire: float = 0.0  # strength of the pattern of a photographed screen, 0..1
+    colours: int = 256  # steps of each colour; 256 is all
+    text: str = ""  # a date or a watermark over the picture
+    text_place: tuple[float, float] = (0.0, 0.0)  # where the text begins, as shares of width and height
+    text_size: float = 0.0  # height of the letters, as a share of the picture's side
+    text_opacity: float = 0.0  # 0..1
+    first_quality: int = 0  # of an earlier JPEG file of the picture; 0 without
 
 
 def process(

@@ -51,53 +51,31 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 @final
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """Exposure and noise.
+    """Exposure and noise."""
 
-    Attributes:
-        is_metered_on_face: Exposure goes by the face, where there is one; otherwise by the whole picture.
-        metering_strength: 0 takes light as it is, 1 makes all pictures equally bright.
-        exposure_error_ev: Stops beyond what the meter says.
-        white_balance: 0 leaves the colour of the light, 1 takes the mean of what may be grey for grey.
-        gains: Of red, green and blue, beside that: how wrong it is.
-        noise: Standard deviation at middle grey, 1 is white.
-        read_noise_share: Of the noise's variance at middle grey that is there in the dark already.
-        colour_noise: Of the noise that differs between channels, in coarse spots, relative to the common one.
-    """
-
-    is_metered_on_face: bool = True
-    metering_strength: float = 1.0
-    exposure_error_ev: float = 0.0
-    white_balance: float = 0.5
-    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    noise: float = 0.0
-    read_noise_share: float = 0.3
-    colour_noise: float = 0.3
+    is_metered_on_face: bool = True  # exposure follows the face, if there is one; otherwise the whole picture
+    metering_strength: float = 1.0  # 0 leaves the light as it is, 1 makes all pictures equally bright
+    exposure_error_ev: float = 0.0  # stops beyond what the meter says
+    white_balance: float = 0.5  # 0 leaves the colour of the light, 1 makes the mean of what may be grey grey
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)  # of red, green and blue: the error of the white balance
+    noise: float = 0.0  # standard deviation at middle grey; 1 is white
+    read_noise_share: float = 0.3  # share of the noise's variance at middle grey that is there in the dark
+    colour_noise: float = 0.3  # noise that differs between channels, in coarse spots, relative to the common noise
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Tone:
-    """From linear light to bytes.
+    """From linear light to bytes."""
 
-    Attributes:
-        roll_off: 0 cuts highlights at white, 1 bends them as film does.
-        contrast: Slope at the middle of the range, relative to the sRGB curve.
-        gamma: Exponent after the sRGB curve: above 1 darker.
-        black: What becomes 0, of 0 to 1 after the sRGB curve: shadows are crushed.
-        white: What becomes 255: above it everything is burnt out.
-        lift: What 0 becomes, 0 to 1: blacks of faded prints.
-        saturation: 0 grey, 1 as it is.
-        tint: Colour of the picture where it is grey, as gains of red, green and blue; 1, 1, 1 leaves it.
-    """
-
-    roll_off: float = 0.0
-    contrast: float = 1.0
-    gamma: float = 1.0
-    black: float = 0.0
-    white: float = 1.0
-    lift: float = 0.0
-    saturation: float = 1.0
-    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    roll_off: float = 0.0  # 0 cuts highlights at white, 1 bends them as film does
+    contrast: float = 1.0  # slope at the middle of the range, relative to the sRGB curve
+    gamma: float = 1.0  # exponent after the sRGB curve; above 1 is darker
+    black: float = 0.0  # what becomes 0, on the scale 0..1 after the sRGB curve; shadows are crushed
+    white: float = 1.0  # what becomes 255; everything above is burnt out
+    lift: float = 0.0  # what 0 becomes, 0..1: the blacks of faded prints
+    saturation: float = 1.0  # 0 is grey, 1 unchanged
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)  # gains of red, green and blue
 
 
 def sense(

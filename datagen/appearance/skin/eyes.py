@@ -44,57 +44,33 @@ _INNER = np.array(
 @final
 @dataclass(frozen=True, kw_only=True)
 class Eyes:
-    """Both eyes. Colours are linear, 0..1.
+    """Both eyes. Colours are linear, 0..1."""
 
-    Attributes:
-        left_inner: Iris of the subject's left eye around the pupil.
-        left_outer: The rest of it.
-        right_inner: Of the right eye.
-        right_outer: Likewise.
-        fibres: Whose fibres the irises have, one of ``IRISES``.
-        pupil: Radius of the pupil over that of the iris.
-        limbal_ring: How dark the rim of the iris is, 0..1.
-        iris_size: Sine of the angle between the eye's axis and the rim.
-        sclera: Colour.
-        veins: How visible they are.
-        redness: 0..1.
-    """
-
-    left_inner: Colour
-    left_outer: Colour
+    left_inner: Colour  # iris of the subject's left eye, around the pupil
+    left_outer: Colour  # the rest of that iris
     right_inner: Colour
     right_outer: Colour
-    fibres: str
-    pupil: float
-    limbal_ring: float
-    iris_size: float
+    fibres: str  # one of `IRISES`
+    pupil: float  # radius of the pupil over that of the iris
+    limbal_ring: float  # how dark the rim of the iris is, 0..1
+    iris_size: float  # sine of the angle between the eye's axis and the rim
     sclera: Colour
     veins: float
-    redness: float
+    redness: float  # 0..1
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Mouth:
-    """Teeth and tongue.
+    """Teeth and tongue."""
 
-    Attributes:
-        teeth: Linear colour.
-        gaps: How dark the joints between the teeth are, 0..1.
-        missing: Which upper tooth is missing, counted from the middle, negative on the subject's right; 0 none.
-        gold: Which one is gold.
-        has_braces: Whether brackets and a wire are on the teeth.
-        stain: How dark the teeth grow towards the gum.
-        tongue: Linear colour.
-    """
-
-    teeth: Colour
-    gaps: float
-    missing: int
-    gold: int
-    has_braces: bool
-    stain: float
-    tongue: Colour
+    teeth: Colour  # linear colour
+    gaps: float  # how dark the joints between the teeth are, 0..1
+    missing: int  # which upper tooth is missing, counted from the middle, negative on the subject's right; 0 for none
+    gold: int  # which one is gold, counted in the same way
+    has_braces: bool  # brackets and a wire
+    stain: float  # how dark the teeth are towards the gum
+    tongue: Colour  # linear colour
 
 
 def draw_eyes(rng: np.random.Generator, config: SkinConfig, person: Person) -> Eyes:

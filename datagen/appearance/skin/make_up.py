@@ -17,33 +17,19 @@ FACE_PAINTS = ("none", "stripes", "half", "full", "band", "cheek")
 @final
 @dataclass(frozen=True, kw_only=True)
 class MakeUp:
-    """What is put on a face. Colours are linear, 0..1; a strength of 0 is none of it.
-
-    Attributes:
-        lipstick: Colour.
-        lipstick_strength: How opaque it is.
-        lip_gloss: 0..1.
-        eye_shadow: Colour.
-        eye_shadow_strength: How opaque it is.
-        eyeliner: How black the edges of the lids are.
-        blusher: Colour.
-        blusher_strength: How opaque it is.
-        foundation: How much of the skin's unevenness it takes away, 0..1.
-        face_paint: One of ``FACE_PAINTS``.
-        face_paint_colours: Colour, and a second one for the eyes of a full paint.
-        face_paint_strength: How opaque it is.
-    """
+    """What is put on a face. Colours are linear, 0..1; a strength of 0 is none of it."""
 
     lipstick: Colour = (0.0, 0.0, 0.0)
     lipstick_strength: float = 0.0
-    lip_gloss: float = 0.0
+    lip_gloss: float = 0.0  # 0..1
     eye_shadow: Colour = (0.0, 0.0, 0.0)
     eye_shadow_strength: float = 0.0
-    eyeliner: float = 0.0
+    eyeliner: float = 0.0  # how black the edges of the lids are
     blusher: Colour = (0.0, 0.0, 0.0)
     blusher_strength: float = 0.0
-    foundation: float = 0.0
-    face_paint: str = "none"
+    foundation: float = 0.0  # how much it evens out the skin, 0..1
+    face_paint: str = "none"  # one of `FACE_PAINTS`
+    # the second one is for the eyes of a full paint
     face_paint_colours: tuple[Colour, Colour] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     face_paint_strength: float = 0.0
 

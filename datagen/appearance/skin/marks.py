@@ -15,25 +15,15 @@ MAX_MARKS = 12  # as in skin.glsl
 @final
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A round spot.
+    """A round spot."""
 
-    Attributes:
-        kind: ``mole``, ``acne``, ``blemish`` or ``scar``.
-        place: On the mean head, mm.
-        radius_mm: Where it ends.
-        melanin: What it adds to the skin's.
-        haemoglobin: Likewise.
-        height: How much it bulges.
-        core: How much of the radius is full strength.
-    """
-
-    kind: str
-    place: tuple[float, float, float]
+    kind: str  # `mole`, `acne`, `blemish` or `scar`
+    place: tuple[float, float, float]  # on the mean head, mm
     radius_mm: float
-    melanin: float
-    haemoglobin: float
-    height: float
-    core: float
+    melanin: float  # added to that of the skin
+    haemoglobin: float  # added to that of the skin
+    height: float  # how much it bulges
+    core: float  # share of the radius at full strength
 
 
 def draw_marks(rng: np.random.Generator, config: SkinConfig, person: Person) -> tuple[Mark, ...]:

@@ -20,62 +20,33 @@ RARE_BELOW, RARE_ABOVE = 0.15, 0.78
 @final
 @dataclass(frozen=True, kw_only=True)
 class Skin:
-    """What was drawn of one person's skin.
+    """What was drawn of one person's skin."""
 
-    Attributes:
-        melanin: 0 the lightest skin, 1 the darkest; even in lightness.
-        haemoglobin: Of skin at rest; 0.16 is usual.
-        flush: Further haemoglobin of cheeks, nose and ears.
-        under_eye: Strength of the circles under the eyes.
-        textures: Three of ``SKINS`` whose texture is blended.
-        texture_weights: Their weights, sum 1.
-        texture_strength: 0 none, 1 as photographed.
-        blotches: Relative unevenness of melanin, and of blood.
-        noise_offset: Where in the tile of noise this skin begins.
-        freckles: How many there are, 0..1, and how dark they are.
-        age_spots: How dark they are.
-        vitiligo: Whether there are white patches.
-        tan: How much darker skin in the sun is.
-        wrinkles: Of the face at rest, 0..1: forehead, between the brows, around the eyes, around the mouth, lips.
-        expression_folds: Factor on the folds that expressions make.
-        pores: How coarse the surface is.
-        oil: Shine.
-        roughness: Of dry skin.
-        marks: Moles, acne, scars.
-        shaved_shadow: How dark the shaved beard area is.
-        stubble: How dense stubble is, 0..1.
-        hair_colour: Of stubble, of painted brows and of cropped hair, linear, where the hair's own is not given.
-        brow_strength: How strong painted brows are.
-        hairline: How far the hair line recedes, 0..1.
-        make_up: Make-up and face paint.
-        eyes: Eyes.
-        mouth: Teeth and tongue.
-    """
-
-    melanin: float
-    haemoglobin: float
-    flush: float
-    under_eye: float
-    textures: tuple[str, str, str]
-    texture_weights: tuple[float, float, float]
-    texture_strength: float
-    blotches: tuple[float, float]
-    noise_offset: tuple[float, float]
-    freckles: tuple[float, float]
-    age_spots: float
-    vitiligo: bool
-    tan: float
+    melanin: float  # 0 is the lightest skin, 1 the darkest; even in lightness
+    haemoglobin: float  # of skin at rest; 0.16 is usual
+    flush: float  # further haemoglobin of cheeks, nose and ears
+    under_eye: float  # strength of the circles under the eyes
+    textures: tuple[str, str, str]  # three of `SKINS` that are blended
+    texture_weights: tuple[float, float, float]  # of these three; they sum to 1
+    texture_strength: float  # 0 none, 1 as photographed
+    blotches: tuple[float, float]  # relative unevenness of melanin, and of blood
+    noise_offset: tuple[float, float]  # where this skin begins in the tile of noise
+    freckles: tuple[float, float]  # how many there are, 0..1, and how dark they are
+    age_spots: float  # how dark they are
+    vitiligo: bool  # white patches
+    tan: float  # how much darker skin in the sun is
+    # of the face at rest, 0..1: forehead, between the brows, around the eyes, around the mouth, lips
     wrinkles: tuple[float, float, float, float, float]
-    expression_folds: float
-    pores: float
+    expression_folds: float  # factor on the folds that expressions make
+    pores: float  # how coarse the surface is
     oil: float
-    roughness: float
-    marks: tuple[Mark, ...]
-    shaved_shadow: float
-    stubble: float
-    hair_colour: Colour
-    brow_strength: float
-    hairline: float
+    roughness: float  # of dry skin
+    marks: tuple[Mark, ...]  # moles, acne, scars
+    shaved_shadow: float  # how dark the shaved beard area is
+    stubble: float  # how dense stubble is, 0..1
+    hair_colour: Colour  # of stubble, painted brows and cropped hair, linear, where the hair gives no colour of its own
+    brow_strength: float  # how strong painted brows are
+    hairline: float  # how far the hair line recedes, 0..1
     make_up: MakeUp
     eyes: Eyes
     mouth: Mouth

@@ -21,25 +21,15 @@ from pix2face.models.morphable_model import MorphableModel
 @final
 @dataclass(frozen=True)
 class Pose:
-    """Where a right hand is, seen from the person; the left one is its mirror image.
+    """Where a right hand is, seen from the person; the left one is its mirror image."""
 
-    Attributes:
-        share: Of all hands.
-        near: Place of the mean face that the palm is at, mm.
-        away_mm: Distance of the palm's middle from there, along the palm's back.
-        fingers: Where the fingers point.
-        palm: Where the palm looks.
-        curl_deg: How much fingers are bent at each joint.
-        touches: Whether it rests on the face; otherwise it is before it.
-    """
-
-    share: float
-    near: tuple[float, float, float]
-    away_mm: float
-    fingers: tuple[float, float, float]
-    palm: tuple[float, float, float]
-    curl_deg: float
-    touches: bool = True
+    share: float  # weight among all poses
+    near: tuple[float, float, float]  # the place on the mean face that the palm is at, mm
+    away_mm: float  # distance of the palm's middle from that place, along the palm's back
+    fingers: tuple[float, float, float]  # direction of the fingers
+    palm: tuple[float, float, float]  # direction that the palm faces
+    curl_deg: float  # bend of the fingers at each joint
+    touches: bool = True  # rests on the face; otherwise it is in front of it
 
 
 POSES: Mapping[str, Pose] = {
@@ -60,33 +50,20 @@ _FINGERS = ((-31.0, 44.0, 72.0, 8.3), (-10.5, 48.0, 80.0, 8.5), (10.5, 46.0, 74.
 @final
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """A hand.
+    """A hand."""
 
-    Attributes:
-        pose: One of ``POSES``.
-        is_left: Whose side.
-        is_pair: The other hand does the same on its side.
-        scale: 1 a man's.
-        curl_deg: Bend of index to little finger at each joint, added to that of the pose.
-        spread_deg: Between fingers.
-        turn_deg: About the palm's normal.
-        slide_mm: To the left, up, out.
-        sleeve: Linear colour.
-        has_sleeve: Or a bare arm.
-        nail: Linear colour of varnish, or negative where there is none.
-    """
-
-    pose: str
+    pose: str  # one of `POSES`
     is_left: bool
-    is_pair: bool
-    scale: float
+    is_pair: bool  # the other hand does the same on its side
+    scale: float  # 1 is the size of a man's hand
+    # bend of index to little finger at each joint, added to that of the pose
     curl_deg: tuple[float, float, float, float]
-    spread_deg: float
-    turn_deg: float
-    slide_mm: tuple[float, float, float]
-    sleeve: Colour
-    has_sleeve: bool
-    nail: Colour
+    spread_deg: float  # angle between neighbouring fingers
+    turn_deg: float  # rotation about the palm's normal
+    slide_mm: tuple[float, float, float]  # offset to the left, up and out
+    sleeve: Colour  # linear colour
+    has_sleeve: bool  # otherwise the arm is bare
+    nail: Colour  # linear colour of the nail varnish; negative without
 
 
 def draw_hand(rng: np.random.Generator, femininity: float) -> Hand:

@@ -44,25 +44,15 @@ Piece = tuple[Solid, Material]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Held:
-    """Something at the mouth or the ear.
+    """Something at the mouth or the ear."""
 
-    Attributes:
-        kind: One of ``HELD``.
-        is_left: At which side, or from which side it comes.
-        colour: Linear.
-        second: Of lid, head, filling, linear.
-        size: Factor.
-        lean_deg: How it leans.
-        gap_mm: Distance from the skin.
-    """
-
-    kind: str
-    is_left: bool
-    colour: Colour
-    second: Colour
-    size: float
+    kind: str  # one of `HELD`
+    is_left: bool  # on which side, or from which side it comes
+    colour: Colour  # linear
+    second: Colour  # colour of the lid, head or filling, linear
+    size: float  # factor on the usual size
     lean_deg: float
-    gap_mm: float
+    gap_mm: float  # distance from the skin
 
 
 def draw_held(rng: np.random.Generator) -> Held:

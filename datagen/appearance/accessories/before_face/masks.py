@@ -28,25 +28,15 @@ _EARS = np.array([[76.0, 34.0, -2.0], [72.5, -14.0, -4.0]])
 @final
 @dataclass(frozen=True, kw_only=True)
 class Mask:
-    """A mask.
+    """A mask."""
 
-    Attributes:
-        kind: One of ``MASKS``.
-        weave: Of its cloth.
-        colour: Linear.
-        second: Of its pattern.
-        size: 0 small to 1 large.
-        is_below_nose: Worn as it should not be.
-        seed: Of folds.
-    """
-
-    kind: str
+    kind: str  # one of `MASKS`
     weave: str
-    colour: Colour
-    second: Colour
-    size: float
-    is_below_nose: bool
-    seed: int
+    colour: Colour  # linear
+    second: Colour  # linear colour of the pattern
+    size: float  # 0 small, 1 large
+    is_below_nose: bool  # worn below the nose
+    seed: int  # for the folds
 
 
 def draw_mask(rng: np.random.Generator) -> Mask:

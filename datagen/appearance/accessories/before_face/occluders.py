@@ -30,37 +30,21 @@ _PANEL_WEAVES = ("jersey", "wood", "print", "paper", "plaid", "flowers", "leathe
 @final
 @dataclass(frozen=True, kw_only=True)
 class Thing:
-    """Something in front.
+    """Something in front."""
 
-    Attributes:
-        kind: One of ``THINGS``.
-        azimuth_deg: From where it is seen before the face: 0 straight ahead, positive to the subject's left.
-        elevation_deg: Above.
-        distance_mm: From the middle of the head.
-        aside_deg: In which direction it is moved aside, about the line of sight.
-        aside_mm: How far.
-        size: Factor on its usual size.
-        turn_deg: About the line of sight.
-        tip_deg: About the horizontal.
-        weave: Of its surface.
-        colour: Linear.
-        second: Of pattern or hair, linear.
-        seed: Of details.
-    """
-
-    kind: str
-    azimuth_deg: float
+    kind: str  # one of `THINGS`
+    azimuth_deg: float  # direction from the head: 0 straight ahead, positive towards the subject's left
     elevation_deg: float
-    distance_mm: float
-    aside_deg: float
-    aside_mm: float
-    size: float
-    turn_deg: float
-    tip_deg: float
+    distance_mm: float  # from the middle of the head
+    aside_deg: float  # direction of its offset from the line of sight
+    aside_mm: float  # how far it is moved in that direction
+    size: float  # factor on its usual size
+    turn_deg: float  # rotation about the line of sight
+    tip_deg: float  # rotation about the horizontal
     weave: str
-    colour: Colour
-    second: Colour
-    seed: int
+    colour: Colour  # linear
+    second: Colour  # linear colour of the pattern or of the hair
+    seed: int  # for the details
 
 
 def draw_thing(rng: np.random.Generator) -> Thing:

@@ -39,21 +39,13 @@ _LAP_MM = 0.7  # how deep the neck reaches under the rim
 @final
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Neck and shoulders as a grid: rows from the rim down, columns from the back over the right side to the front.
+    """Neck and shoulders as a grid: rows from the rim down, columns from the back over the right side to the front."""
 
-    Attributes:
-        points: mm, model frame.
-        normals: Unit, outward.
-        lap: What continues the neck upward, a little below the skin of the head.
-        head_from_torso: How the torso is turned.
-        shift: What moves the mean head's neck to that of this head, mm.
-    """
-
-    points: Float32[ndarray, "r c 3"]
-    normals: Float32[ndarray, "r c 3"]
-    lap: Float32[ndarray, "c 3"]
-    head_from_torso: Float64[ndarray, "3 3"]
-    shift: Float64[ndarray, "3"]
+    points: Float32[ndarray, "r c 3"]  # mm, model frame
+    normals: Float32[ndarray, "r c 3"]  # unit, outward
+    lap: Float32[ndarray, "c 3"]  # row of points that continues the neck upward, a little below the skin of the head
+    head_from_torso: Float64[ndarray, "3 3"]  # rotation
+    shift: Float64[ndarray, "3"]  # translation from the mean head's neck to that of this head, mm
 
     def at(
         self, place: Float[ndarray, "*#n"], turn: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float

@@ -30,37 +30,21 @@ _PATTERNS = (
 @final
 @dataclass(frozen=True, kw_only=True)
 class Clothes:
-    """A garment.
+    """A garment."""
 
-    Attributes:
-        garment: One of ``GARMENTS``.
-        weave: What it is made of, a layer of ``weaves``.
-        scale_mm: How large one repeat of the weave is.
-        colour: Linear.
-        second: Colour of its pattern.
-        inner: Colour of what is worn below: the shirt under a suit.
-        trim: Colour of tie or collar.
-        depth: How deep the neckline is, 0..1.
-        looseness_mm: Distance from the skin.
-        has_tie: Under a shirt's or suit's collar.
-        breadth: Of the shoulders, 1 is a man's.
-        scarf: 0 none, otherwise how thick it is, mm.
-        seed: Of folds.
-    """
-
-    garment: str
-    weave: str
-    scale_mm: float
-    colour: Colour
-    second: Colour
-    inner: Colour
-    trim: Colour
-    depth: float
-    looseness_mm: float
-    has_tie: bool
-    breadth: float
-    scarf: float
-    seed: int
+    garment: str  # one of `GARMENTS`
+    weave: str  # a layer of `weaves`
+    scale_mm: float  # size of one repeat of the weave
+    colour: Colour  # linear
+    second: Colour  # linear colour of the pattern
+    inner: Colour  # linear colour of the shirt under a suit
+    trim: Colour  # linear colour of the tie or collar
+    depth: float  # how deep the neckline is, 0..1
+    looseness_mm: float  # distance from the skin
+    has_tie: bool  # only seen with the collar of a shirt or a suit
+    breadth: float  # of the shoulders; 1 is a man's
+    scarf: float  # thickness of the scarf, mm; 0 without
+    seed: int  # for the folds
 
 
 def draw_clothes(rng: np.random.Generator, person: Person, pattern_share: float, scarf_share: float) -> Clothes:

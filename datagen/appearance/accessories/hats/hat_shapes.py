@@ -19,21 +19,13 @@ COLUMNS = 41
 @final
 @dataclass(frozen=True)
 class Fit:
-    """How a hat sits.
+    """How a hat sits."""
 
-    Attributes:
-        front_deg: Height of its rim over the horizon of the skull's middle, in front.
-        side_deg: At the sides.
-        back_deg: Behind.
-        turn_deg: About the vertical axis; the rim stays where it is.
-        tilt_deg: To one side.
-    """
-
-    front_deg: float
-    side_deg: float
-    back_deg: float
-    turn_deg: float
-    tilt_deg: float
+    front_deg: float  # height of the rim in front, above the horizon of the skull's middle
+    side_deg: float  # the same at the sides
+    back_deg: float  # the same behind
+    turn_deg: float  # rotation about the vertical axis; the rim stays where it is
+    tilt_deg: float  # rotation to one side
 
     def rim(self, around: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
         """Height of the rim, radians; ``around`` as in ``head_fit.direction``."""

@@ -34,31 +34,18 @@ HATS = tuple(_SHARES)
 @final
 @dataclass(frozen=True, kw_only=True)
 class Headwear:
-    """Something on a head.
+    """Something on a head."""
 
-    Attributes:
-        kind: One of ``HATS``.
-        weave: Of its cloth.
-        colour: Linear.
-        second: Of pattern, ribbon or band, linear.
-        size: Of what varies most (peak, brim, fold, height), 0..1.
-        lift_deg: How far up its rim is pushed.
-        turn_deg: About the vertical axis: 180 a cap worn backwards.
-        tilt_deg: To one side.
-        has_extra: Pompom, logo, visor, knot: what the kind has.
-        seed: Of folds.
-    """
-
-    kind: str
+    kind: str  # one of `HATS`
     weave: str
-    colour: Colour
-    second: Colour
-    size: float
-    lift_deg: float
-    turn_deg: float
-    tilt_deg: float
-    has_extra: bool
-    seed: int
+    colour: Colour  # linear
+    second: Colour  # linear colour of the pattern, ribbon or band
+    size: float  # size of what varies most (peak, brim, fold, height), 0..1
+    lift_deg: float  # how far the rim is pushed up
+    turn_deg: float  # rotation about the vertical axis; 180 is a cap worn backwards
+    tilt_deg: float  # rotation to one side
+    has_extra: bool  # a pompom, a logo or a visor, by kind
+    seed: int  # for the folds
 
 
 def draw_headwear(rng: np.random.Generator, person: Person) -> Headwear:
