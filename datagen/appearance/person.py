@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from datagen.random_streams import rounded
 from pix2face.geometry.camera import Camera, HeadPose, head_pose, rotation_of_pose
 
 
@@ -33,12 +34,12 @@ def draw_person(rng: np.random.Generator) -> Person:
     mean, spread = weights @ _MELANIN
     femininity = float(np.clip(rng.choice([0.0, 1.0]) + rng.normal(0, 0.12), 0, 1))
     return Person(
-        age_years=round(float(rng.triangular(16, 26, 76)), 1),
+        age_years=rounded(rng.triangular(16, 26, 76), 1),
         femininity=round(femininity, 3),
-        african=round(float(weights[0]), 3),
-        asian=round(float(weights[1]), 3),
-        caucasian=round(float(weights[2]), 3),
-        melanin=round(float(np.clip(rng.normal(mean, spread), 0, 1)), 3),
+        african=rounded(weights[0]),
+        asian=rounded(weights[1]),
+        caucasian=rounded(weights[2]),
+        melanin=rounded(np.clip(rng.normal(mean, spread), 0, 1)),
     )
 
 
@@ -59,7 +60,7 @@ class Torso:
 def draw_torso(rng: np.random.Generator) -> Torso:
     """Draws how a body stands: mostly the head turns less than the body does, and nods by itself."""
     turn, nod, tilt = rng.beta([1.5, 3.0, 3.0], [2.0, 1.5, 1.5])
-    return Torso(turn=round(float(turn), 3), nod=round(float(nod), 3), tilt=round(float(tilt), 3))
+    return Torso(turn=rounded(turn), nod=rounded(nod), tilt=rounded(tilt))
 
 
 def head_from_torso(torso: Torso, camera: Camera) -> Float64[ndarray, "3 3"]:

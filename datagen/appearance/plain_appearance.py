@@ -12,13 +12,12 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.scene import Surface
+from datagen.appearance.scene import Colour, Surface
 from pix2face.files.srgb import srgb_to_linear
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 
 MAX_LIGHTS = 3  # as in picture_fragment.glsl
 
-Colour = tuple[float, float, float]
 
 # sRGB, 0..1. Human skin from the lightest to the darkest; hair from black to blond, and grey; irises.
 SKIN_TONES = np.array(

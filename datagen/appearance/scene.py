@@ -13,6 +13,7 @@ from jaxtyping import Float32, Int32, Shaped
 from numpy import ndarray
 from scipy import sparse
 
+from datagen.random_streams import Triple
 from pix2face.models.morphable_model import MorphableModel
 
 # What can be seen in a pixel of a picture; its place is its number in the layer ``seen_regions``. The head stands for
@@ -32,6 +33,7 @@ SCENE_LABELS = (
 HEAD = SCENE_LABELS.index("head")
 # What stands before a head, by the names that the layer ``seen_regions`` has for it.
 SCENE_REGIONS = SCENE_LABELS[HEAD + 1 :]
+Colour = Triple  # linear light, 0..1, unless said otherwise
 UniformValue = float | int | bool | tuple[float, ...] | ndarray
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32, Float64, Int32
 from numpy import ndarray
 
 from datagen.appearance.scene import Material, SceneMesh
+from datagen.random_streams import Triple
 
 
 @final
@@ -27,6 +28,10 @@ class Solid:
         turn = np.asarray(rotation, dtype=np.float32)
         vertices = (self.vertices * np.float32(scale)) @ turn.T + np.asarray(place, dtype=np.float32)
         return Solid(vertices, self.triangles, self.uv, self.normals @ turn.T)
+
+    def moved(self, place: Float[ndarray, "3"], scale: float = 1.0) -> "Solid":
+        """Scaled, then moved."""
+        return self.placed(np.eye(3), place, scale)
 
     def mirrored(self) -> "Solid":
         """The same on the other side of the head."""
@@ -149,8 +154,8 @@ def sheet(
 
 def tube(
     path: Float[ndarray, "n 3"],
-    radii: Float[ndarray, "n 2"] | float,
-    upward: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    radii: Float[ndarray, "n 2"] | tuple[float, float] | float,
+    upward: Float[ndarray, "3"] | Triple = (0.0, 1.0, 0.0),
     sides: int = 6,
     *,
     squareness: float = 0.0,
@@ -159,14 +164,12 @@ def tube(
 
     Args:
         path: Its middle.
-        radii: Half its size across (sideways, upward) at each point; one number for a round tube.
-        upward: What its second radius follows; not along the path.
+        radii: Half its size across (sideways, upward): at each point, everywhere, or one number for a round tube.
+        upward: Direction of its second radius; must not be along the path.
         sides: Corners of its section.
         squareness: 0 an ellipse, 1 nearly a box.
     """
-    size = np.broadcast_to(
-        np.asarray(radii, dtype=np.float64).reshape(-1, 1 if np.ndim(radii) == 0 else 2), (len(path), 2)
-    )
+    size = np.broadcast_to(np.asarray(radii, dtype=np.float64), (len(path), 2))
     path = np.concatenate([path[:1], path, path[-1:]])
     size = np.concatenate([np.zeros((1, 2)), size, np.zeros((1, 2))])
     ahead = np.gradient(path, axis=0)

@@ -15,6 +15,7 @@ from datagen.appearance.accessories.materials import Colour
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Material, PosedHead, SceneMesh, Texture
 from datagen.appearance.solids import grid_triangles, scene_mesh, solid, unit
+from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 BEARD_STRANDS = "accessory_beards"
@@ -177,11 +178,11 @@ def draw_beard(rng: np.random.Generator, person: Person) -> Beard:
     old = 1 / (1 + np.exp(-(person.age_years - 55) / 7))
     return Beard(
         style=style,
-        thickness_mm=round(float(thickness), 2),
-        hang_mm=round(float(rng.gamma(2, 14) + 8), 2) if is_long else round(float(rng.uniform(0, 3)), 2),
-        density=round(float(np.clip(rng.normal(1.0, 0.18), 0.5, 1.3)), 3),
-        greyness=round(float(np.clip(rng.normal(1.2 * old - 0.15, 0.2), 0, 1)), 3),
-        darkening=round(float(rng.uniform(0.65, 1.1)), 3),
+        thickness_mm=rounded(thickness, 2),
+        hang_mm=rounded(rng.gamma(2, 14) + 8, 2) if is_long else rounded(rng.uniform(0, 3), 2),
+        density=rounded(np.clip(rng.normal(1.0, 0.18), 0.5, 1.3)),
+        greyness=rounded(np.clip(rng.normal(1.2 * old - 0.15, 0.2), 0, 1)),
+        darkening=rounded(rng.uniform(0.65, 1.1)),
     )
 
 
@@ -199,7 +200,7 @@ def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneM
     triangles = _grown_triangles(beard.style)
     count = 3 if beard.thickness_mm < 2.5 else 4 if beard.thickness_mm < 6 else 6
     colour = np.asarray(hair_rgb) * beard.darkening * (1 - beard.greyness) + beard.greyness * np.array([0.5, 0.5, 0.49])
-    red, green, blue = (round(float(part), 5) for part in np.clip(colour, 0, 1))
+    red, green, blue = (rounded(part, 5) for part in np.clip(colour, 0, 1))
     meshes = []
     for shell, share in enumerate(np.linspace(0, 1, count)):
         out = SKIN_GAP_MM + share * beard.thickness_mm * reach

@@ -7,6 +7,7 @@ import numpy as np
 
 from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, Colour, draw_tint
 from datagen.appearance.person import Person
+from datagen.random_streams import rounded
 
 SHAPES = ("round", "rectangle", "aviator", "cat-eye", "square", "oval")
 RIMS = ("full", "half", "none", "goggles")
@@ -53,19 +54,19 @@ def draw_glasses(rng: np.random.Generator, person: Person, *, is_dark: bool, gog
         shape=shape,
         rim=rim,
         width_mm=round(width, 2),
-        height_mm=round(float(width * aspect * rng.uniform(0.9, 1.1)), 2),
-        bridge_mm=round(float(rng.uniform(15, 21)), 2),
-        thickness_mm=round(float(rng.uniform(0.5, 0.9) if is_metal else rng.gamma(4, 0.4) + 0.8), 2),
+        height_mm=rounded(width * aspect * rng.uniform(0.9, 1.1), 2),
+        bridge_mm=rounded(rng.uniform(15, 21), 2),
+        thickness_mm=rounded(rng.uniform(0.5, 0.9) if is_metal else rng.gamma(4, 0.4) + 0.8, 2),
         is_metal=is_metal,
         colour=_frame_colour(rng, is_metal),
         lens_colour=tint,
-        lens_alpha=round(float(alpha), 3),
-        mirror=round(float(rng.uniform(0.3, 0.8)), 3) if is_mirrored else 0.0,
-        gradient=round(float(rng.uniform(0, 0.35)), 3) if is_dark or is_tinted else 0.0,
-        slip_mm=round(float(rng.uniform(10, 20) if place == "low" else rng.uniform(0, 4)), 2),
-        lift=round(float(rng.uniform(0.85, 1.0)), 3) if place == "hair" else 0.0,
-        tilt_deg=round(float(rng.uniform(3, 10)), 2),
-        skew_deg=round(float(rng.normal(0, 1.0)), 2),
+        lens_alpha=rounded(alpha),
+        mirror=rounded(rng.uniform(0.3, 0.8)) if is_mirrored else 0.0,
+        gradient=rounded(rng.uniform(0, 0.35)) if is_dark or is_tinted else 0.0,
+        slip_mm=rounded(rng.uniform(10, 20) if place == "low" else rng.uniform(0, 4), 2),
+        lift=rounded(rng.uniform(0.85, 1.0)) if place == "hair" else 0.0,
+        tilt_deg=rounded(rng.uniform(3, 10), 2),
+        skew_deg=rounded(rng.normal(0, 1.0), 2),
     )
 
 
@@ -75,15 +76,15 @@ def _draw_goggles(rng: np.random.Generator) -> Glasses:
     return Glasses(
         shape="oval" if not is_ski else "square",
         rim="goggles",
-        width_mm=round(float(rng.uniform(70, 76) if is_ski else rng.uniform(48, 54)), 2),
-        height_mm=round(float(rng.uniform(66, 74) if is_ski else rng.uniform(34, 40)), 2),
+        width_mm=rounded(rng.uniform(70, 76) if is_ski else rng.uniform(48, 54), 2),
+        height_mm=rounded(rng.uniform(66, 74) if is_ski else rng.uniform(34, 40), 2),
         bridge_mm=2.0 if is_ski else 14.0,
         thickness_mm=5.0 if is_ski else 3.5,
         is_metal=False,
         colour=draw_tint(rng, float(rng.uniform(0, 0.8)), float(rng.uniform(0.1, 0.9))),
         lens_colour=draw_tint(rng, 0.7, 0.5),
-        lens_alpha=round(float(rng.uniform(0.3, 0.95)), 3),
-        mirror=round(float(rng.uniform(0.1, 0.7)), 3),
+        lens_alpha=rounded(rng.uniform(0.3, 0.95)),
+        mirror=rounded(rng.uniform(0.1, 0.7)),
         gradient=0.0,
         slip_mm=0.0,
         lift=0.9 if rng.uniform() < 0.2 else 0.0,

@@ -251,7 +251,7 @@ def _rim_and_lens(glasses: Glasses, side: int) -> tuple[Solid | None, Solid]:
         path = path[: OUTLINE // 2 + 1]
     half = glasses.thickness_mm
     depth = 14.0 if glasses.rim == "goggles" else min(half, 1.2) + 0.4
-    return tube(path, np.tile([[half, depth / 2]], (len(path), 1)), (0, 0, 1), 6, squareness=0.5), lens
+    return tube(path, (half, depth / 2), (0, 0, 1), 6, squareness=0.5), lens
 
 
 def _bridge(glasses: Glasses) -> Solid:
@@ -261,7 +261,7 @@ def _bridge(glasses: Glasses) -> Solid:
     rise = 0.16 * glasses.height_mm + 1.5 * (1 - (x / half) ** 2)
     path = np.stack([x, rise, 1.5 * (1 - (x / half) ** 2)], axis=1)
     thick = max(glasses.thickness_mm, 0.7)
-    parts = [tube(path, np.tile([[thick, thick]], (7, 1)), (0, 0, 1), 6)]
+    parts = [tube(path, (thick, thick), (0, 0, 1), 6)]
     if glasses.shape == "aviator":
         top = path * [1.5, 0, 1] + [0, 0.42 * glasses.height_mm, 0]
         parts.append(tube(top, 0.8, (0, 0, 1), 5))
@@ -273,9 +273,9 @@ def _temple(glasses: Glasses, fit: GlassesFit, side: int) -> Solid:
     path = fit.temples[side]
     thick = max(0.7, min(glasses.thickness_mm, 1.6))
     tall = thick if glasses.is_metal else max(1.5, 1.6 * glasses.thickness_mm)
-    return tube(path, np.tile([[min(thick, 1.2), tall]], (len(path), 1)), (0, 0.6, -0.8), 6, squareness=0.4)
+    return tube(path, (min(thick, 1.2), tall), (0, 0.6, -0.8), 6, squareness=0.4)
 
 
 def _strap(fit: GlassesFit) -> Solid:
     """The band of goggles around the head."""
-    return tube(fit.strap, np.tile([[1.0, 8.0]], (len(fit.strap), 1)), (0, 1, 0), 6, squareness=0.6)
+    return tube(fit.strap, (1.0, 8.0), (0, 1, 0), 6, squareness=0.6)

@@ -13,6 +13,7 @@ from datagen.appearance.accessories.head_fit import fit_skull, nearest_vertices
 from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, WHITE, Colour, draw_tint, smooth
 from datagen.appearance.scene import PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, lathe, scene_mesh, tube
+from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel
 
 EARRINGS = ("none", "stud", "hoop", "drop")
@@ -49,7 +50,7 @@ def draw_jewellery(rng: np.random.Generator, femininity: float, sound_share: flo
         piercing=str(rng.choice(PIERCINGS[1:])) if rng.uniform() < 0.12 * wears else "none",
         necklace=int(rng.integers(1, 4)) if rng.uniform() < 0.7 * wears else 0,
         sound=str(rng.choice(SOUND[1:], p=[0.3, 0.2, 0.25, 0.1, 0.15])) if rng.uniform() < sound_share else "none",
-        size=round(float(rng.beta(1.2, 2.5)), 3),
+        size=rounded(rng.beta(1.2, 2.5)),
         metal=GOLD if rng.uniform() < 0.55 else SILVER,
         stone=WHITE if rng.uniform() < 0.4 else draw_tint(rng, 0.7, 0.6),
         gear=(WHITE, BLACK, draw_tint(rng, 0.6, 0.5))[int(rng.choice(3, p=[0.4, 0.45, 0.15]))],
@@ -87,7 +88,7 @@ def _jewels(jewellery: Jewellery, head: PosedHead, body: Body) -> tuple[list[Sol
         if jewellery.earrings == "drop":
             long = 14 + 38 * size
             metal.append(tube(np.stack([lobe, lobe - [0, 0.5 * long, 0], lobe - [0, long, 0]]), 0.7, (0, 0, 1), 5))
-            stones.append(ellipsoid((4, 7, 4), 6, 8).placed(np.eye(3), lobe - [0, long, 0], 0.8 + 0.6 * size))
+            stones.append(ellipsoid((4, 7, 4), 6, 8).moved(lobe - [0, long, 0], 0.8 + 0.6 * size))
     metal += _piercing(jewellery.piercing, marks)
     if jewellery.necklace:
         chain, pendant = _necklace(jewellery, body)
@@ -117,12 +118,12 @@ def _necklace(jewellery: Jewellery, body: Body) -> tuple[Solid, list[Solid]]:
     place = 0.04 + (0.08 + 0.3 * jewellery.size) * ahead
     path = body.at(place, turn, 1.5 if jewellery.necklace != 2 else 3.0).astype(np.float64)
     if jewellery.necklace == 2:
-        beads = [ellipsoid((1, 1, 1), 5, 6).placed(np.eye(3), at, 3.0 + 2 * jewellery.size) for at in path[:-1]]
+        beads = [ellipsoid((1, 1, 1), 5, 6).moved(at, 3.0 + 2 * jewellery.size) for at in path[:-1]]
         return joined(beads), []
     chain = tube(path, 1.0, (0.1, 1.0, 0.2), 5)
     if jewellery.necklace == 1:
         return chain, []
-    return chain, [ellipsoid((6, 8, 2.5), 6, 10).placed(np.eye(3), path[0] - [0, 7, -1])]
+    return chain, [ellipsoid((6, 8, 2.5), 6, 10).moved(path[0] - [0, 7, -1])]
 
 
 def _sound(jewellery: Jewellery, head: PosedHead, body: Body) -> list[Solid]:
@@ -132,9 +133,9 @@ def _sound(jewellery: Jewellery, head: PosedHead, body: Body) -> list[Solid]:
     if jewellery.sound == "round neck":
         turn = np.linspace(0.09, 0.91, 25)
         path = body.at(np.full(25, 0.03), turn, 16.0)
-        parts.append(tube(path, np.tile([[4.0, 8.0]], (25, 1)), (0, 1, 0.1), 8))
+        parts.append(tube(path, (4.0, 8.0), (0, 1, 0.1), 8))
         cups = (path[0], path[-1])
-        return [*parts, *(ellipsoid((22, 32, 30), 9, 14).placed(np.eye(3), cup) for cup in cups)]
+        return [*parts, *(ellipsoid((22, 32, 30), 9, 14).moved(cup) for cup in cups)]
     for side in (1, -1):
         canal = head.vertices[_marks(head.model)[side][1]].astype(np.float64) + [side * 3, 0, 2]
         if jewellery.sound == "buds":
@@ -162,7 +163,7 @@ def _band(head: PosedHead) -> Solid:
     rise = np.pi / 2 - np.abs(angle) * (np.pi / 2 + 0.25) / (np.pi / 2)
     above = 15 + 14 * (np.abs(angle) / (np.pi / 2)) ** 2
     path = skull.at(rise, np.where(angle < 0, -1.0, 1.0) * 1.62, above)
-    return tube(path, np.tile([[10.0, 3.5]], (25, 1)), (0.0, 0.3, 1.0), 8, squareness=0.4)
+    return tube(path, (10.0, 3.5), (0.0, 0.3, 1.0), 8, squareness=0.4)
 
 
 def _boom(head: PosedHead) -> list[Solid]:
@@ -174,7 +175,7 @@ def _boom(head: PosedHead) -> list[Solid]:
 
 
 def _ball(place: Float64[ndarray, "3"], radius: float) -> Solid:
-    return ellipsoid((radius, radius, radius), 7, 10).placed(np.eye(3), place)
+    return ellipsoid((radius, radius, radius), 7, 10).moved(place)
 
 
 def _ring(place: Float64[ndarray, "3"], radius: float, thick: float, plane: tuple[int, int]) -> Solid:

@@ -1,14 +1,14 @@
-"""Colours that things have: mostly muted, linear light."""
+"""Materials of what people wear and hold, and how their colours are drawn: mostly muted, linear light."""
 
 import colorsys
+from typing import Any
 
 import numpy as np
 
 from datagen.appearance.accessories.weaves import WEAVES, layer_of
-from datagen.appearance.scene import Material
+from datagen.appearance.scene import Colour, Material
+from datagen.random_streams import triple
 from pix2face.files.srgb import srgb_to_linear
-
-Colour = tuple[float, float, float]
 
 BLACK: Colour = (0.012, 0.012, 0.014)
 WHITE: Colour = (0.78, 0.78, 0.76)
@@ -39,34 +39,26 @@ def draw_tint(rng: np.random.Generator, saturation: float, brightness: float) ->
 
 def linear_colour(srgb: tuple[float, float, float]) -> Colour:
     """SRGB (0..1) to linear light, rounded as it is stored."""
-    red, green, blue = (round(float(linear), 4) for linear in srgb_to_linear(np.array(srgb, dtype=np.float64)))
-    return red, green, blue
+    return triple(srgb_to_linear(np.array(srgb, dtype=np.float64)))
 
 
 def cloth(weave: str, colour: Colour, second: Colour = (0.0, 0.0, 0.0), roughness: float = 0.85) -> Material:
-    """A material of a weave in two colours."""
-    return Material(
-        kind="object",
-        texture=WEAVES,
-        layer=layer_of(weave),
-        colour=colour,
-        roughness=roughness,
-        reflectance=0.03,
-        numbers=(*second, 0.0),
-    )
+    """A weave in two colours."""
+    return _woven(weave, colour, roughness, reflectance=0.03, numbers=(*second, 0.0))
+
+
+def cut_out(weave: str, colour: Colour, second: Colour, roughness: float) -> Material:
+    """A weave with holes, such as lace or leaves."""
+    return _woven(weave, colour, roughness, numbers=(*second, 0.0), is_blended=True)
 
 
 def skin_material(skin_rgb: Colour) -> Material:
     """Skin of hands, neck and shoulders."""
-    return Material(
-        kind="object",
-        texture=WEAVES,
-        layer=layer_of("skin"),
-        colour=skin_rgb,
-        roughness=0.55,
-        reflectance=0.028,
-        numbers=(*skin_rgb, 1.0),
-    )
+    return _woven("skin", skin_rgb, 0.55, reflectance=0.028, numbers=(*skin_rgb, 1.0))
+
+
+def _woven(weave: str, colour: Colour, roughness: float, **more: Any) -> Material:
+    return Material(kind="object", texture=WEAVES, layer=layer_of(weave), colour=colour, roughness=roughness, **more)
 
 
 def smooth(colour: Colour, roughness: float, reflectance: float = 0.04) -> Material:

@@ -16,6 +16,7 @@ from datagen.appearance.light.environments import environment, environment_names
 from datagen.appearance.light.light_colour import LUMINANCE
 from datagen.appearance.light.sources import Light, PanoramaLight, Triple
 from datagen.appearance.photograph.lens import defocused
+from datagen.random_streams import rounded
 from pix2face.errors import UsageError
 from pix2face.files.srgb import srgb_to_linear
 from pix2face.geometry.camera import Camera
@@ -79,11 +80,11 @@ def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light
     if kind in ENVIRONMENTS:
         shown["panoramas"] = _draw_panoramas(rng, kind, light)
         if rng.uniform() < config.widened_share:
-            shown["view_deg"] = round(float(rng.uniform(25, max(26.0, config.widest_view_deg))), 2)
+            shown["view_deg"] = rounded(rng.uniform(25, max(26.0, config.widest_view_deg)), 2)
     elif kind == "photograph":
         names = list_pictures(config.folder)
         shown["file"] = names[int(rng.integers(len(names)))]
-        shown["crop"] = (*rng.uniform(0, 1, size=2).round(4).tolist(), round(float(rng.uniform(0.3, 1)), 4))
+        shown["crop"] = (*rng.uniform(0, 1, size=2).round(4).tolist(), rounded(rng.uniform(0.3, 1), 4))
         shown["is_mirrored"] = bool(rng.uniform() < 0.5)
     elif kind == "plain":
         name = str(rng.choice([*_PLAIN, "any"]))
@@ -93,7 +94,7 @@ def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light
         kind=kind,
         seed=int(rng.integers(2**31)),
         level=_draw_level(rng, config, light, is_plain=kind == "plain"),
-        blur=0.0 if is_sharp else round(float(np.exp(rng.uniform(*np.log(config.blur)))), 5),
+        blur=0.0 if is_sharp else rounded(np.exp(rng.uniform(*np.log(config.blur))), 5),
         people=people,
         n_people=len(people),
         **shown,  # type: ignore[arg-type]
@@ -195,10 +196,10 @@ def _draw_people(rng: np.random.Generator, config: BackdropConfig) -> tuple[Pers
         return ()
     return tuple(
         PersonPlace(
-            x=round(float(-0.05 + 1.1 * a), 4),
-            y=round(float(0.15 + 0.5 * b), 4),
-            scale=round(float(0.18 + 0.42 * c), 4),
-            blur=round(float(0.004 + 0.02 * d), 5),
+            x=rounded(-0.05 + 1.1 * a, 4),
+            y=rounded(0.15 + 0.5 * b, 4),
+            scale=rounded(0.18 + 0.42 * c, 4),
+            blur=rounded(0.004 + 0.02 * d, 5),
             seed=int(e * 2**31),
         )
         for a, b, c, d, e in numbers[:count]

@@ -16,6 +16,7 @@ from datagen.appearance.hair.styles import UNCUT_MM
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import cross
+from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel
 
 N_BROWS = 12
@@ -66,12 +67,12 @@ def draw_brows(rng: np.random.Generator, config: HairConfig, person: Person, hai
     return Brows(
         layer=int(rng.integers(N_BROWS)),
         colour=brow_colour(rng, config, hair),
-        alpha=0.0 if kind > 1 - config.no_brows_share else round(float(rng.uniform(0.75, 1) * (1 - 0.25 * age)), 3),
-        density=round(float(rng.uniform(*config.brow_density)), 3),
-        thickness=round(float(thickness), 3),
-        shift_mm=round(float(np.clip(rng.normal(0, config.brow_shift_mm), -2.5, 4)), 2),
-        apart_mm=round(float(rng.uniform(-9, -5) if is_joined else rng.normal(0, 1)), 2),
-        uneven_mm=round(float(rng.normal(0, 0.4)), 2),
+        alpha=0.0 if kind > 1 - config.no_brows_share else rounded(rng.uniform(0.75, 1) * (1 - 0.25 * age)),
+        density=rounded(rng.uniform(*config.brow_density)),
+        thickness=rounded(thickness),
+        shift_mm=rounded(np.clip(rng.normal(0, config.brow_shift_mm), -2.5, 4), 2),
+        apart_mm=rounded(rng.uniform(-9, -5) if is_joined else rng.normal(0, 1), 2),
+        uneven_mm=rounded(rng.normal(0, 0.4), 2),
     )
 
 
@@ -82,8 +83,8 @@ def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, br
     return Lashes(
         layer=int(rng.integers(len(LASH_STYLES))),
         colour=INK if has_mascara else brow,
-        alpha=round(float(rng.uniform(0.7, 1) if has_mascara else rng.uniform(0.15, 0.7)), 3),
-        length=round(float(rng.uniform(0.85, 1.15) if has_mascara else rng.uniform(0.5, 0.95)), 3),
+        alpha=rounded(rng.uniform(0.7, 1) if has_mascara else rng.uniform(0.15, 0.7)),
+        length=rounded(rng.uniform(0.85, 1.15) if has_mascara else rng.uniform(0.5, 0.95)),
         has_mascara=has_mascara,
     )
 

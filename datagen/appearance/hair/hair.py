@@ -30,6 +30,7 @@ from datagen.appearance.hair.shape import CrownPlane, Parting, find_parting, mir
 from datagen.appearance.hair.styles import STYLES, Hairdo, draw_hairdo
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Material, PosedHead, SceneMesh, Texture, UniformValue
+from datagen.random_streams import rounded
 
 LAYERS = tuple(STYLES)
 # Normals of strips are half those of a head's outline, so that crossing strips do not flicker.
@@ -72,7 +73,7 @@ def draw_hair(rng: np.random.Generator, config: HairConfig, person: Person) -> H
         colour=colour,
         brows=brows,
         lashes=draw_lashes(rng, config, person, brows.colour),
-        seed=round(float(rng.uniform(0, 100)), 2),
+        seed=rounded(rng.uniform(0, 100), 2),
     )
 
 

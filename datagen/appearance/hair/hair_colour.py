@@ -9,8 +9,8 @@ from numpy import ndarray
 
 from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.person import Person
-
-Colour = tuple[float, float, float]
+from datagen.appearance.scene import Colour
+from datagen.random_streams import rounded
 
 # Absorption of one unit of each pigment, for red, green and blue. Source: d'Eon et al. 2011, Table 1.
 EUMELANIN, PHEOMELANIN = np.array([0.419, 0.697, 1.37]), np.array([0.187, 0.4, 1.05])
@@ -65,19 +65,19 @@ def draw_hair_colour(rng: np.random.Generator, config: HairConfig, person: Perso
     begins = rng.uniform(-60, 60)
     grey_share = 0.0 if is_dyed and rng.random() < 0.8 else _grey_share(rng, config, person)
     return HairColour(
-        eumelanin=round(float(dyed[0]), 3),
-        pheomelanin=round(float(dyed[1]), 3),
+        eumelanin=rounded(dyed[0]),
+        pheomelanin=rounded(dyed[1]),
         base=_colour(base),
         tips=_colour(lighter if has_tips else _between(base, lighter, 0.25)),
-        tips_from_mm=round(float(begins), 1),
-        tips_to_mm=round(float(begins - rng.uniform(40, 120)), 1),
+        tips_from_mm=rounded(begins, 1),
+        tips_to_mm=rounded(begins - rng.uniform(40, 120), 1),
         highlight=_colour(lighter),
         highlight_share=round(float(rng.uniform(0.2, 0.6)) if lightened and not has_tips else 0.0, 3),
         grey=_colour(WHITE_HAIR * rng.uniform(0.6, 1.05) * rng.normal(1, [0.01, 0.01, 0.03])),
         grey_share=round(grey_share, 3),
-        root_darkness=round(float(rng.uniform(0.3, 1) if is_dyed or lightened else rng.uniform(0, 0.3)), 3),
+        root_darkness=rounded(rng.uniform(0.3, 1) if is_dyed or lightened else rng.uniform(0, 0.3)),
         is_dyed=bool(is_dyed),
-        roughness=round(float(rng.uniform(0.3, 0.65)), 3),
+        roughness=rounded(rng.uniform(0.3, 0.65)),
     )
 
 
@@ -123,5 +123,5 @@ def _between(a: ndarray, b: ndarray, share: float) -> ndarray:
 
 
 def _colour(linear: ndarray) -> Colour:
-    red, green, blue = (round(float(value), 4) for value in np.clip(linear, 0, 1))
+    red, green, blue = (rounded(value, 4) for value in np.clip(linear, 0, 1))
     return red, green, blue

@@ -7,6 +7,7 @@ import numpy as np
 
 from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.person import Person
+from datagen.random_streams import rounded
 
 
 @final
@@ -74,10 +75,10 @@ def draw_hairdo(rng: np.random.Generator, config: HairConfig, person: Person) ->
         is_mirrored=bool(rng.random() < config.mirrored_share),
         length=round(float(rng.uniform(*config.length)) if modelled.is_long else 1.0, 3),
         cut_mm=round(float(rng.uniform(-200, -30)) if is_cut else UNCUT_MM, 1),
-        volume=round(float(rng.uniform(*config.volume)), 3),
-        aside=round(float(rng.uniform(0, 0.3) if hangs else rng.uniform(0.7, 1)), 3),
-        sway_mm=round(float(rng.normal(0, config.sway_mm)), 2),
-        density=round(float(rng.uniform(*config.density)), 3),
+        volume=rounded(rng.uniform(*config.volume)),
+        aside=rounded(rng.uniform(0, 0.3) if hangs else rng.uniform(0.7, 1)),
+        sway_mm=rounded(rng.normal(0, config.sway_mm), 2),
+        density=rounded(rng.uniform(*config.density)),
         thinning=round(thinning, 3),
         scalp_density=round(scalp_density * (1 - 0.8 * thinning), 3),
     )

@@ -13,6 +13,7 @@ from datagen.appearance.light.light_colour import LUMINANCE, balance_matrix, sat
 from datagen.appearance.light.light_config import LightConfig
 from datagen.appearance.light.setups import Setup
 from datagen.appearance.light.sources import PanoramaLight, Triple, direction_of, environment_from_camera
+from datagen.random_streams import rounded
 
 # Where the brightest lamp stands: mean and standard deviation of the azimuth (0 is the camera's side).
 _KEY_AZIMUTHS_DEG = {"directional": (0.0, 50.0), "backlit": (180.0, 28.0), "silhouette": (180.0, 18.0)}
@@ -46,8 +47,8 @@ def draw_environment_light(rng: np.random.Generator, config: LightConfig, kind: 
         panorama = PanoramaLight(
             name=name,
             heading_deg=round(heading, 2),
-            tilt_deg=round(float(tilt), 2),
-            roll_deg=round(float(roll), 2),
+            tilt_deg=rounded(tilt, 2),
+            roll_deg=rounded(roll, 2),
             colour_matrix=_rows(matrix / (LUMINANCE @ source.mean)),
         )
         panoramas.append(panorama)

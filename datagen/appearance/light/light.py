@@ -24,6 +24,7 @@ from datagen.appearance.light.sources import (
     angles_of,
     seen_illuminance,
 )
+from datagen.random_streams import rounded
 
 MAX_LAMPS = 2
 KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")
@@ -119,10 +120,10 @@ def _draw_gobo(rng: np.random.Generator) -> Gobo:
     shift = rng.uniform(0, 1, size=2).round(3).tolist()
     return Gobo(
         kind=kind,
-        period_mm=round(float(rng.uniform(low, high)), 1),
-        turn_rad=round(float(turn), 3),
+        period_mm=rounded(rng.uniform(low, high), 1),
+        turn_rad=rounded(turn),
         shift=(shift[0], shift[1]),
-        depth=round(float(rng.uniform(0.5, 1)), 3),
+        depth=rounded(rng.uniform(0.5, 1)),
     )
 
 

@@ -9,8 +9,7 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from datagen.appearance.light.harmonics import fibonacci_sphere, white_surface
-
-Triple = tuple[float, float, float]
+from datagen.random_streams import Triple
 
 
 @final

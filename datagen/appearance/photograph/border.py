@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 from numpy import ndarray
 
+from datagen.random_streams import rounded
+
 # What stands beyond the border. ``blurred`` is the picture itself, enlarged and out of focus.
 FILLINGS = ("black", "replicated", "reflected", "white", "mean", "blurred")
 
@@ -71,14 +73,14 @@ def draw_border(rng: np.random.Generator, largest: float) -> Border:
     filling = str(rng.choice(FILLINGS, p=[0.5, 0.18, 0.12, 0.10, 0.07, 0.03]))
     if filling == "reflected":
         sides *= 0.4  # or half of a second face would appear
-    left, top, right, bottom = (round(float(share), 4) for share in sides)
+    left, top, right, bottom = (rounded(share, 4) for share in sides)
     return Border(left=left, top=top, right=right, bottom=bottom, filling=filling)
 
 
 def draw_letterbox(rng: np.random.Generator) -> Border:
     """Draws bars on two opposite sides, of about the same width."""
     width = rng.uniform(0.04, 0.25)
-    first, second = (round(float(width + rng.uniform(0, 0.05)), 4) for _ in range(2))
+    first, second = (rounded(width + rng.uniform(0, 0.05), 4) for _ in range(2))
     filling = str(rng.choice(["black", "white", "blurred"], p=[0.7, 0.1, 0.2]))
     if rng.random() < 0.6:
         return Border(top=first, bottom=second, filling=filling)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.appearance.person import Person
+from datagen.appearance.scene import Colour
 from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import IRISES
-
-Colour = tuple[float, float, float]
+from datagen.random_streams import rounded
 
 # Linear colours of irises from the most pigment to the least: outer part and, around the pupil, inner part.
 _OUTER = np.array(
@@ -96,12 +96,12 @@ def draw_eyes(rng: np.random.Generator, config: SkinConfig, person: Person) -> E
         right_inner=right[0],
         right_outer=right[1],
         fibres=IRISES[int(rng.integers(len(IRISES)))],
-        pupil=round(float(rng.uniform(*config.pupil)), 3),
-        limbal_ring=round(float(rng.uniform(0.2, 0.9) * (1 - 0.005 * (person.age_years - 16))), 3),
-        iris_size=round(float(rng.uniform(0.372, 0.402)), 4),
+        pupil=rounded(rng.uniform(*config.pupil)),
+        limbal_ring=rounded(rng.uniform(0.2, 0.9) * (1 - 0.005 * (person.age_years - 16))),
+        iris_size=rounded(rng.uniform(0.372, 0.402), 4),
         sclera=_rounded(white * np.array([1.0, 0.965 - 0.5 * yellow, 0.93 - 1.5 * yellow])),
-        veins=round(float(rng.uniform(0.05, 0.6)), 3),
-        redness=round(float(rng.uniform(*config.redness) * rng.uniform()), 3),
+        veins=rounded(rng.uniform(0.05, 0.6)),
+        redness=rounded(rng.uniform(*config.redness) * rng.uniform()),
     )
 
 
@@ -114,11 +114,11 @@ def draw_mouth(rng: np.random.Generator, config: SkinConfig, person: Person) -> 
     braces = config.braces_share * (1.0 if person.age_years < 22 else 0.2)
     return Mouth(
         teeth=_rounded(value * np.array([1.0, 0.95 - 0.16 * yellow, 0.84 - 0.42 * yellow])),
-        gaps=round(float(rng.uniform(0.5, 1.0) if has_gap else rng.uniform(0, 0.4)), 3),
+        gaps=rounded(rng.uniform(0.5, 1.0) if has_gap else rng.uniform(0, 0.4)),
         missing=int(sides[0] * rng.integers(1, 5)) if missing else 0,
         gold=int(sides[1] * rng.integers(1, 5)) if gold else 0,
         has_braces=bool(rng.random() < braces),
-        stain=round(float(rng.uniform(0, 0.45) * (0.3 + yellow)), 3),
+        stain=rounded(rng.uniform(0, 0.45) * (0.3 + yellow)),
         tongue=_rounded(rng.uniform(0.85, 1.15) * np.array([0.36, 0.135, 0.125])),
     )
 

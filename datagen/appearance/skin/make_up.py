@@ -7,9 +7,9 @@ from typing import final
 import numpy as np
 
 from datagen.appearance.person import Person
+from datagen.appearance.scene import Colour
 from datagen.appearance.skin.skin_config import SkinConfig
-
-Colour = tuple[float, float, float]
+from datagen.random_streams import rounded
 
 FACE_PAINTS = ("none", "stripes", "half", "full", "band", "cheek")
 
@@ -42,7 +42,7 @@ def draw_make_up(rng: np.random.Generator, config: SkinConfig, person: Person) -
     is_painted = rng.random() < config.face_paint_share
     pattern = FACE_PAINTS[int(rng.integers(1, len(FACE_PAINTS)))]
     paints = (_vivid(rng), _vivid(rng))
-    opacity = round(float(rng.uniform(0.6, 0.95)), 3)
+    opacity = rounded(rng.uniform(0.6, 0.95))
     painted = {"face_paint": pattern, "face_paint_colours": paints, "face_paint_strength": opacity}
     return MakeUp(**({**worn} if is_worn else {}), **(painted if is_painted else {}))  # type: ignore[arg-type]
 
@@ -59,14 +59,14 @@ def _draw_worn(rng: np.random.Generator, person: Person, is_vivid: bool) -> dict
     strength = rng.uniform(0.15, 1.0, size=5) * wears
     return {
         "lipstick": lipstick,
-        "lipstick_strength": round(float(0.9 * strength[0]), 3),
-        "lip_gloss": round(float(rng.uniform(0, 1) * wears[0]), 3),
+        "lipstick_strength": rounded(0.9 * strength[0]),
+        "lip_gloss": rounded(rng.uniform(0, 1) * wears[0]),
         "eye_shadow": shadow,
-        "eye_shadow_strength": round(float(0.75 * strength[1]), 3),
-        "eyeliner": round(float(strength[2]), 3),
+        "eye_shadow_strength": rounded(0.75 * strength[1]),
+        "eyeliner": rounded(strength[2]),
         "blusher": blush,
-        "blusher_strength": round(float(0.4 * strength[3]), 3),
-        "foundation": round(float(0.8 * strength[4]), 3),
+        "blusher_strength": rounded(0.4 * strength[3]),
+        "foundation": rounded(0.8 * strength[4]),
     }
 
 

@@ -8,6 +8,7 @@ from numpy import ndarray
 
 from datagen.appearance.person import Person
 from datagen.appearance.skin.skin_config import SkinConfig
+from datagen.random_streams import rounded
 
 MAX_MARKS = 12  # as in skin.glsl
 
@@ -51,11 +52,11 @@ def _place(rng: np.random.Generator) -> tuple[float, float]:
 def _on_face(x: float, y: float) -> tuple[float, float, float]:
     """The depth of the mean face there, roughly: marks reach some mm around their place."""
     z = 103.0 - 0.0165 * x * x - 0.0015 * (y - 10.0) ** 2 + 14.0 * np.exp(-((x / 11) ** 2) - ((y + 8) / 16) ** 2)
-    return round(x, 2), round(y, 2), round(float(z), 2)
+    return round(x, 2), round(y, 2), rounded(z, 2)
 
 
 def _mark(kind: str, xy: tuple[float, float], numbers: ndarray, core: float) -> Mark:
-    radius, melanin, haemoglobin, height = (round(float(value), 4) for value in numbers)
+    radius, melanin, haemoglobin, height = (rounded(value, 4) for value in numbers)
     return Mark(
         kind=kind,
         place=_on_face(*xy),

@@ -11,6 +11,7 @@ from datagen.appearance.skin.make_up import Colour, MakeUp, draw_make_up
 from datagen.appearance.skin.marks import Mark, draw_marks
 from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import AGES, ORIGINS, SEXES, SKINS
+from datagen.random_streams import rounded
 
 # Of all persons; and where the scale's ends begin to grow rare: beyond, differences shrink instead of piling up.
 MIDDLE_MELANIN = 0.43
@@ -66,29 +67,29 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
     beard = _draw_beard(rng, config, person)
     return Skin(
         melanin=round(melanin, 4),
-        haemoglobin=_round(rng.uniform(*config.haemoglobin)),
-        flush=_round(min(flush, 0.7)),
-        under_eye=_round(rng.beta(1.5, 3) * (0.6 + 0.8 * age)),
+        haemoglobin=rounded(rng.uniform(*config.haemoglobin), 4),
+        flush=rounded(min(flush, 0.7), 4),
+        under_eye=rounded(rng.beta(1.5, 3) * (0.6 + 0.8 * age), 4),
         textures=textures,
         texture_weights=weights,
-        texture_strength=_round(rng.uniform(*config.texture)),
-        blotches=(_round(rng.uniform(*config.blotches)), _round(2 * rng.uniform(*config.blotches))),
-        noise_offset=(_round(rng.uniform()), _round(rng.uniform())),
+        texture_strength=rounded(rng.uniform(*config.texture), 4),
+        blotches=(rounded(rng.uniform(*config.blotches), 4), rounded(2 * rng.uniform(*config.blotches), 4)),
+        noise_offset=(rounded(rng.uniform(), 4), rounded(rng.uniform(), 4)),
         freckles=_draw_freckles(rng, config, melanin),
-        age_spots=_round(rng.uniform(0, 0.14) * np.clip((person.age_years - 45) / 30, 0, 1)),
+        age_spots=rounded(rng.uniform(0, 0.14) * np.clip((person.age_years - 45) / 30, 0, 1), 4),
         vitiligo=bool(rng.random() < config.vitiligo_share),
-        tan=_round(rng.uniform(0.25, 0.6) if rng.random() < config.tan_share else rng.uniform(0, 0.15)),
+        tan=rounded(rng.uniform(0.25, 0.6) if rng.random() < config.tan_share else rng.uniform(0, 0.15), 4),
         wrinkles=_draw_wrinkles(rng, config, float(age)),
-        expression_folds=_round(config.expression_folds * rng.uniform(0.5, 1.2) * (0.6 + 0.8 * age)),
-        pores=_round(rng.uniform(0.1, 0.8) + 0.3 * age),
-        oil=_round(rng.uniform(*config.oil)),
-        roughness=_round(rng.uniform(*config.roughness)),
+        expression_folds=rounded(config.expression_folds * rng.uniform(0.5, 1.2) * (0.6 + 0.8 * age), 4),
+        pores=rounded(rng.uniform(0.1, 0.8) + 0.3 * age, 4),
+        oil=rounded(rng.uniform(*config.oil), 4),
+        roughness=rounded(rng.uniform(*config.roughness), 4),
         marks=draw_marks(rng, config, person),
         shaved_shadow=beard[0],
         stubble=beard[1],
         hair_colour=_draw_hair_colour(rng, person, melanin),
-        brow_strength=_round(rng.uniform(0.35, 0.75) * (1.05 - 0.25 * person.femininity)),
-        hairline=_round(rng.uniform(0, 0.25) + 0.6 * float(age) * (1 - person.femininity) * rng.uniform()),
+        brow_strength=rounded(rng.uniform(0.35, 0.75) * (1.05 - 0.25 * person.femininity), 4),
+        hairline=rounded(rng.uniform(0, 0.25) + 0.6 * float(age) * (1 - person.femininity) * rng.uniform(), 4),
         make_up=draw_make_up(rng, config, person),
         eyes=draw_eyes(rng, config, person),
         mouth=draw_mouth(rng, config, person),
@@ -115,8 +116,8 @@ def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str,
     best = np.argsort(-weights)[:3]
     share = weights[best] / weights[best].sum()
     first, second, third = (SKINS[k] for k in best)
-    rest = round(1 - round(float(share[0]), 3) - round(float(share[1]), 3), 3)
-    return (first, second, third), (round(float(share[0]), 3), round(float(share[1]), 3), max(rest, 0.0))
+    rest = round(1 - rounded(share[0]) - rounded(share[1]), 3)
+    return (first, second, third), (rounded(share[0]), rounded(share[1]), max(rest, 0.0))
 
 
 def _draw_wrinkles(
@@ -126,7 +127,7 @@ def _draw_wrinkles(
     of_age = config.wrinkles * max(age - 0.1, 0.0) ** 0.8 * rng.lognormal(-0.15, 0.35, size=5)
     start = np.array([0.02, 0.02, 0.05, 0.14, 0.0]) * rng.uniform(0.3, 1.5, size=5)
     values = np.clip(of_age * [0.8, 0.7, 0.9, 0.8, 0.7] + start, 0, 1.1)
-    forehead, brows, eyes, mouth, lips = (_round(value) for value in values)
+    forehead, brows, eyes, mouth, lips = (rounded(value, 4) for value in values)
     return forehead, brows, eyes, mouth, lips
 
 
@@ -135,13 +136,13 @@ def _draw_beard(rng: np.random.Generator, config: SkinConfig, person: Person) ->
     male = max(1 - 1.6 * person.femininity, 0.0) * float(np.clip((person.age_years - 15) / 7, 0, 1))
     shadow = rng.uniform(*config.shaved_shadow) * male
     stubble = rng.uniform(*config.stubble) if rng.random() < config.stubble_share * male else 0.0
-    return _round(shadow), _round(stubble)
+    return rounded(shadow, 4), rounded(stubble, 4)
 
 
 def _draw_freckles(rng: np.random.Generator, config: SkinConfig, melanin: float) -> tuple[float, float]:
     """How many and how dark: on light skin only."""
     has_some = rng.random() < config.freckles_share * float(np.clip(1 - 2 * melanin, 0, 1))
-    return (_round(rng.uniform(0.2, 0.75)), _round(rng.uniform(0.04, 0.16))) if has_some else (0.0, 0.0)
+    return (rounded(rng.uniform(0.2, 0.75), 4), rounded(rng.uniform(0.04, 0.16), 4)) if has_some else (0.0, 0.0)
 
 
 def _draw_hair_colour(rng: np.random.Generator, person: Person, melanin: float) -> Colour:
@@ -149,8 +150,4 @@ def _draw_hair_colour(rng: np.random.Generator, person: Person, melanin: float) 
     dark = rng.uniform(0.01, 0.05) if rng.random() < 0.3 + melanin else rng.uniform(0.04, 0.22)
     grey = float(np.clip((person.age_years - 45) / 40, 0, 1)) * rng.uniform()
     red, green, blue = (1 - grey) * dark * np.array([1.0, 0.68, 0.45]) + grey * np.array([0.38, 0.37, 0.35])
-    return _round(red), _round(green), _round(blue)
-
-
-def _round(value: float) -> float:
-    return round(float(value), 4)
+    return rounded(red, 4), rounded(green, 4), rounded(blue, 4)

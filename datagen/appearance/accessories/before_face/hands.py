@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float64, Int32
+from jaxtyping import Float64, Int32
 from numpy import ndarray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -15,6 +15,7 @@ from datagen.appearance.accessories.head_fit import nearest_vertices, triangles_
 from datagen.appearance.accessories.materials import Colour, cloth, draw_cloth_colour, draw_tint, skin_material, smooth
 from datagen.appearance.scene import PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, scene_mesh, tube, unit
+from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel
 
 
@@ -78,10 +79,10 @@ def draw_hand(rng: np.random.Generator, femininity: float) -> Hand:
         pose=pose,
         is_left=bool(rng.uniform() < 0.5),
         is_pair=pose in ("cheek", "eye", "hair") and bool(rng.uniform() < 0.2),
-        scale=round(float(np.clip(rng.normal(1.0 - 0.12 * femininity, 0.06), 0.72, 1.2)), 3),
+        scale=rounded(np.clip(rng.normal(1.0 - 0.12 * femininity, 0.06), 0.72, 1.2)),
         curl_deg=(curls[0], curls[1], curls[2], curls[3]),
-        spread_deg=round(float(rng.uniform(0, 12)), 2),
-        turn_deg=round(float(rng.normal(0, 18)), 2),
+        spread_deg=rounded(rng.uniform(0, 12), 2),
+        turn_deg=rounded(rng.normal(0, 18), 2),
         slide_mm=(slide[0], slide[1], slide[2]),
         sleeve=draw_cloth_colour(rng),
         has_sleeve=bool(rng.uniform() < 0.6),
@@ -153,7 +154,7 @@ def _finger(
     finger = tube(
         np.stack(path),
         np.stack([thick, 0.92 * thick], axis=1),
-        _tuple(np.cross(sideways, [0, 1.0, 0.01]) + [0, -0.2, 0.2]),
+        np.cross(sideways, [0, 1.0, 0.01]) + [0, -0.2, 0.2],
         8,
     )
     out = np.cross(ways[2], sideways)
@@ -220,14 +221,9 @@ def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, 
     s = np.linspace(0, 1, 7)[:, None]
     path = wrist - 260 * size * (s * (1 - s) * 0.5 * along) + 260 * size * s * (elbow + 0.0 * along)
     radii = size * np.stack([np.linspace(27, 42, 7), np.linspace(18, 38, 7)], axis=1)
-    arm = tube(path, radii, _tuple(palm), 10)
-    cuff = tube(path[2:], radii[2:] + 6.0 + 6.0 * np.linspace(0, 1, 5)[:, None], _tuple(palm), 12)
+    arm = tube(path, radii, palm, 10)
+    cuff = tube(path[2:], radii[2:] + 6.0 + 6.0 * np.linspace(0, 1, 5)[:, None], palm, 12)
     return arm, cuff
-
-
-def _tuple(vector: Float[ndarray, "3"]) -> tuple[float, float, float]:
-    x, y, z = (float(part) for part in vector)
-    return x, y, z
 
 
 @lru_cache(maxsize=4)

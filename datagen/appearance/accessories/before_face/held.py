@@ -21,6 +21,7 @@ from datagen.appearance.accessories.materials import (
 )
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, box, ellipsoid, joined, lathe, scene_mesh, tube, unit
+from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel
 
 HELD = (
@@ -67,9 +68,9 @@ def draw_held(rng: np.random.Generator) -> Held:
         is_left=bool(rng.uniform() < 0.5),
         colour=WHITE if kind == "cigarette" else colour,
         second=draw_tint(rng, float(rng.uniform(0, 0.8)), 0.6),
-        size=round(float(np.clip(rng.normal(1, 0.12), 0.7, 1.4)), 3),
-        lean_deg=round(float(rng.normal(0, 12)), 2),
-        gap_mm=round(float(rng.gamma(1.5, 4)), 2),
+        size=rounded(np.clip(rng.normal(1, 0.12), 0.7, 1.4)),
+        lean_deg=rounded(rng.normal(0, 12), 2),
+        gap_mm=rounded(rng.gamma(1.5, 4), 2),
     )
 
 
@@ -122,7 +123,7 @@ def _pieces(held: Held, axes: ndarray, lips: ndarray, side: float) -> list[Piece
         ball = lips + (26 + gap) * np.array([0, -0.45, 0.9])
         path = ball + np.array([12.0, 30, 170])[:, None] * out
         handle = tube(path, np.array([[16.0, 16], [14, 14], [10, 10]]) * size, (1, 0, 0), 12)
-        grille = ellipsoid((24 * size, 26 * size, 24 * size), 10, 16).placed(np.eye(3), ball)
+        grille = ellipsoid((24 * size, 26 * size, 24 * size), 10, 16).moved(ball)
         return [(handle, body), (grille, cloth("linen", SILVER if sum(held.second) > 0.6 else BLACK, BLACK, 0.4))]
     if held.kind in ("cup", "bottle"):
         return _drinking(held, lips)
@@ -174,7 +175,7 @@ def _thin(held: Held, lips: ndarray, side: float) -> list[Piece]:
     radius = {"cigarette": 3.8, "straw": 3.0, "spoon": 2.5}[held.kind]
     stick = tube(start + np.array([0.0, 0.3, 1.0])[:, None] * length * way, radius, (0, 1, 0.2), 8)
     if held.kind == "spoon":
-        bowl = ellipsoid((17, 5, 24), 7, 12).placed(np.eye(3), start + 10 * way)
+        bowl = ellipsoid((17, 5, 24), 7, 12).moved(start + 10 * way)
         return [(joined([stick, bowl]), smooth(SILVER, 0.15, 0.6))]
     pieces: list[Piece] = [(stick, smooth(held.colour, 0.8))]
     if held.kind == "cigarette":

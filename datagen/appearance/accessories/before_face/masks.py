@@ -12,10 +12,10 @@ from numpy import ndarray
 from datagen.appearance.accessories.clothing.body import Body
 from datagen.appearance.accessories.hats.headwear_meshes import cowl
 from datagen.appearance.accessories.head_fit import Anchors, anchors_outward, fit_skull, nearest_vertices
-from datagen.appearance.accessories.materials import WHITE, Colour, cloth, draw_cloth_colour, linear_colour
-from datagen.appearance.accessories.weaves import WEAVES, layer_of
-from datagen.appearance.scene import Material, PosedHead, SceneMesh
+from datagen.appearance.accessories.materials import WHITE, Colour, cloth, cut_out, draw_cloth_colour, linear_colour
+from datagen.appearance.scene import PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, tube
+from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel
 
 MASKS = ("surgical", "cloth", "pointed", "gaiter", "veil")
@@ -50,7 +50,7 @@ def draw_mask(rng: np.random.Generator) -> Mask:
         weave=weave or str(rng.choice(["jersey", "linen", "flowers", "dots", "plaid", "stripes_across"])),
         colour=colour,
         second=draw_cloth_colour(rng),
-        size=round(float(rng.uniform()), 3),
+        size=rounded(rng.uniform()),
         is_below_nose=bool(rng.uniform() < 0.12) and kind != "veil",
         seed=int(rng.integers(2**31)),
     )
@@ -60,15 +60,7 @@ def mask_meshes(mask: Mask, head: PosedHead, body: Body) -> list[SceneMesh]:
     """The mask and what holds it."""
     material = cloth(mask.weave, mask.colour, mask.second, 0.9)
     if mask.kind == "veil":
-        lace = Material(
-            kind="object",
-            texture=WEAVES,
-            layer=layer_of("lace"),
-            colour=mask.colour,
-            roughness=0.9,
-            numbers=(*mask.colour, 0.0),
-            is_blended=True,
-        )
+        lace = cut_out("lace", mask.colour, mask.colour, 0.9)
         return [scene_mesh("mask/veil", "mask", _veil(mask, head), lace, casts_shadow=False)]
     if mask.kind == "gaiter":
         return [scene_mesh("mask/gaiter", "mask", joined([_gaiter(mask, head), cowl(body, mask.seed, 1.0)]), material)]

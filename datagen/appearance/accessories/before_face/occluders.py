@@ -1,4 +1,4 @@
-"""Things that stand between camera and face: boxes, balls, poles, leaves, sheets with text, fences, other people."""
+"""Things between the camera and the face: boxes, balls, poles, leaves, sheets with text, fences, other people."""
 
 from dataclasses import dataclass
 from typing import final
@@ -12,17 +12,20 @@ from datagen.appearance.accessories.materials import (
     WHITE,
     Colour,
     cloth,
+    cut_out,
     draw_cloth_colour,
     draw_tint,
     skin_material,
     smooth,
 )
-from datagen.appearance.accessories.weaves import WEAVES, layer_of
 from datagen.appearance.scene import Material, SceneMesh
 from datagen.appearance.solids import Solid, box, ellipsoid, joined, scene_mesh, sheet, tube
+from datagen.random_streams import rounded, triple, weighted_choice
 
-THINGS = ("box", "ball", "pole", "leaves", "paper", "panel", "lattice", "person", "cloth")
-_WEIGHTS = (0.12, 0.08, 0.10, 0.10, 0.12, 0.16, 0.05, 0.15, 0.12)
+# How often each thing is drawn, relative to the others.
+_WEIGHTS = {"box": 0.12, "ball": 0.08, "pole": 0.10, "leaves": 0.10, "paper": 0.12, "panel": 0.16, "lattice": 0.05}
+_WEIGHTS |= {"person": 0.15, "cloth": 0.12}
+THINGS = tuple(_WEIGHTS)
 CENTRE = np.array([0.0, 10.0, 30.0])
 _PANEL_WEAVES = ("jersey", "wood", "print", "paper", "plaid", "flowers", "leather", "check", "brushed", "camouflage")
 
@@ -30,7 +33,7 @@ _PANEL_WEAVES = ("jersey", "wood", "print", "paper", "plaid", "flowers", "leathe
 @final
 @dataclass(frozen=True, kw_only=True)
 class Thing:
-    """Something in front."""
+    """Something between the camera and the face."""
 
     kind: str  # one of `THINGS`
     azimuth_deg: float  # direction from the head: 0 straight ahead, positive towards the subject's left
@@ -48,8 +51,8 @@ class Thing:
 
 
 def draw_thing(rng: np.random.Generator) -> Thing:
-    """Draws something in front, a part of it before the face."""
-    kind = str(rng.choice(THINGS, p=np.array(_WEIGHTS) / sum(_WEIGHTS)))
+    """Draws something that stands at least partly in front of the face."""
+    kind = weighted_choice(rng, _WEIGHTS)
     weave = {"paper": "paper", "lattice": "lattice", "leaves": "leaf"}.get(kind) or str(rng.choice(_PANEL_WEAVES))
     green = draw_tint(rng, 0.6, float(rng.uniform(0.3, 0.6)))
     colour = draw_cloth_colour(rng) if rng.uniform() < 0.6 else draw_tint(rng, float(rng.uniform(0.2, 0.9)), 0.6)
@@ -59,17 +62,17 @@ def draw_thing(rng: np.random.Generator) -> Thing:
         colour = WHITE
     tone = float(rng.uniform())
     if kind == "person":
-        colour = (round(0.62 - 0.5 * tone, 4), round(0.42 - 0.37 * tone, 4), round(0.33 - 0.30 * tone, 4))
+        colour = triple((0.62 - 0.5 * tone, 0.42 - 0.37 * tone, 0.33 - 0.30 * tone))
     return Thing(
         kind=kind,
-        azimuth_deg=round(float(np.clip(rng.normal(0, 40), -85, 85)), 2),
-        elevation_deg=round(float(rng.normal(0, 12)), 2),
-        distance_mm=round(float(rng.uniform(170, 280)), 2),
-        aside_deg=round(float(rng.uniform(0, 360)), 2),
-        aside_mm=round(float(rng.uniform(25, 110)), 2),
-        size=round(float(np.exp(rng.normal(0, 0.35))), 3),
-        turn_deg=round(float(rng.uniform(-180, 180) if kind != "person" else rng.normal(0, 12)), 2),
-        tip_deg=round(float(rng.normal(0, 15)), 2),
+        azimuth_deg=rounded(np.clip(rng.normal(0, 40), -85, 85), 2),
+        elevation_deg=rounded(rng.normal(0, 12), 2),
+        distance_mm=rounded(rng.uniform(170, 280), 2),
+        aside_deg=rounded(rng.uniform(0, 360), 2),
+        aside_mm=rounded(rng.uniform(25, 110), 2),
+        size=rounded(np.exp(rng.normal(0, 0.35))),
+        turn_deg=rounded(rng.uniform(-180, 180) if kind != "person" else rng.normal(0, 12), 2),
+        tip_deg=rounded(rng.normal(0, 15), 2),
         weave=weave,
         colour=colour,
         second=draw_cloth_colour(rng) if kind != "paper" else (0.02, 0.02, 0.03),
@@ -78,16 +81,17 @@ def draw_thing(rng: np.random.Generator) -> Thing:
 
 
 def thing_meshes(thing: Thing) -> list[SceneMesh]:
-    """Its meshes, model frame, whatever the head."""
+    """The meshes of a thing, model frame; they do not depend on the head."""
     turn, place = _placed(thing)
-    surface = cloth(thing.weave, thing.colour, thing.second, 0.75)
-    pieces: list[tuple[Solid, Material]]
     if thing.kind == "person":
         pieces = _person(thing)
     elif thing.kind in ("lattice", "leaves"):
-        pieces = [(_lattice() if thing.kind == "lattice" else _leaves(thing), _cut_out(thing))]
+        made = _lattice() if thing.kind == "lattice" else _leaves(thing)
+        pieces = [(made, cut_out(thing.weave, thing.colour, thing.second, 0.6))]
+    elif thing.kind in ("ball", "pole"):
+        pieces = [(_plain(thing), smooth(thing.colour, 0.35))]
     else:
-        pieces = [(_plain(thing), smooth(thing.colour, 0.35) if thing.kind in ("ball", "pole") else surface)]
+        pieces = [(_plain(thing), cloth(thing.weave, thing.colour, thing.second, 0.75))]
     return [
         scene_mesh(f"occluder/{thing.kind}{i}", "occluder", made.placed(turn, place, thing.size), material)
         for i, (made, material) in enumerate(pieces)
@@ -95,31 +99,17 @@ def thing_meshes(thing: Thing) -> list[SceneMesh]:
 
 
 def _placed(thing: Thing) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
-    """Its axes (x to its right as seen from it, y up, z away from the face) and its place."""
+    """Axes (x to the right as seen from the thing, y up, z away from the face) and place."""
     view = Rotation.from_euler("yx", [thing.azimuth_deg, -thing.elevation_deg], degrees=True)
     own = Rotation.from_euler("zx", [thing.turn_deg, thing.tip_deg], degrees=True)
     aside = np.deg2rad(thing.aside_deg)
-    # What is large begins where it is moved to, so that its edge lies before the face.
-    reach = (
-        thing.aside_mm
-        + {"panel": 95.0, "person": 70.0, "cloth": 75.0, "box": 40.0, "paper": 60.0}.get(thing.kind, 0.0) * thing.size
-    )
+    # Large things are moved by half their size more, so that their edge lies in front of the face.
+    half_mm = {"panel": 95.0, "person": 70.0, "cloth": 75.0, "box": 40.0, "paper": 60.0}.get(thing.kind, 0.0)
+    reach = thing.aside_mm + half_mm * thing.size
     local = np.array([np.cos(aside) * reach, np.sin(aside) * reach, thing.distance_mm])
     if thing.kind == "person":  # a shoulder or a head comes in from the side or from below
         local[1] = -abs(local[1])
     return (view * own).as_matrix(), CENTRE + view.apply(local)
-
-
-def _cut_out(thing: Thing) -> Material:
-    return Material(
-        kind="object",
-        texture=WEAVES,
-        layer=layer_of(thing.weave),
-        colour=thing.colour,
-        roughness=0.6,
-        numbers=(*thing.second, 0.0),
-        is_blended=True,
-    )
 
 
 def _plain(thing: Thing) -> Solid:
@@ -165,12 +155,12 @@ def _leaves(thing: Thing) -> Solid:
 def _person(thing: Thing) -> list[tuple[Solid, Material]]:
     """Somebody nearer to the camera, seen from behind or beside: a head of hair, a neck, shoulders."""
     head = ellipsoid((76, 108, 92), 13, 20)
-    hair = ellipsoid((83, 92, 98), 13, 20).placed(np.eye(3), np.array([0.0, 30.0, 14.0]))
+    hair = ellipsoid((83, 92, 98), 13, 20).moved(np.array([0.0, 30.0, 14.0]))
     neck = tube(np.array([[0.0, -60, 10], [0, -120, 18], [0, -170, 20]]), 55.0, (0, 0, 1), 12)
-    shoulders = ellipsoid((215, 95, 110), 11, 20).placed(np.eye(3), np.array([0.0, -245.0, 20.0]))
-    chest = tube(np.array([[0.0, -240, 20], [0, -420, 20], [0, -600, 20]]), np.array([[200.0, 105]] * 3), (0, 0, 1), 16)
+    shoulders = ellipsoid((215, 95, 110), 11, 20).moved(np.array([0.0, -245.0, 20.0]))
+    chest = tube(np.array([[0.0, -240, 20], [0, -420, 20], [0, -600, 20]]), (200.0, 105.0), (0, 0, 1), 16)
     return [
         (joined([head, neck]), skin_material(thing.colour)),
-        (hair, cloth("fleece", tuple(round(0.3 * part, 4) for part in thing.second), thing.second, 0.6)),  # type: ignore[arg-type]
+        (hair, cloth("fleece", triple(0.3 * part for part in thing.second), thing.second, 0.6)),
         (joined([shoulders, chest]), cloth(thing.weave, thing.second, thing.colour)),
     ]

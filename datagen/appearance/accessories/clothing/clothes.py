@@ -7,6 +7,7 @@ import numpy as np
 
 from datagen.appearance.accessories.materials import WHITE, Colour, draw_cloth_colour
 from datagen.appearance.person import Person
+from datagen.random_streams import rounded
 
 GARMENTS = ("t-shirt", "v-neck", "sweater", "shirt", "suit", "turtleneck", "hoodie", "zipped", "straps")
 _SHARE = {
@@ -61,15 +62,15 @@ def draw_clothes(rng: np.random.Generator, person: Person, pattern_share: float,
     return Clothes(
         garment=garment,
         weave=weave,
-        scale_mm=round(float(rng.uniform(50, 130) if is_patterned else rng.uniform(25, 50)), 1),
+        scale_mm=rounded(rng.uniform(50, 130) if is_patterned else rng.uniform(25, 50), 1),
         colour=colour,
         second=second,  # type: ignore[arg-type]
         inner=inner,
         trim=draw_cloth_colour(rng),
-        depth=round(float(rng.beta(1.5, 2.5)), 3),
-        looseness_mm=round(float(rng.uniform(2.5, 9)), 2),
+        depth=rounded(rng.beta(1.5, 2.5)),
+        looseness_mm=rounded(rng.uniform(2.5, 9), 2),
         has_tie=bool(rng.uniform() < (0.75 if garment == "suit" else 0.12) * (1 - person.femininity)),
-        breadth=round(float(np.clip(rng.normal(1.0 - 0.12 * person.femininity, 0.05), 0.75, 1.15)), 3),
-        scarf=round(float(rng.uniform(12, 24)), 1) if rng.uniform() < scarf_share else 0.0,
+        breadth=rounded(np.clip(rng.normal(1.0 - 0.12 * person.femininity, 0.05), 0.75, 1.15)),
+        scarf=rounded(rng.uniform(12, 24), 1) if rng.uniform() < scarf_share else 0.0,
         seed=int(rng.integers(2**31)),
     )

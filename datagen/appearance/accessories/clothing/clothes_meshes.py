@@ -122,7 +122,7 @@ def _hood(body: Body, cut: Clothes) -> Solid:
     behind = np.sin(np.pi * (turn - 0.06) / 0.88)
     path = body.at(0.10 + 0.04 * np.cos(2 * np.pi * turn), turn, cut.looseness_mm + 8 + 14 * behind)
     radii = np.stack([9 + 14 * behind, 8 + 20 * behind], axis=1)
-    return tube(path, radii, _up(body), sides=10)
+    return tube(path, radii, body.head_from_torso[:, 1], sides=10)
 
 
 def _strings(body: Body, cut: Clothes) -> Solid:
@@ -234,15 +234,8 @@ def _scarf(body: Body, cut: Clothes) -> Solid:
     place = -0.05 - 0.28 * (turn - 1) + 0.05 * waves
     path = body.at(np.clip(place, -0.7, 1), turn + 0.07, cut.scarf * (0.75 + 0.15 * waves))
     radii = cut.scarf * np.stack([0.8 + 0.15 * waves, 1.05 - 0.2 * waves], axis=1)
-    ring = tube(path, radii, _up(body), sides=9)
+    ring = tube(path, radii, body.head_from_torso[:, 1], sides=9)
     down = np.linspace(0.0, 0.9, 9)
     end = body.at(down, np.full(9, 0.05), cut.looseness_mm + cut.scarf * np.linspace(1.5, 0.6, 9))
-    hanging = tube(
-        end, np.tile([[0.5 * cut.scarf, 1.9 * cut.scarf]], (9, 1)), tuple(body.head_from_torso[:, 0]), sides=8
-    )
+    hanging = tube(end, (0.5 * cut.scarf, 1.9 * cut.scarf), body.head_from_torso[:, 0], sides=8)
     return joined([ring, hanging])
-
-
-def _up(body: Body) -> tuple[float, float, float]:
-    x, y, z = (float(part) for part in body.head_from_torso[:, 1])
-    return x, y, z

@@ -99,7 +99,7 @@ def _cap(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     above = above * (1 + 0.02 * np.cos(6 * _around()))
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _peak(skull, fit, look))]
     crown = skull.at(np.array([np.pi / 2]), np.array([0.0]), 9.0)[0]
-    pieces.append(("second", ellipsoid((6, 3, 6), 5, 8).placed(np.eye(3), crown)))
+    pieces.append(("second", ellipsoid((6, 3, 6), 5, 8).moved(crown)))
     if look.has_extra:
         turn = np.deg2rad(fit.turn_deg)
         u, v = np.meshgrid(np.linspace(-0.33, 0.33, 9), np.linspace(0.62, 0.22, 7))
@@ -119,7 +119,7 @@ def _beanie(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
         pieces.append(("cloth", _band(skull, fit, 18.0 + 8 * look.size, 5.0, 9.0)))
     if look.has_extra:
         place = skull.at(np.array([np.pi / 2]), np.array([0.0]), 11 + 26 * look.size + 14)[0]
-        pieces.append(("second", ellipsoid((20, 19, 20), 7, 12).placed(np.eye(3), place)))
+        pieces.append(("second", ellipsoid((20, 19, 20), 7, 12).moved(place)))
     return pieces
 
 
@@ -150,7 +150,7 @@ def _helmet(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
         rise = np.deg2rad(np.linspace(fit.side_deg, -74, 9))
         around = side * np.deg2rad(np.linspace(92, 40, 9))
         strap = skull.at(rise, around, np.linspace(10, 3.0, 9))
-        pieces.append(("second", tube(strap, np.tile([[1.0, 6.0]], (9, 1)), (0.0, 0.3, 1.0), 6)))
+        pieces.append(("second", tube(strap, (1.0, 6.0), (0.0, 0.3, 1.0), 6)))
     if look.has_extra:
         around = np.linspace(-1.2, 1.2, 17)[None]
         down = np.linspace(0, 1, 8)[:, None]
@@ -177,7 +177,7 @@ def _bandana(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     above = 4 + 1.2 * np.sin(5 * _around()[None] + rng.uniform(0, 6)) * share
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _band(skull, fit, 9.0, 3.5, 6.0))]
     knot = skull.at(fit.rim(np.array([np.pi])), np.array([np.pi]), 10.0)[0]
-    ends = [ellipsoid((11, 9, 9), 6, 10).placed(np.eye(3), knot)]
+    ends = [ellipsoid((11, 9, 9), 6, 10).moved(knot)]
     for side in (-1, 1):
         path = knot + np.array([[0, 0, 0], [side * 8, -18, -8], [side * 14, -48, -6]], dtype=np.float64)
         ends.append(tube(path, np.array([[5.0, 2.0], [13.0, 2.0], [16.0, 1.0]]), (0, 0.2, 1), 6))
@@ -209,5 +209,5 @@ def _party(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     top = crown + turn @ np.array([0, tall, 0])
     chin = [skull.at(np.deg2rad(np.linspace(60, -74, 12)), np.full(12, side * 1.45), 2.0) for side in (-1, 1)]
     string = joined([tube(path, 0.8, (0, 0, 1), 5) for path in chin])
-    pom = ellipsoid((12, 12, 12), 6, 10).placed(np.eye(3), top)
+    pom = ellipsoid((12, 12, 12), 6, 10).moved(top)
     return [("cloth", cone.placed(turn, crown)), ("second", joined([string, pom]))]

@@ -9,6 +9,7 @@ import numpy as np
 
 from datagen.appearance.accessories.materials import GOLD, Colour, draw_cloth_colour, draw_tint
 from datagen.appearance.person import Person
+from datagen.random_streams import rounded
 
 WRAPS = ("hood", "headscarf")
 # Of the men and of the women with a hat, how many wear which.
@@ -70,10 +71,10 @@ def draw_headwear(rng: np.random.Generator, person: Person) -> Headwear:
         weave=str(rng.choice(weaves)),
         colour=GOLD if kind == "crown" else draw_tint(rng, 0.7, 0.8) if bright else draw_cloth_colour(rng),
         second=draw_cloth_colour(rng),
-        size=round(float(rng.uniform()), 3),
-        lift_deg=round(float(rng.normal(0, 3)), 2),
-        turn_deg=round(float(180 * is_backwards + rng.normal(0, 4)), 2),
-        tilt_deg=round(float(rng.normal(0, 3)), 2),
+        size=rounded(rng.uniform()),
+        lift_deg=rounded(rng.normal(0, 3), 2),
+        turn_deg=rounded(180 * is_backwards + rng.normal(0, 4), 2),
+        tilt_deg=rounded(rng.normal(0, 3), 2),
         has_extra=bool(rng.uniform() < 0.45),
         seed=int(rng.integers(2**31)),
     )

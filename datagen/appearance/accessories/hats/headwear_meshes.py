@@ -13,6 +13,7 @@ from datagen.appearance.hair.bound_meshes import bound_mesh, check_model
 from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, scene_mesh, sheet, tube
+from datagen.random_streams import rounded
 
 # How far below the hair line the rim is, degrees about the middle of the skull: front, sides, back.
 _RIMS = {
@@ -57,8 +58,8 @@ def crown_plane(hat: Headwear) -> CrownPlane | None:
     ahead = front - back
     middle = 0.5 * (side + 0.5 * (front + back))
     normal = np.array([0.0, ahead[2], -ahead[1]]) / np.hypot(ahead[1], ahead[2])
-    x, y, z = (round(float(part), 3) for part in (0.0, middle[1], 0.5 * (front[2] + back[2])))
-    return CrownPlane((x, y, z), (0.0, round(float(normal[1]), 5), round(float(normal[2]), 5)))
+    x, y, z = (rounded(part) for part in (0.0, middle[1], 0.5 * (front[2] + back[2])))
+    return CrownPlane((x, y, z), (0.0, rounded(normal[1], 5), rounded(normal[2], 5)))
 
 
 def _fit(hat: Headwear) -> Fit:
