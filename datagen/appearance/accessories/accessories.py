@@ -24,11 +24,10 @@ from datagen.appearance.accessories.glasses_meshes import glasses_meshes
 from datagen.appearance.accessories.hats.headwear import WRAPS, Headwear, draw_headwear
 from datagen.appearance.accessories.hats.headwear_meshes import crown_plane, headwear_meshes
 from datagen.appearance.accessories.jewellery import Jewellery, draw_jewellery, jewellery_meshes
-from datagen.appearance.accessories.materials import Colour
 from datagen.appearance.accessories.weaves import weave_textures
 from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.person import Person
-from datagen.appearance.scene import PosedHead, SceneMesh, Texture
+from datagen.appearance.scene import Colour, PosedHead, SceneMesh, Texture
 
 _STEP_ASIDE_MM, _FARTHEST_ASIDE_MM = 35.0, 230.0
 _LEFT_OUT = ("hand", "held", "mask", "glasses", "headwear")  # in this order, where too much of a face is hidden

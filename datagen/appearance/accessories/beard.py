@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.accessories.head_fit import Anchors, anchors_outward
-from datagen.appearance.accessories.materials import Colour
+from datagen.appearance.accessories.head_fit import Anchors, grid_outward
 from datagen.appearance.person import Person
-from datagen.appearance.scene import Material, PosedHead, SceneMesh, Texture
+from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh, Texture
 from datagen.appearance.solids import grid_triangles, scene_mesh, solid, unit
 from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel, builtin_model
@@ -23,17 +22,13 @@ LEVELS = 3  # layers of a style: dense at the skin, sparse at the tips
 WIDTH, HEIGHT = 256, 192
 ROWS, COLUMNS = 26, 49
 
-_CENTRE = np.array([0.0, -28.0, 38.0])
+_CENTRE = (0.0, -28.0, 38.0)
 _AROUND_DEG, _TOP_DEG, _BOTTOM_DEG = 122.0, 48.0, -84.0
 
 
-@lru_cache(maxsize=4)
 def beard_anchors(model: MorphableModel) -> Anchors:
     """The grid of the unrolled lower face on a model, rows from the top."""
-    around = np.deg2rad(np.linspace(-_AROUND_DEG, _AROUND_DEG, COLUMNS))[None]
-    rise = np.deg2rad(np.linspace(_TOP_DEG, _BOTTOM_DEG, ROWS))[:, None]
-    directions = [np.cos(rise) * np.sin(around), np.sin(rise) + 0 * around, np.cos(rise) * np.cos(around)]
-    return anchors_outward(model, _CENTRE, np.stack(directions, axis=-1).reshape(-1, 3))
+    return grid_outward(model, _CENTRE, (_TOP_DEG, _BOTTOM_DEG), _AROUND_DEG, (ROWS, COLUMNS))
 
 
 @lru_cache(maxsize=1)

@@ -5,8 +5,9 @@ from typing import final
 
 import numpy as np
 
-from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, Colour, draw_tint
+from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, draw_tint
 from datagen.appearance.person import Person
+from datagen.appearance.scene import Colour
 from datagen.random_streams import rounded
 
 SHAPES = ("round", "rectangle", "aviator", "cat-eye", "square", "oval")

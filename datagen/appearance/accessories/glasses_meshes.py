@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from datagen.appearance.accessories.glasses import Glasses
-from datagen.appearance.accessories.head_fit import nearest_vertices, triangles_of
+from datagen.appearance.accessories.head_fit import nearest_on_side, vertices_of
 from datagen.appearance.accessories.materials import smooth
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, solid, tube
@@ -24,7 +24,7 @@ _TEMPLE_MM = 2.2  # from the middle of a temple to the skin
 _LENS_BEFORE_EYE_MM = 11.0
 
 # On the mean head: bridge of the nose, left pupil, groove above the left ear, behind that ear high and low.
-_PLACES = np.array([[0, 20, 104], [33, 27, 94], [76.5, 37, 4], [75, 26, -19], [71.5, 12, -18]], dtype=np.float64)
+_PLACES = ((0.0, 20.0, 104.0), (33, 27, 94), (76.5, 37, 4), (75, 26, -19), (71.5, 12, -18))
 
 
 @final
@@ -47,7 +47,10 @@ def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) ->
         head: Whose expression counts too: raised cheeks and brows push the front forward.
         front: Points of the front in its own frame, which shall not enter the face.
     """
-    marks = {side: head.neutral[_marks(head.model)[side]].astype(np.float64) for side in (1, -1)}
+    regions = ("skin", "scalp", "pupil", "neck")
+    marks = {
+        side: head.neutral[nearest_on_side(head.model, _PLACES, side, regions)].astype(np.float64) for side in (1, -1)
+    }
     bridge = marks[1][0] * [0, 1, 1] + [0.5 * (marks[1][1][0] + marks[-1][1][0]), 0, 0]
     eyes = 0.5 * (marks[1][1] + marks[-1][1])
     rotation = Rotation.from_euler("xz", [worn.tilt_deg - 22 * worn.lift, worn.skew_deg], degrees=True).as_matrix()
@@ -142,14 +145,8 @@ def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> 
 
 
 @lru_cache(maxsize=4)
-def _marks(model: MorphableModel) -> Mapping[int, Int32[ndarray, "5"]]:
-    regions = ("skin", "scalp", "pupil", "neck")
-    return {side: nearest_vertices(model, _PLACES * [side, 1, 1], regions) for side in (1, -1)}
-
-
-@lru_cache(maxsize=4)
 def _front_vertices(model: MorphableModel) -> Int64[ndarray, " n"]:
-    found = np.unique(model.triangles[triangles_of(model, (*FRONT_REGIONS, "scalp"))])
+    found = vertices_of(model, (*FRONT_REGIONS, "scalp"))
     place = model.mean[found]
     chosen = (np.abs(place[:, 0]) < 76) & (place[:, 1] > -58) & (place[:, 2] > 25)
     return found[chosen].astype(np.int64)
@@ -157,7 +154,7 @@ def _front_vertices(model: MorphableModel) -> Int64[ndarray, " n"]:
 
 @lru_cache(maxsize=4)
 def _side_vertices(model: MorphableModel) -> Mapping[int, Int32[ndarray, " n"]]:
-    found = np.unique(model.triangles[triangles_of(model, ("skin", "scalp", "neck"))])
+    found = vertices_of(model, ("skin", "scalp", "neck"))
     place = model.mean[found]
     aside = (place[:, 1] > -15) & (place[:, 1] < 115) & (place[:, 2] > -45) & (np.abs(place[:, 0]) > 45)
     return {side: found[aside & (side * place[:, 0] > 0)].astype(np.int32) for side in (1, -1)}
@@ -165,7 +162,7 @@ def _side_vertices(model: MorphableModel) -> Mapping[int, Int32[ndarray, " n"]]:
 
 @lru_cache(maxsize=4)
 def _scalp(model: MorphableModel) -> Int32[ndarray, " n"]:
-    return np.unique(model.triangles[triangles_of(model, ("scalp",))]).astype(np.int32)
+    return vertices_of(model, ("scalp",))
 
 
 def outline(shape: str, count: int) -> Float64[ndarray, "n 2"]:

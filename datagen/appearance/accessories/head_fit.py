@@ -1,4 +1,4 @@
-"""Places of a head: what accessories are fitted to."""
+"""What accessories are fitted to: places of a head, and the smooth outside of its skull."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from datagen.appearance.scene import PosedHead
+from datagen.random_streams import Triple
 from pix2face.models.morphable_model import MorphableModel
 
 # The surface that can be touched, without ears: rays that look for it pass the rest.
@@ -66,12 +67,54 @@ def anchors_outward(
     return Anchors(triangles[near[rows, best]].astype(np.int32), found.astype(np.float32))
 
 
+@lru_cache(maxsize=8)
+def grid_outward(
+    model: MorphableModel, centre: Triple, rise_deg: tuple[float, float], half_width_deg: float, shape: tuple[int, int]
+) -> Anchors:
+    """Anchors on a grid of rays around the front of the head, row after row.
+
+    Args:
+        model: The model.
+        centre: Where the rays begin, mm.
+        rise_deg: Angle above the horizon of the first and the last row.
+        half_width_deg: Angle from straight ahead of the last column, on the subject's left.
+        shape: Rows and columns.
+    """
+    rise = np.deg2rad(np.linspace(*rise_deg, shape[0]))[:, None]
+    around = np.deg2rad(np.linspace(-half_width_deg, half_width_deg, shape[1]))[None]
+    return anchors_outward(model, np.array(centre), direction(rise, around).reshape(-1, 3))
+
+
+def vertices_of(model: MorphableModel, regions: Sequence[str]) -> Int32[ndarray, " n"]:
+    """The vertices of some regions of a model."""
+    return np.unique(model.triangles[triangles_of(model, regions)]).astype(np.int32)
+
+
+@lru_cache(maxsize=64)
 def nearest_vertices(
-    model: MorphableModel, places: Float[ndarray, "n 3"], regions: Sequence[str] = OUTER_REGIONS
+    model: MorphableModel, places: tuple[Triple, ...], regions: tuple[str, ...] = OUTER_REGIONS
 ) -> Int32[ndarray, " n"]:
     """The vertex of some regions nearest to each place of the mean head (mm)."""
-    candidates = np.unique(model.triangles[triangles_of(model, regions)])
-    return candidates[cKDTree(model.mean[candidates]).query(places)[1]].astype(np.int32)
+    candidates = vertices_of(model, regions)
+    return candidates[cKDTree(model.mean[candidates]).query(np.array(places))[1]]
+
+
+def nearest_on_side(
+    model: MorphableModel, places: tuple[Triple, ...], side: int, regions: tuple[str, ...] = OUTER_REGIONS
+) -> Int32[ndarray, " n"]:
+    """As `nearest_vertices` for places on the left (side 1), or for their mirror images on the right (side -1)."""
+    return nearest_vertices(model, tuple((side * x, y, z) for x, y, z in places), regions)
+
+
+def bilinear(values: Float32[ndarray, "r c *v"], rows: Float[ndarray, "*n"], columns: Float[ndarray, "*n"]) -> ndarray:
+    """Values between those of a grid, at fractional rows and columns that lie within it."""
+    row = np.clip(rows.astype(np.intp), 0, values.shape[0] - 2)
+    column = np.clip(columns.astype(np.intp), 0, values.shape[1] - 2)
+    extra = (1,) * (values.ndim - 2)
+    down, along = (rows - row).reshape(*rows.shape, *extra), (columns - column).reshape(*rows.shape, *extra)
+    upper = (1 - along) * values[row, column] + along * values[row, column + 1]
+    lower = (1 - along) * values[row + 1, column] + along * values[row + 1, column + 1]
+    return np.asarray((1 - down) * upper + down * lower, dtype=np.float32)
 
 
 @lru_cache(maxsize=4)
@@ -86,7 +129,7 @@ def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray
     unique, count = np.unique(keys, return_counts=True)
     border = edges[np.isin(keys, unique[count == 1])]
     after = dict(border.tolist())
-    on_neck = set(np.unique(model.triangles[triangles_of(model, ["neck"])]).tolist())
+    on_neck = set(vertices_of(model, ["neck"]).tolist())
     start = min((vertex for vertex in after if vertex in on_neck), key=lambda vertex: model.mean[vertex, 1])
     loop = [start]
     while (following := after[loop[-1]]) != start:
@@ -143,13 +186,7 @@ class Skull:
         top, low = np.pi / 2, np.deg2rad(_LOWEST_DEG)
         rows = np.clip((top - rise) / (top - low), 0, 1) * (_ROWS - 1)
         columns = np.mod(around / (2 * np.pi) + 0.5, 1.0) * (_COLUMNS - 1)
-        rows, columns = np.broadcast_arrays(rows, columns)
-        row = np.minimum(rows.astype(np.intp), _ROWS - 2)
-        column = np.minimum(columns.astype(np.intp), _COLUMNS - 2)
-        down, along = rows - row, columns - column
-        upper = (1 - along) * self.radii[row, column] + along * self.radii[row, column + 1]
-        lower = (1 - along) * self.radii[row + 1, column] + along * self.radii[row + 1, column + 1]
-        return np.asarray((1 - down) * upper + down * lower, dtype=np.float32)
+        return bilinear(self.radii, *np.broadcast_arrays(rows, columns))
 
     def at(
         self, rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
@@ -179,5 +216,4 @@ def _grid() -> tuple[Float[ndarray, "r c"], Float[ndarray, "r c"]]:
 
 @lru_cache(maxsize=4)
 def _skull_anchors(model: MorphableModel) -> Anchors:
-    rise, around = _grid()
-    return anchors_outward(model, CENTRE, direction(rise, around).reshape(-1, 3))
+    return anchors_outward(model, CENTRE, direction(*_grid()).reshape(-1, 3))

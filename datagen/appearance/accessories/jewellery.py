@@ -1,33 +1,31 @@
 """Earrings, necklaces, piercings, nose rings; earphones, headphones and headsets."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float64, Int32
+from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.appearance.accessories.clothing.body import Body
-from datagen.appearance.accessories.head_fit import fit_skull, nearest_vertices
-from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, WHITE, Colour, draw_tint, smooth
-from datagen.appearance.scene import PosedHead, SceneMesh
+from datagen.appearance.accessories.head_fit import fit_skull, nearest_on_side
+from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, WHITE, draw_tint, smooth
+from datagen.appearance.scene import Colour, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, lathe, scene_mesh, tube
 from datagen.random_streams import rounded
-from pix2face.models.morphable_model import MorphableModel
 
 EARRINGS = ("none", "stud", "hoop", "drop")
 SOUND = ("none", "buds", "wired", "headphones", "headset", "round neck")
 PIERCINGS = ("none", "nose stud", "nose ring", "septum", "brow", "lip")
 # On the mean head: lobe, ear canal, wing of the nose, below the nose, end of the brow, below the lower lip.
-_PLACES = np.array([[77.0, -17, 5], [76, 4, 8], [15, -12, 104], [0, -20, 109], [56, 46, 78], [9, -53, 104]])
+_PLACES = ((77.0, -17, 5), (76, 4, 8), (15, -12, 104), (0, -20, 109), (56, 46, 78), (9, -53, 104))
 _REGIONS = ("ears", "ears", "skin", "skin", "brows", "skin")
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Jewellery:
-    """What hangs, sits and plays at a head."""
+    """Jewellery, and what people listen with."""
 
     earrings: str  # one of `EARRINGS`
     one_ear: bool  # only the left ear has an earring
@@ -41,7 +39,7 @@ class Jewellery:
 
 
 def draw_jewellery(rng: np.random.Generator, femininity: float, sound_share: float, share: float) -> Jewellery:
-    """Draws jewellery; ``share`` is how often a woman wears some, ``sound_share`` how often something plays."""
+    """Draws jewellery; `share` is how often women wear some, `sound_share` how often anybody wears earphones."""
     wears = share * (0.25 + 0.75 * femininity)
     earrings = str(rng.choice(EARRINGS[1:])) if rng.uniform() < wears else "none"
     return Jewellery(
@@ -58,25 +56,25 @@ def draw_jewellery(rng: np.random.Generator, femininity: float, sound_share: flo
 
 
 def jewellery_meshes(jewellery: Jewellery, head: PosedHead, body: Body) -> list[SceneMesh]:
-    """All of it, in place."""
-    metal, stones, gear = _jewels(jewellery, head, body)
-    gear += _sound(jewellery, head, body)
-    materials = (
-        smooth(jewellery.metal, 0.2, 0.6),
-        smooth(jewellery.stone, 0.15, 0.08),
-        smooth(jewellery.gear, 0.4, 0.05),
-    )
-    meshes = []
-    for name, parts, material in zip(("metal", "stones", "gear"), (metal, stones, gear), materials, strict=True):
-        if parts:
-            meshes.append(scene_mesh(f"jewellery/{name}", "jewellery", joined(parts), material))
-    return meshes
+    """The meshes of jewellery and earphones on a head."""
+    metal, stones = _jewels(jewellery, head, body)
+    made = {
+        "metal": (metal, smooth(jewellery.metal, 0.2, 0.6)),
+        "stones": (stones, smooth(jewellery.stone, 0.15, 0.08)),
+        "gear": (_sound(jewellery, head, body), smooth(jewellery.gear, 0.4, 0.05)),
+    }
+    return [
+        scene_mesh(f"jewellery/{name}", "jewellery", joined(parts), material)
+        for name, (parts, material) in made.items()
+        if parts
+    ]
 
 
-def _jewels(jewellery: Jewellery, head: PosedHead, body: Body) -> tuple[list[Solid], list[Solid], list[Solid]]:
+def _jewels(jewellery: Jewellery, head: PosedHead, body: Body) -> tuple[list[Solid], list[Solid]]:
+    """What is of metal, and stones and beads."""
     metal: list[Solid] = []
     stones: list[Solid] = []
-    marks = {side: head.vertices[_marks(head.model)[side]].astype(np.float64) for side in (1, -1)}
+    marks = {side: _marks(head, side) for side in (1, -1)}
     size = jewellery.size
     for side in (1,) if jewellery.one_ear else (1, -1):
         lobe = marks[side][0] + [side * 2.0, 0, 1]
@@ -94,7 +92,7 @@ def _jewels(jewellery: Jewellery, head: PosedHead, body: Body) -> tuple[list[Sol
         chain, pendant = _necklace(jewellery, body)
         (stones if jewellery.necklace == 2 else metal).append(chain)
         stones += pendant
-    return metal, stones, []
+    return metal, stones
 
 
 def _piercing(kind: str, marks: dict[int, Float64[ndarray, "6 3"]]) -> list[Solid]:
@@ -127,17 +125,14 @@ def _necklace(jewellery: Jewellery, body: Body) -> tuple[Solid, list[Solid]]:
 
 
 def _sound(jewellery: Jewellery, head: PosedHead, body: Body) -> list[Solid]:
+    """Earphones, headphones or a headset."""
     parts: list[Solid] = []
-    if jewellery.sound == "none":
-        return parts
     if jewellery.sound == "round neck":
-        turn = np.linspace(0.09, 0.91, 25)
-        path = body.at(np.full(25, 0.03), turn, 16.0)
-        parts.append(tube(path, (4.0, 8.0), (0, 1, 0.1), 8))
-        cups = (path[0], path[-1])
-        return [*parts, *(ellipsoid((22, 32, 30), 9, 14).moved(cup) for cup in cups)]
+        path = body.at(np.full(25, 0.03), np.linspace(0.09, 0.91, 25), 16.0)
+        cups = [ellipsoid((22, 32, 30), 9, 14).moved(end) for end in (path[0], path[-1])]
+        return [tube(path, (4.0, 8.0), (0, 1, 0.1), 8), *cups]
     for side in (1, -1):
-        canal = head.vertices[_marks(head.model)[side][1]].astype(np.float64) + [side * 3, 0, 2]
+        canal = _marks(head, side)[1] + [side * 3, 0, 2]
         if jewellery.sound == "buds":
             stem = np.stack([canal, canal + [side * 3, -8, 4], canal + [side * 3, -26, 7]])
             parts += [_ball(canal, 7.0), tube(stem, 3.2, (0, 0, 1), 8)]
@@ -168,7 +163,7 @@ def _band(head: PosedHead) -> Solid:
 
 def _boom(head: PosedHead) -> list[Solid]:
     """A microphone on an arm before the mouth."""
-    canal, lip = head.vertices[_marks(head.model)[1][[1, 5]]].astype(np.float64)
+    _, canal, *_, lip = _marks(head, 1)
     end = lip + [14, 0, 18]
     path = np.stack([canal + [18, -10, 8], 0.5 * (canal + end) + [26, -12, 14], end])
     return [tube(path, 1.8, (0, 1, 0.2), 6), _ball(end, 6.5)]
@@ -184,19 +179,11 @@ def _ring(place: Float64[ndarray, "3"], radius: float, thick: float, plane: tupl
     path = np.tile(place, (25, 1))
     path[:, plane[0]] += radius * np.sin(angle)
     path[:, plane[1]] += radius * np.cos(angle)
-    across = [0.0, 0.0, 0.0]
-    across[3 - plane[0] - plane[1]] = 1.0
-    return tube(path, thick, (across[0], across[1], across[2]), 6)
+    return tube(path, thick, np.eye(3)[3 - plane[0] - plane[1]], 6)
 
 
-@lru_cache(maxsize=4)
-def _marks(model: MorphableModel) -> dict[int, Int32[ndarray, "6"]]:
-    return {
-        side: np.concatenate(
-            [
-                nearest_vertices(model, place[None] * [side, 1, 1], (region,))
-                for place, region in zip(_PLACES, _REGIONS, strict=True)
-            ]
-        )
-        for side in (1, -1)
-    }
+def _marks(head: PosedHead, side: int) -> Float64[ndarray, "6 3"]:
+    """Where the `_PLACES` are on one side of a head; side 1 is the left."""
+    at = zip(_PLACES, _REGIONS, strict=True)
+    found = [nearest_on_side(head.model, (place,), side, (region,)) for place, region in at]
+    return head.vertices[np.concatenate(found)].astype(np.float64)

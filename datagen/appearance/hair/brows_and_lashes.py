@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
 from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, brow_patch, read_picture
-from datagen.appearance.hair.hair_colour import Colour, HairColour, brow_colour
+from datagen.appearance.hair.hair_colour import HairColour, brow_colour
 from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.hair.styles import UNCUT_MM
 from datagen.appearance.person import Person
-from datagen.appearance.scene import Material, PosedHead, SceneMesh
+from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh
 from datagen.appearance.solids import cross
 from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel

@@ -12,8 +12,8 @@ from datagen.appearance.light.harmonics import turned
 from datagen.appearance.light.light_colour import LUMINANCE, balance_matrix, saturation_matrix
 from datagen.appearance.light.light_config import LightConfig
 from datagen.appearance.light.setups import Setup
-from datagen.appearance.light.sources import PanoramaLight, Triple, direction_of, environment_from_camera
-from datagen.random_streams import rounded
+from datagen.appearance.light.sources import PanoramaLight, direction_of, environment_from_camera
+from datagen.random_streams import Triple, rounded
 
 # Where the brightest lamp stands: mean and standard deviation of the azimuth (0 is the camera's side).
 _KEY_AZIMUTHS_DEG = {"directional": (0.0, 50.0), "backlit": (180.0, 28.0), "silhouette": (180.0, 18.0)}

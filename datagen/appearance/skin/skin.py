@@ -6,8 +6,9 @@ from typing import final
 import numpy as np
 
 from datagen.appearance.person import Person
+from datagen.appearance.scene import Colour
 from datagen.appearance.skin.eyes import Eyes, Mouth, draw_eyes, draw_mouth
-from datagen.appearance.skin.make_up import Colour, MakeUp, draw_make_up
+from datagen.appearance.skin.make_up import MakeUp, draw_make_up
 from datagen.appearance.skin.marks import Mark, draw_marks
 from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import AGES, ORIGINS, SEXES, SKINS

@@ -11,9 +11,9 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from datagen.appearance.accessories.head_fit import nearest_vertices, triangles_of
-from datagen.appearance.accessories.materials import Colour, cloth, draw_cloth_colour, draw_tint, skin_material, smooth
-from datagen.appearance.scene import PosedHead, SceneMesh
+from datagen.appearance.accessories.head_fit import nearest_on_side, vertices_of
+from datagen.appearance.accessories.materials import cloth, draw_cloth_colour, draw_tint, skin_material, smooth
+from datagen.appearance.scene import Colour, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, scene_mesh, tube, unit
 from datagen.random_streams import rounded
 from pix2face.models.morphable_model import MorphableModel
@@ -194,7 +194,7 @@ def _placed(
     along = unit(Rotation.from_rotvec(np.deg2rad(hand.turn_deg) * palm).apply(along)).astype(np.float64)
     turn = np.stack([np.cross(along, palm), along, palm], axis=1)
     flip = np.array([-1.0 if is_left else 1.0, 1.0, 1.0])
-    near = head.vertices[_touch_vertices(head.model)[is_left][list(POSES).index(hand.pose)]] * flip
+    near = head.vertices[nearest_on_side(head.model, (pose.near,), -1 if is_left else 1)[0]] * flip
     place = near + np.array(hand.slide_mm) * [-1, 1, 0.3] - (pose.away_mm + 8) * palm
     # Fingers reach the place, rather than the wrist.
     place = place - 22 * hand.scale * along
@@ -227,13 +227,6 @@ def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, 
 
 
 @lru_cache(maxsize=4)
-def _touch_vertices(model: MorphableModel) -> Mapping[bool, Int32[ndarray, " p"]]:
-    places = np.array([pose.near for pose in POSES.values()], dtype=np.float64)
-    return {is_left: nearest_vertices(model, places * [-1 if is_left else 1, 1, 1]) for is_left in (False, True)}
-
-
-@lru_cache(maxsize=4)
 def _sparse_skin(model: MorphableModel) -> Int32[ndarray, " n"]:
     """Every fifth vertex of what a hand can touch."""
-    outside = ("skin", "brows", "lips", "eyes", "ears", "scalp", "neck")
-    return np.unique(model.triangles[triangles_of(model, outside)])[::5].astype(np.int32)
+    return vertices_of(model, ("skin", "brows", "lips", "eyes", "ears", "scalp", "neck"))[::5]

@@ -1,43 +1,23 @@
 """What people hold to the face: phones, microphones, cups, cigarettes, straws, food."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Int32
 from numpy import ndarray
 
 from datagen.appearance.accessories.head_fit import nearest_vertices
-from datagen.appearance.accessories.materials import (
-    BLACK,
-    SILVER,
-    WHITE,
-    Colour,
-    cloth,
-    draw_cloth_colour,
-    draw_tint,
-    smooth,
-)
-from datagen.appearance.scene import Material, PosedHead, SceneMesh
+from datagen.appearance.accessories.materials import BLACK, SILVER, WHITE, cloth, draw_cloth_colour, draw_tint, smooth
+from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, box, ellipsoid, joined, lathe, scene_mesh, tube, unit
-from datagen.random_streams import rounded
-from pix2face.models.morphable_model import MorphableModel
+from datagen.random_streams import rounded, weighted_choice
 
-HELD = (
-    "phone at ear",
-    "phone before face",
-    "microphone",
-    "cup",
-    "bottle",
-    "cigarette",
-    "straw",
-    "apple",
-    "sandwich",
-    "spoon",
-)
-_WEIGHTS = (0.16, 0.12, 0.18, 0.16, 0.06, 0.08, 0.06, 0.07, 0.06, 0.05)
-_EAR, _LIPS = np.array([80.0, 8.0, 12.0]), np.array([0.0, -43.0, 106.0])
+# How often each thing is held, relative to the others.
+_WEIGHTS = {"phone at ear": 0.16, "phone before face": 0.12, "microphone": 0.18, "cup": 0.16, "bottle": 0.06}
+_WEIGHTS |= {"cigarette": 0.08, "straw": 0.06, "apple": 0.07, "sandwich": 0.06, "spoon": 0.05}
+HELD = tuple(_WEIGHTS)
+# On the mean head: both ears and the lips, mm.
+_EARS_AND_LIPS = ((80.0, 8.0, 12.0), (-80.0, 8.0, 12.0), (0.0, -43.0, 106.0))
 
 Piece = tuple[Solid, Material]
 
@@ -45,7 +25,7 @@ Piece = tuple[Solid, Material]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Held:
-    """Something at the mouth or the ear."""
+    """Something held to the mouth or the ear."""
 
     kind: str  # one of `HELD`
     is_left: bool  # on which side, or from which side it comes
@@ -57,8 +37,8 @@ class Held:
 
 
 def draw_held(rng: np.random.Generator) -> Held:
-    """Draws something that is held."""
-    kind = str(rng.choice(HELD, p=np.array(_WEIGHTS) / sum(_WEIGHTS)))
+    """Draws something that is held to the face."""
+    kind = weighted_choice(rng, _WEIGHTS)
     dark = rng.uniform() < 0.6
     colour = BLACK if dark and kind.startswith(("phone", "micro")) else draw_cloth_colour(rng)
     if kind in ("apple", "sandwich"):
@@ -75,20 +55,16 @@ def draw_held(rng: np.random.Generator) -> Held:
 
 
 def held_meshes(held: Held, head: PosedHead) -> list[SceneMesh]:
-    """Its meshes at the mouth or the ear of a head, with its expression."""
-    ear, lips = head.vertices[_places(head.model)].astype(np.float64)
+    """The meshes of a thing at the mouth or the ear of a head with its expression."""
+    places = nearest_vertices(head.model, _EARS_AND_LIPS, ("ears", "lips"))
+    left_ear, right_ear, lips = head.vertices[places].astype(np.float64)
     side = 1.0 if held.is_left else -1.0
     if held.kind == "phone at ear":
-        ear = ear * [1, 1, 1] if held.is_left else head.vertices[_places_right(head.model)].astype(np.float64)
-        axes, place = (
-            _axes(np.array([0, 1.0, -0.55]), np.array([side, 0.0, 0.35])),
-            ear + [side * (9 + held.gap_mm), -26, 16],
-        )
+        axes = _axes(np.array([0, 1.0, -0.55]), np.array([side, 0.0, 0.35]))
+        place = (left_ear if held.is_left else right_ear) + [side * (9 + held.gap_mm), -26, 16]
     elif held.kind == "phone before face":
-        axes, place = (
-            _axes(np.array([0, 1.0, 0.15]), np.array([0, 0, 1.0])),
-            lips + [side * 25, 10, 110 + 4 * held.gap_mm],
-        )
+        axes = _axes(np.array([0, 1.0, 0.15]), np.array([0, 0, 1.0]))
+        place = lips + [side * 25, 10, 110 + 4 * held.gap_mm]
     else:
         place = lips
         lean = np.deg2rad(held.lean_deg)
@@ -109,14 +85,9 @@ def _pieces(held: Held, axes: ndarray, lips: ndarray, side: float) -> list[Piece
     body = smooth(held.colour, 0.3)
     if held.kind.startswith("phone"):
         case = box((72 * size, 148 * size, 8.5))
-        lens = joined(
-            [
-                ellipsoid((5, 1.5, 5), 5, 10).placed(
-                    np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.array([x, 58 * size, 4.5])
-                )
-                for x in (-26 * size, -14 * size)
-            ]
-        )
+        flat = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+        places = [np.array([x, 58 * size, 4.5]) for x in (-26 * size, -14 * size)]
+        lens = joined([ellipsoid((5, 1.5, 5), 5, 10).placed(flat, place) for place in places])
         return [(case.placed(axes, lips), body), (lens.placed(axes, lips), smooth(BLACK, 0.1, 0.08))]
     if held.kind == "microphone":
         out = unit(np.array([0.25 * side, -0.75, 0.65])).astype(np.float64)
@@ -130,14 +101,11 @@ def _pieces(held: Held, axes: ndarray, lips: ndarray, side: float) -> list[Piece
     if held.kind in ("cigarette", "straw", "spoon"):
         return _thin(held, lips, side)
     if held.kind == "apple":
-        return [
-            (
-                ellipsoid((37 * size, 34 * size, 37 * size), 11, 18).placed(axes, lips + [0, -4, 33 * size + gap]),
-                smooth(held.colour, 0.3),
-            )
-        ]
-    bread = box((105 * size, 16, 80 * size)).placed(axes, lips + np.array([0, 8, 42 * size + gap]))
-    other = box((105 * size, 16, 80 * size)).placed(axes, lips + np.array([0, -20, 42 * size + gap]))
+        apple = ellipsoid((37 * size, 34 * size, 37 * size), 11, 18)
+        return [(apple.placed(axes, lips + [0, -4, 33 * size + gap]), body)]
+    bread, other = (
+        box((105 * size, 16, 80 * size)).placed(axes, lips + np.array([0, y, 42 * size + gap])) for y in (8, -20)
+    )
     filling = box((110 * size, 13, 84 * size)).placed(axes, lips + np.array([0, -6, 42 * size + gap]))
     return [
         (joined([bread, other]), cloth("fleece", held.colour, held.colour)),
@@ -164,16 +132,15 @@ def _drinking(held: Held, lips: ndarray) -> list[Piece]:
 
 
 def _thin(held: Held, lips: ndarray, side: float) -> list[Piece]:
+    """A cigarette, a straw or a spoon that comes out of the mouth."""
     start = lips + [side * 8, 0, -4]
-    leaning = {
-        "cigarette": [0.3 * side, -0.1, 1.0],
-        "straw": [0.15 * side, -0.9, 0.6],
-        "spoon": [0.4 * side, -0.15, 1.0],
+    leaning, length, radius = {
+        "cigarette": ([0.3 * side, -0.1, 1.0], 80.0, 3.8),
+        "straw": ([0.15 * side, -0.9, 0.6], 150.0, 3.0),
+        "spoon": ([0.4 * side, -0.15, 1.0], 150.0, 2.5),
     }[held.kind]
     way = unit(np.array(leaning)).astype(np.float64)
-    length = {"cigarette": 80.0, "straw": 150.0, "spoon": 150.0}[held.kind] * held.size
-    radius = {"cigarette": 3.8, "straw": 3.0, "spoon": 2.5}[held.kind]
-    stick = tube(start + np.array([0.0, 0.3, 1.0])[:, None] * length * way, radius, (0, 1, 0.2), 8)
+    stick = tube(start + np.array([0.0, 0.3, 1.0])[:, None] * (length * held.size) * way, radius, (0, 1, 0.2), 8)
     if held.kind == "spoon":
         bowl = ellipsoid((17, 5, 24), 7, 12).moved(start + 10 * way)
         return [(joined([stick, bowl]), smooth(SILVER, 0.15, 0.6))]
@@ -182,13 +149,3 @@ def _thin(held: Held, lips: ndarray, side: float) -> list[Piece]:
         butt = tube(start + np.array([-2.0, 25.0])[:, None] * way, radius + 0.2, (0, 1, 0.2), 8)
         pieces.append((butt, smooth((0.5, 0.25, 0.07), 0.8)))
     return pieces
-
-
-@lru_cache(maxsize=4)
-def _places(model: MorphableModel) -> Int32[ndarray, "2"]:
-    return nearest_vertices(model, np.stack([_EAR, _LIPS]), ("ears", "lips"))
-
-
-@lru_cache(maxsize=4)
-def _places_right(model: MorphableModel) -> int:
-    return int(nearest_vertices(model, _EAR[None] * [-1, 1, 1], ("ears",))[0])

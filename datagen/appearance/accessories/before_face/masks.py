@@ -1,28 +1,26 @@
 """Masks over mouth and nose: surgical, cloth, pointed ones; scarves pulled up; veils."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32
 from numpy import ndarray
 
 from datagen.appearance.accessories.clothing.body import Body
 from datagen.appearance.accessories.hats.headwear_meshes import cowl
-from datagen.appearance.accessories.head_fit import Anchors, anchors_outward, fit_skull, nearest_vertices
-from datagen.appearance.accessories.materials import WHITE, Colour, cloth, cut_out, draw_cloth_colour, linear_colour
-from datagen.appearance.scene import PosedHead, SceneMesh
+from datagen.appearance.accessories.head_fit import bilinear, fit_skull, grid_outward, nearest_on_side
+from datagen.appearance.accessories.materials import WHITE, cloth, cut_out, draw_cloth_colour, linear_colour
+from datagen.appearance.scene import Colour, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, tube
 from datagen.random_streams import rounded
-from pix2face.models.morphable_model import MorphableModel
 
 MASKS = ("surgical", "cloth", "pointed", "gaiter", "veil")
-_CENTRE = np.array([0.0, -38.0, 28.0])
+_CENTRE = (0.0, -38.0, 28.0)
 _ROWS, _COLUMNS = 25, 33
 _HALF_WIDTH_DEG, _TOP_DEG, _BOTTOM_DEG = 84.0, 44.0, -66.0
-_EARS = np.array([[76.0, 34.0, -2.0], [72.5, -14.0, -4.0]])
+_EARS = ((76.0, 34.0, -2.0), (72.5, -14.0, -4.0))  # behind the left ear: above and below
 
 
 @final
@@ -57,7 +55,7 @@ def draw_mask(rng: np.random.Generator) -> Mask:
 
 
 def mask_meshes(mask: Mask, head: PosedHead, body: Body) -> list[SceneMesh]:
-    """The mask and what holds it."""
+    """A mask and what holds it."""
     material = cloth(mask.weave, mask.colour, mask.second, 0.9)
     if mask.kind == "veil":
         lace = cut_out("lace", mask.colour, mask.colour, 0.9)
@@ -82,7 +80,7 @@ def _face_piece(mask: Mask, head: PosedHead) -> tuple[Solid, dict[int, Float[nda
     top = (0.42 if mask.is_below_nose else 0.13) + (0.10 if mask.is_below_nose else 0.28) * aside**2
     bottom = 0.97 - 0.20 * aside**2
     rows = (top + np.linspace(0, 1, 19)[:, None] * (bottom - top)) * (_ROWS - 1)
-    grid = _sampled(points, rows, np.broadcast_to(columns, rows.shape))
+    grid = bilinear(points, rows, np.broadcast_to(columns, rows.shape))
     share = np.linspace(0, 1, 19)[:, None]
     inner = np.sin(np.pi * share) * (1 - aside**2)
     outward = grid - _CENTRE
@@ -97,7 +95,8 @@ def _face_piece(mask: Mask, head: PosedHead) -> tuple[Solid, dict[int, Float[nda
 
 def _loop(head: PosedHead, corners: Float[ndarray, "2 3"], side: int) -> Solid:
     """The string behind an ear."""
-    over, under = head.neutral[_ear_vertices(head.model)[side]].astype(np.float64) + [side * 2.0, 0, 0]
+    ear = nearest_on_side(head.model, _EARS, side, ("skin", "scalp", "neck"))
+    over, under = head.neutral[ear].astype(np.float64) + [side * 2.0, 0, 0]
     behind = 0.5 * (over + under) + [side * 3.5, 0, -17]
     middle = [0.5 * (corners[0] + over) + [side * 3.0, 0, 0], 0.5 * (corners[1] + under) + [side * 3.0, 0, 0]]
     return tube(np.stack([corners[0], middle[0], over, behind, under, middle[1], corners[1]]), 1.1, (0.3, 0.2, 1), 5)
@@ -105,7 +104,8 @@ def _loop(head: PosedHead, corners: Float[ndarray, "2 3"], side: int) -> Solid:
 
 def _bridged(head: PosedHead) -> Float32[ndarray, "r c 3"]:
     """The lower face as stiff cloth sees it: hollows beside the nose and below the lips are spanned."""
-    points = _anchors(head.model).at(head.vertices)
+    anchors = grid_outward(head.model, _CENTRE, (_TOP_DEG, _BOTTOM_DEG), _HALF_WIDTH_DEG, (_ROWS, _COLUMNS))
+    points = anchors.at(head.vertices)
     ways = points - _CENTRE
     radii = np.linalg.norm(ways, axis=1).reshape(_ROWS, _COLUMNS).astype(np.float32)
     soft = radii
@@ -113,17 +113,6 @@ def _bridged(head: PosedHead) -> Float32[ndarray, "r c 3"]:
         soft = np.maximum(radii, cv2.GaussianBlur(soft, (0, 0), 2.2, borderType=cv2.BORDER_REPLICATE))
     ways = ways.reshape(_ROWS, _COLUMNS, 3) / radii[..., None]
     return np.asarray(_CENTRE + soft[..., None] * ways, dtype=np.float32)
-
-
-def _sampled(
-    points: Float32[ndarray, "r c 3"], rows: Float[ndarray, "p q"], columns: Float[ndarray, "p q"]
-) -> Float32[ndarray, "p q 3"]:
-    row = np.clip(rows.astype(np.intp), 0, points.shape[0] - 2)
-    column = np.clip(columns.astype(np.intp), 0, points.shape[1] - 2)
-    down, along = (rows - row)[..., None], (columns - column)[..., None]
-    upper = (1 - along) * points[row, column] + along * points[row, column + 1]
-    lower = (1 - along) * points[row + 1, column] + along * points[row + 1, column + 1]
-    return np.asarray((1 - down) * upper + down * lower, dtype=np.float32)
 
 
 def _gaiter(mask: Mask, head: PosedHead) -> Solid:
@@ -149,16 +138,3 @@ def _veil(mask: Mask, head: PosedHead) -> Solid:
     rise = np.deg2rad(np.linspace(38, -35 - 25 * mask.size, 12))[:, None]
     reach = np.maximum(skull.radius(rise + 0 * around, around + 0 * rise) + 14, 104 + 10 * np.cos(around))
     return sheet(skull.at(rise, around, reach - skull.radius(rise + 0 * around, around + 0 * rise)), (3.0, 2.0))
-
-
-@lru_cache(maxsize=4)
-def _anchors(model: MorphableModel) -> Anchors:
-    around = np.deg2rad(np.linspace(-_HALF_WIDTH_DEG, _HALF_WIDTH_DEG, _COLUMNS))[None]
-    rise = np.deg2rad(np.linspace(_TOP_DEG, _BOTTOM_DEG, _ROWS))[:, None]
-    ways = np.stack([np.cos(rise) * np.sin(around), np.sin(rise) + 0 * around, np.cos(rise) * np.cos(around)], -1)
-    return anchors_outward(model, _CENTRE, ways.reshape(-1, 3))
-
-
-@lru_cache(maxsize=4)
-def _ear_vertices(model: MorphableModel) -> dict[int, Int32[ndarray, "2"]]:
-    return {side: nearest_vertices(model, _EARS * [side, 1, 1], ("skin", "scalp", "neck")) for side in (1, -1)}

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from datagen.appearance.accessories.materials import (
     WHITE,
-    Colour,
     cloth,
     cut_out,
     draw_cloth_colour,
@@ -18,7 +17,7 @@ from datagen.appearance.accessories.materials import (
     skin_material,
     smooth,
 )
-from datagen.appearance.scene import Material, SceneMesh
+from datagen.appearance.scene import Colour, Material, SceneMesh
 from datagen.appearance.solids import Solid, box, ellipsoid, joined, scene_mesh, sheet, tube
 from datagen.random_streams import rounded, triple, weighted_choice
 

@@ -5,8 +5,9 @@ from typing import final
 
 import numpy as np
 
-from datagen.appearance.accessories.materials import WHITE, Colour, draw_cloth_colour
+from datagen.appearance.accessories.materials import WHITE, draw_cloth_colour
 from datagen.appearance.person import Person
+from datagen.appearance.scene import Colour
 from datagen.random_streams import rounded
 
 GARMENTS = ("t-shirt", "v-neck", "sweater", "shirt", "suit", "turtleneck", "hoodie", "zipped", "straps")

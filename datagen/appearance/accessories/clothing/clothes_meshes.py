@@ -6,8 +6,8 @@ from numpy import ndarray
 
 from datagen.appearance.accessories.clothing.body import Body
 from datagen.appearance.accessories.clothing.clothes import Clothes
-from datagen.appearance.accessories.materials import Colour, cloth, skin_material
-from datagen.appearance.scene import SceneMesh
+from datagen.appearance.accessories.materials import cloth, skin_material
+from datagen.appearance.scene import Colour, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, tube, unit
 
 SIDES = 48  # columns of a garment

@@ -7,8 +7,9 @@ from typing import final
 
 import numpy as np
 
-from datagen.appearance.accessories.materials import GOLD, Colour, draw_cloth_colour, draw_tint
+from datagen.appearance.accessories.materials import GOLD, draw_cloth_colour, draw_tint
 from datagen.appearance.person import Person
+from datagen.appearance.scene import Colour
 from datagen.random_streams import rounded
 
 WRAPS = ("hood", "headscarf")
