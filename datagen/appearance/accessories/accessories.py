@@ -1,7 +1,7 @@
 """Who wears what, and what stands before whom: draws it, stores it, makes its meshes."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any, final
 
@@ -30,9 +30,10 @@ from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour, PosedHead, SceneMesh, Texture
 
 _STEP_ASIDE_MM, _FARTHEST_ASIDE_MM = 35.0, 230.0
-_LEFT_OUT = ("hand", "held", "mask", "glasses", "headwear")  # in this order, where too much of a face is hidden
-# Share of a face that one such thing hides at most, from measuring hundreds (the tests measure again); where the sum
-# leaves enough to be seen, nothing needs to be measured.
+# What is left out, in this order, where too much of a face is hidden.
+_LEFT_OUT = ("hand", "held", "mask", "glasses", "headwear")
+# The largest share of a face that one such thing hides, measured on hundreds of them (and again by the tests). Where
+# their sum leaves enough to be seen, nothing needs to be measured.
 _MOST_HIDDEN = {
     "glasses": 0.40,
     "goggles": 0.60,
@@ -48,7 +49,7 @@ _BESIDE_MASK_MM = 2.5  # a beard below a mask is pressed flat
 @final
 @dataclass(frozen=True, kw_only=True)
 class Accessories:
-    """What one person wears, and what is before the face; None what is not there."""
+    """What one person wears, and what is in front of the face; None where there is nothing."""
 
     clothes: Clothes  # always there
     jewellery: Jewellery  # rings, necklaces, earphones; each kind may be `none`
@@ -61,44 +62,30 @@ class Accessories:
     thing: Thing | None = None  # between the camera and the face
 
 
-_KINDS: Mapping[str, type] = {
-    "clothes": Clothes,
-    "jewellery": Jewellery,
-    "glasses": Glasses,
-    "beard": Beard,
-    "headwear": Headwear,
-    "mask": Mask,
-    "hand": Hand,
-    "held": Held,
-    "thing": Thing,
-}
-
-
 def draw_accessories(rng: np.random.Generator, config: AccessoriesConfig, person: Person) -> Accessories:
     """Draws what a person wears.
 
-    Each part has a random stream of its own, so that another share of one changes no other.
+    Each part has a random stream of its own: changing the share of one leaves the others as they are.
     """
     config.check()
-    streams = dict(zip(_KINDS, rng.spawn(len(_KINDS)), strict=True))
-    happens = {name: float(stream.uniform()) for name, stream in streams.items()}
-    glasses_share = config.glasses + config.sunglasses
-    is_dark = happens["glasses"] < config.sunglasses
-    drawn = Accessories(
-        clothes=draw_clothes(streams["clothes"], person, config.pattern, config.scarf),
-        jewellery=draw_jewellery(streams["jewellery"], person.femininity, config.sound, config.jewellery),
-        glasses=draw_glasses(streams["glasses"], person, is_dark=is_dark, goggle_share=config.goggles)
-        if happens["glasses"] < glasses_share
-        else None,
-        beard=draw_beard(streams["beard"], person)
-        if person.femininity < 0.5 and happens["beard"] < config.beard
-        else None,
-        headwear=draw_headwear(streams["headwear"], person) if happens["headwear"] < config.headwear else None,
-        mask=draw_mask(streams["mask"]) if happens["mask"] < config.mask else None,
-        hand=draw_hand(streams["hand"], person.femininity) if happens["hand"] < config.hand else None,
-        held=draw_held(streams["held"]) if happens["held"] < config.held else None,
-        thing=draw_thing(streams["thing"]) if happens["thing"] < config.thing else None,
-    )
+    names = [part.name for part in fields(Accessories)]
+    streams = dict(zip(names, rng.spawn(len(names)), strict=True))
+    chances = {name: float(stream.uniform()) for name, stream in streams.items()}
+    shares = {"glasses": config.glasses + config.sunglasses, "beard": config.beard if person.femininity < 0.5 else 0.0}
+    shares |= {name: getattr(config, name) for name in ("headwear", "mask", "hand", "held", "thing")}
+    is_dark = chances["glasses"] < config.sunglasses
+    draw: dict[str, Callable[[np.random.Generator], Any]] = {
+        "clothes": lambda stream: draw_clothes(stream, person, config.pattern, config.scarf),
+        "jewellery": lambda stream: draw_jewellery(stream, person.femininity, config.sound, config.jewellery),
+        "glasses": lambda stream: draw_glasses(stream, is_dark=is_dark, goggle_share=config.goggles),
+        "beard": lambda stream: draw_beard(stream, person),
+        "headwear": lambda stream: draw_headwear(stream, person),
+        "mask": draw_mask,
+        "hand": lambda stream: draw_hand(stream, person.femininity),
+        "held": draw_held,
+        "thing": draw_thing,
+    }
+    drawn = Accessories(**{name: draw[name](streams[name]) for name in names if chances[name] < shares.get(name, 1.0)})
     return _left_visible(_matched(drawn), config.least_visible)
 
 
@@ -109,13 +96,13 @@ def accessory_meshes(
     hair_rgb: Colour,
     head_from_torso: Float[ndarray, "3 3"],
 ) -> list[SceneMesh]:
-    """Everything as meshes.
+    """The meshes of all accessories.
 
     Args:
         accessories: What was drawn.
-        head: Whom it is fitted to.
-        skin_rgb: Linear colour of the neck's skin: that of shoulders and hands.
-        hair_rgb: Linear colour of the hair: that of the beard.
+        head: The head that they are fitted to.
+        skin_rgb: Linear colour of the skin of neck, shoulders and hands.
+        hair_rgb: Linear colour of hair and beard.
         head_from_torso: Turns the torso from where the head alone would have it to where it stands, model frame.
     """
     body = fit_body(head, head_from_torso, accessories.clothes.breadth)
@@ -127,13 +114,13 @@ def accessory_meshes(
 
 
 def hidden_hair(accessories: Accessories) -> CrownPlane | None:
-    """Above which plane a hat hides hair; None where all of it can be seen."""
+    """The plane above which a hat hides hair; None if all of it can be seen."""
     return None if accessories.headwear is None else crown_plane(accessories.headwear)
 
 
 @lru_cache(maxsize=1)
 def accessory_textures() -> Mapping[str, Texture]:
-    """Textures of all materials here, by name."""
+    """The textures of cloth and beards, by name."""
     return {**weave_textures(), **beard_textures()}
 
 
@@ -156,7 +143,7 @@ def _before_the_face(accessories: Accessories, head: PosedHead, body: Body, skin
 
 
 def _matched(drawn: Accessories) -> Accessories:
-    """Without what cannot be worn together."""
+    """Takes off what cannot be worn together."""
     changed: dict[str, Any] = {}
     hat, jewellery, glasses, beard = drawn.headwear, drawn.jewellery, drawn.glasses, drawn.beard
     if hat is not None and hat.kind in (*WRAPS, "helmet", "turban"):
@@ -177,7 +164,7 @@ def _matched(drawn: Accessories) -> Accessories:
 
 
 def _left_visible(drawn: Accessories, least: float) -> Accessories:
-    """Moves aside or leaves out what would hide too much of the face."""
+    """Moves aside or takes off what would hide too much of the face."""
     while 1 - most_hidden(drawn) < least:
         if visible_share(_before_the_face(drawn, mean_head(), _mean_body(), (0.5, 0.4, 0.3))) >= least:
             break
@@ -186,21 +173,20 @@ def _left_visible(drawn: Accessories, least: float) -> Accessories:
 
 
 def most_hidden(drawn: Accessories) -> float:
-    """An upper bound of the share of a face that accessories hide, by what they are alone."""
+    """An upper bound of the share of a face that accessories hide, known without measuring them."""
     has_goggles = drawn.glasses is not None and drawn.glasses.rim == "goggles"
     kinds = ("goggles" if has_goggles else "glasses", "headwear", "mask", "held", "hand", "thing")
     return sum(_MOST_HIDDEN[kind] for kind in kinds if getattr(drawn, kind.replace("goggles", "glasses")) is not None)
 
 
 def _less_hidden(drawn: Accessories) -> Accessories:
-    """The next smaller change that hides less."""
+    """The smallest change that hides less."""
     if drawn.thing is not None:
         aside = drawn.thing.aside_mm + _STEP_ASIDE_MM
-        return replace(
-            drawn, thing=None if aside > _FARTHEST_ASIDE_MM else replace(drawn.thing, aside_mm=round(aside, 2))
-        )
-    left_out: dict[str, Any] = {next(name for name in _LEFT_OUT if getattr(drawn, name) is not None): None}
-    return replace(drawn, **left_out)
+        moved = replace(drawn.thing, aside_mm=round(aside, 2)) if aside <= _FARTHEST_ASIDE_MM else None
+        return replace(drawn, thing=moved)
+    first = next(name for name in _LEFT_OUT if getattr(drawn, name) is not None)
+    return replace(drawn, **{first: None})  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=1)

@@ -1,6 +1,6 @@
 """Beards and moustaches: shells of strands over the lower face that follow its expression; lips stay free."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import final
@@ -14,7 +14,7 @@ from datagen.appearance.accessories.head_fit import Anchors, grid_outward
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh, Texture
 from datagen.appearance.solids import grid_triangles, scene_mesh, solid, unit
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, triple, weighted_choice
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 BEARD_STRANDS = "accessory_beards"
@@ -22,6 +22,10 @@ LEVELS = 3  # layers of a style: dense at the skin, sparse at the tips
 WIDTH, HEIGHT = 256, 192
 ROWS, COLUMNS = 26, 49
 
+# How often each style is drawn, relative to the others.
+_WEIGHTS = {"full": 0.30, "boxed": 0.20, "goatee": 0.14, "chin": 0.07, "moustache": 0.14, "handlebar": 0.05}
+_WEIGHTS |= {"strap": 0.04, "mutton": 0.03, "whiskers": 0.03}
+STYLES = tuple(_WEIGHTS)
 _CENTRE = (0.0, -28.0, 38.0)
 _AROUND_DEG, _TOP_DEG, _BOTTOM_DEG = 122.0, 48.0, -84.0
 
@@ -39,8 +43,8 @@ def beard_textures() -> Mapping[str, Texture]:
 
 
 def beard_layer(style: str, level: int) -> int:
-    """Number of a layer."""
-    return list(_STYLES).index(style) * LEVELS + level
+    """Number of a layer of the texture."""
+    return STYLES.index(style) * LEVELS + level
 
 
 @lru_cache(maxsize=1)
@@ -53,9 +57,13 @@ def style_densities() -> Mapping[str, Float32[ndarray, "h w"]]:
     )
     place = cv2.remap(grid, columns, rows, cv2.INTER_LINEAR)
     x, y, z = np.abs(place[..., 0]), place[..., 1], place[..., 2]
-    allowed = _not_lips(x, y, z) * _above_throat(y, z) * _rise(6, 12, np.hypot(x, 0.9 * (y + 12)) - 6 * (z < 90))
+    mouth = np.sqrt((x / 27.5) ** 2 + ((y + 43.5) / 10.8) ** 2)
+    beside_lips = np.where(z > 70, _rise(1.0, 1.16, mouth), 1.0)
+    above_throat = _rise(-100, -90, y) * _rise(4, 14, z + 0.45 * np.clip(y + 70, -40, 90))
+    allowed = beside_lips * above_throat * _rise(6, 12, np.hypot(x, 0.9 * (y + 12)) - 6 * (z < 90))
     return {
-        name: np.asarray(np.clip(style(x, y, z), 0, 1) * allowed, dtype=np.float32) for name, style in _STYLES.items()
+        name: np.asarray(np.clip(density, 0, 1) * allowed, dtype=np.float32)
+        for name, density in _styles(x, y, z).items()
     }
 
 
@@ -65,73 +73,34 @@ def _rise(low: ndarray | float, high: ndarray | float, value: ndarray) -> ndarra
     return t * t * (3 - 2 * t)
 
 
-def _not_lips(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
-    mouth = np.sqrt((x / 27.5) ** 2 + ((y + 43.5) / 10.8) ** 2)
-    return np.where(z > 70, _rise(1.0, 1.16, mouth), 1.0)
+def _styles(x: ndarray, y: ndarray, z: ndarray) -> dict[str, ndarray]:
+    """Density of each style at places of the mean head (mm, x to both sides), before lips and throat are left free."""
 
+    def below_cheek(drop_mm: float) -> ndarray:
+        line = np.interp(x, [0, 24, 42, 56, 64, 70, 74], [-30, -30, -34, -24, -10, 12, 26]) - drop_mm * (x < 64)
+        return _rise(line + 3, line - 4, y)
 
-def _above_throat(y: ndarray, z: ndarray) -> ndarray:
-    return _rise(-100, -90, y) * _rise(4, 14, z + 0.45 * np.clip(y + 70, -40, 90))
-
-
-def _moustache(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
+    in_front = _rise(0, 9, z)
+    whiskers = _rise(61, 66, x) * _rise(25, 17, y) * _rise(1, 8, z) * _rise(38, 30, z)
     top = -22.5 - 0.006 * x**2
-    return _rise(top + 1, top - 3, y) * _rise(31, 25, x) * _rise(-47, -43, y) * (z > 75)
-
-
-def _handlebar(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
+    moustache = _rise(top + 1, top - 3, y) * _rise(31, 25, x) * _rise(-47, -43, y) * (z > 75)
     ends = _rise(21, 26, x) * _rise(37, 32, x) * _rise(-72, -66, y) * _rise(-34, -38, y)
-    return np.maximum(_moustache(x, y, z), ends * (z > 60))
-
-
-def _chin(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
     wide = 26 - 0.12 * np.maximum(y + 60, 0)
-    return _rise(wide + 4, wide - 2, x) * _rise(-53, -58, y) * _rise(44, 54, z)
-
-
-def _goatee(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
+    chin = _rise(wide + 4, wide - 2, x) * _rise(-53, -58, y) * _rise(44, 54, z)
     beside = _rise(22, 25, x) * _rise(36, 31, x) * _rise(-30, -36, y) * (z > 55)
-    return np.maximum.reduce([_moustache(x, y, z), _chin(x, y, z), beside])
-
-
-def _below_cheek(x: ndarray, y: ndarray, drop_mm: float) -> ndarray:
-    line = np.interp(x, [0, 24, 42, 56, 64, 70, 74], [-30, -30, -34, -24, -10, 12, 26]) - drop_mm * (x < 64)
-    return _rise(line + 3, line - 4, y)
-
-
-def _whiskers(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
-    return _rise(61, 66, x) * _rise(25, 17, y) * _rise(1, 8, z) * _rise(38, 30, z)
-
-
-def _full(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
-    return np.maximum.reduce([_below_cheek(x, y, 0) * _rise(0, 9, z), _moustache(x, y, z), _whiskers(x, y, z)])
-
-
-def _boxed(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
-    return np.maximum.reduce([_below_cheek(x, y, 14) * _rise(0, 9, z), _goatee(x, y, z), _whiskers(x, y, z)])
-
-
-def _strap(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
-    return np.maximum(_below_cheek(x, y, 30) * _rise(-58, -66, y - 0.5 * np.maximum(x - 40, 0)), _whiskers(x, y, z))
-
-
-def _mutton(x: ndarray, y: ndarray, z: ndarray) -> ndarray:
-    cheek = _below_cheek(x, y, 4) * _rise(30, 38, x) * _rise(0, 9, z)
-    return np.maximum(cheek, _whiskers(x, y, z))
-
-
-_STYLES: Mapping[str, Callable[[ndarray, ndarray, ndarray], ndarray]] = {
-    "full": _full,
-    "boxed": _boxed,
-    "goatee": _goatee,
-    "chin": _chin,
-    "moustache": _moustache,
-    "handlebar": _handlebar,
-    "strap": _strap,
-    "mutton": _mutton,
-    "whiskers": _whiskers,
-}
-STYLES = tuple(_STYLES)
+    goatee = np.maximum.reduce([moustache, chin, beside])
+    along_jaw = below_cheek(30) * _rise(-58, -66, y - 0.5 * np.maximum(x - 40, 0))
+    return {
+        "full": np.maximum.reduce([below_cheek(0) * in_front, moustache, whiskers]),
+        "boxed": np.maximum.reduce([below_cheek(14) * in_front, goatee, whiskers]),
+        "goatee": goatee,
+        "chin": chin,
+        "moustache": moustache,
+        "handlebar": np.maximum(moustache, ends * (z > 60)),
+        "strap": np.maximum(along_jaw, whiskers),
+        "mutton": np.maximum(below_cheek(4) * _rise(30, 38, x) * in_front, whiskers),
+        "whiskers": whiskers,
+    }
 
 
 def _layer(density: Float[ndarray, "h w"], level: int) -> UInt8[ndarray, "h w 4"]:
@@ -148,7 +117,6 @@ def _layer(density: Float[ndarray, "h w"], level: int) -> UInt8[ndarray, "h w 4"
     return (np.stack([grey, alpha, *downward], axis=-1) * 255 + 0.5).astype(np.uint8)
 
 
-_STYLE_WEIGHTS = (0.30, 0.20, 0.14, 0.07, 0.14, 0.05, 0.04, 0.03, 0.03)
 SKIN_GAP_MM = 0.4
 
 
@@ -166,8 +134,8 @@ class Beard:
 
 
 def draw_beard(rng: np.random.Generator, person: Person) -> Beard:
-    """Draws a beard: mostly short, now and then a long one; grey comes with age, earlier than in the hair."""
-    style = str(rng.choice(STYLES, p=np.array(_STYLE_WEIGHTS) / sum(_STYLE_WEIGHTS)))
+    """Draws a beard: most are short. It turns grey with age, earlier than the hair does."""
+    style = weighted_choice(rng, _WEIGHTS)
     is_long = style in ("full", "chin", "goatee") and rng.uniform() < 0.22
     thickness = rng.uniform(7, 15) if is_long else rng.uniform(1.2, 6.0)
     old = 1 / (1 + np.exp(-(person.age_years - 55) / 7))
@@ -182,20 +150,13 @@ def draw_beard(rng: np.random.Generator, person: Person) -> Beard:
 
 
 def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneMesh]:
-    """The shells, from the skin outward.
-
-    Args:
-        beard: What was drawn.
-        head: With its expression.
-        hair_rgb: Of the hair, linear.
-    """
+    """The shells of a beard on a head with its expression, from the skin outward; `hair_rgb` is linear."""
     anchors = beard_anchors(head.model)
     skin, normals = anchors.at(head.vertices), unit(anchors.at(head.normals))
     reach, hang = _growth(beard.style)
     triangles = _grown_triangles(beard.style)
     count = 3 if beard.thickness_mm < 2.5 else 4 if beard.thickness_mm < 6 else 6
     colour = np.asarray(hair_rgb) * beard.darkening * (1 - beard.greyness) + beard.greyness * np.array([0.5, 0.5, 0.49])
-    red, green, blue = (rounded(part, 5) for part in np.clip(colour, 0, 1))
     meshes = []
     for shell, share in enumerate(np.linspace(0, 1, count)):
         out = SKIN_GAP_MM + share * beard.thickness_mm * reach
@@ -206,7 +167,7 @@ def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneM
             kind="hair",
             texture=BEARD_STRANDS,
             layer=beard_layer(beard.style, level),
-            colour=(red, green, blue),
+            colour=triple(np.clip(colour, 0, 1), 5),
             roughness=0.5,
             numbers=(1.0, beard.density, -1e3, 0.0),
             is_blended=True,

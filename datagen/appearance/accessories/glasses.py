@@ -6,7 +6,6 @@ from typing import final
 import numpy as np
 
 from datagen.appearance.accessories.materials import BLACK, GOLD, SILVER, draw_tint
-from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour
 from datagen.random_streams import rounded
 
@@ -37,7 +36,7 @@ class Glasses:
     skew_deg: float  # rotation in the plane of the lenses
 
 
-def draw_glasses(rng: np.random.Generator, person: Person, *, is_dark: bool, goggle_share: float = 0.0) -> Glasses:
+def draw_glasses(rng: np.random.Generator, *, is_dark: bool, goggle_share: float = 0.0) -> Glasses:
     """Draws glasses or sunglasses."""
     if rng.uniform() < goggle_share:
         return _draw_goggles(rng)

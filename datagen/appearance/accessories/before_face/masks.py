@@ -124,11 +124,11 @@ def _gaiter(mask: Mask, head: PosedHead) -> Solid:
     rise = top + share * (np.deg2rad(-73) - top)
     rng = np.random.default_rng(mask.seed)
     folds = sum(np.sin(k * around + rng.uniform(0, 6) + 7 * share) for k in (3, 6, 9)) / 3
-    radii = skull.radius(rise, np.broadcast_to(around, rise.shape))
+    radii = skull.radius(rise, around)
     widest = cv2.dilate(np.concatenate([radii] * 3, axis=1), np.ones((3, 5)))
     soft = cv2.GaussianBlur(widest, (0, 0), 1.2)[:, 49:98]
     above = 4.5 + 1.5 * folds + np.maximum(soft - radii, 0) + 5 * mask.size * share
-    return sheet(skull.at(rise, np.broadcast_to(around, rise.shape), above), (12.0, 4.0), is_closed=True)
+    return sheet(skull.at(rise, around, above), (12.0, 4.0), is_closed=True)
 
 
 def _veil(mask: Mask, head: PosedHead) -> Solid:
@@ -136,5 +136,6 @@ def _veil(mask: Mask, head: PosedHead) -> Solid:
     skull = fit_skull(head)
     around = np.deg2rad(np.linspace(-105, 105, 31))[None]
     rise = np.deg2rad(np.linspace(38, -35 - 25 * mask.size, 12))[:, None]
-    reach = np.maximum(skull.radius(rise + 0 * around, around + 0 * rise) + 14, 104 + 10 * np.cos(around))
-    return sheet(skull.at(rise, around, reach - skull.radius(rise + 0 * around, around + 0 * rise)), (3.0, 2.0))
+    radii = skull.radius(rise, around)
+    reach = np.maximum(radii + 14, 104 + 10 * np.cos(around))
+    return sheet(skull.at(rise, around, reach - radii), (3.0, 2.0))

@@ -8,13 +8,12 @@ import numpy as np
 from datagen.appearance.accessories.materials import WHITE, draw_cloth_colour
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, triple, weighted_choice
 
 GARMENTS = ("t-shirt", "v-neck", "sweater", "shirt", "suit", "turtleneck", "hoodie", "zipped", "straps")
-_SHARE = {
-    "male": (0.26, 0.07, 0.12, 0.20, 0.13, 0.04, 0.10, 0.08, 0.0),
-    "female": (0.20, 0.15, 0.12, 0.13, 0.06, 0.08, 0.08, 0.06, 0.12),
-}
+# How often men and women wear each of them, relative to the others.
+_MALE = (0.26, 0.07, 0.12, 0.20, 0.13, 0.04, 0.10, 0.08, 0.0)
+_FEMALE = (0.20, 0.15, 0.12, 0.13, 0.06, 0.08, 0.08, 0.06, 0.12)
 _PLAIN = ("jersey", "jersey", "knit", "linen", "denim", "fleece", "leather", "rib")
 _PATTERNS = (
     "plaid",
@@ -50,22 +49,22 @@ class Clothes:
 
 
 def draw_clothes(rng: np.random.Generator, person: Person, pattern_share: float, scarf_share: float) -> Clothes:
-    """Draws what a person wears: plain and muted mostly."""
-    share = _SHARE["female" if person.femininity > 0.5 else "male"]
-    garment = str(rng.choice(GARMENTS, p=np.array(share) / sum(share)))
+    """Draws what a person wears: mostly plain and muted clothes."""
+    weights = _FEMALE if person.femininity > 0.5 else _MALE
+    garment = weighted_choice(rng, dict(zip(GARMENTS, weights, strict=True)))
     is_patterned = bool(rng.uniform() < pattern_share) and garment not in ("suit", "turtleneck", "zipped")
     weave = str(rng.choice(_PATTERNS if is_patterned else _PLAIN))
     if garment == "suit":
         weave = str(rng.choice(["jersey", "herringbone", "linen"]))
     colour = draw_cloth_colour(rng)
-    second = draw_cloth_colour(rng) if is_patterned else tuple(round(0.75 * part, 4) for part in colour)
+    second = draw_cloth_colour(rng) if is_patterned else triple(0.75 * part for part in colour)
     inner = WHITE if rng.uniform() < 0.6 else draw_cloth_colour(rng)
     return Clothes(
         garment=garment,
         weave=weave,
         scale_mm=rounded(rng.uniform(50, 130) if is_patterned else rng.uniform(25, 50), 1),
         colour=colour,
-        second=second,  # type: ignore[arg-type]
+        second=second,
         inner=inner,
         trim=draw_cloth_colour(rng),
         depth=rounded(rng.beta(1.5, 2.5)),

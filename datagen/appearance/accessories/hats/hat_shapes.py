@@ -1,5 +1,6 @@
 """Shapes of hats that sit on the skull."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, final
 
@@ -8,12 +9,13 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from datagen.appearance.accessories.hats.headwear import Headwear
-from datagen.appearance.accessories.head_fit import Skull
+from datagen.appearance.accessories.head_fit import Skull, direction
 from datagen.appearance.solids import Solid, ellipsoid, joined, lathe, sheet, tube
 
-HatPiece = Literal["cloth", "second", "hard", "visor", "logo"]
+HatPiece = Literal["cloth", "second", "hard", "visor", "logo"]  # what a piece is made of
 Piece = tuple[HatPiece, Solid]
 COLUMNS = 41
+_AROUND = np.linspace(-np.pi, np.pi, COLUMNS)[None]
 
 
 @final
@@ -37,31 +39,14 @@ class Fit:
 
 def hat_pieces(kind: str, skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     """The pieces of a hat, model frame."""
-    make = {
-        "cap": _cap,
-        "beanie": _beanie,
-        "brimmed": _brimmed,
-        "helmet": _helmet,
-        "turban": _turban,
-        "bandana": _bandana,
-        "headband": _headband,
-        "crown": _crown,
-        "party": _party,
-    }[kind]
-    return make(skull, fit, look)
-
-
-def _around() -> Float[ndarray, " c"]:
-    return np.linspace(-np.pi, np.pi, COLUMNS)
+    return _HATS[kind](skull, fit, look)
 
 
 def _dome(skull: Skull, fit: Fit, above: Float[ndarray, "r c"], repeats: tuple[float, float] = (12.0, 5.0)) -> Solid:
-    """A sheet from the crown to the rim, so far above the skin."""
-    rows = len(above)
-    share = np.linspace(0, 1, rows)[:, None]
-    around = _around()[None]
-    rise = np.pi / 2 + share * (fit.rim(around) - np.pi / 2)
-    return sheet(skull.at(rise, np.broadcast_to(around, rise.shape), above), repeats, is_closed=True)
+    """A sheet from the crown to the rim, `above` the skin by some mm."""
+    share = np.linspace(0, 1, len(above))[:, None]
+    rise = np.pi / 2 + share * (fit.rim(_AROUND) - np.pi / 2)
+    return sheet(skull.at(rise, _AROUND, above), repeats, is_closed=True)
 
 
 def _shares(rows: int) -> Float[ndarray, "r c"]:
@@ -70,11 +55,10 @@ def _shares(rows: int) -> Float[ndarray, "r c"]:
 
 def _band(skull: Skull, fit: Fit, up_deg: float, low: float, high: float, down_deg: float = 0.0) -> Solid:
     """A band along the rim, bulging between two heights above the skin."""
-    around = _around()[None]
     share = np.array([0.0, 0.0, 0.3, 0.7, 1.0, 1.0])[:, None]
     above = np.array([0.3 * low, low, high, high, low, 0.3 * low])[:, None]
-    rise = fit.rim(around) - np.deg2rad(down_deg) + np.deg2rad(up_deg) * (1 - share)
-    return sheet(skull.at(rise, np.broadcast_to(around, rise.shape), above), (14.0, 1.0), is_closed=True)
+    rise = fit.rim(_AROUND) - np.deg2rad(down_deg) + np.deg2rad(up_deg) * (1 - share)
+    return sheet(skull.at(rise, _AROUND, above), (14.0, 1.0), is_closed=True)
 
 
 def _peak(skull: Skull, fit: Fit, look: Headwear) -> Solid:
@@ -94,9 +78,9 @@ def _peak(skull: Skull, fit: Fit, look: Headwear) -> Solid:
 
 def _cap(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(11)
-    front = np.exp(-((_around()[None] - np.deg2rad(np.mod(fit.turn_deg + 180, 360) - 180)) ** 2))
+    front = np.exp(-((_AROUND - np.deg2rad(np.mod(fit.turn_deg + 180, 360) - 180)) ** 2))
     above = 7 + 9 * np.sin(np.pi * share) ** 1.0 * (0.5 + front) - 2 * share
-    above = above * (1 + 0.02 * np.cos(6 * _around()))
+    above = above * (1 + 0.02 * np.cos(6 * _AROUND))
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _peak(skull, fit, look))]
     crown = skull.at(np.array([np.pi / 2]), np.array([0.0]), 9.0)[0]
     pieces.append(("second", ellipsoid((6, 3, 6), 5, 8).moved(crown)))
@@ -112,7 +96,7 @@ def _cap(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
 def _beanie(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(12)
     rng = np.random.default_rng(look.seed)
-    folds = np.sin(3 * _around()[None] + rng.uniform(0, 6)) * np.sin(2 * np.pi * share)
+    folds = np.sin(3 * _AROUND + rng.uniform(0, 6)) * np.sin(2 * np.pi * share)
     above = 5 + (6 + 26 * look.size) * (1 - share) ** 2 + 1.5 * folds
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above, (14.0, 6.0)))]
     if look.size > 0.3:
@@ -126,9 +110,9 @@ def _beanie(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
 def _brimmed(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(12)
     tall = 26 + 20 * (1 - look.size)
-    dent = 14 * np.exp(-((_around()[None] / 0.9) ** 2)) + 6
+    dent = 14 * np.exp(-((_AROUND / 0.9) ** 2)) + 6
     above = 7 + tall * np.clip((1 - share) / 0.35, 0, 1) ** 0.7 - dent * np.clip(1 - share / 0.3, 0, 1)
-    around = _around()[None]
+    around = _AROUND
     edge = skull.at(fit.rim(around), around, 7.0)
     outward = np.stack([np.sin(around), 0 * around, np.cos(around)], axis=-1)
     wide = 38 + 75 * look.size
@@ -143,7 +127,7 @@ def _brimmed(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
 
 def _helmet(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(12)
-    above = 16 + 12 * np.sin(0.5 * np.pi * (1 - share)) + 3 * np.cos(2 * _around()[None]) * (1 - share)
+    above = 16 + 12 * np.sin(0.5 * np.pi * (1 - share)) + 3 * np.cos(2 * _AROUND) * (1 - share)
     shell = _dome(skull, fit, above)
     pieces: list[Piece] = [("hard", shell), ("second", _band(skull, fit, 7.0, 15.0, 18.0, 2.0))]
     for side in (-1, 1):
@@ -155,15 +139,13 @@ def _helmet(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
         around = np.linspace(-1.2, 1.2, 17)[None]
         down = np.linspace(0, 1, 8)[:, None]
         rise = fit.rim(around) + 0.1 - down * np.deg2rad(50 + 25 * look.size)
-        reach = 128.0 - 0 * rise
-        way = np.stack([np.cos(rise) * np.sin(around), np.sin(rise), np.cos(rise) * np.cos(around)], axis=-1)
-        pieces.append(("visor", sheet(skull.centre + reach[..., None] * way)))
+        pieces.append(("visor", sheet(skull.centre + 128.0 * direction(rise, around))))
     return pieces
 
 
 def _turban(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(22)
-    around = _around()[None]
+    around = _AROUND
     slant = 0.22 * np.abs(around) / np.pi
     layers = 5 + int(look.seed % 3)
     ridge = np.abs(np.sin(np.pi * layers * (share + slant))) ** 0.6
@@ -174,7 +156,7 @@ def _turban(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
 def _bandana(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(10)
     rng = np.random.default_rng(look.seed)
-    above = 4 + 1.2 * np.sin(5 * _around()[None] + rng.uniform(0, 6)) * share
+    above = 4 + 1.2 * np.sin(5 * _AROUND + rng.uniform(0, 6)) * share
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _band(skull, fit, 9.0, 3.5, 6.0))]
     knot = skull.at(fit.rim(np.array([np.pi])), np.array([np.pi]), 10.0)[0]
     ends = [ellipsoid((11, 9, 9), 6, 10).moved(knot)]
@@ -211,3 +193,16 @@ def _party(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     string = joined([tube(path, 0.8, (0, 0, 1), 5) for path in chin])
     pom = ellipsoid((12, 12, 12), 6, 10).moved(top)
     return [("cloth", cone.placed(turn, crown)), ("second", joined([string, pom]))]
+
+
+_HATS: Mapping[str, Callable[[Skull, Fit, Headwear], list[Piece]]] = {
+    "cap": _cap,
+    "beanie": _beanie,
+    "brimmed": _brimmed,
+    "helmet": _helmet,
+    "turban": _turban,
+    "bandana": _bandana,
+    "headband": _headband,
+    "crown": _crown,
+    "party": _party,
+}

@@ -1,8 +1,6 @@
 """Which hats people wear, and how."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import final
 
 import numpy as np
@@ -10,27 +8,25 @@ import numpy as np
 from datagen.appearance.accessories.materials import GOLD, draw_cloth_colour, draw_tint
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, weighted_choice
 
 WRAPS = ("hood", "headscarf")
-# Of the men and of the women with a hat, how many wear which.
-_SHARES: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {
-        "cap": (0.36, 0.16),
-        "beanie": (0.2, 0.2),
-        "brimmed": (0.09, 0.16),
-        "fedora": (0.05, 0.04),
-        "helmet": (0.08, 0.04),
-        "turban": (0.06, 0.01),
-        "hood": (0.08, 0.07),
-        "headscarf": (0.0, 0.2),
-        "bandana": (0.04, 0.04),
-        "headband": (0.02, 0.05),
-        "crown": (0.01, 0.02),
-        "party": (0.01, 0.01),
-    }
-)
-HATS = tuple(_SHARES)
+# How often men and women with a hat wear which one.
+_WEIGHTS = {
+    "cap": (0.36, 0.16),
+    "beanie": (0.2, 0.2),
+    "brimmed": (0.09, 0.16),
+    "fedora": (0.05, 0.04),
+    "helmet": (0.08, 0.04),
+    "turban": (0.06, 0.01),
+    "hood": (0.08, 0.07),
+    "headscarf": (0.0, 0.2),
+    "bandana": (0.04, 0.04),
+    "headband": (0.02, 0.05),
+    "crown": (0.01, 0.02),
+    "party": (0.01, 0.01),
+}
+HATS = tuple(_WEIGHTS)
 
 
 @final
@@ -52,8 +48,7 @@ class Headwear:
 
 def draw_headwear(rng: np.random.Generator, person: Person) -> Headwear:
     """Draws a hat."""
-    share = np.array([_SHARES[kind][int(person.femininity > 0.5)] for kind in HATS])
-    kind = str(rng.choice(HATS, p=share / share.sum()))
+    kind = weighted_choice(rng, {kind: weights[person.femininity > 0.5] for kind, weights in _WEIGHTS.items()})
     weaves = {
         "cap": ("jersey", "denim", "linen", "camouflage"),
         "beanie": ("knit", "rib"),

@@ -1,4 +1,4 @@
-"""Hats, caps, helmets, turbans, scarves over the head: which one, and how much hair it hides."""
+"""Meshes of hats and of what is wrapped around the head, and how much hair they hide."""
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +13,7 @@ from datagen.appearance.hair.bound_meshes import bound_mesh, check_model
 from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, scene_mesh, sheet, tube
-from datagen.random_streams import rounded
+from datagen.random_streams import triple
 
 # How far below the hair line the rim is, degrees about the middle of the skull: front, sides, back.
 _RIMS = {
@@ -42,7 +42,7 @@ def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMes
 
 
 def crown_plane(hat: Headwear) -> CrownPlane | None:
-    """Above which hair is hidden; None where a hat lies on top of all hair."""
+    """The plane above which a hat hides hair; None if it lies on top of all hair."""
     if hat.kind in WRAPS:
         return CrownPlane((0.0, -400.0, 0.0), (0.0, 1.0, 0.0))
     if hat.kind == "fedora":
@@ -58,8 +58,7 @@ def crown_plane(hat: Headwear) -> CrownPlane | None:
     ahead = front - back
     middle = 0.5 * (side + 0.5 * (front + back))
     normal = np.array([0.0, ahead[2], -ahead[1]]) / np.hypot(ahead[1], ahead[2])
-    x, y, z = (rounded(part) for part in (0.0, middle[1], 0.5 * (front[2] + back[2])))
-    return CrownPlane((x, y, z), (0.0, rounded(normal[1], 5), rounded(normal[2], 5)))
+    return CrownPlane(triple((0.0, middle[1], 0.5 * (front[2] + back[2])), 3), triple(normal, 5))
 
 
 def _fit(hat: Headwear) -> Fit:
@@ -71,13 +70,8 @@ def _material(hat: Headwear, piece: HatPiece) -> Material:
     if piece == "hard":
         return smooth(hat.colour, 0.3 if hat.kind == "helmet" else 0.25, 0.05 if hat.kind != "crown" else 0.6)
     if piece == "visor":
-        return Material(
-            kind="glass",
-            colour=(0.02, 0.02, 0.02),
-            alpha=0.08 + 0.3 * hat.size,
-            numbers=(0.1, 0, 0, 0),
-            is_blended=True,
-        )
+        dark = (0.02, 0.02, 0.02)
+        return Material(kind="glass", colour=dark, alpha=0.08 + 0.3 * hat.size, numbers=(0.1, 0, 0, 0), is_blended=True)
     if piece == "second":
         return cloth("jersey", hat.second, hat.colour)
     if piece == "logo":
@@ -94,15 +88,15 @@ AXIS_MM = np.array([0.0, 79.0, 5.0], dtype=np.float32)
 
 
 def fedora_mesh(head: PosedHead, colour: tuple[float, float, float], tilt_deg: float = 0.0) -> SceneMesh:
-    """The hat on a head; with ``FEDORA_CROWN`` its hair is kept below.
+    """A felt hat on a head; `FEDORA_CROWN` keeps the hair below it.
 
     Args:
-        head: Whose it is; the hat follows it without its expression.
-        colour: Linear, of the felt.
-        tilt_deg: Forward, over the brows; within ``LARGEST_TILT_DEG`` both ways.
+        head: The hat follows it without its expression.
+        colour: Of the felt, linear.
+        tilt_deg: Forward, over the brows; within `LARGEST_TILT_DEG` both ways.
 
     Raises:
-        InputFileError: The head is not of the built-in model.
+        InputFileError: The head does not belong to the built-in model.
     """
     check_model(head.model)
     mesh = bound_mesh("fedora")
@@ -129,18 +123,14 @@ _EAR_MM = 17.0  # how far ears stand out from the skull
 
 
 def wrap_pieces(kind: str, skull: Skull, body: Body, look: Headwear) -> list[Piece]:
-    """A headscarf or a hood."""
+    """A headscarf or a hood, which hides hair, ears and neck and lies on the shoulders."""
     is_hood = kind == "hood"
-    opening = _opening(look, is_hood)
-    shell = _shell(skull, look, opening, is_hood)
-    pieces: list[Piece] = [
-        ("cloth", shell),
-        ("cloth", cowl(body, look.seed, 1.15 if is_hood else 1.45 + 0.3 * look.size)),
-    ]
-    edge = shell.vertices.reshape(-1, _WRAP_COLUMNS, 3)[0].astype(np.float64)
+    shell = _shell(skull, look, _opening(look, is_hood), is_hood)
+    made = [shell, cowl(body, look.seed, 1.15 if is_hood else 1.45 + 0.3 * look.size)]
     if is_hood:
-        pieces.append(("cloth", tube(edge, 4.0 + 2.0 * look.size, (0.0, 0.0, 1.0), 6)))
-    return pieces
+        edge = shell.vertices.reshape(-1, _WRAP_COLUMNS, 3)[0].astype(np.float64)
+        made.append(tube(edge, 4.0 + 2.0 * look.size, (0.0, 0.0, 1.0), 6))
+    return [("cloth", solid) for solid in made]
 
 
 def _opening(look: Headwear, is_hood: bool) -> Float[ndarray, " c"]:
@@ -172,7 +162,7 @@ def _shell(skull: Skull, look: Headwear, opening: Float[ndarray, " c"], is_hood:
 
 
 def cowl(body: Body, seed: int, length: float) -> Solid:
-    """What lies around the neck and, by its length (places of the body), over the shoulders."""
+    """Cloth around the neck and over the shoulders; `length` is in places of the body."""
     turn = np.linspace(0, 1, 49)[None]
     share = np.linspace(0, 1, 12)[:, None]
     rng = np.random.default_rng(seed + 1)

@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 from datagen.appearance.accessories.glasses import SHAPES, Glasses, draw_glasses
 from datagen.appearance.accessories.glasses_meshes import glasses_meshes, outline
 from datagen.appearance.accessories.head_fit import triangles_of
-from datagen.appearance.person import draw_person
 from tests.datagen.appearance.accessories.heads import outside_mm, random_head
 
 SKIN = ("skin", "brows", "scalp", "neck")
@@ -15,7 +14,7 @@ SKIN = ("skin", "brows", "scalp", "neck")
 
 def drawn(seed: int) -> Glasses:
     rng = np.random.default_rng(seed)
-    return draw_glasses(rng, draw_person(rng), is_dark=seed % 3 == 0)
+    return draw_glasses(rng, is_dark=seed % 3 == 0)
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -57,7 +56,6 @@ def test_outlines_fill_their_box(shape: str) -> None:
 
 def test_dark_glasses_are_dark_and_others_mostly_clear() -> None:
     rng = np.random.default_rng(0)
-    person = draw_person(rng)
-    clear = [draw_glasses(rng, person, is_dark=False).lens_alpha for _ in range(200)]
+    clear = [draw_glasses(rng, is_dark=False).lens_alpha for _ in range(200)]
     assert np.quantile(clear, 0.8) < 0.1
-    assert min(draw_glasses(rng, person, is_dark=True).lens_alpha for _ in range(200)) >= 0.8
+    assert min(draw_glasses(rng, is_dark=True).lens_alpha for _ in range(200)) >= 0.8
