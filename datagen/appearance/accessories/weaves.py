@@ -1,7 +1,7 @@
-"""Textures of cloth, leather, paper, skin: small, tileable, without colours, made by code.
+"""Textures of cloth, leather, paper and skin, painted by code: small, tileable and without colours.
 
-Red is how light a place is (0.8: as the colour), green the share of the second colour, blue how dull it is, alpha how
-opaque; see ``material.glsl``.
+Red says how light a place is (0.8 shows the colour as it is), green the share of the second colour, blue how dull the
+place is, alpha how opaque; see `material.glsl`.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32
 from numpy import ndarray
 
 from datagen.appearance.scene import Texture
@@ -19,6 +19,8 @@ NEUTRAL = 0.8
 WEAVES = "accessory_weaves"
 
 Layer = Float32[ndarray, "s s 4"]
+# Row and column of each texel, 0..1.
+_V, _U = np.mgrid[:SIZE, :SIZE].astype(np.float32) / SIZE
 
 
 def layer_of(weave: str) -> int:
@@ -29,11 +31,8 @@ def layer_of(weave: str) -> int:
 @lru_cache(maxsize=1)
 def weave_textures() -> Mapping[str, Texture]:
     """All weaves, one layer each, under the name that materials call them by."""
-    return {WEAVES: Texture(pixels=np.stack([_bytes(paint()) for paint in _PAINTERS.values()]), repeat=True)}
-
-
-def _bytes(layer: Layer) -> UInt8[ndarray, "s s 4"]:
-    return (np.clip(layer, 0, 1) * 255 + 0.5).astype(np.uint8)
+    layers = np.stack([paint() for paint in _PAINTERS.values()])
+    return {WEAVES: Texture(pixels=(np.clip(layers, 0, 1) * 255 + 0.5).astype(np.uint8), repeat=True)}
 
 
 def _layer(
@@ -42,12 +41,6 @@ def _layer(
     """A layer; ``shade`` is what is added to 1."""
     parts = (NEUTRAL * (1 + np.asarray(shade)), second, dull, alpha)
     return np.stack([np.broadcast_to(np.asarray(part, dtype=np.float32), (SIZE, SIZE)) for part in parts], axis=-1)
-
-
-def _grid() -> tuple[ndarray, ndarray]:
-    """Column and row of each texel, 0..1."""
-    rows, columns = np.mgrid[:SIZE, :SIZE].astype(np.float32) / SIZE
-    return columns, rows
 
 
 def _noise(seed: int, blur: float) -> Float32[ndarray, "s s"]:
@@ -62,96 +55,55 @@ def _wave(phase: ndarray, sharpness: float = 4.0) -> ndarray:
     return 0.5 + 0.5 * np.tanh(sharpness * np.sin(2 * np.pi * phase))
 
 
-def _jersey() -> Layer:
-    return _layer(0.03 * _noise(1, 0.7) + 0.03 * _noise(2, 12))
+def _lines(phase: ndarray, half_width: float) -> ndarray:
+    """Thin lines in the middle of each period of 1."""
+    return np.abs(phase % 1 - 0.5) < half_width
 
 
 def _knit() -> Layer:
-    u, v = _grid()
-    stitch = np.abs((u * 8) % 1 - 0.5) * 2
-    return _layer(
-        0.16 * np.sin(2 * np.pi * (v * 16 + 0.35 * stitch)) * (1 - stitch**4) - 0.22 * stitch**4 + 0.03 * _noise(3, 1)
-    )
-
-
-def _rib() -> Layer:
-    u, _ = _grid()
-    return _layer(0.18 * np.cos(2 * np.pi * 8 * u) + 0.03 * _noise(4, 1))
+    stitch = np.abs((_U * 8) % 1 - 0.5) * 2
+    rows = 0.16 * np.sin(2 * np.pi * (_V * 16 + 0.35 * stitch)) * (1 - stitch**4)
+    return _layer(rows - 0.22 * stitch**4 + 0.03 * _noise(3, 1))
 
 
 def _linen() -> Layer:
-    u, v = _grid()
-    over = np.sin(2 * np.pi * 16 * u) * np.sin(2 * np.pi * 16 * v)
+    over = np.sin(2 * np.pi * 16 * _U) * np.sin(2 * np.pi * 16 * _V)
     threads = _noise(5, 0.8).mean(axis=0, keepdims=True) + _noise(6, 0.8).mean(axis=1, keepdims=True)
     return _layer(0.08 * over + 0.25 * threads + 0.03 * _noise(7, 0.7))
 
 
 def _denim() -> Layer:
-    u, v = _grid()
-    twill = np.sin(2 * np.pi * 16 * (u + v))
+    twill = np.sin(2 * np.pi * 16 * (_U + _V))
     return _layer(0.12 * twill + 0.05 * _noise(8, 0.8) + 0.05 * _noise(9, 14), 0.18 + 0.12 * twill)
 
 
-def _leather() -> Layer:
-    folds = -np.abs(_noise(10, 3))
-    return _layer(0.10 * (folds + 0.8) + 0.04 * _noise(11, 1), dull=0.3)
-
-
-def _fleece() -> Layer:
-    return _layer(0.13 * _noise(12, 1.6) + 0.06 * _noise(13, 5))
-
-
 def _plaid() -> Layer:
-    u, v = _grid()
-    bands = (0.5 * _wave(2 * u) + 0.5 * _wave(2 * v)) * 0.8
-    thin = ((np.abs((2 * u + 0.25) % 1 - 0.5) < 0.03) | (np.abs((2 * v + 0.25) % 1 - 0.5) < 0.03)) * 0.2
-    twill = 0.04 * np.sin(2 * np.pi * 32 * (u + v))
-    return _layer(twill - thin, bands)
-
-
-def _check() -> Layer:
-    u, v = _grid()
-    return _layer(
-        0.02 * _noise(14, 1), np.maximum(np.abs((4 * u) % 1 - 0.5) < 0.06, np.abs((4 * v) % 1 - 0.5) < 0.06) * 1.0
-    )
-
-
-def _stripes_across() -> Layer:
-    return _layer(0.03 * _noise(15, 1), _wave(3 * _grid()[1], 8))
-
-
-def _stripes_along() -> Layer:
-    return _layer(0.03 * _noise(16, 1), np.abs((5 * _grid()[0]) % 1 - 0.5) < 0.08)
+    bands = (0.5 * _wave(2 * _U) + 0.5 * _wave(2 * _V)) * 0.8
+    thin = (_lines(2 * _U + 0.25, 0.03) | _lines(2 * _V + 0.25, 0.03)) * 0.2
+    return _layer(0.04 * np.sin(2 * np.pi * 32 * (_U + _V)) - thin, bands)
 
 
 def _dots() -> Layer:
-    u, v = _grid()
-    even = np.hypot((4 * u) % 1 - 0.5, (4 * v) % 1 - 0.5) < 0.2
-    odd = np.hypot((4 * u + 0.5) % 1 - 0.5, (4 * v + 0.5) % 1 - 0.5) < 0.2
+    even = np.hypot((4 * _U) % 1 - 0.5, (4 * _V) % 1 - 0.5) < 0.2
+    odd = np.hypot((4 * _U + 0.5) % 1 - 0.5, (4 * _V + 0.5) % 1 - 0.5) < 0.2
     return _layer(0.02 * _noise(17, 1), cv2.GaussianBlur((even | odd).astype(np.float32), (0, 0), 0.7))
 
 
 def _herringbone() -> Layer:
-    u, v = _grid()
-    zigzag = np.abs((4 * u) % 1 - 0.5) * 2
-    return _layer(0.03 * _noise(18, 0.8), 0.5 + 0.4 * np.sin(2 * np.pi * (16 * v + 2 * zigzag)))
+    zigzag = np.abs((4 * _U) % 1 - 0.5) * 2
+    return _layer(0.03 * _noise(18, 0.8), 0.5 + 0.4 * np.sin(2 * np.pi * (16 * _V + 2 * zigzag)))
 
 
 def _flowers() -> Layer:
-    u, v = _grid()
     second, shade = np.zeros((SIZE, SIZE), dtype=np.float32), 0.03 * _noise(19, 1)
     rng = np.random.default_rng(20)
     for _ in range(14):
         x, y, size, turn = *rng.uniform(size=2), rng.uniform(0.05, 0.12), rng.uniform(0, 6)
-        dx, dy = (u - x + 0.5) % 1 - 0.5, (v - y + 0.5) % 1 - 0.5
+        dx, dy = (_U - x + 0.5) % 1 - 0.5, (_V - y + 0.5) % 1 - 0.5
         radius, angle = np.hypot(dx, dy), np.arctan2(dy, dx)
         second = np.maximum(second, radius < size * (0.65 + 0.35 * np.cos(5 * angle + turn)))
         shade = shade - 0.35 * (radius < 0.25 * size)
     return _layer(shade, second)
-
-
-def _camouflage() -> Layer:
-    return _layer(-0.35 * (_noise(21, 8) > 0.5), _noise(22, 9) > 0.2)
 
 
 def _letters(seed: int, lines: int, height: float) -> Float32[ndarray, "s s"]:
@@ -184,70 +136,56 @@ def _paper() -> Layer:
 
 
 def _pleats() -> Layer:
-    fold = (4 * _grid()[1]) % 1
+    fold = (4 * _V) % 1
     return _layer(-0.25 * np.exp(-((fold / 0.1) ** 2)) + 0.08 * fold + 0.02 * _noise(27, 0.6))
 
 
-def _skin() -> Layer:
-    return _layer(0.02 * _noise(28, 0.8) + 0.03 * _noise(29, 6) + 0.03 * _noise(30, 16), dull=0.7)
-
-
 def _straw() -> Layer:
-    u, v = _grid()
-    return _layer(0.15 * np.sin(2 * np.pi * 12 * (u + v)) * np.sin(2 * np.pi * 12 * (u - v)) + 0.05 * _noise(31, 0.8))
-
-
-def _brushed() -> Layer:
-    return _layer(0.5 * _noise(32, 0.8).mean(axis=0, keepdims=True) + 0.02 * _noise(33, 1), dull=0.5)
-
-
-def _wood() -> Layer:
-    u, _ = _grid()
-    return _layer(0.12 * np.sin(2 * np.pi * (6 * u + 0.25 * _noise(34, 10))) + 0.04 * _noise(35, 1), 0.2)
+    over = np.sin(2 * np.pi * 12 * (_U + _V)) * np.sin(2 * np.pi * 12 * (_U - _V))
+    return _layer(0.15 * over + 0.05 * _noise(31, 0.8))
 
 
 def _lattice() -> Layer:
-    u, v = _grid()
-    wires = np.maximum(np.abs((2 * (u + v)) % 1 - 0.5) < 0.08, np.abs((2 * (u - v)) % 1 - 0.5) < 0.08)
+    wires = np.maximum(_lines(2 * (_U + _V), 0.08), _lines(2 * (_U - _V), 0.08))
     return _layer(0.05 * _noise(36, 2), dull=0.4, alpha=wires)
 
 
 def _lace() -> Layer:
-    u, v = _grid()
-    net = np.maximum(np.cos(2 * np.pi * 16 * u), np.cos(2 * np.pi * 16 * v)) > 0.6
+    net = np.maximum(np.cos(2 * np.pi * 16 * _U), np.cos(2 * np.pi * 16 * _V)) > 0.6
     return _layer(0.0, alpha=np.where(_noise(37, 6) > 1.0, 0.9, 0.22 + 0.3 * net))
 
 
 def _leaf() -> Layer:
-    u, v = _grid()
-    veins = np.exp(-(((u - 0.5) / 0.015) ** 2)) + 0.5 * np.exp(-((((8 * (v + np.abs(u - 0.5))) % 1 - 0.5) / 0.06) ** 2))
-    inside = np.abs(u - 0.5) < 0.42 * np.sin(np.pi * np.clip(v, 0, 1)) ** 0.8
+    aside = np.abs(_U - 0.5)
+    veins = np.exp(-(((_U - 0.5) / 0.015) ** 2)) + 0.5 * np.exp(-((((8 * (_V + aside)) % 1 - 0.5) / 0.06) ** 2))
+    inside = aside < 0.42 * np.sin(np.pi * np.clip(_V, 0, 1)) ** 0.8
     return _layer(0.2 * veins - 0.1 + 0.05 * _noise(38, 4), dull=0.6, alpha=inside)
 
 
+# The layers of the texture, in this order.
 _PAINTERS: Mapping[str, Callable[[], Layer]] = {
-    "jersey": _jersey,
+    "jersey": lambda: _layer(0.03 * _noise(1, 0.7) + 0.03 * _noise(2, 12)),
     "knit": _knit,
-    "rib": _rib,
+    "rib": lambda: _layer(0.18 * np.cos(2 * np.pi * 8 * _U) + 0.03 * _noise(4, 1)),
     "linen": _linen,
     "denim": _denim,
-    "leather": _leather,
-    "fleece": _fleece,
+    "leather": lambda: _layer(0.10 * (0.8 - np.abs(_noise(10, 3))) + 0.04 * _noise(11, 1), dull=0.3),
+    "fleece": lambda: _layer(0.13 * _noise(12, 1.6) + 0.06 * _noise(13, 5)),
     "plaid": _plaid,
-    "check": _check,
-    "stripes_across": _stripes_across,
-    "stripes_along": _stripes_along,
+    "check": lambda: _layer(0.02 * _noise(14, 1), np.maximum(_lines(4 * _U, 0.06), _lines(4 * _V, 0.06)) * 1.0),
+    "stripes_across": lambda: _layer(0.03 * _noise(15, 1), _wave(3 * _V, 8)),
+    "stripes_along": lambda: _layer(0.03 * _noise(16, 1), _lines(5 * _U, 0.08)),
     "dots": _dots,
     "herringbone": _herringbone,
     "flowers": _flowers,
-    "camouflage": _camouflage,
+    "camouflage": lambda: _layer(-0.35 * (_noise(21, 8) > 0.5), _noise(22, 9) > 0.2),
     "print": _print,
     "paper": _paper,
     "pleats": _pleats,
-    "skin": _skin,
+    "skin": lambda: _layer(0.02 * _noise(28, 0.8) + 0.03 * _noise(29, 6) + 0.03 * _noise(30, 16), dull=0.7),
     "straw": _straw,
-    "brushed": _brushed,
-    "wood": _wood,
+    "brushed": lambda: _layer(0.5 * _noise(32, 0.8).mean(axis=0, keepdims=True) + 0.02 * _noise(33, 1), dull=0.5),
+    "wood": lambda: _layer(0.12 * np.sin(2 * np.pi * (6 * _U + 0.25 * _noise(34, 10))) + 0.04 * _noise(35, 1), 0.2),
     "lattice": _lattice,
     "lace": _lace,
     "leaf": _leaf,
