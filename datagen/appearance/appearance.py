@@ -17,7 +17,8 @@ from datagen.appearance.light.light import draw_light
 from datagen.appearance.light.shading import light_textures
 from datagen.appearance.light.sources import Light
 from datagen.appearance.person import Person, Torso, draw_person, draw_torso
-from datagen.appearance.photograph.photograph import Photograph, draw_photograph
+from datagen.appearance.photograph.faults import draw_photograph
+from datagen.appearance.photograph.photograph import Photograph
 from datagen.appearance.scene import Texture
 from datagen.appearance.skin.skin import Skin, draw_skin
 from datagen.appearance.skin.skin_textures import skin_textures

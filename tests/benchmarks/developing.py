@@ -12,7 +12,8 @@ from collections import defaultdict
 import cv2
 import numpy as np
 
-from datagen.appearance.photograph.photograph import develop, draw_photograph, encode
+from datagen.appearance.photograph.faults import draw_photograph
+from datagen.appearance.photograph.photograph import develop, encode
 from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, PhotographConfig
 
 

@@ -1,7 +1,6 @@
 """Light of an environment, or of one over another, turned and coloured as a photograph's may be."""
 
-from dataclasses import dataclass
-from typing import final
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,26 +12,22 @@ from datagen.appearance.light.light_colour import LUMINANCE, balance_matrix, sat
 from datagen.appearance.light.light_config import LightConfig
 from datagen.appearance.light.setups import Setup
 from datagen.appearance.light.sources import PanoramaLight, direction_of, environment_from_camera
-from datagen.random_streams import Triple, rounded
+from datagen.random_streams import Triple, rounded, triple
 
 # Where the brightest lamp stands: mean and standard deviation of the azimuth (0 is the camera's side).
 _KEY_AZIMUTHS_DEG = {"directional": (0.0, 50.0), "backlit": (180.0, 28.0), "silhouette": (180.0, 18.0)}
 _LARGEST_AZIMUTH_DEG = 105.0  # of a lamp that is to light the face
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class EnvironmentLight:
-    """What environments give."""
+def draw_environment_light(
+    rng: np.random.Generator, config: LightConfig, kind: str
+) -> tuple[str, Setup, tuple[PanoramaLight, ...]]:
+    """Draws environments and turns their lamps to where the kind of light wants them, if it does.
 
-    name: str  # names of the environments
-    setup: Setup  # their light, camera frame
-    # for reflections and for the backdrop; the mean luminance of their sum is about 1
-    panoramas: tuple[PanoramaLight, ...]
-
-
-def draw_environment_light(rng: np.random.Generator, config: LightConfig, kind: str) -> EnvironmentLight:
-    """Draws environments and turns them as the kind of light wants; a kind that wants nothing gets any turn."""
+    Returns:
+        Names of the environments; their light, camera frame; the environments themselves, for reflections and for the
+        backdrop, whose mean luminances sum to about 1.
+    """
     count = 2 if rng.uniform() < config.mixture_share else 1
     names = [str(name) for name in rng.choice(environment_names(), size=count, replace=False)]
     share = rng.uniform(0.5, 0.9) if count == 2 else 1.0
@@ -53,7 +48,7 @@ def draw_environment_light(rng: np.random.Generator, config: LightConfig, kind: 
         )
         panoramas.append(panorama)
         add_environment(setup, source, panorama)
-    return EnvironmentLight(" + ".join(names), setup, tuple(panoramas))
+    return " + ".join(names), setup, tuple(panoramas)
 
 
 def add_environment(setup: Setup, source: Environment, panorama: PanoramaLight) -> None:
@@ -67,14 +62,8 @@ def add_environment(setup: Setup, source: Environment, panorama: PanoramaLight) 
 
 
 def scaled_panorama(panorama: PanoramaLight, factor: float) -> PanoramaLight:
-    """The same, brighter or darker."""
-    return PanoramaLight(
-        name=panorama.name,
-        heading_deg=panorama.heading_deg,
-        tilt_deg=panorama.tilt_deg,
-        roll_deg=panorama.roll_deg,
-        colour_matrix=_rows(factor * np.array(panorama.colour_matrix)),
-    )
+    """The same environment, brighter or darker."""
+    return replace(panorama, colour_matrix=_rows(factor * np.array(panorama.colour_matrix)))
 
 
 def _heading(rng: np.random.Generator, source: Environment, kind: str) -> float:
@@ -91,5 +80,5 @@ def _heading(rng: np.random.Generator, source: Environment, kind: str) -> float:
 
 
 def _rows(matrix: Float64[ndarray, "3 3"]) -> tuple[Triple, Triple, Triple]:
-    first, second, third = ((round(a, 6), round(b, 6), round(c, 6)) for a, b, c in matrix.tolist())
+    first, second, third = (triple(row, 6) for row in matrix)
     return first, second, third

@@ -1,7 +1,7 @@
-"""Light of synthetic photographs: draws it, and gives the shader ``light.glsl`` what it needs.
+"""Draws the light of synthetic photographs.
 
-Two lamps cast shadows; everything else is ambient light, as spherical harmonics. Lamps are taken out of environments
-before those are projected, so that nothing counts twice.
+Two lamps cast shadows; all other light is ambient and stored as spherical harmonics. Lamps are taken out of
+environments before these are projected, so that nothing counts twice.
 """
 
 import math
@@ -24,44 +24,41 @@ from datagen.appearance.light.sources import (
     angles_of,
     seen_illuminance,
 )
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, weighted_choice
 
 MAX_LAMPS = 2
 KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")
-# Of what a white ball shows on average, a lamp that gives less than this needs no shadow.
-_FAINT_LAMP = 0.03
-# In soft light lamps give at most this share.
-_SOFT_KEY_SHARE = 0.25
+_FAINT_LAMP = 0.03  # a lamp that gives a smaller share of the light needs no shadow
+_SOFT_KEY_SHARE = 0.25  # largest share of lamps in soft light
 
 
 def draw_light(rng: np.random.Generator, config: LightConfig) -> Light:
     """Draws the light of one photograph."""
     config.check()
-    weights = np.array([getattr(config, f"{kind}_weight") for kind in KINDS])
-    kind = str(rng.choice(KINDS, p=weights / weights.sum()))
+    kind = weighted_choice(rng, {kind: getattr(config, f"{kind}_weight") for kind in KINDS})
     panoramas: tuple[PanoramaLight, ...] = ()
     if kind in ("studio", "night"):
         low, high = config.lamp_temperature_k
         colours = Colours(rng, low, high, camera_k=float(rng.triangular(3000, 5500, 7000)))
-        name, setup = (
-            draw_setup(rng, colours, config.harsh_setup_share) if kind == "studio" else night_setup(rng, colours)
-        )
+        is_studio = kind == "studio"
+        name, setup = draw_setup(rng, colours, config.harsh_setup_share) if is_studio else night_setup(rng, colours)
     else:
-        light = draw_environment_light(rng, config, kind)
-        name, setup, panoramas = light.name, light.setup, light.panoramas
-        _SHAPES[kind](rng, config, setup)
-    low, high = getattr(config, "illuminance" if kind in _ORDINARY else f"{kind}_illuminance")
+        name, setup, panoramas = draw_environment_light(rng, config, kind)
+        if kind == "soft":
+            _soften(rng, setup)
+        elif kind == "directional":
+            _scale_lamps(rng, config, setup)
+        else:
+            _light_from_behind(rng, setup)
+    is_ordinary = kind in ("soft", "directional", "studio")
+    low, high = getattr(config, "illuminance" if is_ordinary else f"{kind}_illuminance")
     target = math.exp(rng.uniform(math.log(low), math.log(high)))
     gobo = _draw_gobo(rng) if kind in ("directional", "studio") and rng.uniform() < config.gobo_share else None
     return _finished(kind, name, setup, panoramas, (target, config.largest_lamp), gobo)
 
 
-_ORDINARY = ("soft", "directional", "studio")
-
-
-def _shape_soft(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
-    """What strong lamps would give beyond a share comes from all around them, as through clouds or curtains."""
-    del config
+def _soften(rng: np.random.Generator, setup: Setup) -> None:
+    """Spreads what lamps give beyond a share over all directions around them, as clouds or curtains do."""
     ambient, by_lamps = _by_source(setup)
     allowed = rng.uniform(0, _SOFT_KEY_SHARE)
     share = by_lamps / max(ambient + by_lamps, 1e-9)
@@ -74,8 +71,8 @@ def _shape_soft(rng: np.random.Generator, config: LightConfig, setup: Setup) -> 
         setup.lamps[place] = direction, kept * colour, max(radius, 0.2)
 
 
-def _shape_directional(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
-    """The lamps give the share that is drawn, whatever the environment's are."""
+def _scale_lamps(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
+    """Makes the lamps give the share that is drawn, whatever those of the environment give."""
     _light_lamp_if_dark(setup)
     ambient, by_lamps = _by_source(setup)
     share = rng.uniform(*config.key_share)
@@ -83,9 +80,8 @@ def _shape_directional(rng: np.random.Generator, config: LightConfig, setup: Set
     setup.lamps[:] = [(direction, factor * colour, radius) for direction, colour, radius in setup.lamps]
 
 
-def _shape_backlit(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
-    """A lamp behind, so strong that edges and ears shine."""
-    del config
+def _light_from_behind(rng: np.random.Generator, setup: Setup) -> None:
+    """Makes the lamp behind the head so strong that edges and ears shine."""
     _light_lamp_if_dark(setup)
     direction, colour, radius = setup.lamps[0]
     brightness = rng.uniform(1.0, 5.0) * float(LUMINANCE @ setup.ambient[0])
@@ -93,22 +89,14 @@ def _shape_backlit(rng: np.random.Generator, config: LightConfig, setup: Setup) 
 
 
 def _light_lamp_if_dark(setup: Setup) -> None:
-    """An environment without lamps gets the light of one where its brightest place is."""
+    """Gives an environment without lamps a lamp at its brightest place."""
     direction, colour, radius = setup.lamps[0]
     if LUMINANCE @ colour < 1e-3:
         setup.lamps[0] = direction, np.maximum(setup.ambient[0], 1e-3), radius
 
 
-_SHAPES = {
-    "soft": _shape_soft,
-    "directional": _shape_directional,
-    "backlit": _shape_backlit,
-    "silhouette": _shape_backlit,
-}
-
-
 def _by_source(setup: Setup) -> tuple[float, float]:
-    """Luminance that a white ball shows by ambient light and by lamps."""
+    """Luminance of a white ball in the ambient light, and in the light of the lamps."""
     ambient, by_lamps = seen_illuminance(setup.ambient, tuple((lamp[0], lamp[1]) for lamp in setup.lamps))
     return float(LUMINANCE @ ambient), float(LUMINANCE @ by_lamps)
 
@@ -117,12 +105,12 @@ def _draw_gobo(rng: np.random.Generator) -> Gobo:
     kind = GOBOS[int(rng.integers(len(GOBOS)))]
     low, high = {"blinds": (12, 45), "leaves": (18, 60), "bars": (60, 140)}[kind]
     turn = rng.normal(0, 0.25) + (np.pi / 2 if rng.uniform() < 0.2 else 0)
-    shift = rng.uniform(0, 1, size=2).round(3).tolist()
+    x, y = rng.uniform(0, 1, size=2).round(3).tolist()
     return Gobo(
         kind=kind,
         period_mm=rounded(rng.uniform(low, high), 1),
         turn_rad=rounded(turn),
-        shift=(shift[0], shift[1]),
+        shift=(x, y),
         depth=rounded(rng.uniform(0.5, 1)),
     )
 
@@ -135,7 +123,7 @@ def _finished(
     exposure: tuple[float, float],
     gobo: Gobo | None,
 ) -> Light:
-    """Exposes, keeps two lamps, and gives the rest to the ambient light."""
+    """Sets the exposure, keeps two lamps, and adds the others to the ambient light."""
     target, largest_lamp = exposure
     scale = target / max(sum(_by_source(setup)), 1e-9)
     setup.ambient *= scale

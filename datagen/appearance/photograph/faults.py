@@ -1,45 +1,45 @@
-"""Draws decent photographs, and what makes them bad."""
+"""Draws photographs: decent ones, and what makes some of them bad."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import final
+from dataclasses import replace
 
 import numpy as np
 
+from datagen.appearance.photograph.border import Border, draw_border, draw_letterbox
 from datagen.appearance.photograph.lens import Lens
-from datagen.appearance.photograph.photograph_config import PhotographConfig
+from datagen.appearance.photograph.photograph import Photograph
+from datagen.appearance.photograph.photograph_config import FAULTS, PhotographConfig
 from datagen.appearance.photograph.processing import INTERPOLATIONS, Processing
 from datagen.appearance.photograph.sensor import Sensor, Tone
 
 SEPIA = (1.0, 0.86, 0.66)
 
 
-@final
-@dataclass(frozen=True, kw_only=True)
-class TakenPicture:
-    """What happens to a picture, border aside."""
-
-    lens: Lens  # blur, and where light goes astray
-    sensor: Sensor  # exposure and noise
-    tone: Tone  # from light to bytes
-    processing: Processing  # what programs did
-    quality: int  # of the JPEG file
-
-
-def draw_good_photograph(rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
-    """Draws a decent photograph."""
-    return TakenPicture(
+def draw_photograph(rng: np.random.Generator, config: PhotographConfig) -> Photograph:
+    """Draws a photograph: most are decent, some are bad in one way or two, and some end within the picture."""
+    photograph = Photograph(
+        seed=int(rng.integers(2**31)),
         lens=_draw_lens(rng, config),
         sensor=_draw_sensor(rng, config),
         tone=_draw_tone(rng, config),
         processing=_draw_processing(rng, config),
         quality=int(rng.uniform(*config.jpeg_quality)),
     )
-
-
-def with_fault(name: str, taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
-    """The same photograph, bad in one of the ways that ``FAULTS`` names."""
-    return _FAULTS[name](taken, rng, config)
+    faults: list[str] = []
+    if rng.random() < config.bad_share:
+        weights = np.array([getattr(config, f"bad_{name}") for name in FAULTS])
+        most = min(2 if rng.random() < config.second_fault_share else 1, int((weights > 0).sum()))
+        faults = [str(name) for name in rng.choice(FAULTS, most, replace=False, p=weights / weights.sum())]
+    for name in faults:
+        photograph = _FAULTS[name](photograph, rng, config)
+    kind = rng.random()
+    border = Border()
+    if kind < config.border_share:
+        border = draw_border(rng, config.largest_border)
+    elif kind < config.border_share + config.letterbox_share:
+        border = draw_letterbox(rng)
+    is_colour_halved = bool(rng.random() < 0.8)
+    return replace(photograph, border=border, is_colour_halved=is_colour_halved, faults="+".join(sorted(faults)))
 
 
 def _draw_lens(rng: np.random.Generator, config: PhotographConfig) -> Lens:
@@ -123,7 +123,7 @@ def _draw_text(rng: np.random.Generator) -> str:
     return str(rng.choice(["(c) ", "", "www."])) + word
 
 
-def _badly_exposed(taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
+def _badly_exposed(taken: Photograph, rng: np.random.Generator, config: PhotographConfig) -> Photograph:
     error = rng.uniform(0.7, config.largest_exposure_error_ev) * rng.choice([-1, 1])
     tones = taken.tone
     if rng.random() < 0.6:
@@ -133,24 +133,24 @@ def _badly_exposed(taken: TakenPicture, rng: np.random.Generator, config: Photog
     return replace(taken, sensor=replace(taken.sensor, exposure_error_ev=_round(error)), tone=tones)
 
 
-def _badly_coloured(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:
+def _badly_coloured(taken: Photograph, rng: np.random.Generator, _: PhotographConfig) -> Photograph:
     red, blue = np.exp(rng.normal(0, 0.25, 2))
     balanced = replace(taken.sensor, gains=(_round(red), 1.0, _round(blue)), white_balance=_round(rng.uniform(0, 0.6)))
     saturation = taken.tone.saturation * np.exp(np.clip(rng.normal(0, 0.5), -2, 0.8))
     return replace(taken, sensor=balanced, tone=replace(taken.tone, saturation=_round(saturation)))
 
 
-def _out_of_focus(taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
+def _out_of_focus(taken: Photograph, rng: np.random.Generator, config: PhotographConfig) -> Photograph:
     return replace(taken, lens=replace(taken.lens, defocus=_round(rng.uniform(*config.bad_defocus))))
 
 
-def _moved(taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
+def _moved(taken: Photograph, rng: np.random.Generator, config: PhotographConfig) -> Photograph:
     bend = _round(rng.normal(0, 0.4)) if rng.random() < 0.4 else 0.0
     length, direction = _round(rng.uniform(*config.bad_motion_length)), _round(rng.uniform(0, 180))
     return replace(taken, lens=replace(taken.lens, motion=length, motion_deg=direction, motion_bend=bend))
 
 
-def _noisy(taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
+def _noisy(taken: Photograph, rng: np.random.Generator, config: PhotographConfig) -> Photograph:
     low, high = np.log(np.maximum(config.bad_noise_deviation, 1e-4))
     noise, colour = _round(np.exp(rng.uniform(low, high))), _round(rng.uniform(0.2, 1.0))
     smoothing = _round(rng.uniform(0.5, 1.0)) if rng.random() < 0.3 else taken.processing.smoothing
@@ -158,7 +158,7 @@ def _noisy(taken: TakenPicture, rng: np.random.Generator, config: PhotographConf
     return replace(taken, sensor=noisy, processing=replace(taken.processing, smoothing=smoothing))
 
 
-def _enlarged(taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
+def _enlarged(taken: Photograph, rng: np.random.Generator, config: PhotographConfig) -> Photograph:
     low, high = np.log(config.resolution_px)
     way = str(rng.choice(list(INTERPOLATIONS), p=[0.12, 0.44, 0.44]))
     small = replace(taken.processing, side_px=round(float(np.exp(rng.uniform(low, high)))), enlarged_by=way)
@@ -167,7 +167,7 @@ def _enlarged(taken: TakenPicture, rng: np.random.Generator, config: PhotographC
     return replace(taken, processing=small)
 
 
-def _badly_filed(taken: TakenPicture, rng: np.random.Generator, config: PhotographConfig) -> TakenPicture:
+def _badly_filed(taken: Photograph, rng: np.random.Generator, config: PhotographConfig) -> Photograph:
     filed = replace(taken, quality=int(rng.uniform(*config.bad_jpeg_quality)))
     if rng.random() >= 0.3:
         return filed
@@ -177,7 +177,7 @@ def _badly_filed(taken: TakenPicture, rng: np.random.Generator, config: Photogra
     return replace(filed, processing=haloes)
 
 
-def _on_old_film(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:
+def _on_old_film(taken: Photograph, rng: np.random.Generator, _: PhotographConfig) -> Photograph:
     aged = replace(
         taken.processing,
         grain=_round(rng.uniform(2, 14)),
@@ -195,25 +195,25 @@ def _on_old_film(taken: TakenPicture, rng: np.random.Generator, _: PhotographCon
     return replace(taken, processing=aged, tone=faded)
 
 
-def _on_a_screen(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:
+def _on_a_screen(taken: Photograph, rng: np.random.Generator, _: PhotographConfig) -> Photograph:
     return replace(taken, processing=replace(taken.processing, moire=_round(rng.uniform(0.03, 0.18))))
 
 
-def _interlaced(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:
+def _interlaced(taken: Photograph, rng: np.random.Generator, _: PhotographConfig) -> Photograph:
     shift = int(rng.integers(1, 6)) * int(rng.choice([-1, 1]))
     return replace(taken, processing=replace(taken.processing, interlace=_round(shift / 256)))
 
 
-def _posterised(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:
+def _posterised(taken: Photograph, rng: np.random.Generator, _: PhotographConfig) -> Photograph:
     return replace(taken, processing=replace(taken.processing, colours=int(rng.integers(4, 16))))
 
 
-def _into_the_light(taken: TakenPicture, rng: np.random.Generator, _: PhotographConfig) -> TakenPicture:
+def _into_the_light(taken: Photograph, rng: np.random.Generator, _: PhotographConfig) -> Photograph:
     lens = replace(taken.lens, glare=_round(rng.uniform(0.15, 0.6)), bloom=_round(rng.uniform(0.1, 0.5)))
     return replace(taken, lens=lens)
 
 
-_FAULTS: Mapping[str, Callable[[TakenPicture, np.random.Generator, PhotographConfig], TakenPicture]] = {
+_FAULTS: Mapping[str, Callable[[Photograph, np.random.Generator, PhotographConfig], Photograph]] = {
     "exposure": _badly_exposed,
     "colour": _badly_coloured,
     "focus": _out_of_focus,

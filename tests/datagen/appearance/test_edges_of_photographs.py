@@ -12,7 +12,8 @@ from datagen.appearance.appearance import appearance_textures, draw_appearance
 from datagen.appearance.appearance_config import DEFAULT, HARD, PRESETS
 from datagen.appearance.light.shading import head_occlusion
 from datagen.appearance.photograph.border import Border
-from datagen.appearance.photograph.photograph import develop, draw_photograph
+from datagen.appearance.photograph.faults import draw_photograph
+from datagen.appearance.photograph.photograph import develop
 from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, PhotographConfig
 from datagen.appearance.scene import HEAD
 from datagen.appearance.scene_making import SceneMaker

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datagen.appearance.photograph.border import FILLINGS, Border
+from datagen.appearance.photograph.faults import draw_photograph
 from datagen.appearance.photograph.lens import Lens, expose_through
-from datagen.appearance.photograph.photograph import Photograph, develop, draw_photograph, encode
+from datagen.appearance.photograph.photograph import Photograph, develop, encode
 from datagen.appearance.photograph.photograph_config import FAULTS, HARD_PHOTOGRAPH, PhotographConfig
 from datagen.appearance.photograph.sensor import MIDDLE_GREY, Sensor, Tone, noise_window, sense, tone, tone_curve
 from pix2face.errors import UsageError
