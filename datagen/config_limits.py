@@ -1,7 +1,7 @@
-"""Limits of the numbers in tables of a configuration, told beside each field, and one shape for every refusal.
+"""Limits of the numbers in a configuration, and one form of message for those beyond them.
 
-A field says its limits in its type: ``roll_deg: FromZero = 12.0``. Messages name the option as users write it in TOML,
-what was expected and what was found: ``geometry.roll_deg: expected a number from 0, found -1.0``.
+A field states its limits in its type: `roll_deg: FromZero = 12.0`. Messages name the option as users write it in TOML,
+what was expected and what was found: `geometry.roll_deg: expected a number from 0, found -1.0`.
 """
 
 import math
@@ -16,22 +16,15 @@ from pix2face.errors import UsageError
 @final
 @dataclass(frozen=True)
 class Limits:
-    """What the numbers of a field may be: finite, within limits, and where there are several, ascending.
-
-    Attributes:
-        least: The smallest that is taken.
-        most: The largest.
-        is_open: Whether ``least`` itself is too small.
-        is_whole: Whether several numbers are parts of a whole: they need not ascend, but sum to 1.
-    """
+    """What the numbers of a field may be: finite, within limits and, if there are several, ascending."""
 
     least: float
     most: float = math.inf
-    is_open: bool = False
-    is_whole: bool = False
+    is_open: bool = False  # `least` itself is too small
+    is_whole: bool = False  # the numbers are parts of a whole: they need not ascend, but sum to 1
 
     def hold(self, *numbers: float) -> bool:
-        """Whether numbers are within these limits."""
+        """Whether all numbers are within these limits."""
         if not all(math.isfinite(number) and self.least <= number <= self.most for number in numbers):
             return False
         if self.is_open and self.least in numbers:
@@ -41,7 +34,7 @@ class Limits:
         return all(a <= b for a, b in pairwise(numbers))
 
     def described(self, length: int) -> str:
-        """What is expected of so many numbers; 0 for one that is in no list."""
+        """What is expected of a list of this length, or of a single number (0)."""
         start = f"{'above' if self.is_open else 'from'} {self.least:g}"
         end = f" to {self.most:g}" if math.isfinite(self.most) else ""
         if not length:
@@ -57,14 +50,14 @@ FromZero = Annotated[float, Limits(0)]
 
 
 def check_limits(table: str, config: Any) -> None:
-    """Refuses a table of which a field is beyond the limits in its type, or holds another number of numbers.
+    """Refuses a table with a field beyond the limits in its type, or with a wrong count of numbers in it.
 
     Args:
-        table: Its name.
-        config: A dataclass. Fields whose types say no limits are not looked at.
+        table: Name of the table, for the message.
+        config: A dataclass. Fields whose types state no limits are ignored.
 
     Raises:
-        UsageError: Names the first such field, what was expected of it and what was found.
+        UsageError: Names the first wrong field, what was expected and what was found.
     """
     for name, (length, limits) in _limited_fields(config.__class__).items():
         value = getattr(config, name)
@@ -75,29 +68,21 @@ def check_limits(table: str, config: Any) -> None:
 
 
 def check_parts(table: str, config: Any, *names: str) -> None:
-    """Refuses shares that exclude each other and are more than everything together.
-
-    Raises:
-        UsageError: They are.
-    """
+    """Raises a `UsageError` if shares that exclude each other sum to more than 1."""
     total = sum(getattr(config, name) for name in names)
     if total > 1 + 1e-9:
         _refuse(table, names[0], f"at most 1 together with {', '.join(names[1:])}", round(total, 6))
 
 
 def check_weights(table: str, config: Any, *names: str) -> None:
-    """Refuses weights of which none is above 0.
-
-    Raises:
-        UsageError: None is.
-    """
+    """Raises a `UsageError` if no weight is above 0."""
     if not any(getattr(config, name) for name in names):
         _refuse(table, names[0], f"a number above 0 here or for {', '.join(names[1:])}", "none")
 
 
 @cache
 def _limited_fields(kind: type) -> dict[str, tuple[int, Limits]]:
-    """Of fields whose types say limits: how many numbers they list, 0 where it is one in no list, and the limits."""
+    """For each field with limits in its type: length of its list (0 for a single number), and the limits."""
     hints = get_type_hints(kind, include_extras=True)
     limited: dict[str, Any] = {name: get_args(hint) for name, hint in hints.items() if get_origin(hint) is Annotated}
     return {name: (len(get_args(numbers)), limits) for name, (numbers, limits) in limited.items()}

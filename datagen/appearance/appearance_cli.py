@@ -1,4 +1,4 @@
-"""The command ``datagen appearance``."""
+"""The command `datagen appearance`."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -10,17 +10,17 @@ from datagen.appearance.appearance_config import load_configuration, to_toml
 
 @dataclass(frozen=True)
 class ShowConfig:
-    """Configuration of ``datagen appearance``."""
+    """Options of `datagen appearance`."""
 
     appearance: Annotated[str, tyro.conf.Positional] = "default"
-    """``plain``, ``default``, ``hard``, or a TOML file."""
+    """`plain`, `default`, `hard`, or a TOML file."""
 
 
 def appearance(config: Annotated[ShowConfig, tyro.conf.arg(name="")]) -> int:
-    """Print what synthetic photographs are drawn from: every number, with what it means, as TOML.
+    """Print the configuration of synthetic photographs as TOML, with an explanation of every number.
 
-    Change what it prints and give the file to `datagen sample` and `datagen render` as --appearance. Lines may be left
-    out: the values of `preset` hold then.
+    Edit the output and pass the file to `datagen sample` and `datagen render` as --appearance. Lines may be left out;
+    their values then come from the preset.
     """
     print(to_toml(load_configuration(config.appearance)), end="")
     return 0

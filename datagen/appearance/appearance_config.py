@@ -1,6 +1,6 @@
-"""The configuration of synthetic photographs: one table for each part, three presets, one file of TOML.
+"""The configuration of synthetic photographs: one table for each part, three presets, read and written as TOML.
 
-A new ingredient is a field of its part's configuration; a new part is a field here and in ``appearance.Appearance``.
+A new ingredient is a field of its part's configuration; a new part is a field here and in `appearance.Appearance`.
 """
 
 import hashlib
@@ -33,16 +33,16 @@ class AppearanceConfig:
     """What synthetic photographs are drawn from.
 
     Attributes:
-        preset: What it started from. ``plain``: heads without hair, clothes and surroundings, painted region by
-            region; of the tables below only geometry counts. The only one for models other than the built-in one.
-        geometry: Poses, cameras, crops, expressions: what ``datagen sample`` draws. All others are drawn by
-            ``datagen render``.
-        skin: Skin, eyes, mouth, make-up.
-        hair: Hair, brows, lashes.
-        accessories: Glasses, beards, hats, clothes, hands and what else stands before a face.
-        light: Environments, lamps, shadows.
-        backdrop: What is behind.
-        photograph: Lens, sensor, processing, border, file.
+        preset: The preset that it starts from. `plain` draws heads without hair, clothes and surroundings, painted
+            region by region; only the table `geometry` counts then. Models other than the built-in one need `plain`.
+        geometry: Poses, cameras, crops and expressions, drawn by `datagen sample`. The other tables are drawn by
+            `datagen render`.
+        skin: Skin, eyes, mouth and make-up.
+        hair: Hair, brows and lashes.
+        accessories: Glasses, beards, hats, clothes, hands and other things in front of a face.
+        light: Environments, lamps and shadows.
+        backdrop: What is behind the head.
+        photograph: Lens, sensor, processing, border and file.
     """
 
     preset: str = DEFAULT
@@ -55,21 +55,19 @@ class AppearanceConfig:
     photograph: PhotographConfig = field(default_factory=PhotographConfig)
 
     def check(self) -> None:
-        """Makes sure that the numbers make sense.
-
-        Raises:
-            UsageError: One does not.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         for part in _parts(self):
             getattr(self, part).check()
 
     @property
     def is_plain(self) -> bool:
-        """Whether nothing but heads is drawn."""
+        """Whether only heads are drawn."""
         return self.preset == PLAIN
 
     def described(self) -> dict[str, Any]:
-        """What shards say of it: the preset, what differs from it, and a hash of all of it."""
+        """What shards store of it: the preset, what differs from it, and a hash of everything."""
+        if self.is_plain:
+            return {"appearance": PLAIN}
         base = PRESETS[self.preset]
         changed = {
             f"appearance.{part}.{name}": value
@@ -77,8 +75,6 @@ class AppearanceConfig:
             for name, value in asdict(getattr(self, part)).items()
             if value != getattr(getattr(base, part), name)
         }
-        if self.is_plain:
-            return {"appearance": PLAIN}
         digest = hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
         return {"appearance": self.preset, "appearance_sha256": digest, **changed}
 
@@ -106,16 +102,15 @@ PRESETS: Mapping[str, AppearanceConfig] = MappingProxyType(
 
 
 def load_configuration(name: str) -> AppearanceConfig:
-    """The configuration of a preset's name, or of a file.
+    """The configuration of a preset or of a TOML file.
 
     Args:
-        name: ``plain``, ``default``, ``hard``, or the path of a TOML file: tables as ``datagen appearance`` prints
-            them, of which any may be missing, and ``preset = "hard"`` where others than the default's values shall
-            fill in.
+        name: `plain`, `default`, `hard`, or the path of a file with tables as `datagen appearance` prints them. What is
+            missing there comes from the preset that it names (`preset = "hard"`), or from the default.
 
     Raises:
-        UsageError: There is neither such a preset nor such a file, or a number makes no sense.
-        InputFileError: The file is no TOML, or names what there is not.
+        UsageError: There is no such preset or file, or a number is out of its limits.
+        InputFileError: The file is not valid TOML, or has an unknown name or a value of the wrong kind.
     """
     if name in PRESETS:
         return PRESETS[name]
@@ -125,11 +120,11 @@ def load_configuration(name: str) -> AppearanceConfig:
             f"--appearance: expected {', '.join(PRESETS)} or a TOML file, found {name!r}; `datagen appearance` prints "
             "one to start from"
         )
-    given = read_toml(path)
+    given = _read_toml(path)
     base = given.get("preset", DEFAULT)
     if base not in PRESETS:
         raise UsageError(f"{path}: preset: expected {', '.join(PRESETS)}, found {base!r}")
-    configuration = replaced(PRESETS[base], given, str(path))
+    configuration = _replaced(PRESETS[base], given, str(path))
     try:
         configuration.check()
     except UsageError as error:
@@ -142,30 +137,15 @@ T = TypeVar("T")
 _ATTRIBUTE = re.compile(r"^ {8}(\w+): (.*(?:\n {12}.*)*)", re.MULTILINE)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Reads a file.
-
-    Raises:
-        InputFileError: It is missing, or no TOML.
-    """
+def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputFileError(f"{path}: expected a TOML file, found one that cannot be read ({error})") from error
 
 
-def replaced(base: T, given: Mapping[str, Any], where: str, table: str = "") -> T:
-    """A configuration with some of its fields replaced, tables by tables.
-
-    Args:
-        base: A frozen dataclass of numbers, texts, tuples and such dataclasses.
-        given: By name, as TOML has them.
-        where: For messages: the file.
-        table: For messages: the name of the table with a dot behind it, none at the top.
-
-    Raises:
-        InputFileError: A name is unknown, or a value is of another kind than the one that it replaces.
-    """
+def _replaced(base: T, given: Mapping[str, Any], where: str, table: str = "") -> T:
+    """A configuration with some of its fields replaced; `where` and `table` name the file and the table in messages."""
     known = {field.name: getattr(base, field.name) for field in fields(base)}  # type: ignore[arg-type]
     unknown = sorted(given.keys() - known.keys())
     if unknown:
@@ -175,7 +155,7 @@ def replaced(base: T, given: Mapping[str, Any], where: str, table: str = "") -> 
 
 
 def to_toml(configuration: Any, table: str = "") -> str:
-    """Writes a configuration as TOML, with what its docstring says of each field above it."""
+    """Writes a configuration as TOML; the line above each field is what the docstring says about it."""
     described = _descriptions(type(configuration))
     lines, tables = [f"[{table}]"] if table else [], []
     for option in fields(configuration):
@@ -193,7 +173,7 @@ def _value(old: Any, new: Any, where: str, option: str) -> Any:
     if is_dataclass(old):
         if not isinstance(new, dict):
             raise InputFileError(f"{where}: {option}: expected a table, found {new!r}")
-        return replaced(old, new, where, f"{option}.")
+        return _replaced(old, new, where, f"{option}.")
     if isinstance(old, tuple) and isinstance(new, list):
         if old and len(old) != len(new):
             raise InputFileError(f"{where}: {option}: expected {len(old)} values, found {new}")

@@ -11,7 +11,7 @@ from datagen.appearance.appearance import Appearance
 from datagen.appearance.hair.hair import Hair, hair_meshes, hair_uniforms
 from datagen.appearance.light.shading import light_uniforms, shadow_lights
 from datagen.appearance.person import head_from_torso
-from datagen.appearance.scene import PosedHead, Scene, Surface, UniformValue
+from datagen.appearance.scene import Colour, PosedHead, Scene, Surface, UniformValue
 from datagen.appearance.skin.skin import Skin
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin
 from datagen.appearance.skin.uniforms import skin_uniforms
@@ -22,11 +22,7 @@ from pix2face.models.morphable_model import MorphableModel
 
 @final
 class SceneMaker:
-    """Makes scenes with the heads of one model.
-
-    Args:
-        model: The built-in model.
-    """
+    """Makes scenes with heads of the built-in model."""
 
     def __init__(self, model: MorphableModel) -> None:
         self.model = model
@@ -36,9 +32,9 @@ class SceneMaker:
         """The scene of one picture.
 
         Args:
-            appearance: Of whoever it shows.
-            face: Its coefficients, camera, and expressions by name where they are known.
-            vertices: Of this face, mm, model frame.
+            appearance: What was drawn for the sample.
+            face: Coefficients, camera and, where they are known, strengths of named expressions.
+            vertices: The vertices of this face, mm, model frame.
         """
         head = PosedHead(
             model=self.model,
@@ -61,23 +57,23 @@ class SceneMaker:
         return Scene(head=head, meshes=(*grown, *worn), uniforms=uniforms, lights=lights)
 
     def _neutral(self, face: Face, vertices: Float32[ndarray, "v 3"]) -> Float32[ndarray, "v 3"]:
-        """The face without its expression: that is taken off again, which reads a third of what identities need."""
+        """The face without its expression. Subtracting that reads a third of what adding up the identity would."""
         basis = self.model.expression_basis.reshape(self.model.n_expression, -1)
         return vertices - (face.expression.astype(np.float32) @ basis).reshape(vertices.shape)
 
 
 def _hair_on_skin(hair: Hair) -> dict[str, UniformValue]:
-    """Hair that is too short for meshes, in the colour of the rest; brows are meshes."""
+    """Uniforms of hair that is painted on the skin because it is too short for meshes; brows are meshes."""
     return {
         "skin_hair_colour": hair.scalp_colour,
-        "skin_scalp_hair": hair.scalp_density,
+        "skin_scalp_hair": hair.hairdo.scalp_density,
         "skin_beard_colour": hair.scalp_colour,
         "skin_brow_colour": hair.brows.colour,
         "skin_brow_strength": 0.0,
     }
 
 
-def _colour(skin: Skin) -> tuple[float, float, float]:
-    """Of skin without marks and make-up, linear: that of necks, shoulders and hands."""
+def _colour(skin: Skin) -> Colour:
+    """Linear colour of skin without marks and make-up, as on neck, shoulders and hands."""
     red, green, blue = (float(own) for own in albedo_of_skin(density_of_melanin(skin.melanin), skin.haemoglobin))
     return red, green, blue

@@ -15,41 +15,45 @@ class GeometryConfig:
     """Shares and ranges of what decides the geometry of a picture.
 
     Attributes:
-        is_plain: The simple draw of ``datagen.sampling.faces`` (its first lines say which); nothing else here counts.
-        extreme_identity_share: Of faces that are far from the mean in one to three of the largest identity components.
-        extreme_identity: How far those are, in standard deviations, from and to.
-        identity_spread: Factor on all identity coefficients, 1 to 1.3.
-        wide_yaw_share: Of heads whose yaw is uniform in ``wide_yaw_deg``, to both sides alike.
-        wide_yaw_deg: From and to.
-        any_yaw_share: Of heads whose yaw is uniform within ``largest_yaw_deg``; all others are about frontal.
-        largest_yaw_deg: Beyond it there is no face to see.
+        is_plain: Use the simple draw that the first lines of `datagen/sampling/faces.py` describe; then nothing else
+            in this table counts.
+        extreme_identity_share: Share of faces that are far from the mean in one to three of the largest identity
+            components.
+        extreme_identity: Smallest and largest distance of those, in standard deviations.
+        identity_spread: Factor on all identity coefficients, up to 1.3.
+        wide_yaw_share: Share of heads whose yaw is uniform in `wide_yaw_deg`, to either side.
+        wide_yaw_deg: Smallest and largest yaw of those.
+        any_yaw_share: Share of heads whose yaw is uniform within `largest_yaw_deg`; all other heads are about frontal.
+        largest_yaw_deg: Largest yaw; beyond it no face is visible.
         frontal_yaw_deg: Standard deviation of the yaw of heads that are about frontal.
-        pitch_deg: Standard deviation of most heads' pitch.
-        wide_pitch_share: Of heads whose pitch is uniform within ``largest_pitch_deg``.
-        largest_pitch_deg: Cut.
+        pitch_deg: Standard deviation of the pitch of most heads.
+        wide_pitch_share: Share of heads whose pitch is uniform within `largest_pitch_deg`.
+        largest_pitch_deg: Largest pitch; larger ones are clipped.
         roll_deg: Standard deviation of the roll.
-        turned_share: Of pictures that are turned by any angle: heads of people who lie, heads upside down.
-        distances_mm: Edges of three ranges of distances (selfie, portrait, tele), each log-uniform.
-        distance_shares: How many pictures each of them has; they sum to 1.
-        off_axis_deg: Standard deviation of the angle, to the right and downward, between the optical axis and the face:
+        turned_share: Share of pictures that are turned by any angle: people who lie, heads upside down.
+        distances_mm: Edges of three ranges of distances (selfie, portrait, telephoto), each log-uniform.
+        distance_shares: Shares of the three ranges; they sum to 1.
+        off_axis_deg: Standard deviation of the angle between the optical axis and the face, to the right and downward:
             most pictures of a face are parts of larger photographs.
-        largest_off_axis_deg: Cut.
-        picture_per_box: Side of the picture as a multiple of the longer side of the box of the landmarks, from and to.
-        shift: Standard deviation of the picture's centre from the box's, as a share of the longer side.
-        largest_shift: Cut.
-        off_centre_share: Of pictures whose centre is uniform within ``off_centre_shift`` instead.
-        off_centre_shift: As a share of the longer side: at half the picture's border runs through the face.
-        neutral_share: Of faces at rest (gaze and lids apart).
-        emotion_share: Of faces that show one of ten emotions.
-        smile_share: Of those that smile, show joy or laugh, as people do before cameras.
-        speech_share: Of faces that speak.
-        extreme_share: Of grimaces: yawns, shouts, puffed cheeks, tongues. All others have a random small mixture.
-        one_sided_share: Of emotions and grimaces that one half of the face shows much more than the other.
+        largest_off_axis_deg: Largest such angle; larger ones are clipped.
+        picture_per_box: Smallest and largest side of the picture, as a multiple of the longer side of the landmarks'
+            box.
+        shift: Standard deviation of the picture's centre from that of the box, as a share of the longer side.
+        largest_shift: Largest such shift; larger ones are clipped.
+        off_centre_share: Share of pictures whose centre is uniform within `off_centre_shift` instead.
+        off_centre_shift: As a share of the longer side; at 0.5 the border of the picture runs through the face.
+        neutral_share: Share of faces at rest (except for gaze and lids).
+        emotion_share: Share of faces that show one of ten emotions.
+        smile_share: Share of those that smile, show joy or laugh, as people do in front of cameras.
+        speech_share: Share of faces that speak.
+        extreme_share: Share of grimaces: yawns, shouts, puffed cheeks, tongues. All other faces have a small random
+            mixture.
+        one_sided_share: Share of emotions and grimaces that one half of the face shows much more than the other.
         asymmetry: Standard deviation of the factor between the halves of the other faces.
-        gaze_share: Of eyes that look elsewhere than straight ahead of the head.
-        shut_share: Of faces with both eyes shut.
-        wink_share: Of faces with one eye shut.
-        half_shut_share: Of faces with lids on their way.
+        gaze_share: Share of eyes that do not look straight ahead of the head.
+        shut_share: Share of faces with both eyes shut.
+        wink_share: Share of faces with one eye shut.
+        half_shut_share: Share of faces with half-closed lids.
     """
 
     is_plain: bool = False
@@ -89,11 +93,7 @@ class GeometryConfig:
     half_shut_share: Share = 0.10
 
     def check(self) -> None:
-        """Refuses numbers that nothing can be drawn from.
-
-        Raises:
-            UsageError: Names the first field that is wrong, what was expected of it and what was found.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("geometry", self)
         check_parts("geometry", self, "wide_yaw_share", "any_yaw_share")
         check_parts("geometry", self, "neutral_share", "emotion_share", "speech_share", "extreme_share")

@@ -9,23 +9,23 @@ from datagen.config_limits import Share, check_limits, check_parts
 @final
 @dataclass(frozen=True, kw_only=True)
 class AccessoriesConfig:
-    """Shares of pictures; the defaults are the preset ``default``.
+    """How often people wear or hold something. All numbers are shares, 0 to 1.
 
     Attributes:
-        glasses: With glasses for seeing.
-        sunglasses: With dark glasses.
-        goggles: Of both, that are goggles for swimming or skiing.
-        beard: Of men, with a beard or a moustache that is more than stubble.
-        headwear: With a hat, a scarf over the head, a helmet and the like.
-        mask: With a mask before mouth and nose, or a scarf pulled up.
-        hand: With a hand at or before the face.
-        held: With a phone, a microphone, a cup, food and the like at the face.
-        thing: With a thing or another person before the face.
-        jewellery: Of women, with earrings, a necklace, a piercing; a quarter as many men.
-        sound: With earphones, headphones or a headset.
-        scarf: With a scarf around the neck.
-        pattern: Of garments, with a pattern instead of one colour.
-        least_visible: Share of the face that stays visible at least, 0..1, seen from ahead and from 45° to both sides.
+        glasses: People with glasses.
+        sunglasses: People with dark glasses.
+        goggles: Glasses of either kind that are goggles for swimming or skiing.
+        beard: Men with a beard or a moustache that is more than stubble.
+        headwear: People with a hat, a headscarf, a helmet or the like.
+        mask: People with a mask over mouth and nose, or a scarf pulled up.
+        hand: People with a hand at or in front of the face.
+        held: People who hold a phone, a microphone, a cup, food or the like to the face.
+        thing: Pictures with a thing or another person in front of the face.
+        jewellery: Women with earrings, a necklace or a piercing; a quarter as many men.
+        sound: People with earphones, headphones or a headset.
+        scarf: People with a scarf around the neck.
+        pattern: Garments with a pattern instead of one colour.
+        least_visible: Smallest share of the face that stays visible from straight ahead and from 45° to both sides.
     """
 
     glasses: Share = 0.20
@@ -44,11 +44,7 @@ class AccessoriesConfig:
     least_visible: Share = 0.40
 
     def check(self) -> None:
-        """Refuses numbers that nothing can be drawn from.
-
-        Raises:
-            UsageError: Names the first field that is wrong, what was expected of it and what was found.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("accessories", self)
         check_parts("accessories", self, "glasses", "sunglasses")
 

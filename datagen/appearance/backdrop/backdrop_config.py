@@ -12,19 +12,21 @@ class BackdropConfig:
     """What is behind the head.
 
     Attributes:
-        same_environment_weight: Weight of the environment that lights the face, where one does.
-        other_environment_weight: Of any other environment.
-        pattern_weight: Of walls, clutter, text, tiles, foliage, lights and other patterns of our own.
-        plain_weight: Of one colour: white, black, grey, green, blue, any.
-        folder: A folder of pictures, searched with all that is below it; empty for none.
-        folder_share: How many backdrops come from that folder, if there is one.
-        widened_share: How many views of environments take in more than the camera would, and so show more detail.
-        widest_view_deg: Across the picture, of those.
-        blur: Smallest and largest radius of the blur out of focus, as a share of the picture's width.
-        sharp_share: How many backdrops are in focus.
-        brightness: Smallest and largest brightness beside the light on the face, where it is not the environment's.
-        people_share: How often other people are behind.
-        most_people: How many at most; 0 for none.
+        same_environment_weight: Weight of the environment that lights the face, if one does.
+        other_environment_weight: Weight of any other environment.
+        pattern_weight: Weight of generated walls, clutter, text, tiles, foliage, lights and other patterns.
+        plain_weight: Weight of a single colour: white, black, grey, green, blue, or any other.
+        folder: A folder of pictures, which is searched recursively; empty for none.
+        folder_share: Share of backdrops from that folder, if there is one.
+        widened_share: Share of environments that are shown with a wider angle than the camera's, and so with more
+            detail.
+        widest_view_deg: Largest angle across the picture of those.
+        blur: Smallest and largest radius of the defocus blur, as a share of the picture's width.
+        sharp_share: Share of backdrops that are in focus.
+        brightness: Smallest and largest brightness relative to the light on the face, for backdrops that are not
+            environments.
+        people_share: Share of pictures with other people behind.
+        most_people: Largest number of those people; 0 for none.
     """
 
     same_environment_weight: FromZero = 0.45
@@ -42,11 +44,7 @@ class BackdropConfig:
     most_people: Annotated[int, Limits(0, 3)] = 3
 
     def check(self) -> None:
-        """Refuses numbers that nothing can be drawn from.
-
-        Raises:
-            UsageError: Names the first field that is wrong, what was expected of it and what was found.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("backdrop", self)
         kinds = ("same_environment", "other_environment", "pattern", "plain")
         check_weights("backdrop", self, *(f"{kind}_weight" for kind in kinds))

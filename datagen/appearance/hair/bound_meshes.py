@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.resources import as_file, files
-from pathlib import Path
 from typing import Any, final
 
 import cv2
@@ -21,6 +20,7 @@ from scipy import sparse
 from pix2face.errors import InputFileError
 from pix2face.models.morphable_model import MorphableModel
 
+_ASSETS = files("datagen") / "assets" / "hair"
 MIRRORED = np.array([-1, 1, 1], dtype=np.float32)
 
 
@@ -43,12 +43,7 @@ class BoundMesh:
     triangles: Int32[ndarray, "t 3"]
 
     def displacements(self, head: Float[ndarray, "h 3"], mean: Float[ndarray, "h 3"]) -> Float32[ndarray, "p 3"]:
-        """How far each point moves when the mean becomes a head.
-
-        Args:
-            head: Vertices of the head, mm, model frame.
-            mean: Those of the model's mean.
-        """
+        """How far each point moves when the model's mean becomes a head; both are vertices in mm, model frame."""
         moved = (head - mean).astype(np.float32)
         followed = self._followed
         return np.asarray(followed @ moved[: followed.shape[1]], dtype=np.float32)
@@ -76,15 +71,10 @@ def mirrored(mesh: BoundMesh, symmetry: Int32[ndarray, " v"]) -> BoundMesh:
 
 @cache
 def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
-    """A mesh of the built-in assets.
-
-    Args:
-        name: Its group in ``meshes.h5``, such as ``short01``.
-        is_mirrored: The other way round.
-    """
+    """A mesh of the built-in assets, such as `short01`, or its mirror image."""
     if is_mirrored:
         return mirrored(bound_mesh(name), _symmetry())
-    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
+    with _mesh_file() as file:
         group, step = file[name], np.float32(file.attrs["position_step_mm"])
         weights = group["weights"][()].astype(np.float32)
         return BoundMesh(
@@ -105,7 +95,7 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
 @cache
 def brow_patch() -> Mapping[str, ndarray]:
     """``vertices`` of the built-in model that carry the left brow, their ``triangles`` and ``uv``."""
-    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
+    with _mesh_file() as file:
         return {name: file["brows"][name][()] for name in ("vertices", "triangles", "uv")}
 
 
@@ -113,7 +103,7 @@ def check_model(model: MorphableModel) -> None:
     """Refuses a model that the meshes are not bound to.
 
     Raises:
-        InputFileError: It is not the built-in model at its default refinement.
+        InputFileError: It is another model than the built-in one at its default refinement.
     """
     bound_to, n_vertices = _bound_to()
     if model.sha256 != bound_to or len(model.mean) != n_vertices:
@@ -124,27 +114,25 @@ def check_model(model: MorphableModel) -> None:
 
 
 def read_picture(name: str) -> UInt8[ndarray, "h w c"]:
-    """A picture of the assets, with as many channels as it has: RGB, or RGBA."""
-    with open_hair_file(name) as path:
-        content = path.read_bytes()
+    """A picture of the assets, RGB or RGBA as it is stored."""
+    content = (_ASSETS / name).read_bytes()
     picture: Any = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     return np.ascontiguousarray(picture[:, :, [2, 1, 0, 3][: picture.shape[2]]])
 
 
 @contextmanager
-def open_hair_file(name: str) -> Iterator[Path]:
-    """The path of a file of the assets for as long as it is open."""
-    with as_file(files("datagen") / "assets" / "hair" / name) as path:
-        yield path
+def _mesh_file() -> Iterator[h5py.File]:
+    with as_file(_ASSETS / "meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
+        yield file
 
 
 @cache
 def _bound_to() -> tuple[str, int]:
-    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
+    with _mesh_file() as file:
         return str(file.attrs["model_sha256"]), int(file.attrs["n_vertices"])
 
 
 @cache
 def _symmetry() -> Int32[ndarray, " v"]:
-    with open_hair_file("meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
+    with _mesh_file() as file:
         return file["symmetry"][()].astype(np.int32)

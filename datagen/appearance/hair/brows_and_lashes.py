@@ -59,7 +59,7 @@ class Lashes:
 
 
 def draw_brows(rng: np.random.Generator, config: HairConfig, person: Person, hair: HairColour) -> Brows:
-    """Draws brows: thicker for men, thinner for the old."""
+    """Draws brows: thicker ones for men, fainter ones for old people."""
     kind = rng.random()
     is_joined = kind < config.joined_brows_share * (1.5 - person.femininity)
     thickness = rng.uniform(*config.brow_thickness) * (1.12 - 0.24 * person.femininity)
@@ -77,7 +77,7 @@ def draw_brows(rng: np.random.Generator, config: HairConfig, person: Person, hai
 
 
 def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, brow: Colour) -> Lashes:
-    """Draws lashes: hardly to be seen for many, black and long with mascara."""
+    """Draws lashes: many are hardly visible; mascara makes them black and long."""
     share = config.mascara_share * (person.femininity + 0.05 * (1 - person.femininity))
     has_mascara = bool(rng.random() < share)
     return Lashes(
@@ -106,15 +106,7 @@ def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
         triangles=triangles,
         uv=placed.astype(np.float32),
         normals=head.normals[vertices],
-        material=Material(
-            kind="hair",
-            texture="hair_brows",
-            layer=brows.layer,
-            colour=brows.colour,
-            alpha=brows.alpha,
-            numbers=(1.0, brows.density, UNCUT_MM, 0.0),
-            is_blended=True,
-        ),
+        material=_material("hair_brows", brows, brows.density),
         casts_shadow=False,
     )
 
@@ -130,24 +122,28 @@ def lash_mesh(lashes: Lashes, head: PosedHead) -> SceneMesh:
         triangles=mesh.triangles,
         uv=mesh.uv,
         normals=mesh.normals[mesh.point_of_vertex],
-        material=Material(
-            kind="hair",
-            texture="hair_lashes",
-            layer=lashes.layer,
-            colour=lashes.colour,
-            alpha=lashes.alpha,
-            numbers=(1.0, 1.0, UNCUT_MM, 0.0),
-            is_blended=True,
-        ),
+        material=_material("hair_lashes", lashes, 1.0),
         casts_shadow=False,
     )
 
 
+def _material(texture: str, hair: Brows | Lashes, density: float) -> Material:
+    return Material(
+        kind="hair",
+        texture=texture,
+        layer=hair.layer,
+        colour=hair.colour,
+        alpha=hair.alpha,
+        numbers=(1.0, density, UNCUT_MM, 0.0),
+        is_blended=True,
+    )
+
+
 def turned_with_lids(mesh: BoundMesh, head: PosedHead, length: float) -> Float32[ndarray, "p 3"]:
-    """Points of lashes: each keeps its offset from its root, turned as the root turns about the eye's middle."""
+    """Points of lashes: offsets from their roots are kept, but turn as the roots turn about the eye's middle."""
     is_left = mesh.feet[:, :1] > 0
     before, after = (
-        np.where(is_left, *(middle.astype(np.float32) for middle in _eye_middles(head.model, vertices)))
+        np.where(is_left, *(vertices[eye].mean(axis=0).astype(np.float32) for eye in _eye_vertices(head.model)))
         for vertices in (head.model.mean, head.vertices)
     )
     roots = mesh.feet + mesh.displacements(head.vertices, head.model.mean)
@@ -207,15 +203,9 @@ def _ridges() -> Float64[ndarray, "n w"]:
     for layer, weight in zip(alpha, total, strict=True):
         known = weight > 0.1 * weight.max()
         middle = (rows @ layer)[known] / weight[known]
-        ridges.append(
-            np.interp(columns, columns[known], np.convolve(np.pad(middle, 8, "edge"), np.full(17, 1 / 17), "valid"))
-        )
+        smooth = np.convolve(np.pad(middle, 8, "edge"), np.full(17, 1 / 17), "valid")
+        ridges.append(np.interp(columns, columns[known], smooth))
     return np.array(ridges)
-
-
-def _eye_middles(model: MorphableModel, vertices: Float32[ndarray, "v 3"]) -> tuple[ndarray, ndarray]:
-    left, right = _eye_vertices(model)
-    return vertices[left].mean(axis=0), vertices[right].mean(axis=0)
 
 
 @cache

@@ -1,6 +1,6 @@
-"""Hair of a synthetic photograph: hairdo, brows and lashes of a person, as meshes, textures and uniforms.
+"""Hair of a synthetic photograph (hairdo, brows and lashes) as meshes, textures and uniforms.
 
-``docs/explanation/hair.md`` says what varies and how often.
+docs/explanation/hair.md says what varies and how often.
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.hair.shape import CrownPlane, Parting, find_parting, mirrored_parting, shaped, uncovered
 from datagen.appearance.hair.styles import STYLES, Hairdo, draw_hairdo
 from datagen.appearance.person import Person
-from datagen.appearance.scene import Material, PosedHead, SceneMesh, Texture, UniformValue
+from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh, Texture, UniformValue
 from datagen.random_streams import rounded
 
 LAYERS = tuple(STYLES)
@@ -41,7 +41,7 @@ MIDDLE_MM = np.array([0.0, 40.0, 0.0], dtype=np.float32)
 @final
 @dataclass(frozen=True, kw_only=True)
 class Hair:
-    """All hair of a head but the beard."""
+    """All hair of a head except the beard."""
 
     hairdo: Hairdo
     colour: HairColour
@@ -50,13 +50,8 @@ class Hair:
     seed: float  # of the strands' pattern, 0..100
 
     @property
-    def scalp_density(self) -> float:
-        """How much short hair is painted on the scalp, 0..1: ``skin_scalp_hair``."""
-        return self.hairdo.scalp_density
-
-    @property
-    def scalp_colour(self) -> tuple[float, float, float]:
-        """Its colour, linear: ``skin_hair_colour``."""
+    def scalp_colour(self) -> Colour:
+        """Linear colour of short hair that is painted on the skin."""
         red, green, blue = (
             own + self.colour.grey_share * (grey - own)
             for own, grey in zip(self.colour.base, self.colour.grey, strict=True)
@@ -82,18 +77,15 @@ def hair_meshes(hair: Hair, head: PosedHead, crown: CrownPlane | None = None) ->
 
     Args:
         hair: What was drawn.
-        head: Whose it is. Hair follows it without its expression, brows and lashes with it.
+        head: Its hair follows it without its expression, brows and lashes with its expression.
         crown: Where a hat begins: hair above is left out, hair below lies close.
 
     Raises:
-        InputFileError: The head is not of the built-in model.
+        InputFileError: The head does not belong to the built-in model.
     """
     check_model(head.model)
-    meshes = []
-    if hair.hairdo.style in STYLES:
-        if hair.hairdo.cap:
-            meshes.append(_style_mesh(hair.hairdo.cap, hair, head, crown))
-        meshes.append(_style_mesh(hair.hairdo.style, hair, head, crown))
+    worn = (hair.hairdo.cap, hair.hairdo.style)
+    meshes = [_style_mesh(style, hair, head, crown) for style in worn if style in STYLES]
     if hair.brows.alpha > 0:
         meshes.append(brow_mesh(hair.brows, head))
     if hair.lashes.alpha > 0:
@@ -116,11 +108,12 @@ def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
 @cache
 def hair_textures() -> Mapping[str, Texture]:
     """Strands of hair, brows and lashes, and a fedora's felt, by the name of their sampler."""
+    strands, lashes = (
+        np.stack([_with_direction(read_picture(f"{name}.webp")) for name in names]) for names in (LAYERS, LASH_STYLES)
+    )
     return {
-        "hair_strands": Texture(pixels=np.stack([_with_direction(read_picture(f"{name}.webp")) for name in LAYERS])),
-        "hair_lashes": Texture(
-            pixels=np.stack([_with_direction(read_picture(f"{name}.webp")) for name in LASH_STYLES])
-        ),
+        "hair_strands": Texture(pixels=strands),
+        "hair_lashes": Texture(pixels=lashes),
         "hair_brows": Texture(pixels=brow_pictures()),
         "hair_fedora": Texture(pixels=_felt(read_picture("fedora.webp"))[None]),
     }

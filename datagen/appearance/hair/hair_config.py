@@ -12,30 +12,31 @@ class HairConfig:
     """Shares and ranges. Styles also depend on sex, age and origin, but none is ever impossible.
 
     Attributes:
-        no_mesh_share: Of men: heads that are bald, shaved or cropped, which is paint on the scalp alone. A third of it
+        no_mesh_share: Share of men whose head is bald, shaved or cropped, which is painted on the scalp; a third of it
             for women.
-        over_face_share: Of heads whose strands hang over forehead and cheeks as far as the style has them; all others
-            have them combed aside.
-        covering_factor: Weight of the styles that hang down over shoulders and cheeks, against what is plausible.
-        mirrored_share: Of styles turned left to right.
-        cap_share: Of styles with gaps at the crown that have short hair below.
-        cut_share: Of long hair cut off at some height.
-        length: Factor on what hangs below the ears, from and to.
-        volume: Factor on the distance from the scalp, from and to.
-        sway_mm: Standard deviation of how far wind or a tilt move the tips of 10 cm of hair sideways.
-        density: How full hair is, from and to; 1 is as modelled.
-        thinning_share: Of men of 60 whose crown is thin; less before, more after, a quarter for women.
-        dyed_share: Of heads in another natural colour than their own.
-        vivid_share: Of heads in blue, pink, green, purple or red.
-        highlights_share: Of heads with lighter strands or tips.
-        grey_age_years: Age at which half of the hair is grey, of one person in two.
-        brow_density: From and to; 1 is as painted.
-        brow_thickness: Factor on the height of brows, from and to.
+        over_face_share: Share of heads whose strands hang over forehead and cheeks as far as the style allows; all
+            other heads have them combed aside.
+        covering_factor: Factor on the weight of styles that hang over shoulders and cheeks.
+        mirrored_share: Share of styles that are mirrored left to right.
+        cap_share: Share of styles with gaps at the crown that get short hair below.
+        cut_share: Share of long hair that is cut off at some height.
+        length: Smallest and largest factor on the length of what hangs below the ears.
+        volume: Smallest and largest factor on the distance from the scalp.
+        sway_mm: Standard deviation of how far wind or a tilt of the head moves the tips of 10 cm of hair sideways.
+        density: Smallest and largest density; 1 is as modelled.
+        thinning_share: Share of men of 60 whose hair is thin at the crown; smaller before, larger after, a quarter for
+            women.
+        dyed_share: Share of heads in a natural colour that is not their own.
+        vivid_share: Share of heads in blue, pink, green, purple or red.
+        highlights_share: Share of heads with lighter strands or tips.
+        grey_age_years: Age at which half of the hair is grey, for every second person.
+        brow_density: Smallest and largest density of brows; 1 is as painted.
+        brow_thickness: Smallest and largest factor on the height of brows.
         brow_shift_mm: Standard deviation of how far brows are moved up or down.
-        no_brows_share: Of faces without.
-        joined_brows_share: Of brows that meet, or nearly.
-        dyed_brows_share: Of brows in a colour that does not follow the hair.
-        mascara_share: Of women; a twentieth of it for men.
+        no_brows_share: Share of faces without brows.
+        joined_brows_share: Share of brows that meet, or nearly do.
+        dyed_brows_share: Share of brows whose colour does not follow the hair.
+        mascara_share: Share of women with mascara; a twentieth of it for men.
     """
 
     no_mesh_share: Share = 0.24
@@ -62,11 +63,7 @@ class HairConfig:
     mascara_share: Share = 0.5
 
     def check(self) -> None:
-        """Refuses numbers that nothing can be drawn from.
-
-        Raises:
-            UsageError: Names the first field that is wrong, what was expected of it and what was found.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("hair", self)
 
 

@@ -9,28 +9,29 @@ from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, 
 @final
 @dataclass(frozen=True, kw_only=True)
 class LightConfig:
-    """Light on faces. Illuminances are of a white ball, seen by the camera: at 1 it is as white as can be shown.
+    """Light on faces. Illuminances say how bright the camera sees a white ball; 1 is the white of a picture.
 
     Attributes:
         soft_weight: Weight of environments without strong lamps.
-        directional_weight: Of environments with a lamp before the face.
-        studio_weight: Of arrangements of lamps: flash, softboxes, windows, candles, the sun at noon, ...
-        backlit_weight: Of environments whose lamp is behind the head.
-        silhouette_weight: Of the same with next to no light on the face.
-        night_weight: Of the dark with one dim lamp.
-        harsh_setup_share: How many of the arrangements of lamps are harsh: from below or one side, coloured, at noon.
-        mixture_share: How many environments are two, one over the other.
-        illuminance: Smallest and largest in ordinary light.
-        backlit_illuminance: With the lamp behind the head.
-        silhouette_illuminance: Of silhouettes.
-        night_illuminance: At night.
-        key_share: Smallest and largest share of lamps in directional light, 0..1.
-        largest_lamp: No lamp makes a white surface brighter than this.
-        saturation: Factor of the environments' saturation.
-        white_balance: How much of the light's colour the camera takes out: 0 nothing, 1 all.
-        lamp_temperature_k: Coldest and hottest lamp in K.
+        directional_weight: Weight of environments with a lamp in front of the face.
+        studio_weight: Weight of arrangements of lamps: flash, softboxes, windows, candles, the sun at noon and others.
+        backlit_weight: Weight of environments whose lamp is behind the head.
+        silhouette_weight: Weight of the same with hardly any light on the face.
+        night_weight: Weight of darkness with one dim lamp.
+        harsh_setup_share: Share of the arrangements of lamps that are harsh: from below or from one side, coloured, or
+            at noon.
+        mixture_share: Share of environments that are a mixture of two.
+        illuminance: Smallest and largest illuminance in ordinary light.
+        backlit_illuminance: Smallest and largest illuminance with the lamp behind the head.
+        silhouette_illuminance: Smallest and largest illuminance of silhouettes.
+        night_illuminance: Smallest and largest illuminance at night.
+        key_share: Smallest and largest share of the lamps in directional light, 0 to 1.
+        largest_lamp: Largest brightness that one lamp gives to a white surface.
+        saturation: Smallest and largest factor on the saturation of environments.
+        white_balance: How much of the light's colour the camera removes: 0 nothing, 1 all of it.
+        lamp_temperature_k: Lowest and highest colour temperature of lamps, in K.
         tilt_deg: Standard deviation of the tilt and the roll of environments.
-        gobo_share: How often a lamp before the face shines through blinds, leaves or a window's bars.
+        gobo_share: Share of lamps in front of the face that shine through blinds, leaves or the bars of a window.
     """
 
     soft_weight: FromZero = 0.55
@@ -54,11 +55,7 @@ class LightConfig:
     gobo_share: Share = 0.03
 
     def check(self) -> None:
-        """Refuses numbers that nothing can be drawn from.
-
-        Raises:
-            UsageError: Names the first field that is wrong, what was expected of it and what was found.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("light", self)
         weights = ("soft", "directional", "studio", "backlit", "silhouette", "night")
         check_weights("light", self, *(f"{kind}_weight" for kind in weights))

@@ -9,57 +9,61 @@ from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, 
 @final
 @dataclass(frozen=True, kw_only=True)
 class PhotographConfig:
-    """Shares and ranges of what a photograph suffers.
+    """Shares and ranges of what happens to a photograph.
 
-    Lengths are shares of the picture's side, so that a picture of twice the pixels shows the same.
+    Lengths are shares of the picture's side, so that a picture with twice as many pixels shows the same.
 
     Attributes:
-        bad_share: Of pictures that are bad in some way; the ``bad_`` weights below say in which.
-        second_fault_share: Of bad pictures that have two faults.
+        bad_share: Share of pictures that are bad in some way; the `bad_` weights below say in which.
+        second_fault_share: Share of bad pictures with two faults.
         bad_exposure: Weight of pictures that are far too dark or too bright, crushed or burnt out.
-        bad_colour: Weight of wrong white balance, and of colours that are much too strong or too weak.
+        bad_colour: Weight of pictures with a wrong white balance, or with colours that are much too strong or too
+            weak.
         bad_focus: Weight of pictures out of focus.
-        bad_motion: Weight of pictures blurred by motion.
-        bad_noise: Weight of noise that everybody sees.
+        bad_motion: Weight of pictures with motion blur.
+        bad_noise: Weight of pictures with strong noise.
         bad_resolution: Weight of small pictures that were enlarged.
         bad_file: Weight of low JPEG quality and oversharpening.
         bad_film: Weight of old photographs: fading, scratches, dust, grain.
         bad_screen: Weight of photographs of a screen.
         bad_interlace: Weight of television frames whose lines come from two moments.
         bad_posterised: Weight of pictures with few colours.
-        bad_glare: Weight of light that falls into the lens.
-        face_metering_share: Of cameras that expose for the face; the others expose for the whole picture.
-        metering_strength: From and to: 0 takes light as it is, 1 makes all pictures equally bright.
+        bad_glare: Weight of pictures with light that falls into the lens.
+        face_metering_share: Share of cameras that expose for the face; the others expose for the whole picture.
+        metering_strength: Smallest and largest strength of the metering: 0 leaves the light as it is, 1 makes all
+            pictures equally bright.
         exposure_error_ev: Standard deviation of the exposure, in stops.
-        largest_exposure_error_ev: Of pictures that are badly exposed.
-        white_balance: From and to: 0 leaves the colour of the light, 1 takes all of it for grey.
-        white_balance_error: Standard deviation of the logarithm of the colour channels' gains.
-        film_curve_share: Of pictures whose highlights roll off; in the others they are cut.
-        warmth: Median gain of red, and loss of blue: cameras and people keep skin warm.
-        median_contrast: Of the slope at middle grey beside that of the sRGB curve.
-        contrast: Deviation of the logarithm of the contrast.
-        gamma: Deviation of the logarithm of the exponent after the sRGB curve.
-        saturation: Deviation of the logarithm of the saturation.
-        vignetting_share: Of pictures with dark corners.
-        defocus: Mean radius of the blur of decent pictures, three times it at most; 0.004 is a pixel of 256.
-        bad_defocus: Radius of the blur of pictures out of focus, from and to.
-        bad_motion_length: Of the path, from and to.
-        chromatic_aberration_share: Of lenses that magnify colours differently.
-        bloom_share: Of lenses in which highlights glow.
-        noise: Mean standard deviation of decent pictures' noise at middle grey, linear light, 1 is white.
-        bad_noise_deviation: From and to.
-        resolution_px: Side of enlarged pictures, from and to; a face takes about 0.63 of it.
-        monochrome_share: Of pictures in black and white.
-        toned_share: Of those that are sepia or toned otherwise.
-        smoothed_share: Of pictures whose skin a program made smooth.
-        sharpened_share: Of pictures that are sharpened, with haloes.
-        overlay_share: Of pictures with a watermark, text or date.
-        jpeg_quality: Of most files, from and to.
-        bad_jpeg_quality: From and to.
-        twice_jpeg_share: Of pictures that were compressed before.
-        border_share: Of crops that reach beyond the photograph's border.
-        largest_border: How far, on one side.
-        letterbox_share: Of pictures in a frame: bars on two opposite sides.
+        largest_exposure_error_ev: Largest error of badly exposed pictures, in stops.
+        white_balance: Smallest and largest strength of the white balance: 0 leaves the colour of the light, 1 takes
+            all of it for grey.
+        white_balance_error: Standard deviation of the logarithm of the gains of the colour channels.
+        film_curve_share: Share of pictures whose highlights roll off; in the others they are clipped.
+        warmth: Median logarithm of the gain of red, and of the loss of blue: cameras and people keep skin warm.
+        median_contrast: Median slope at middle grey, relative to the sRGB curve.
+        contrast: Standard deviation of the logarithm of the contrast.
+        gamma: Standard deviation of the logarithm of the exponent after the sRGB curve.
+        saturation: Standard deviation of the logarithm of the saturation.
+        vignetting_share: Share of pictures with dark corners.
+        defocus: Mean blur radius of decent pictures, which is at most three times as large; 0.004 is one pixel of 256.
+        bad_defocus: Smallest and largest blur radius of pictures out of focus.
+        bad_motion_length: Smallest and largest length of the path of motion blur.
+        chromatic_aberration_share: Share of lenses that magnify colours differently.
+        bloom_share: Share of lenses in which highlights glow.
+        noise: Mean standard deviation of the noise of decent pictures at middle grey, in linear light where 1 is
+            white.
+        bad_noise_deviation: Smallest and largest standard deviation of the noise of bad pictures.
+        resolution_px: Smallest and largest side of pictures before they are enlarged; a face takes about 0.63 of it.
+        monochrome_share: Share of pictures in black and white.
+        toned_share: Share of those that are sepia or toned otherwise.
+        smoothed_share: Share of pictures in which a program smoothed the skin.
+        sharpened_share: Share of pictures that are sharpened, with haloes.
+        overlay_share: Share of pictures with a watermark, a text or a date.
+        jpeg_quality: Smallest and largest quality of most files.
+        bad_jpeg_quality: Smallest and largest quality of bad files.
+        twice_jpeg_share: Share of pictures that were compressed before.
+        border_share: Share of crops that reach beyond the border of the photograph.
+        largest_border: Largest share of the picture beyond one border.
+        letterbox_share: Share of pictures in a frame: bars on two opposite sides.
     """
 
     bad_share: Share = 0.2
@@ -110,11 +114,7 @@ class PhotographConfig:
     letterbox_share: Share = 0.02
 
     def check(self) -> None:
-        """Refuses numbers that nothing can be drawn from.
-
-        Raises:
-            UsageError: Names the first field that is wrong, what was expected of it and what was found.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("photograph", self)
         check_parts("photograph", self, "border_share", "letterbox_share")
         if self.bad_share:

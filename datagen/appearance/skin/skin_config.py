@@ -9,40 +9,41 @@ from datagen.config_limits import Limits, Range, Share, check_limits
 @final
 @dataclass(frozen=True, kw_only=True)
 class SkinConfig:
-    """Ranges and shares; ``share`` is how many people have it, ranges are uniform unless said otherwise.
+    """Shares of people and ranges, which are uniform unless said otherwise.
 
     Attributes:
-        melanin_contrast: Factor on the distance of the person's melanin from the middle: more dark and light skins.
-        melanin_spread: Standard deviation that is added to the person's place between lightest and darkest skin.
+        melanin_contrast: Factor on the distance of a person's melanin from the middle; larger ones give more dark and
+            light skins.
+        melanin_spread: Standard deviation that is added to a person's place between the lightest and the darkest skin.
         haemoglobin: From pale to ruddy; 0.16 is usual.
-        flush: Further haemoglobin of cheeks, nose and ears.
-        sunburn_share: People whose flush is two to four times that.
+        flush: Additional haemoglobin of cheeks, nose and ears.
+        sunburn_share: Share of people whose flush is two to four times as strong.
         blotches: Relative unevenness of melanin and of blood.
-        texture: Strength of the skins' own texture.
-        freckles_share: Share among people without melanin; falls to none at middling skin.
+        texture: Strength of the texture of the skin.
+        freckles_share: Share of people with freckles among those without melanin; falls to 0 at medium skin.
         moles: Mean number of moles.
-        acne_share: Share among people under 30; a quarter of it above.
-        scar_share: People with a scar on the face.
-        vitiligo_share: People with white patches.
-        tan_share: People whose sun-exposed skin is much darker.
+        acne_share: Share of people under 30 with acne; a quarter of it above.
+        scar_share: Share of people with a scar on the face.
+        vitiligo_share: Share of people with white patches.
+        tan_share: Share of people whose skin is much darker where the sun reaches it.
         wrinkles: Factor on the wrinkles that come with age.
         expression_folds: Factor on the folds that expressions make.
         oil: Shine of forehead, nose and cheeks.
-        roughness: Of dry skin.
-        make_up_share: Women (men: a twelfth of it) with make-up.
-        vivid_make_up_share: Of those, make-up in colours that skin never has.
-        face_paint_share: People with painted faces.
+        roughness: Roughness of dry skin.
+        make_up_share: Share of women with make-up; a twelfth of it for men.
+        vivid_make_up_share: Share of make-up in colours that skin never has.
+        face_paint_share: Share of people with painted faces.
         shaved_shadow: How dark the shaved beard area of a man is.
-        stubble_share: Men with short stubble.
-        stubble: How dense it is.
-        pupil: Radius of the pupil over that of the iris.
-        odd_eyes_share: People with two different irises, or irises in colours of contact lenses.
-        redness: Of the sclera.
-        yellow_teeth: 0 bleached, 1 brown.
-        gap_share: People with gaps between the teeth.
-        missing_tooth_share: People who miss one of the front teeth.
-        gold_tooth_share: People with a gold tooth.
-        braces_share: Share among people under 22; a fifth of it above.
+        stubble_share: Share of men with short stubble.
+        stubble: Density of the stubble.
+        pupil: Radius of the pupil relative to that of the iris.
+        odd_eyes_share: Share of people with two different irises, or with coloured contact lenses.
+        redness: Redness of the white of the eye.
+        yellow_teeth: 0 is bleached, 1 brown.
+        gap_share: Share of people with gaps between their teeth.
+        missing_tooth_share: Share of people who lack one of the front teeth.
+        gold_tooth_share: Share of people with a gold tooth.
+        braces_share: Share of people under 22 with braces; a fifth of it above.
     """
 
     melanin_contrast: Annotated[float, Limits(0, 4)] = 1.3
@@ -78,11 +79,7 @@ class SkinConfig:
     braces_share: Share = 0.1
 
     def check(self) -> None:
-        """Refuses numbers that nothing can be drawn from.
-
-        Raises:
-            UsageError: Names the first field that is wrong, what was expected of it and what was found.
-        """
+        """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("skin", self)
 
 
