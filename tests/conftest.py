@@ -1,6 +1,7 @@
 """Fixtures that all tests share."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,25 @@ import tests.type_checker  # noqa: F401 (pyproject names it as the checker of al
 # waits for the thread that is not running: a test of 3 seconds takes 60. Before anything loads torch.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def coverage_of_processes() -> Iterator[dict[str, str]]:
+    """Keeps coverage from measuring the programs that tests start, most of whose time is their start.
+
+    Yields:
+        The variables that ``measured_processes`` sets again.
+    """
+    taken = {name: os.environ.pop(name) for name in list(os.environ) if name.startswith("COVERAGE_PROCESS")}
+    yield taken
+    os.environ.update(taken)
+
+
+@pytest.fixture
+def measured_processes(coverage_of_processes: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measures the programs that a test starts: for code that runs nowhere else."""
+    for name, value in coverage_of_processes.items():
+        monkeypatch.setenv(name, value)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Literal, final
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Float32, Float64, Int
 from numpy import ndarray
 from scipy.spatial import KDTree
@@ -213,6 +212,8 @@ def _closest_points(
     source: MorphableModel, target: MorphableModel, aligned: RigidTransform
 ) -> tuple[Int[ndarray, " p"], Int[ndarray, "p 3"], Float64[ndarray, "p 3"]]:
     """For face vertices of the target's mean the closest points of the source's: corners and barycentric weights."""
+    import trimesh  # half a second, which commands that need no triangles save
+
     vertices = np.flatnonzero(target.is_face_vertex)
     points = target.mean[vertices].astype(np.float64)
     triangles = source.triangles[source.is_face_triangle]

@@ -5,13 +5,15 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from datagen.inspection.dataset_statistics import CoefficientStatistics, DatasetStatistics, Histogram
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
 
 N_KINDS_SHOWN = 12
 _STYLE = """
@@ -56,8 +58,10 @@ def listings(found: DatasetStatistics) -> list[Listing]:
     return [table for table in tables if table.lines]
 
 
-def statistics_picture(found: DatasetStatistics) -> Figure:
+def statistics_picture(found: DatasetStatistics) -> "matplotlib.figure.Figure":
     """Bars of pose, face size, coefficients and landmarks."""
+    from matplotlib.figure import Figure  # half a second, which commands that draw no figure save
+
     figure = Figure(figsize=(12, 7), layout="constrained")
     axes = iter(figure.subplots(2, 4).flat)
     for histogram in found.histograms:
@@ -76,7 +80,7 @@ def statistics_picture(found: DatasetStatistics) -> Figure:
     return figure
 
 
-def picture_png(figure: Figure) -> bytes:
+def picture_png(figure: "matplotlib.figure.Figure") -> bytes:
     """A figure as the content of a PNG file; the same figure gives the same bytes."""
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=100, metadata={"Software": None})
@@ -137,7 +141,7 @@ def _most(counts: Mapping[str, int], n_samples: int) -> tuple[tuple[str, ...], .
     return tuple(lines)
 
 
-def _draw_histogram(axis: Axes, histogram: Histogram) -> None:
+def _draw_histogram(axis: "matplotlib.axes.Axes", histogram: Histogram) -> None:
     share = 100 * histogram.counts / histogram.n_samples
     # Every range is as wide as the next: the outer ones of angles, and the upper ones of sizes, would hide the rest.
     axis.bar(np.arange(len(share)), share, width=1.0, align="edge", edgecolor="white")

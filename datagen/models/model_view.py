@@ -1,10 +1,10 @@
 """Looks at a morphable model: a contact sheet of its components, or its mean as a mesh for other programs."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import trimesh
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
@@ -15,6 +15,9 @@ from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM
+
+if TYPE_CHECKING:
+    import trimesh
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
 MESH_SUFFIXES = (".obj", ".glb", ".ply")
@@ -48,6 +51,8 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         )
     out.parent.mkdir(parents=True, exist_ok=True)
     if suffix in MESH_SUFFIXES:
+        import trimesh  # half a second, which commands that write no mesh save
+
         mesh = mesh_of(model)
         if isinstance(mesh.visual, trimesh.visual.TextureVisuals):
             mesh.visual.material.name = out.stem  # or the files that an .obj refers to have the same names for all
@@ -58,8 +63,10 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
 
 
-def mesh_of(model: MorphableModel) -> trimesh.Trimesh:
+def mesh_of(model: MorphableModel) -> "trimesh.Trimesh":
     """The mean face, mm, with the mean albedo as vertex colours or the texture coordinates where the model has them."""
+    import trimesh
+
     colours = None
     if model.albedo_mean is not None:
         colours = np.clip(255 * model.albedo_mean + 0.5, 0, 255).astype(np.uint8)

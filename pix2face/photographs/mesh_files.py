@@ -9,10 +9,9 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, final
+from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Float64, Int, UInt8
 from numpy import ndarray
 from PIL import Image
@@ -21,6 +20,9 @@ from pix2face.errors import UsageError
 from pix2face.files.images import encode_image
 from pix2face.files.srgb import srgb_to_linear
 from pix2face.models.morphable_model import MorphableModel
+
+if TYPE_CHECKING:
+    import trimesh
 
 MeshFormat = Literal["obj", "ply", "glb"]
 
@@ -127,11 +129,15 @@ def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:
 
 
 def _write_ply(path: Path, mesh: FaceMesh) -> None:
+    import trimesh  # half a second, which commands that write no such mesh save
+
     plain = trimesh.Trimesh(mesh.vertices, mesh.model.triangles, vertex_colors=mesh.vertex_colours, process=False)
     path.write_bytes(_exported(plain, "ply"))
 
 
 def _write_glb(path: Path, mesh: FaceMesh) -> None:
+    import trimesh
+
     vertices = mesh.vertices * GLTF_UNITS_PER_MM
     if mesh.texture is not None:
         vertex, uv, triangles = split_at_seams(mesh.model)
@@ -146,7 +152,7 @@ def _write_glb(path: Path, mesh: FaceMesh) -> None:
     path.write_bytes(_exported(shown, "glb"))
 
 
-def _exported(mesh: trimesh.Trimesh, kind: MeshFormat) -> bytes:
+def _exported(mesh: "trimesh.Trimesh", kind: MeshFormat) -> bytes:
     content = mesh.export(file_type=kind)
     assert isinstance(content, bytes)
     return content

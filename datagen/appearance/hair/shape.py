@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from numpy import ndarray
-from scipy.interpolate import LinearNDInterpolator
 
 from datagen.appearance.hair.bound_meshes import BoundMesh
 from datagen.appearance.hair.styles import Hairdo
@@ -158,6 +157,8 @@ def _depths() -> Float32[ndarray, "rows columns"]:
     front = model.mean[vertices].astype(np.float64)
     front = front[front[:, 2] > -20]
     x, y = np.meshgrid(np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-6, CELL_MM), row_heights())
+    from scipy.interpolate import LinearNDInterpolator  # a third of a second, which plain pictures save
+
     interpolate = LinearNDInterpolator(front[:, :2], front[:, 2])
     depth = np.nan_to_num(interpolate(x, y), nan=-20.0).astype(np.float32)
     return cv2.GaussianBlur(depth, (0, 0), 1.5)

@@ -10,7 +10,7 @@ import pytest
 
 from pix2face.shards.layers import LAYERS
 
-pytestmark = pytest.mark.gl
+pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("drawn_back_ends")]  # the pictures are drawn once
 
 SIZE, N = 96, 16
 # Light as it falls, before noise could hide differences, and the bytes that it becomes before they are a file.

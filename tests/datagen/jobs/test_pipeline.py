@@ -79,6 +79,7 @@ def test_shards_hold_what_the_oracle_renders(rendered: Path, inputs: Path) -> No
     )
 
 
+@pytest.mark.usefixtures("measured_processes")
 def test_more_workers_give_the_same_bytes(rendered: Path, inputs: Path, tmp_path: Path) -> None:
     run(inputs, tmp_path, workers=2)
     for path in shard_paths(rendered):

@@ -27,6 +27,7 @@ def joined(batches: list[Batch]) -> Batch:
     )
 
 
+@pytest.mark.usefixtures("measured_processes")
 def test_worker_processes_and_their_cache_change_nothing(shards):
     alone = BatchLoader(shards, RECIPE, workers=0, cache_bytes=0)
     shared = BatchLoader(shards, RECIPE, workers=2, cache_bytes=10**7)

@@ -61,6 +61,7 @@ def wait_for_steps(out: Path, steps: int, process: subprocess.Popen[str]) -> Non
         time.sleep(0.05)
 
 
+@pytest.mark.usefixtures("measured_processes")
 def test_two_processes_have_the_losses_of_one(shards_dir, tmp_path):
     epochs = ["--epochs", "8", "--epoch-size", "4"]  # a step each, and so a line of the log
     pair = start_two(options(shards_dir, tmp_path / "two", *epochs))

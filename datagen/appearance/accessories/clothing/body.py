@@ -7,7 +7,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int32, Int64
 from numpy import ndarray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from datagen.appearance.accessories.head_fit import neck_rim
@@ -172,6 +171,8 @@ def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[
 @lru_cache(maxsize=1)
 def _spline_weights() -> Float64[ndarray, "r k"]:
     """Rows of the grid from the rings, smooth along the body."""
+    from scipy.interpolate import CubicSpline  # a third of a second, which plain pictures save
+
     keys = np.concatenate([[_INSIDE, -1.0], _RINGS[:, 0]])
     return np.asarray(CubicSpline(keys, np.eye(len(keys)), bc_type="natural")(_PLACES))
 

@@ -102,15 +102,14 @@ def test_brows_lie_upon_the_skin_in_every_expression(model: MorphableModel, head
 
 
 def test_no_strand_comes_through_the_forehead(model: MorphableModel, heads: list[PosedHead]) -> None:
-    for name in LAYERS:
-        mesh = bound_mesh(name)
-        near = mesh.triangles[_over_forehead(mesh)]
-        if not len(near):
-            continue
-        for head in heads[:5]:
+    meshes = {mesh: mesh.triangles[_over_forehead(mesh)] for mesh in map(bound_mesh, LAYERS)}
+    for head in heads[:5]:
+        skin = _skin(model, head.neutral.astype(np.float64), "skin", "brows", "scalp")
+        for mesh, near in meshes.items():
+            if not len(near):
+                continue
             points = (mesh.mean + mesh.displacements(head.neutral, model.mean))[mesh.point_of_vertex]
             corners = points[near].astype(np.float64)
-            skin = _skin(model, head.neutral.astype(np.float64), "skin", "brows", "scalp")
             samples = np.concatenate([corners, corners.mean(axis=1, keepdims=True)], axis=1)
             heights = _heights(skin, samples.reshape(-1, 3)).reshape(-1, 4)
             cuts = (heights.min(axis=1) < -0.7) & (heights.max(axis=1) > 0.3)
