@@ -29,7 +29,8 @@ from pix2face.evaluation.figures.attribute_bins import AttributeValues, attribut
 from pix2face.evaluation.figures.bootstrap import Bootstrap
 from pix2face.evaluation.report.compare_cli import compare
 from pix2face.evaluation.report.evaluation_report import EvaluationSettings, Report, make_report
-from pix2face.evaluation.report.report_files import Cases, write_report
+from pix2face.evaluation.report.report_files import write_report
+from pix2face.evaluation.report.report_pictures import Cases
 from pix2face.evaluation.report.report_text import report_notes, report_tables
 from pix2face.evaluation.subjects.measured_subject import open_subject, versions
 from pix2face.fitting.fit_options import DEFAULT_FIT

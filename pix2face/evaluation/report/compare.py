@@ -20,7 +20,7 @@ from pix2face.evaluation.figures.bootstrap import (
     mean_of,
     weighted_mean_of,
 )
-from pix2face.evaluation.report.report_json import FORMAT, SCHEMA_VERSION
+from pix2face.evaluation.report.report_files import FORMAT, SCHEMA_VERSION
 from pix2face.geometry.landmark_metrics import POINT_SETS
 
 # What must be the same in both for their errors to mean the same.

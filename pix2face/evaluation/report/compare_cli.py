@@ -43,7 +43,7 @@ def compare(config: Annotated[CompareConfig, tyro.conf.arg(name="")]) -> int:
     bootstrap = Bootstrap(config.resamples, config.seed)
     comparison = compare_reports(a, b, bootstrap)
     console = Console()
-    console.print(terminal_table(a.benchmark["title"], _cells(comparison)))
+    console.print(terminal_table(a.benchmark["title"], *_cells(comparison)))
     for note in _notes(a, b, comparison, bootstrap):
         say(console, note)
     if config.out is not None:

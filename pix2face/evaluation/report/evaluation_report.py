@@ -26,8 +26,14 @@ from pix2face.evaluation.figures.bootstrap import (
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_of_coefficients, mean_of_maps
 from pix2face.geometry.alignment3d import Alignment
-from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS, ErrorSummary, summarise
+from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS, ErrorSummary, Normaliser, summarise
 
+NORMALISERS: dict[Normaliser, str] = {
+    "outer-eye": "distance of the true outer eye corners",
+    "inter-pupil": "distance of the means of the six true points of each eye",
+    "box-sqrt": "sqrt(width x height) of the tight box of the true 68 points",
+    "box-diagonal": "diagonal of the tight box of the true 68 points",
+}
 BASELINE_RULE = (
     "the mean face's landmarks seen from the front, scaled alike in both directions so that their tight box has the "
     "area of the true box, centre on centre"

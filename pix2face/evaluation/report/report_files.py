@@ -1,27 +1,40 @@
-"""Writes an evaluation: ``report.json``, one page, the pictures on it, and the landmarks that were found."""
+"""Writes an evaluation: ``report.json``, a page that needs no other file, its pictures, and the landmarks found."""
 
 import json
-from collections.abc import Sequence
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from html import escape
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.errors import UsageError
-from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
-from pix2face.evaluation.evaluator import FaceResult
-from pix2face.evaluation.report.evaluation_report import Report
-from pix2face.evaluation.report.report_json import report_as_json
-from pix2face.evaluation.report.report_page import picture_html, report_page
-from pix2face.evaluation.report.report_pictures import curve3d_png, curve_png, face_svg
-from pix2face.evaluation.report.report_text import all_cells, report_notes
-from pix2face.evaluation.report.worst_cases import cases_sheet
+from pix2face.evaluation.evaluator import BASELINE, FaceResult
+from pix2face.evaluation.figures.bootstrap import CONFIDENCE
+from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, NORMALISERS, Report
+from pix2face.evaluation.report.report_pictures import Cases, cases_sheet, curve3d_png, curve_png, face_svg
+from pix2face.evaluation.report.report_text import ReportTable, all_tables, report_notes
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
+from pix2face.files.images import encode_photograph
+from pix2face.geometry.alignment3d import ALIGNMENTS
+from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS
 
-Cases = Sequence[tuple[BenchmarkFace, FaceResult]]
-CAPTION = "Green: true landmarks. Red: found landmarks."
+SCHEMA_VERSION = 2
+FORMAT = "pix2face-evaluation"
+# Of more faces (frames of video) the error of each single landmark is left out: landmarks.npz tells it in less space.
+MOST_FACES_IN_FULL = 5000
+
+_STYLE = """
+body { font-family: sans-serif; margin: 2em auto; max-width: 75em; color: #222; line-height: 1.4; }
+table { border-collapse: collapse; margin-bottom: 1.6em; } caption { text-align: left; padding: .4em 0; color: #444; }
+th, td { padding: .3em .8em; border-bottom: 1px solid #ccc; text-align: right; }
+th:first-child, td:first-child { text-align: left; } img, svg { max-width: 100%; height: auto; }
+"""
 
 
 def write_report(
@@ -42,11 +55,12 @@ def write_report(
     Raises:
         UsageError: The folder cannot be written to.
     """
+    errors_of = f"{report.manifest.title}: mean errors in % of the {NORMALISERS[report.manifest.normaliser]}"
     contents = {
         "report.json": json.dumps(report_as_json(report), indent=1, allow_nan=False).encode(),
         "curve.png": curve_png(report),
-        "worst.jpg": _jpeg(cases_sheet(worst)),
-        "best.jpg": _jpeg(cases_sheet(best)),
+        "worst.jpg": encode_photograph(cases_sheet(worst, f"Worst cases. {errors_of}")),
+        "best.jpg": encode_photograph(cases_sheet(best, f"Best cases. {errors_of}")),
     }
     in_space = curve3d_png(report)
     if in_space is not None:
@@ -62,18 +76,86 @@ def write_report(
     return [folder / name for name in (*contents, "landmarks.npz")]
 
 
-def _page(report: Report, contents: dict[str, bytes], frontal_face: Float64[ndarray, "68 2"]) -> str:
-    method = report.settings.method
-    sections = [("Error curve", "", picture_html(contents["curve.png"], "png", "Cumulative error distribution"))]
-    if "curve3d.png" in contents:
-        picture = picture_html(contents["curve3d.png"], "png", "Cumulative distribution of distances in 3D")
-        sections.append(("Error curve in 3D", "", picture))
-    drawn = face_svg(report.mean_of_landmarks(method), frontal_face)
-    sentence = f"Row {method}: area and colour by the mean error; point at a disc for its number (from 1) and figure."
-    sections.append(("Error of each landmark", sentence, drawn))
-    for heading, name in (("Worst cases", "worst.jpg"), ("Best cases", "best.jpg")):
-        sections.append((heading, CAPTION, picture_html(contents[name], "jpeg", heading)))
-    return report_page(report.manifest.title, all_cells(report), report_notes(report), sections)
+def report_as_json(report: Report) -> dict[str, Any]:
+    """The report as plain data for a JSON file. Errors are fractions; that of a face that was not found is null."""
+    facts = asdict(report.manifest)
+    for lists in ("parts", "landmark_indices", "other_truths", "reannotated_files", "pictures_in", "by"):
+        del facts[lists]  # the manifest has them
+    settings = report.settings
+    return {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "benchmark": facts,
+        "method": settings.method,
+        "contour": settings.contour,
+        "baseline": BASELINE_RULE,
+        "bootstrap": {
+            **asdict(settings.bootstrap),
+            "confidence": CONFIDENCE,
+            "drawn": "clips" if any(result.clip is not None for result in report.results) else "images",
+        },
+        "subject": report.subject,
+        "n_evaluated": len(report.results),
+        "n_missing": len(report.missing),
+        "n_unreadable": len(report.unreadable),
+        "n_failed": report.n_failed,
+        "n_angles_beyond_99_deg": report.n_unusual_angles,
+        "table": [asdict(row) for row in report.rows],
+        "parts": {
+            method: {part: _number(value) for part, value in report.mean_of_parts(method).items()}
+            for method in report.methods
+        },
+        "landmarks": {method: _numbers(report.mean_of_landmarks(method)) for method in report.methods},
+        "by": [asdict(own) for own in report.by],
+        "table3d": _table3d(report),
+        "poses": None if report.poses is None else {name: asdict(own) for name, own in report.poses.items()},
+        "map_errors": None if report.maps is None else asdict(report.maps),
+        "coefficient_errors": None if report.coefficients is None else asdict(report.coefficients),
+        "missing": list(report.missing),
+        "unreadable": [asdict(face) for face in report.unreadable],
+        "faces": [_face_as_json(result, len(report.results) <= MOST_FACES_IN_FULL) for result in report.results],
+    }
+
+
+def _table3d(report: Report) -> dict[str, Any] | None:
+    if not report.rows3d:
+        return None
+    alignment = report.settings.alignment
+    return {
+        "unit": "the data's",
+        "alignment": alignment,
+        "alignment_in_words": ALIGNMENTS[alignment],
+        "threshold": report.manifest.threshold3d,
+        "table": [asdict(row) for row in report.rows3d],
+    }
+
+
+def _face_as_json(result: FaceResult, is_in_full: bool) -> dict[str, Any]:
+    errors = result.landmark_errors
+    return {
+        "name": result.name,
+        "group": result.group,
+        "clip": result.clip,
+        "yaw_deg": result.yaw_deg,
+        "has_unusual_angle": result.has_unusual_angle,
+        "errors": {points: _number(result.error(points)) for points in POINT_SETS},
+        "baseline": {points: _number(result.error(points, BASELINE)) for points in POINT_SETS},
+        "parts": {part: _number(errors[list(indices)].mean()) for part, indices in PARTS.items()},
+        "landmarks": _numbers(errors.round(6)) if is_in_full else None,
+        "failure": result.failure,
+        "pose_deg": None if result.pose_deg is None else _numbers(result.pose_deg),
+        "distance3d": None if result.distances3d is None else _number(result.distances3d.mean()),
+        "maps": None if result.maps is None else asdict(result.maps),
+        "coefficients": None if result.coefficients is None else asdict(result.coefficients),
+    }
+
+
+def _numbers(values: Float[ndarray, " n"]) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def _write_landmarks(report: Report, path: Path) -> None:
@@ -92,5 +174,56 @@ def _write_landmarks(report: Report, path: Path) -> None:
     )
 
 
-def _jpeg(image: UInt8[ndarray, "h w 3"]) -> bytes:
-    return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1])
+def _page(report: Report, contents: Mapping[str, bytes], frontal_face: Float64[ndarray, "68 2"]) -> str:
+    """One HTML file that needs nothing beside it and nothing from the network; every text is escaped."""
+    title, method = escape(report.manifest.title), report.settings.method
+    subject = next(
+        (report.subject[key] for key in ("checkpoint", "predictions", "oracle") if key in report.subject), ""
+    )
+    measured = f"{method}: {subject}. " if subject else ""
+    written = f"{measured}Evaluated on {datetime.now(UTC):%Y-%m-%d at %H:%M} UTC."
+    tables = "\n".join(table_html(table) for table in all_tables(report))
+    notes = "\n".join(f"<li>{escape(note)}</li>" for note in report_notes(report))
+    unit = f"% of the {NORMALISERS[report.manifest.normaliser]}"
+    sections = [
+        ("Error curve", _picture(contents["curve.png"], "png", "Cumulative error distribution")),
+        (
+            f"Mean error of each landmark (row {escape(method)})",
+            "<p>The area and the colour of a disc follow the error; point at a disc for its number (from 1) and its "
+            f"error.</p>{face_svg(report.mean_of_landmarks(method), frontal_face, unit)}",
+        ),
+        ("Worst cases", _picture(contents["worst.jpg"], "jpeg", "Worst cases")),
+        ("Best cases", _picture(contents["best.jpg"], "jpeg", "Best cases")),
+    ]
+    if "curve3d.png" in contents:
+        curve3d = _picture(contents["curve3d.png"], "png", "Cumulative distribution of distances in 3D")
+        sections.insert(1, ("Error curve in 3D", curve3d))
+    shown = "\n".join(f"<h2>{heading}</h2>{content}" for heading, content in sections)
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style></head><body>
+<h1>{title}</h1>
+<p>{escape(written)}</p>
+{tables}
+<ul>
+{notes}
+</ul>
+{shown}
+</body></html>
+"""
+
+
+def table_html(table: ReportTable) -> str:
+    """A table with its caption; every text is escaped."""
+    head = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
+    body = "\n".join(_row_html(line) for line in table.lines)
+    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
+    return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table>"
+
+
+def _row_html(cells: Sequence[str]) -> str:
+    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
+
+
+def _picture(content: bytes, kind: str, description: str) -> str:
+    data = b64encode(content).decode("ascii")
+    return f'<p><img src="data:image/{kind};base64,{data}" alt="{escape(description)}"></p>'

@@ -1,6 +1,7 @@
 """What a reader is shown of an evaluation: tables as text, and a note for everything without which they say little."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
@@ -11,18 +12,12 @@ from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS
 from pix2face.evaluation.figures.attribute_bins import ErrorsByAttribute
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Interval
 from pix2face.evaluation.figures.pose_summary import ANGLES
-from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, Report, ReportRow
+from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, NORMALISERS, Report, ReportRow
 from pix2face.geometry.alignment3d import ALIGNMENTS
-from pix2face.geometry.landmark_metrics import ErrorSummary, Normaliser
+from pix2face.geometry.landmark_metrics import ErrorSummary
 
 N_NAMES_SHOWN = 10
 NO_FIGURE = "–"
-NORMALISERS: dict[Normaliser, str] = {
-    "outer-eye": "distance of the true outer eye corners",
-    "inter-pupil": "distance of the means of the six true points of each eye",
-    "box-sqrt": "sqrt(width x height) of the tight box of the true 68 points",
-    "box-diagonal": "diagonal of the tight box of the true 68 points",
-}
 METHODS = {
     "network": "landmarks of the fit to the maps",
     "predictions": "landmarks of another system, from its file",
@@ -32,44 +27,62 @@ METHODS = {
 # As headings: the columns of a table are narrow.
 SHORT_GROUPS = dict(zip(YAW_BINS, ("to 30°", "to 60°", "above"), strict=True))
 
-Cells = tuple[list[str], list[list[str]]]
+
+class ReportTable(NamedTuple):
+    """A table as text: what it shows, its headings, and its lines."""
+
+    caption: str
+    columns: list[str]
+    lines: list[list[str]]
 
 
-def table_cells(report: Report) -> Cells:
-    """Headings and lines of the main table, as text; errors in per cent."""
+def main_table(report: Report) -> ReportTable:
+    """The errors of the landmarks, in per cent."""
     groups = list(report.rows[0].groups)
-    threshold = f"{100 * report.manifest.threshold:g} %"
+    counted_on, threshold = f"{report.manifest.what_is_counted}s", f"{100 * report.manifest.threshold:g} %"
     is_binned = report.manifest.groups == "yaw"
     headings = [SHORT_GROUPS.get(group, group) for group in groups] if len(groups) > 1 else []
     columns = ["in %", "points", *headings, *(["mean of bins"] if is_binned else [])]
-    columns += [f"mean of {report.manifest.what_is_counted}s", "median", f"AUC to {threshold}"]
-    columns += [f"above {threshold}", "not found"]
+    columns += [f"mean of {counted_on}", "median", f"AUC to {threshold}", f"above {threshold}", "not found"]
     lines = [_line(row, with_groups=len(groups) > 1, is_binned=is_binned) for row in report.rows]
-    counts = [f"{report.manifest.what_is_counted}s", NO_FIGURE]
+    counts = [counted_on, NO_FIGURE]
     counts += [str(report.rows[0].groups[group].n_images) for group in groups if len(groups) > 1]
     counts += [NO_FIGURE] * is_binned + [str(len(report.results)), *[NO_FIGURE] * 4]
-    return columns, [*lines, counts]
+    own_columns = "mean in each bin of |yaw|, unweighted mean of the bins" if is_binned else "mean in each part"
+    caption = (
+        f"Mean error of the landmarks, {_unit(report)}, over all 68 points or the 51 inside the face. Columns: "
+        f"{own_columns if headings else ''}{', ' if headings else ''}mean and median over all {counted_on}, area under "
+        f"the error curve (AUC) up to {threshold}, share of {counted_on} with a larger error, number of faces that "
+        "were not found."
+    )
+    return ReportTable(caption, columns, [*lines, counts])
 
 
-def interval_cells(report: Report) -> Cells:
-    """The 95 % intervals of the headline figures; errors in per cent."""
+def _unit(report: Report) -> str:
+    return f"in % of the {NORMALISERS[report.manifest.normaliser]}"
+
+
+def _interval_table(report: Report) -> ReportTable | None:
+    if not report.settings.bootstrap.n_resamples:
+        return None
     names = {"mean_of_groups": "mean of bins", "mean": "mean", "median": "median"}
     names |= {"area_under_curve": "AUC", "failure_rate": "above threshold"}
     if report.manifest.groups != "yaw":
         del names["mean_of_groups"]
     lines = [[row.method, row.points, *(_interval(row.intervals.get(name)) for name in names)] for row in report.rows]
-    return [f"{100 * CONFIDENCE:g} % interval, in %", "points", *names.values()], lines
+    interval = f"{100 * CONFIDENCE:g} % interval"
+    caption = f"{interval}s (bootstrap) of the figures above, {_unit(report)}; AUC and failures in %."
+    return ReportTable(caption, [f"{interval}, in %", "points", *names.values()], lines)
 
 
-def part_cells(report: Report) -> Cells:
-    """The error of each part of the face; in per cent."""
+def _part_table(report: Report) -> ReportTable:
     parts = {method: report.mean_of_parts(method) for method in report.methods}
     lines = [[method, *(_number(value) for value in own.values())] for method, own in parts.items()]
-    return ["in %", *next(iter(parts.values()))], lines
+    caption = f"Mean error of the landmarks of each part of the face, {_unit(report)}, over the faces that were found."
+    return ReportTable(caption, ["in %", *next(iter(parts.values()))], lines)
 
 
-def cells3d(report: Report) -> Cells | None:
-    """Distances in space, in the unit of the data; None where the truth has none."""
+def _table3d(report: Report) -> ReportTable | None:
     if not report.rows3d:
         return None
     threshold = report.manifest.threshold3d or 0
@@ -79,11 +92,11 @@ def cells3d(report: Report) -> Cells | None:
         own = row.all_images
         figures = [_number(own.mean, 1, 3), _interval(row.intervals["mean"], 1), _number(own.median, 1, 3)]
         lines.append([row.method, row.points, *figures, _number(own.area_under_curve, 100, 1), str(own.n_failed)])
-    return columns, lines
+    caption = "Mean distance of the landmarks in 3D after alignment, in the data's unit; AUC in %."
+    return ReportTable(caption, columns, lines)
 
 
-def pose_cells(report: Report) -> Cells | None:
-    """Errors of the pose by bin; None where truth or subject have no pose."""
+def _pose_table(report: Report) -> ReportTable | None:
     if report.poses is None:
         return None
     columns = ["pose, degrees", report.manifest.what_is_counted + "s"]
@@ -95,11 +108,14 @@ def pose_cells(report: Report) -> Cells | None:
         means = (own.mean_of_angles_deg, own.mean_rotation_deg, own.yaw_shrinkage_deg)
         figures += [_number(value, 1) for value in means]
         lines.append([SHORT_GROUPS.get(name, name), str(own.n_images), *figures])
-    return columns, lines
+    caption = (
+        "Errors of the head's pose in bins of the true |yaw|, in degrees. MAE: mean absolute error. Bias: mean of "
+        "found minus true. Rotation: mean angle between the found and the true head."
+    )
+    return ReportTable(caption, columns, lines)
 
 
-def attribute_cells(own: ErrorsByAttribute, report: Report) -> Cells:
-    """Errors over 68 points in bins of an attribute; in per cent."""
+def _attribute_table(own: ErrorsByAttribute, report: Report) -> ReportTable:
     above = f"above {100 * report.manifest.threshold:g} %"
     columns = [f"{own.attribute}, in %", f"{report.manifest.what_is_counted}s", "mean", "interval", "median"]
     lines = []
@@ -107,41 +123,44 @@ def attribute_cells(own: ErrorsByAttribute, report: Report) -> Cells:
         found = row.errors
         line = [row.name, str(found.n_images), _number(found.mean), _interval(row.interval), _number(found.median)]
         lines.append([*line, _number(found.failure_rate, digits=1), str(found.n_failed)])
-    return [*columns, above, "not found"], lines
+    caption = f"Mean error over 68 points by {own.attribute}, {_unit(report)}."
+    return ReportTable(caption, [*columns, above, "not found"], lines)
 
 
-def all_cells(report: Report) -> list[Cells]:
+def all_tables(report: Report) -> list[ReportTable]:
     """Every table that the report has, the main one first."""
-    tables: Sequence[Cells | None] = (
-        table_cells(report),
-        interval_cells(report) if report.settings.bootstrap.n_resamples else None,
-        part_cells(report),
-        cells3d(report),
-        pose_cells(report),
-        *(attribute_cells(own, report) for own in report.by),
+    tables = (
+        main_table(report),
+        _interval_table(report),
+        _part_table(report),
+        _table3d(report),
+        _pose_table(report),
+        *(_attribute_table(own, report) for own in report.by),
     )
-    return [cells for cells in tables if cells is not None]
+    return [table for table in tables if table is not None]
 
 
 def report_tables(report: Report) -> list[Table]:
-    """The tables for a terminal."""
-    titles = [report.manifest.title, *[""] * len(all_cells(report))]
-    return [terminal_table(title, cells) for title, cells in zip(titles, all_cells(report), strict=False)]
+    """The tables for a terminal, the first below the title."""
+    return [
+        terminal_table("" if index else report.manifest.title, table.columns, table.lines)
+        for index, table in enumerate(all_tables(report))
+    ]
 
 
-def terminal_table(title: str, cells: Cells) -> Table:
+def terminal_table(title: str, columns: Sequence[str], lines: Sequence[Sequence[str]]) -> Table:
     """A table for a terminal, no word of it cut."""
     # Names and texts may come from shards, which anybody may have written.
-    columns, lines = [printable(cell) for cell in cells[0]], [[printable(cell) for cell in line] for line in cells[1]]
+    shown = [[printable(cell) for cell in line] for line in (columns, *lines)]
     table = Table(title=escape(title) or None, box=SIMPLE_HEAD, padding=0, show_edge=False)
-    for i, column in enumerate(columns):
+    for index, cells in enumerate(zip(*shown, strict=True)):
         table.add_column(
-            escape(column),
-            justify="left" if i == 0 else "right",
+            escape(cells[0]),
+            justify="right" if index else "left",
             vertical="bottom",
-            width=_width(column, [line[i] for line in lines]),
+            width=_width(cells[0], cells[1:]),
         )
-    for line in lines:
+    for line in shown[1:]:
         table.add_row(*(escape(cell) for cell in line))
     return table
 

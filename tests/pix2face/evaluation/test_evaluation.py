@@ -11,7 +11,7 @@ from pix2face.evaluation.benchmarks.benchmark_search import find_benchmark
 from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.evaluation.evaluator import BASELINE, Evaluator, evaluate_faces, mean_face_in_box
 from pix2face.evaluation.report.evaluation_report import EvaluationSettings, make_report
-from pix2face.evaluation.report.report_json import report_as_json
+from pix2face.evaluation.report.report_files import report_as_json
 from pix2face.evaluation.subjects.subjects import NetworkSubject
 from pix2face.evaluation.subjects.truth_errors import errors_of_maps
 from pix2face.geometry.crops import FaceBox

@@ -2,6 +2,7 @@
 
 import json
 import re
+from datetime import UTC, datetime
 from io import StringIO
 
 import cv2
@@ -15,9 +16,8 @@ from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.evaluation.evaluator import Evaluator, frontal_landmarks
 from pix2face.evaluation.report.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.evaluation.report.report_files import write_report
-from pix2face.evaluation.report.report_pictures import face_svg
-from pix2face.evaluation.report.report_text import SHORT_GROUPS, all_cells, report_notes, report_tables, table_cells
-from pix2face.evaluation.report.worst_cases import TRUE_RGB, cases_sheet, draw_outlined_landmarks
+from pix2face.evaluation.report.report_pictures import TRUE_RGB, cases_sheet, draw_outlined_landmarks, face_svg
+from pix2face.evaluation.report.report_text import SHORT_GROUPS, all_tables, main_table, report_notes, report_tables
 from pix2face.evaluation.subjects.predictions_file import read_predictions
 from pix2face.evaluation.subjects.subjects import NetworkSubject
 from pix2face.geometry.crops import FaceBox
@@ -87,7 +87,7 @@ def test_every_figure_of_the_table_is_in_the_json(tmp_path):
     report = report_of("aflw2000-3d", "|yaw| <= 30°")
     write_report(report, [], [], FRONT, tmp_path)
     table = json.loads((tmp_path / "report.json").read_text())["table"]
-    columns, lines = table_cells(report)
+    _, columns, lines = main_table(report)
     for row, line in zip(table, lines, strict=False):
         cells = dict(zip(columns, line, strict=True))
         assert cells["to 30°"] == f"{100 * row['groups']['|yaw| <= 30°']['mean']:.2f}"
@@ -106,10 +106,26 @@ def test_the_page_needs_nothing_beside_it_and_shows_every_table(tmp_path):
     page = (tmp_path / "index.html").read_text()
     sources = re.findall(r'(?:src|href)="([^"]{0,22})', page)
     assert sources == ["data:image/png;base64,", *["data:image/jpeg;base64"] * 2]
-    assert page.count("<table>") == len(all_cells(report)) == 3  # figures, intervals, parts
+    assert page.count("<table>") == len(all_tables(report)) == 3  # figures, intervals, parts
     assert page.count("<circle") == 68
     for column in SHORT_GROUPS.values():
         assert f"<th>{column}</th>" in page
+
+
+def test_the_page_says_what_was_measured_when_and_in_which_unit(tmp_path):
+    report = report_of("aflw2000-3d", "|yaw| <= 30°")
+    write_report(report, [], [], FRONT, tmp_path)
+    page = (tmp_path / "index.html").read_text()
+    assert f"network: runs/x (epoch 3). Evaluated on {datetime.now(UTC):%Y-%m-%d}" in page
+    captions = re.findall("<caption>(.*?)</caption>", page)
+    assert len(captions) == len(all_tables(report))
+    normaliser = "in % of the sqrt(width x height) of the tight box of the true 68 points"
+    assert all(normaliser in caption for caption in captions)
+    assert "unweighted mean of the bins" in captions[0]
+    largest = 100 * report.mean_of_landmarks().max()
+    labels = [float(label) for label in re.findall(r'<text x="[\d.]+" y="[\d.]+">([\d.]+)</text>', page)]
+    assert labels == pytest.approx(np.linspace(0, largest, 5), abs=0.051)
+    assert f"mean error, {normaliser.removeprefix('in ')}" in page
 
 
 def test_the_drawn_face_has_the_largest_disc_at_the_worst_landmark():
@@ -204,9 +220,9 @@ def test_table_has_the_baseline_and_no_column_for_a_single_part():
     text = printed(report_of())
     baseline = [line.split()[:2] for line in text.splitlines() if line.startswith("baseline")]
     assert baseline[:2] == [["baseline", "68"], ["baseline", "51"]]
-    assert "above 8 %" in table_cells(report_of())[0]
+    assert "above 8 %" in main_table(report_of()).columns
     assert "mean of bins" not in text
-    assert table_cells(report_of())[0][2] == "mean of images"
+    assert main_table(report_of()).columns[2] == "mean of images"
 
 
 def test_the_widest_table_fits_into_80_columns():
@@ -251,4 +267,7 @@ def test_sheet_holds_every_case(n):
     result = report_of().results[0]
     sheet = cases_sheet([(FACES[0], result)] * n)
     columns, rows = min(max(n, 1), 4), max(-(-n // 4), 1)
-    assert sheet.shape == (rows * 320, columns * 280, 3)
+    assert sheet.shape == (56 + rows * 320, columns * 280, 3)
+    named = cases_sheet([(FACES[0], result)] * n, "Worst cases")
+    assert (named[:28] != sheet[:28]).any()
+    np.testing.assert_array_equal(named[28:], sheet[28:])
