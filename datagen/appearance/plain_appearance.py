@@ -13,7 +13,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.scene import Colour, Surface
-from pix2face.files.srgb import srgb_to_linear
+from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 
 MAX_LIGHTS = 3  # as in picture_fragment.glsl

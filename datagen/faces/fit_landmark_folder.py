@@ -15,7 +15,7 @@ from datagen.faces.sources import FaceSource, folder_sha256, is_text, picture_of
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError
 from pix2face.face_files.annotations import AnnotatedFace, find_annotations
 from pix2face.face_files.coefficients import Face
-from pix2face.files.picture_size import read_size_px
+from pix2face.files.images import read_size_px
 from pix2face.fitting.from_landmarks import LandmarkFit, LandmarkModel, fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
 from pix2face.geometry.crops import FaceBox

@@ -21,7 +21,7 @@ from numpy import ndarray
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.w300lp import CoefficientFile, camera_of_pose, read_coefficient_file, read_landmark_file
-from pix2face.files.picture_size import read_size_px
+from pix2face.files.images import read_size_px
 from pix2face.fitting.from_landmarks import LandmarkFit, LandmarkModel, fit_landmarks
 from pix2face.geometry.camera import Camera, WeakPerspective, nearest_weak_perspective, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel

@@ -19,7 +19,7 @@ from pix2face.errors import InputFileError, ModelMismatchError, SampleRejectedEr
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import Face, FaceCoefficients, load_coefficients
 from pix2face.face_files.w300lp import N_LIGHTING, CoefficientFile, camera_of_pose, read_coefficient_file
-from pix2face.files.picture_size import read_size_px
+from pix2face.files.images import read_size_px
 from pix2face.model_formats.bfm2009 import standard_deviations_of_300wlp
 from pix2face.models.morphable_model import MorphableModel
 

@@ -19,6 +19,7 @@ from numpy import ndarray
 
 from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_colour
 from datagen.inspection.preview import sample_picture
+from pix2face.files.images import encode_image, encode_photograph
 from pix2face.shards.layers import LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 
@@ -109,16 +110,13 @@ def _picture_url(content: bytes, picture: UInt8[ndarray, "h w 3"]) -> str:
     if max(picture.shape[:2]) <= LARGEST_SIDE_PX and content.startswith(b"\x89PNG"):
         return _url("png", content)
     # JPEG files are encoded anew as well: a browser would turn them by their orientation tag, the maps would not turn.
-    bgr = cv2.cvtColor(_limited(picture), cv2.COLOR_RGB2BGR)
-    return _url("jpeg", bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]))
+    return _url("jpeg", encode_photograph(_limited(picture), 92))
 
 
 def _layer_url(name: str, layers: Mapping[str, ndarray]) -> str:
     """A layer, transparent where it does not hold."""
     alpha = layer_mask(name, layers)[..., None] * np.uint8(255)
-    painted = cv2.cvtColor(layer_picture(name, layers), cv2.COLOR_RGB2BGR)
-    rgba = _limited(np.concatenate([painted, alpha], axis=2))
-    return _url("png", bytes(cv2.imencode(".png", rgba)[1]))
+    return _url("png", encode_image(_limited(np.concatenate([layer_picture(name, layers), alpha], axis=2))))
 
 
 def _limited(picture: Shaped[ndarray, "h w c"]) -> Shaped[ndarray, "h2 w2 c"]:

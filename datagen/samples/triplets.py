@@ -17,8 +17,7 @@ from datagen.samples.drawn_pictures import DrawnPicture, PictureSource, PlainPic
 from datagen.samples.stage_times import StageTimes
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
 from pix2face.face_files.coefficients import Face
-from pix2face.files.images import decode_image, encode_photograph, read_bytes
-from pix2face.files.picture_size import check_decodes
+from pix2face.files.images import check_decodes, decode_image, encode_photograph, read_bytes
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel, builtin_model

@@ -6,13 +6,13 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import cv2
 import numpy as np
 import OpenEXR
 from jaxtyping import Bool, Float32, UInt16
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.files.images import encode_image
 from pix2face.inference.predictor import Prediction
 
 # 16-bit PNG: code = 128 mm + 32768, so a step is 1/128 mm; 0 is kept for pixels outside the mask.
@@ -63,9 +63,9 @@ def _write_npz(folder: Path, name: str, prediction: Prediction) -> None:
 def _write_png16(folder: Path, name: str, prediction: Prediction) -> None:
     maps = prediction.maps
     pncc, offset = (maps_to_png16(values, maps.mask) for values in (maps.pncc, maps.offset))
-    planes = {"pncc": pncc[..., ::-1], "offset": offset[..., ::-1], "mask": maps.mask.astype(np.uint8) * 255}
-    for suffix, plane in planes.items():  # x, y, z as red, green, blue; OpenCV takes blue first
-        (folder / f"{name}-{suffix}.png").write_bytes(cv2.imencode(".png", plane)[1].tobytes())
+    planes = {"pncc": pncc, "offset": offset, "mask": maps.mask.astype(np.uint8) * 255}  # x, y, z as red, green, blue
+    for suffix, plane in planes.items():
+        (folder / f"{name}-{suffix}.png").write_bytes(encode_image(plane))
     crop = {"image_from_crop": prediction.crop.image_from_crop.tolist(), "size_px": prediction.crop.size_px}
     (folder / f"{name}-crop.json").write_text(json.dumps(crop, indent=1))
 

@@ -17,8 +17,7 @@ from numpy import ndarray
 from PIL import Image
 
 from pix2face.errors import UsageError
-from pix2face.files.images import encode_image
-from pix2face.files.srgb import srgb_to_linear
+from pix2face.files.images import encode_image, srgb_to_linear
 from pix2face.models.morphable_model import MorphableModel
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from html import escape
 from importlib.resources import files
 from typing import Any, final
 
-import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from pix2face.command_line import printable
+from pix2face.files.images import encode_photograph
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
@@ -119,8 +119,7 @@ def _base64(values: ndarray, dtype: str) -> str:
 
 
 def _data_address(picture: UInt8[ndarray, "h w 3"]) -> str:
-    encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
-    return "data:image/jpeg;base64," + base64.b64encode(encoded).decode()
+    return "data:image/jpeg;base64," + base64.b64encode(encode_photograph(picture, JPEG_QUALITY)).decode()
 
 
 @cache

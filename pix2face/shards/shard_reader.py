@@ -7,7 +7,6 @@ then it has a temporary name, so an interrupted job leaves no half shard.
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import final
@@ -19,8 +18,7 @@ from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.images import decode_image
-from pix2face.files.picture_head import declared_size_px
+from pix2face.files.images import declared_size_px, decode_image
 from pix2face.files.text_columns import read_attributes
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.maps import FaceCut, FaceMaps
@@ -143,7 +141,7 @@ class ShardReader:
             InputFileError: It cannot be decoded, or is of another size.
         """
         content, where = self.image_bytes(index), f"{self.path}, sample {index}"
-        size_px, declared = self.size_px(index), declared_size_px(BytesIO(content))
+        size_px, declared = self.size_px(index), declared_size_px(content, where)
         if declared not in (None, size_px) and size_px != (0, 0):
             raise InputFileError(f"{where}: expected a picture like its layers, {size_px}, found one of {declared}")
         return decode_image(content, where)

@@ -8,7 +8,7 @@ import numpy as np
 from datagen.appearance.accessories.weaves import WEAVES, layer_of
 from datagen.appearance.scene import Colour, Material
 from datagen.random_streams import triple
-from pix2face.files.srgb import srgb_to_linear
+from pix2face.files.images import srgb_to_linear
 
 BLACK: Colour = (0.012, 0.012, 0.014)
 WHITE: Colour = (0.78, 0.78, 0.76)

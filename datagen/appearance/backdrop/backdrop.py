@@ -18,7 +18,7 @@ from datagen.appearance.light.sources import Light, PanoramaLight
 from datagen.appearance.photograph.lens import defocused
 from datagen.random_streams import Triple, rounded
 from pix2face.errors import UsageError
-from pix2face.files.srgb import srgb_to_linear
+from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera
 
 ENVIRONMENTS = ("environment", "other environment")

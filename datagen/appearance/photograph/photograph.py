@@ -13,8 +13,9 @@ from numpy import ndarray
 
 from datagen.appearance.photograph.border import Border, with_border
 from datagen.appearance.photograph.lens import Lens, expose_through
-from datagen.appearance.photograph.processing import Processing, encode_jpeg, process
+from datagen.appearance.photograph.processing import Processing, process
 from datagen.appearance.photograph.sensor import Sensor, Tone, sense, tone
+from pix2face.files.images import encode_photograph
 
 
 @final
@@ -54,4 +55,4 @@ def develop(
 
 def encode(image: UInt8[ndarray, "h w 3"], photograph: Photograph) -> bytes:
     """The file of a developed picture: JPEG of the photograph's quality."""
-    return encode_jpeg(image, photograph.quality, is_colour_halved=photograph.is_colour_halved)
+    return encode_photograph(image, photograph.quality, is_colour_halved=photograph.is_colour_halved)

@@ -9,6 +9,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.photograph.sensor import noise_window
+from pix2face.files.images import encode_photograph
 
 INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 
@@ -66,15 +67,8 @@ def process(
     return _with_text(processing, image) if processing.text else image
 
 
-def encode_jpeg(image: UInt8[ndarray, "h w 3"], quality: int, *, is_colour_halved: bool = True) -> bytes:
-    """A JPEG file of some quality, 1 to 100, with colour at half the resolution or at all of it."""
-    sampling = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420 if is_colour_halved else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-    flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
-    return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), flags)[1])
-
-
 def _through_jpeg(image: UInt8[ndarray, "h w 3"], quality: int) -> UInt8[ndarray, "h w 3"]:
-    content = np.frombuffer(encode_jpeg(image, quality), dtype=np.uint8)
+    content = np.frombuffer(encode_photograph(image, quality), dtype=np.uint8)
     decoded = cv2.imdecode(content, cv2.IMREAD_COLOR)
     assert decoded is not None
     return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)

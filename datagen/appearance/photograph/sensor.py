@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 
-from pix2face.files.srgb import linear_to_srgb
+from pix2face.files.images import linear_to_srgb
 
 # A prime, so that windows which are larger than the field repeat in no common rhythm.
 _SIDE = 1009

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pix2face.files.srgb import linear_to_srgb, srgb_to_linear
+from pix2face.files.images import linear_to_srgb, srgb_to_linear
 
 
 @pytest.mark.parametrize(("stored", "light"), [(0.0, 0.0), (0.02, 0.02 / 12.92), (0.5, 0.214041), (1.0, 1.0)])
