@@ -13,9 +13,13 @@ author = "The pix2face authors"
 release = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "command_help"]
 
+# Two dashes are the start of an option, not a dash.
+smartquotes = False
+
 html_theme = "furo"
 html_title = f"pix2face {release}"
 html_show_sphinx = False
+html_show_copyright = False
 html_copy_source = False
 
 # Headings can be linked to by their words, as on code hosting sites.
@@ -25,7 +29,7 @@ highlight_language = "console"
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 # Single backticks in docstrings are code, as double ones are.
 default_role = "code"
 napoleon_numpy_docstring = False
