@@ -1,9 +1,7 @@
-"""The whole way on one page: renders, trains, evaluates on held-out renders, reads photographs, writes report.html.
+"""Renders faces, trains a network, measures it on held-out renders, reads a photograph, and writes report.html.
 
-A photograph is read twice: by the network that the demo has trained in two minutes, and by the one that the package
-brings along.
-
-Everything is done by the project's own commands, printed as they run; the page shows them with what they made.
+The photograph is read twice: by the network that the demo has trained for two minutes, and by the one that comes with
+the package. All of it is done by the project's own commands, which are printed as they run and listed on the page.
 """
 
 import argparse
@@ -30,9 +28,10 @@ PROGRAMS = Path(sys.executable).parent
 MARKER = "made_by_demo.txt"
 STYLE = """
 body { font-family: sans-serif; margin: 2em auto; max-width: 75em; color: #222; line-height: 1.45; }
-img { max-width: 100%; } img.maps { width: 48em; image-rendering: pixelated; }
+img { max-width: 100%; } img.maps { width: 48em; }
 code { background: #f2f2f2; padding: .1em .3em; } figcaption { color: #555; }
-table { border-collapse: collapse; } th, td { padding: .3em .8em; border-bottom: 1px solid #ccc; text-align: right; }
+table { border-collapse: collapse; } caption { text-align: left; color: #555; padding: .3em 0; }
+th, td { padding: .3em .8em; border-bottom: 1px solid #ccc; text-align: right; }
 th:first-child, td:first-child { text-align: left; }
 """
 
@@ -109,12 +108,12 @@ def measure_and_fit(demo: Demo) -> None:
 
 def plot_losses(log: Path, picture: Path) -> None:
     """The two parts of the loss over the training."""
-    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    lines = [line for line in map(json.loads, log.read_text().splitlines()) if "loss" in line]  # others: validations
     mpl.use("Agg")
     figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
     for name in ("pncc", "offset"):
-        axes.semilogy(range(len(lines)), [line[name] for line in lines], label=f"{name} (L1, of its scale)")
-    axes.set(xlabel="lines of log.jsonl (50 steps each, or the end of an epoch)", ylabel="loss")
+        axes.semilogy([line["samples"] for line in lines], [line[name] for line in lines], label=name)
+    axes.set(xlabel="samples seen", ylabel="loss: mean absolute error,\nin units of the map's scale")
     axes.legend()
     axes.grid(alpha=0.3)
     figure.savefig(picture, dpi=110)
@@ -131,7 +130,9 @@ def plot_point_cloud(cloud: Path, picture: Path) -> None:
         order = np.argsort(points[:, 2] * np.cos(yaw) - points[:, 0] * np.sin(yaw))
         axes.scatter(across[order], points[order, 1], c=colours[order], s=3, linewidths=0)
         axes.set_aspect("equal")
-        axes.set_title(f"turned by {np.degrees(yaw):.0f}° (mm)", fontsize=9)
+        axes.set_title(f"turned by {np.degrees(yaw):.0f}°", fontsize=9)
+        axes.set_xlabel("to the side, mm", fontsize=8)
+    all_axes[0].set_ylabel("up, mm", fontsize=8)
     figure.savefig(picture, dpi=110)
     plt.close(figure)
 
@@ -143,19 +144,24 @@ def page(demo: Demo, n_faces: int) -> str:
     figures = [
         (
             "contact_sheet.jpg",
-            "Ground truth: picture, PNCC over it, offset, depth, landmarks (green visible, red hidden)",
+            "Ground truth of each sample: picture, the point of the mean face at each pixel (PNCC) over it, the offset "
+            "from that point, depth, and landmarks (green: visible, red: hidden).",
         ),
-        ("losses.png", "Training: both parts of the loss"),
-        ("synthetic.jpg", "What the packaged network was trained on: photographs of people who do not exist"),
-        ("photograph/astronaut-maps.png", "A photograph through the packaged network: crop, PNCC, offset"),
-        ("photograph/astronaut-overlay.jpg", "The fitted face with its landmarks"),
-        ("point_cloud.png", "PNCC + offset of every pixel: the predicted point cloud"),
+        ("losses.png", "Training: the two parts of the loss, over the samples that the network has seen."),
+        ("synthetic.jpg", "Samples like those that the packaged network was trained on: people who do not exist."),
+        (
+            "photograph/astronaut-maps.png",
+            "A photograph and the maps that the packaged network predicts: crop, PNCC, offset (x, y, z as red, green, "
+            "blue; ±120 mm and ±15 mm).",
+        ),
+        ("photograph/astronaut-overlay.jpg", "The face that was fitted to these maps, with its landmarks."),
+        ("point_cloud.png", "The predicted point cloud: PNCC plus offset at every pixel of the face."),
         (
             "own/astronaut-overlay.jpg",
-            "The same photograph through the network of two minutes, which knows plain heads",
+            "The same photograph read by the demo's network, which has seen plain heads only.",
         ),
-        ("evaluation/curve.png", "Held-out renders: error curve"),
-        ("evaluation/worst.jpg", "Held-out renders: the worst cases (green true, red fitted)"),
+        ("evaluation/curve.png", "The demo's network on held-out renders: share of faces by error."),
+        ("evaluation/worst.jpg", "The demo's network on held-out renders: the worst cases."),
     ]
     shown = "".join(
         f'<figure><img {"class=maps" if "maps" in name else ""} src="{html.escape(name)}" alt="">'
@@ -163,17 +169,20 @@ def page(demo: Demo, n_faces: int) -> str:
         for name, text in figures
     )
     rows = "".join(
-        f"<tr><td><code>{html.escape(command)}</code></td><td>{seconds:.1f} s</td></tr>"
+        f"<tr><td><code>{html.escape(command)}</code></td><td>{seconds:.1f}</td></tr>"
         for command, seconds in demo.timings
     )
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>pix2face: demo</title><style>{STYLE}</style></head><body>
 <h1>pix2face: coefficients to a trained, evaluated model</h1>
-<p>A network trained for about two minutes on {n_faces} rendered faces of the built-in model.
-It shows that every station works; it is far from converged. The network that the package brings along was trained
-on synthetic photographs for hours (docs/explanation/packaged_network.md); it reads the photograph, too.</p>
-<h2>What was run</h2><table>{rows}</table>
+<p>The demo's network was trained for about two minutes on {n_faces} rendered faces of the built-in model. It shows that
+every step works; it is far from converged. The network that comes with the package was trained on synthetic photographs
+for hours (docs/explanation/packaged_network.md); it reads the photograph, too.</p>
+<h2>What was run</h2>
+<table><caption>Every command in its order, and how long it took.</caption>
+<thead><tr><th>command</th><th>time, seconds</th></tr></thead><tbody>{rows}</tbody></table>
 <h2>Error on held-out renders</h2>{table}
+<p>Row network: the demo's network. Row baseline: the mean face's landmarks, placed in the box of the true ones.</p>
 {shown}
 <p>Files: <a href="evaluation/report.json">report.json</a>, <a href="photograph/astronaut.json">fit</a>,
 <a href="photograph/astronaut.glb">mesh</a>, <a href="photograph/astronaut-points.ply">point cloud</a>.</p>
