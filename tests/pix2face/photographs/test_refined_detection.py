@@ -6,8 +6,16 @@ import pytest
 from pix2face.detectors.protocol import DetectedFace, overlap
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import FACES_AT_A_TIME, Predictor
-from pix2face.photographs.refined_detection import RefinedBox, confirm_faces, find_faces, refine_box, refine_boxes
+from pix2face.photographs.refined_detection import (
+    RefinedBox,
+    confirm_faces,
+    find_faces,
+    refine_box,
+    refine_boxes,
+    refined_box,
+)
 from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces, true_box
+from tests.pix2face.photographs.seen_faces import exact_predictor, photographed_face
 from tests.synthetic_models import small_head_model
 
 CAMERAS = (camera_at(45, 55), camera_at(115, 60, yaw_deg=25))
@@ -32,6 +40,19 @@ def test_a_box_that_is_a_little_off_is_brought_back(scene, share, larger):
     for box in boxes:
         better = refine_box(image, moved(box, share, larger), colour_predictor(model), model)
         assert overlap(better, box) > 0.9
+
+
+def test_exact_maps_give_the_box_of_the_landmarks_to_a_fraction_of_a_pixel():
+    model = small_head_model()
+    face = photographed_face(model)
+    predictor = exact_predictor(model, [face.maps()])
+    (prediction,) = predictor.predict_many([(face.photograph(), face.box)])
+    refined = refined_box(prediction, face.box, model)
+    assert refined is not None
+    for side in ("left", "top", "right", "bottom"):
+        assert getattr(refined.box, side) == pytest.approx(getattr(face.box, side), abs=0.4), side
+    np.testing.assert_allclose(refined.box.centre, face.box.centre, atol=0.2)
+    assert refined.residual_mm < 0.3
 
 
 def test_a_box_beside_every_face_stays_as_it_is(scene):

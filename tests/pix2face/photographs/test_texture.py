@@ -103,6 +103,22 @@ def test_seen_vertices_have_the_colour_that_the_photograph_shows(camera: Camera)
     assert np.median(error) < 1.5
 
 
+def zigzag(positions: ndarray) -> ndarray:
+    """From 0 to 255 and back within 16 pixels: a shift of a tenth of a pixel is a change of three."""
+    return np.asarray(255 * np.abs((positions / 8) % 2 - 1))
+
+
+def test_vertices_have_the_colour_of_the_very_place_that_they_are_projected_to() -> None:
+    fit = fitted(MODEL, turned(10))
+    columns, rows = np.meshgrid(np.arange(WIDTH_PX) + 0.5, np.arange(HEIGHT_PX) + 0.5)
+    image = np.stack([zigzag(columns), zigzag(rows), np.full_like(rows, 128)], axis=2).astype(np.uint8)
+    seen = well_seen(fit)
+    expected = zigzag(fit.camera.project(fit.vertices.astype(float)))[seen]
+    error = vertex_colours(image, fit, MODEL)[seen, :2] - expected
+    assert np.abs(np.median(error, axis=0)).max() < 3
+    assert np.median(np.abs(error)) < 1.5
+
+
 def test_hidden_vertices_take_the_colour_of_their_mirror_image() -> None:
     fit = fitted(MODEL, turned(45))
     found = vertex_colours(photograph(fit, symmetric), fit, MODEL)
