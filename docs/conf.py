@@ -1,7 +1,10 @@
 """How Sphinx builds these pages: `make docs`, then open build/docs/index.html. Nothing in them needs the network."""
 
+import re
 import sys
 from pathlib import Path
+
+from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
@@ -33,5 +36,16 @@ autodoc_default_options = {"members": True}
 # Single backticks in docstrings are code, as double ones are.
 default_role = "code"
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True
 # Other packages' types have no pages here.
 nitpick_ignore_regex = [("py:.*", r".*")]
+
+
+def escape_bars(_app: Sphinx, _what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
+    """Docstrings write absolute values as |x|, which reStructuredText would look up as a name."""
+    lines[:] = [re.sub(r"(`+[^`]*`+)|\|", lambda match: match[1] or r"\|", line) for line in lines]
+
+
+def setup(app: Sphinx) -> None:
+    """Connects what this project needs to Sphinx."""
+    app.connect("autodoc-process-docstring", escape_bars)
