@@ -105,12 +105,12 @@ def test_an_error_leaves_the_old_table_and_no_temporary_file(tmp_path: Path) -> 
 
 def test_memory_does_not_grow_with_the_number_of_faces(tmp_path: Path) -> None:
     header = replace(HEADER, n_identity=199, n_expression=29)
+    face = make_face(0, tmp_path, identity=np.zeros(199), expression=np.zeros(29))
     peaks = []
     for n in (FACES_AT_ONCE, 6 * FACES_AT_ONCE):
         tracemalloc.start()
         with CoefficientWriter(tmp_path / "faces.h5", header) as writer:
             for index in range(n):
-                face = make_face(0, tmp_path, identity=np.zeros(199), expression=np.zeros(29))
                 writer.add(replace(face, sample_id=str(index)))
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()

@@ -170,11 +170,11 @@ def test_few_frames_are_in_memory_at_a_time(clip, tmp_path, monkeypatch, smoothi
         return frame
 
     monkeypatch.setattr(video, "read_photograph", read)
-    longer = replace(clip.source, n_announced=80, pictures=clip.source.pictures * 4)
+    longer = replace(clip.source, n_announced=60, pictures=clip.source.pictures * 3)
     n_done = 0
     for _ in run(Clip(clip.model, longer, clip.landmarks), tmp_path, smoothing=smoothing, keep=False)[0]:
         n_done += 1
-    assert n_done == 80
+    assert n_done == 60
     assert most <= 2 * FACES_AT_A_TIME + reach + 2
 
 
@@ -257,8 +257,8 @@ def test_a_face_of_which_little_is_seen_is_told(clip, tmp_path, monkeypatch, sha
     def measured(self, *arguments):
         return replace(original(self, *arguments), seen_share=share)
 
-    assert run(clip, tmp_path)[1].seen_share is None  # this network has no plane for it
-    monkeypatch.setattr(FrameFitter, "_measured", measured)
+    if share is not None:  # this network has no plane for it
+        monkeypatch.setattr(FrameFitter, "_measured", measured)
     _, follower = run(clip, tmp_path)
     assert follower.seen_share == share
     face = ClipFace(tmp_path / "face-3", [], range(N_FRAMES))
