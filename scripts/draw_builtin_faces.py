@@ -14,8 +14,7 @@ from numpy import ndarray
 from datagen.appearance.plain_appearance import draw_plain_appearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.random_streams import generator_for
-from datagen.rendering.renderer import Renderer
-from datagen.rendering.visibility import visible_landmarks
+from datagen.rendering.renderer import Renderer, visible_landmarks
 from datagen.sampling.faces import draw_expression
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.landmarks import IBUG68

@@ -41,53 +41,54 @@ class RenderConfig:
     """Configuration of ``datagen render``."""
 
     coeffs: Path
-    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by ``datagen sample``,
-    ``datagen fit`` or ``datagen coeffs convert``."""
+    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by `datagen sample`,
+    `datagen fit` or `datagen coeffs convert`."""
     out: Path
-    """Folder of the shards. Run again with the same settings, it is completed. Other settings are refused, another
-    table, and a folder in which a file has come, gone, or changed its size; not one edited to the same size."""
+    """Folder of the shards. Running the same command again completes it. Other settings are refused, and so are another
+    table and a folder in which a file was added, removed or changed in size; an edit that keeps the size goes
+    unnoticed."""
     model: str = BUILTIN_MODEL
-    """``builtin``, or a model file made by ``datagen model import``. With an imported BFM 2009 the coefficients of
-    300W-LP are used as they are; any other model is fitted to the landmarks of the files."""
+    """`builtin`, or a model file made by `datagen model import`. An imported BFM 2009 uses the coefficients of 300W-LP
+    as they are; any other model is fitted to the landmarks of the files."""
     appearance: str | None = None
-    """How faces without photographs are drawn: plain, default, hard, or a TOML file as `datagen appearance` prints it
-    (docs/explanation/synthetic_photographs.md). Without it default for the built-in model,
-    plain for all others, which can have no other."""
+    """How faces without photographs are drawn: `plain`, `default`, `hard`, or a TOML file as `datagen appearance`
+    prints it (docs/explanation/synthetic_photographs.md). Default: `default` for the built-in model, and `plain` for
+    other models, which can have no other."""
     backgrounds: Path | None = None
-    """Folder of pictures of your own (with subfolders) to stand behind faces, in the share of synthetic photographs
-    that `folder_share` of the appearance says."""
+    """Folder of your own pictures (with subfolders) to stand behind faces. `folder_share` of the appearance says in
+    which share of the synthetic photographs."""
     layers: str | None = None
-    """What each sample has: ``all``, or any of image, pncc, offset, mask, depth, normals, uv, regions, landmarks with
-    commas between; of synthetic photographs also seen and seen_regions: what of the face they show, and what stands
-    before it. Without it image, pncc, offset, mask, landmarks, and seen where there is one."""
+    """Layers of each sample: `all`, or some of image, pncc, offset, mask, depth, normals, uv, regions and landmarks,
+    separated by commas. Synthetic photographs also have seen and seen_regions: what is seen of the face, and what
+    stands before it. Default: image, pncc, offset, mask, landmarks, and seen for synthetic photographs."""
     compression: str = DEFAULT_COMPRESSION
-    """How layers are stored: deflate, plain, or zstd (needs hdf5plugin wherever it is read);
+    """How layers are stored: `deflate`, `plain`, or `zstd`, which needs hdf5plugin wherever the shards are read.
     docs/explanation/storage.md compares them."""
     seed: int = 0
-    """Seed of light, colours and background of rendered pictures, and of jitter."""
+    """Seed of light, colours and background of rendered pictures, and of the jitter."""
     shard_size: int = 100
-    """Faces in a shard. A shard is made by one process, so small sets use all of them only if this is small."""
+    """Faces in a shard. One process makes a whole shard, so a small set needs small shards to use all processes."""
     jitter: int = 0
-    """Variants of each face to render instead of it: crops of 1 to 1.8 times its box, shifted, turned, with other gamma
-    and colours. Not needed for `train`, which varies every sample anew each time."""
+    """Number of variants of each face that take its place: crops of 1 to 1.8 times its box, shifted, turned, with other
+    gamma and colours. `train` does not need them: it varies every sample anew each time."""
     jitter_size: int = 256
     """Side of such variants, in pixels."""
     jitter_mirror: bool = False
-    """Mirror every other variant. Refused where the model is not symmetric."""
+    """Mirror every other variant. Refused if the model is not symmetric."""
     workers: int = os.cpu_count() or 1
-    """Processes that render, on this machine."""
+    """Number of processes that render on this machine."""
     scheduler: str | None = None
-    """Render on the workers of this dask scheduler instead, such as tcp://host:8786
-    (docs/how_to/render_many_samples.md). Its connections are neither encrypted nor authenticated: whoever reaches
-    it can run code on its workers."""
+    """Render on the workers of this Dask scheduler instead, such as tcp://host:8786
+    (docs/how_to/render_many_samples.md). Its connections are neither encrypted nor authenticated: whoever reaches it
+    can run code on its workers."""
     gl: Literal["egl", "osmesa"] | None = None
-    """How to reach OpenGL; without it EGL is tried, then OSMesa."""
+    """How to reach OpenGL. Default: EGL, or OSMesa if EGL fails."""
     device: int | None = None
     """Number of the GPU, as `datagen doctor` lists them."""
     rasteriser: Literal["auto", "compute", "fragment"] = "auto"
-    """``compute`` needs OpenGL 4.3; ``auto`` takes it where there is one, else ``fragment``."""
+    """`compute` needs OpenGL 4.3. `auto` takes it where it can, and otherwise `fragment`."""
     max_rejected: int = 0
-    """How many samples may be rejected before the exit status says so (3)."""
+    """With more rejected samples than this the exit status is 3."""
 
 
 def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:

@@ -10,8 +10,7 @@ from numpy import ndarray
 
 from datagen.appearance.appearance_config import PLAIN, PRESETS, AppearanceConfig
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering.renderer import Renderer
-from datagen.rendering.visibility import visible_landmarks
+from datagen.rendering.renderer import Renderer, visible_landmarks
 from datagen.samples.baked_jitter import View
 from datagen.samples.drawn_pictures import DrawnPicture, PictureSource, PlainPictures, ScenePictures
 from datagen.samples.stage_times import StageTimes

@@ -8,8 +8,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering.renderer import Renderer
-from datagen.rendering.visibility import visible_landmarks
+from datagen.rendering.renderer import Renderer, visible_landmarks
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.geometry.camera import (
