@@ -13,9 +13,9 @@ from typing import final
 
 import h5py
 
-from datagen.faces.text_files import write_whole
 from pix2face.command_line import counted
 from pix2face.errors import UsageError
+from pix2face.files.writing import written_in_one_step
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.compressions import has_foreign_filter
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS
@@ -77,7 +77,8 @@ def write_card(folder: Path) -> Path:
         InputFileError: A shard cannot be read.
     """
     path = folder / CARD_FILE
-    write_whole(path, dataset_card(summarise(folder)))
+    with written_in_one_step(path) as temporary:
+        temporary.write_text(dataset_card(summarise(folder)), encoding="utf-8")
     return path
 
 

@@ -1,6 +1,7 @@
 """Writes a table of coefficients face by face: a hundred thousand of them need no more memory than a thousand."""
 
 import os
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -12,6 +13,7 @@ from numpy import ndarray
 
 from pix2face.face_files.coefficients import Face, write_table_header
 from pix2face.files.text_columns import json_lines
+from pix2face.files.writing import written_in_one_step
 
 # Faces that wait in memory, and a chunk of the file.
 FACES_AT_ONCE = 1024
@@ -57,40 +59,36 @@ class CoefficientWriter:
     def __init__(self, path: Path, header: TableHeader) -> None:
         self.n_faces = 0
         self._path, self._header = path, header
-        self._temporary = path.with_name(f".{path.name}.part")
         self._waiting: list[Face] = []
         self._rejected: list[tuple[str, str]] = []
 
     def __enter__(self) -> "CoefficientWriter":
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = h5py.File(self._temporary, "w", track_order=False)
         header = self._header
-        write_table_header(self._file, header)
-        self._create("identity", (header.n_identity,), np.float32)
-        self._create("expression", (header.n_expression,), np.float32)
-        self._create("cameras", (4, 4), np.float64)
-        self._create("sizes_px", (2,), np.int32)
-        if header.n_lighting:
-            self._create("lighting", (header.n_lighting,), np.float32)
-        for name in ("sample_ids", "image_paths", "attributes", "rejected"):
-            self._file.create_dataset(
-                name, (0,), np.uint8, maxshape=(None,), chunks=(TEXT_BYTES_AT_ONCE,), track_times=False
-            )
+        with ExitStack() as stack:
+            temporary = stack.enter_context(written_in_one_step(self._path))
+            self._file = stack.enter_context(h5py.File(temporary, "w", track_order=False))
+            write_table_header(self._file, header)
+            self._create("identity", (header.n_identity,), np.float32)
+            self._create("expression", (header.n_expression,), np.float32)
+            self._create("cameras", (4, 4), np.float64)
+            self._create("sizes_px", (2,), np.int32)
+            if header.n_lighting:
+                self._create("lighting", (header.n_lighting,), np.float32)
+            for name in ("sample_ids", "image_paths", "attributes", "rejected"):
+                self._file.create_dataset(
+                    name, (0,), np.uint8, maxshape=(None,), chunks=(TEXT_BYTES_AT_ONCE,), track_times=False
+                )
+            self._open = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            if kind is None:
-                self._flush()
-                self._append("rejected", json_lines(self._rejected))
-            self._file.close()
-            if kind is None:
-                self._temporary.rename(self._path)
-        finally:
-            self._file.close()
-            self._temporary.unlink(missing_ok=True)
+        with self._open:
+            if error is not None:
+                raise error
+            self._flush()
+            self._append("rejected", json_lines(self._rejected))
 
     def add(self, face: Face) -> None:
         """Adds a row."""

@@ -15,6 +15,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import check_contained, fixed_text, read_text
 from pix2face.files.text_columns import json_lines, read_attributes, read_json_lines
+from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.camera import Camera
 
 FORMAT = "pix2face-coefficients"
@@ -115,24 +116,18 @@ class FaceCoefficients:
 
 def save_coefficients(table: FaceCoefficients, path: Path) -> None:
     """Writes a table; a file appears under its name only when it is complete."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        with h5py.File(temporary, "w", track_order=False) as file:
-            write_table_header(file, table)
-            for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
-                file.create_dataset(name, data=getattr(table, name), track_times=False)
-            attributes = [json.loads(text) for text in table.attributes]
-            for name, values in {
-                "sample_ids": table.sample_ids,
-                "image_paths": table.image_paths,
-                "attributes": attributes,
-                "rejected": table.rejected,
-            }.items():
-                file.create_dataset(name, data=json_lines(values), track_times=False)
-        temporary.rename(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_in_one_step(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
+        write_table_header(file, table)
+        for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
+            file.create_dataset(name, data=getattr(table, name), track_times=False)
+        attributes = [json.loads(text) for text in table.attributes]
+        for name, values in {
+            "sample_ids": table.sample_ids,
+            "image_paths": table.image_paths,
+            "attributes": attributes,
+            "rejected": table.rejected,
+        }.items():
+            file.create_dataset(name, data=json_lines(values), track_times=False)
 
 
 def load_coefficients(path: Path) -> FaceCoefficients:

@@ -13,6 +13,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.crops import INFERENCE_SCALE
 from pix2face.inference.runs import CHECKPOINT_NAME
 from pix2face.networks.architectures import build_network
@@ -148,14 +149,9 @@ def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapp
         header: What JSON can hold, with ``schema_version``.
         tensors: On any device, of any layout.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.part")
     stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    try:
+    with written_in_one_step(path) as temporary:
         save_file(stored, temporary, metadata={key: json.dumps(header, sort_keys=True)})
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:

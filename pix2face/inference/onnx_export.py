@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from pix2face.errors import InputFileError, UsageError
+from pix2face.files.writing import written_in_one_step
 from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_checkpoint
 
 INPUT_NAME, OUTPUT_NAME = "image", "maps"
@@ -62,13 +63,8 @@ def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
     onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(asdict(header), sort_keys=True)})
     model.doc_string = DESCRIPTION
     model.producer_name = "pix2face"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    temporary = out.with_name(f".{out.name}.part")
-    try:
+    with written_in_one_step(out) as temporary:
         onnx.save(model, str(temporary))
-        temporary.replace(out)
-    finally:
-        temporary.unlink(missing_ok=True)
     return header
 
 

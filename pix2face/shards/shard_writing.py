@@ -1,12 +1,10 @@
 """Writing shards: samples are packed one by one, then written together, read back and renamed."""
 
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
-from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -15,6 +13,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.files.text_columns import bounded_utf8
+from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.maps import face_box
 from pix2face.shards.compressions import DEFAULT_COMPRESSION, Compression, create_layer_dataset, find_compression
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, to_stored
@@ -115,23 +114,16 @@ def write_packed(
         UsageError: The file cannot be written, for instance since the disk is full.
     """
     content = _file_content(header, samples, find_compression(compression))
-    temporary = path.with_name(f".{path.name}.{uuid4().hex[:12]}.part")  # two workers may have the same shard to make
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        _check_written(temporary, content, path)
-        temporary.rename(path)
-        _sync_folder(path.parent)
+        # Two workers may have the same shard to make.
+        with written_in_one_step(path, is_contended=True) as temporary:
+            temporary.write_bytes(content)
+            _check_written(temporary, content, path)
     except OSError as error:
         raise UsageError(
             f"{path}: expected to write {len(content) / 1e6:.1f} MB, found that it cannot be ({error.strerror}); "
             "make room or choose another folder, and run the same command again: finished shards are kept"
         ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _file_content(header: ShardHeader, samples: Sequence[PackedTriplet], compression: Compression) -> bytes:
@@ -285,12 +277,3 @@ def _check_written(temporary: Path, content: bytes, path: Path) -> None:
                     file[name][0]
     except (OSError, RuntimeError) as error:
         raise InputFileError(f"{path}: written, but the HDF5 library cannot read it ({error})") from error
-
-
-def _sync_folder(folder: Path) -> None:
-    """Makes a new name last through a power failure."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.photographs.fit_pictures import draw_landmarks
@@ -153,21 +154,21 @@ class GrowingNpz:
         return self._path.with_name(f".{self._path.name}.{name}.part")
 
     def _pack(self) -> None:
-        unfinished = self._path.with_name(f".{self._path.name}.part")
         try:
-            with zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            with (
+                written_in_one_step(self._path) as unfinished,
+                zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+            ):
                 for name, values in self._constants.items():
                     with archive.open(f"{name}.npy", "w") as member:
                         np.lib.format.write_array(member, values, allow_pickle=False)
                 for name, file in self._files.items():
                     file.close()
                     self._pack_rows(archive, name)
-            unfinished.replace(self._path)
         finally:
             for name in self._files:
                 self._files[name].close()
                 self._part(name).unlink(missing_ok=True)
-            unfinished.unlink(missing_ok=True)
 
     def _pack_rows(self, archive: zipfile.ZipFile, name: str) -> None:
         dtype, shape = self._kinds[name]

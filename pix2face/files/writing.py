@@ -1,0 +1,38 @@
+"""Files that appear under their names only when they are complete."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+
+@contextmanager
+def written_in_one_step(path: Path, *, is_contended: bool = False) -> Iterator[Path]:
+    """Yields a hidden name beside a file; what is written there takes the file's place when the block ends.
+
+    The content has reached the disk before it is renamed. If the block raises, nothing is left of it, and an older file
+    of the same name stays.
+
+    Args:
+        path: The file. Its folder is made.
+        is_contended: Whether several processes may write the same file at once: each then has a hidden name of its own.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unique = f".{uuid4().hex[:12]}" if is_contended else ""
+    temporary = path.with_name(f".{path.name}{unique}.part")
+    try:
+        yield temporary
+        _sync(temporary)
+        temporary.replace(path)
+        _sync(path.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
