@@ -30,11 +30,12 @@ types: $(INSTALLED)
 layers: $(INSTALLED)
 	$(BIN)/lint-imports
 
-# Two test processes on two cores: threads of linear algebra inside them would only wait for each other.
+# Two test processes on two cores: threads of linear algebra inside them would only wait for each other. They and all
+# programs that they start compile the project once, and not each anew.
 tests: export OPENBLAS_NUM_THREADS ?= 1
 tests: export OMP_NUM_THREADS ?= 1
 tests: $(INSTALLED) gl chromium
-	$(BIN)/pytest -n 2 --dist loadgroup --cov --cov-report term --durations 10
+	env -u PYTHONDONTWRITEBYTECODE $(BIN)/pytest -n 2 --dist loadgroup --cov --cov-report term --durations 10
 
 docs: $(INSTALLED)
 	$(BIN)/sphinx-build -W --keep-going -n -q -b html docs build/docs

@@ -1,11 +1,11 @@
-"""Who may write to a folder of shards: one job at a time, and its workers for as long as they live.
+"""Locks a folder of shards: one job at a time writes to it, and its workers for as long as they live.
 
-Locks are ``flock`` on two files beside the shards. The kernel gives a lock back when its holder ends, however it ends,
-so nothing is left to clean up after ``kill -9``; the files themselves go with the last lock.
+A lock is ``flock`` on a file beside the shards. The kernel releases it when its holder ends, however that ends, so
+``kill -9`` leaves no lock. The files are removed with the last lock.
 
-- ``.render.lock`` is held alone by the job.
-- ``.render.workers.lock`` is shared by all workers while they make a shard. Who holds it alone knows that no worker of
-  an earlier, killed job is still writing: unfinished files may then be removed.
+- ``.render.lock`` is held by the job alone.
+- ``.render.workers.lock`` is shared by all workers while they make a shard. A process that holds it alone knows that no
+  worker of an earlier, killed job still writes, and may remove unfinished files.
 """
 
 import errno
@@ -25,7 +25,7 @@ WORKERS_LOCK = ".render.workers.lock"
 # Workers of a killed job notice its end within a moment; those of a cluster may finish their shard first.
 WORKERS_END_S = 10.0
 _RETRY_S = 0.05
-# What file systems answer that have no locks (some network and FUSE mounts).
+# Errors of file systems without locks (some network and FUSE mounts).
 _NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.ENOLCK, errno.EINVAL}
 UNFINISHED_SHARDS = ".shard-*.part"
 
@@ -36,19 +36,19 @@ class LocksUnsupportedError(Exception):
 
 @final
 class FolderLock:
-    """A lock that is held; ``release`` gives it back.
+    """A lock that is held until ``release``.
 
     Args:
-        path: The file that is locked.
-        descriptor: Of the open file.
-        alone: Whether nobody else can hold it; then the file goes with it.
+        path: The locked file.
+        descriptor: Descriptor of the open file.
+        alone: Whether no other process can hold the lock. The file is then removed with it.
     """
 
     def __init__(self, path: Path, descriptor: int, alone: bool) -> None:
         self._path, self._descriptor, self._alone = path, descriptor, alone
 
     def release(self) -> None:
-        """Gives the lock back. Whoever waited for a file that is gone notices, and opens the new one."""
+        """Releases the lock. A process that waited for a removed file notices, and opens the new one."""
         if self._alone:
             self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
@@ -58,15 +58,15 @@ def take_lock(path: Path, *, alone: bool, wait_s: float = 0.0) -> FolderLock | N
     """Takes a lock.
 
     Args:
-        path: The file to lock; made where it is not there.
-        alone: Whether nobody else may hold it, or everybody who does not want it alone.
+        path: The file to lock. It is made if it does not exist.
+        alone: Whether to hold the lock alone or to share it.
         wait_s: How long to try.
 
     Returns:
-        The lock, or None where somebody else holds it.
+        The lock, or None if another process holds it.
 
     Raises:
-        LocksUnsupportedError: The file system has none.
+        LocksUnsupportedError: The file system has no locks.
         OSError: The file cannot be made.
     """
     deadline = time.monotonic() + wait_s
@@ -79,10 +79,10 @@ def take_lock(path: Path, *, alone: bool, wait_s: float = 0.0) -> FolderLock | N
 
 @contextmanager
 def job_lock(folder: Path) -> Iterator[str | None]:
-    """Holds the folder of a job.
+    """Locks the folder of a job.
 
     Yields:
-        None, or a warning where the file system has no locks.
+        None, or a warning if the file system has no locks.
 
     Raises:
         UsageError: Another job holds it.
@@ -98,7 +98,7 @@ def job_lock(folder: Path) -> Iterator[str | None]:
             f"{folder}: expected to be the only job that writes there, found another `datagen render`"
             f"{_holder(path)}; wait until it is done, or choose another --out"
         )
-    with suppress(OSError):  # a full disk: the name of the holder is a courtesy
+    with suppress(OSError):  # on a full disk: the holder's name is not needed
         path.write_text(f"process {os.getpid()} on {socket.gethostname()}", encoding="utf-8")
     try:
         yield None
@@ -108,7 +108,7 @@ def job_lock(folder: Path) -> Iterator[str | None]:
 
 @contextmanager
 def worker_lock(folder: Path) -> Iterator[None]:
-    """Says that a worker is writing to a folder."""
+    """Shares the workers' lock of a folder while a worker writes to it."""
     try:
         lock = take_lock(folder / WORKERS_LOCK, alone=False, wait_s=WORKERS_END_S)
     except LocksUnsupportedError:
@@ -121,14 +121,14 @@ def worker_lock(folder: Path) -> Iterator[None]:
 
 
 def remove_unfinished(folder: Path, wait_s: float = WORKERS_END_S) -> bool:
-    """Removes what killed workers left behind, once nobody uses it.
+    """Removes the unfinished files of killed workers, once no worker writes any more.
 
     Args:
-        folder: Of a job whose lock the caller holds.
+        folder: Folder of a job whose lock the caller holds.
         wait_s: How long to wait for workers to end.
 
     Returns:
-        Whether nothing unfinished is left; otherwise some worker still writes (or there are no locks to ask).
+        Whether nothing unfinished is left. Otherwise a worker still writes, or the file system has no locks.
     """
     if not any(folder.glob(UNFINISHED_SHARDS)) and not (folder / WORKERS_LOCK).exists():
         return True
@@ -164,7 +164,7 @@ def _try_lock(path: Path, alone: bool) -> FolderLock | None:
 
 
 def _is_still(path: Path, descriptor: int) -> bool:
-    """Whether a path still names the file that was opened: its holder may have removed it meanwhile."""
+    """Whether a path still names the file that was opened. Its holder may have removed it meanwhile."""
     try:
         return os.path.samestat(path.stat(), os.fstat(descriptor))
     except FileNotFoundError:

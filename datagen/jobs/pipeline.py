@@ -1,8 +1,8 @@
-"""The job: coefficients in, a folder of shards out.
+"""The job: it reads coefficients and writes a folder of shards.
 
-One unit of work is one shard (``render_unit``). A shard that is there and was made by the same configuration is not
-made again, so a job that was stopped, killed, or ran out of disk goes on where it was; the folder ends up byte for byte
-as if nothing had happened. One job at a time writes to a folder (``folder_lock``).
+One unit of work is one shard (``render_unit``). A finished shard of the same configuration is not made again, so a job
+that was stopped, killed, or ran out of disk goes on where it was. The folder ends up byte for byte as after an
+undisturbed run. One job at a time writes to a folder (``folder_lock``).
 """
 
 import json
@@ -36,12 +36,12 @@ class JobSummary:
     """What a job did.
 
     Attributes:
-        n_triplets: Triplets in the folder, those of earlier runs included.
-        rejected: Samples that could not be used, in the order of the source: id and reason.
+        n_triplets: Triplets in the folder, including those of earlier runs.
+        rejected: Id and reason of each sample that could not be used, in the order of the source.
         n_shards: Shards in the folder.
-        n_shards_kept: Of these, how many were there already.
-        times: Of all workers together, in this run.
-        peaks_bytes: After each unit of this run, the most memory that its worker has had so far.
+        n_shards_kept: Shards of earlier runs among them.
+        times: Times of all workers in this run.
+        peaks_bytes: The largest memory of the worker so far, after each unit of this run.
     """
 
     n_triplets: int
@@ -55,12 +55,12 @@ class JobSummary:
 @final
 @dataclass(frozen=True, eq=False)
 class OpenedJob:
-    """A job with what it works on: listing a large folder takes seconds, and is done once.
+    """A job with its opened model and faces. Listing a large folder takes seconds, and is done once.
 
     Attributes:
-        job: With absolute paths: the workers of a cluster have working directories of their own.
-        model: Its model.
-        source: Its faces.
+        job: The job with absolute paths, because workers of a cluster have other working directories.
+        model: The model.
+        source: The faces.
     """
 
     job: RenderJob
@@ -69,10 +69,10 @@ class OpenedJob:
 
 
 def open_job(job: RenderJob) -> OpenedJob:
-    """Opens model and faces of a job.
+    """Opens the model and the faces of a job.
 
     Raises:
-        UsageError: There is nothing at the place of the coefficients, or the model has not what a layer needs.
+        UsageError: The coefficients do not exist, or the model lacks what a layer needs.
         InputFileError: The model or the table cannot be read.
         ModelMismatchError: The table belongs to another model.
     """
@@ -88,7 +88,7 @@ def reopened(opened: OpenedJob, appearance: AppearanceConfig, layers: tuple[str,
     """The same job with another appearance and other layers, without opening its files again.
 
     Raises:
-        UsageError: The model has not what they need.
+        UsageError: The model lacks what they need.
     """
     check_layers(opened.model, layers)
     check_appearance(opened.model, layers, appearance)
@@ -98,12 +98,12 @@ def reopened(opened: OpenedJob, appearance: AppearanceConfig, layers: tuple[str,
 @final
 @dataclass(frozen=True)
 class Listener:
-    """Whom a job tells how it goes.
+    """Callbacks of a job.
 
     Attributes:
-        on_kept: Called once, with the number of samples that were there already.
+        on_kept: Called once with the number of samples that earlier runs have finished.
         on_progress: Called with the number of samples that have just been finished.
-        on_notice: Called with what a user should know, and that stops nothing.
+        on_notice: Called with messages for the user that stop nothing.
     """
 
     on_kept: Callable[[int], None] = lambda n: None
@@ -117,11 +117,11 @@ def run_job(
     """Makes every shard that is missing.
 
     Args:
-        opened: What to make.
+        opened: The job.
         out: The folder of the shards.
-        place: Where units run; its workers see the same files.
-        gl: What workers draw with.
-        listener: Whom to tell how it goes.
+        place: Where units run. Its workers must see the same files.
+        gl: The OpenGL that workers draw with.
+        listener: Callbacks.
 
     Raises:
         UsageError: The folder holds shards of another configuration, another job writes to it, or workers died.

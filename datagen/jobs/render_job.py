@@ -29,17 +29,17 @@ from pix2face.shards.shard_reader import ShardHeader, ShardReader
 @final
 @dataclass(frozen=True)
 class RenderJob:
-    """What determines the content of the shards.
+    """All that determines the content of the shards.
 
     Attributes:
         coefficients: A folder of 300W-LP files, or a table.
         model: ``builtin`` or the path of a model file.
-        seed: Of everything random in rendered pictures.
-        shard_size: Faces of the source in a shard.
-        layers: What each sample has, of ``pix2face.shards.layers.LAYER_NAMES``.
-        compression: Of the layers: a name of ``pix2face.shards.compressions.COMPRESSIONS``.
+        seed: Seed of everything random in rendered pictures.
+        shard_size: Faces in a shard.
+        layers: Layers of each sample, of ``pix2face.shards.layers.LAYER_NAMES``.
+        compression: Compression of the layers, a name of ``pix2face.shards.compressions.COMPRESSIONS``.
         jitter: The variants of each sample that take its place.
-        appearance: Of faces that have no photograph.
+        appearance: How faces without a photograph are drawn.
     """
 
     coefficients: Path
@@ -67,20 +67,20 @@ class RenderJob:
 
 
 def shard_path(out: Path, unit: int) -> Path:
-    """Where the shard of a unit goes. Its name holds a number and nothing that came from a file."""
+    """The file of a unit's shard. Its name holds a number and nothing that came from a file."""
     return out / f"shard-{unit:05d}.h5"
 
 
 def shard_header(
     job: RenderJob, source: FaceSource, model: MorphableModel, rejected: Sequence[tuple[str, str]]
 ) -> ShardHeader:
-    """What holds for every sample of a shard of this job.
+    """The header of a shard of this job.
 
     Args:
         job: The job.
-        source: Where its faces come from.
-        model: Their model.
-        rejected: Samples of this unit that could not be used: id and reason of each.
+        source: Its faces.
+        model: Its model.
+        rejected: Id and reason of each sample of this unit that could not be used.
     """
     configuration = {
         "coefficients": job.coefficients.name,
@@ -110,11 +110,11 @@ def shard_header(
 @final
 @dataclass(frozen=True)
 class FolderState:
-    """What of a job is in its folder.
+    """What a folder lacks of a job.
 
     Attributes:
-        missing: Units whose shard has to be made, in order.
-        damaged: Shards that cannot be opened; they are among the missing, and are replaced.
+        missing: Units whose shards have to be made, in order.
+        damaged: Shards that cannot be opened. They count as missing, and are replaced.
     """
 
     missing: tuple[int, ...]
@@ -126,14 +126,14 @@ def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHead
 
     Args:
         out: The folder.
-        job: What belongs into it.
-        source: Where the job's faces come from.
-        expected: What the header of each shard has to agree with.
+        job: The job that the folder belongs to.
+        source: The faces of the job.
+        expected: The header with which each shard has to agree.
 
     Raises:
-        UsageError: A shard was made by another configuration, or belongs to no unit of this job: mixing them would go
+        UsageError: A shard was made by another configuration, or belongs to no unit of this job. Mixing them would go
             unnoticed.
-        InputFileError: A shard is sound, but none that this version reads.
+        InputFileError: A shard is sound, but this version cannot read it.
     """
     n_units = job.n_units(source)
     units = {shard_path(out, unit): unit for unit in range(n_units)}
@@ -159,9 +159,9 @@ def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHead
 
 
 def _is_damage(error: InputFileError) -> bool:
-    """Whether HDF5 itself could not open a file that may be read: it was cut short or overwritten.
+    """Whether HDF5 failed to open a readable file, which was cut short or overwritten.
 
-    A shard of another schema, or another program's file, is no damage, and never replaced.
+    A shard of another schema, or another program's file, is not damaged, and is never replaced.
     """
     cause = error.__cause__
     return isinstance(cause, OSError) and not isinstance(cause, PermissionError | IsADirectoryError)
@@ -188,7 +188,7 @@ def _check_samples(path: Path, reader: ShardReader, expected: Sequence[str]) -> 
 
 
 def _origin(header: ShardHeader) -> dict[str, Any]:
-    """What the shards of one job agree in, by name."""
+    """The values that all shards of a job share, by name."""
     try:
         configuration = json.loads(header.configuration)
     except ValueError:

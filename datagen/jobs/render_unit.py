@@ -1,6 +1,6 @@
-"""One unit of work: the faces of one shard are read, rendered, packed and written. What a worker runs.
+"""One unit of work: a worker reads, renders, packs and writes the faces of one shard.
 
-What a unit writes depends on its number, the seed and the names of its samples alone, so neither the number of workers
+The content depends on the unit's number, the seed and the names of its samples alone. So neither the number of workers
 nor their order matters, and a unit that is tried again writes the same bytes.
 """
 
@@ -39,12 +39,12 @@ class Unit:
     """A shard to be made.
 
     Attributes:
-        job: What it belongs to.
-        number: Which shard.
+        job: Its job.
+        number: Number of the shard.
         out: The folder of the shards.
-        gl: What to draw with.
-        source_sha256: Of the faces, as the job saw them: a worker that sees others would mix them.
-        model_sha256: Likewise of the model.
+        gl: The OpenGL to draw with.
+        source_sha256: Hash of the faces that the job saw. A worker that saw others would mix them.
+        model_sha256: Hash of the model that the job saw.
     """
 
     job: RenderJob
@@ -58,13 +58,13 @@ class Unit:
 @final
 @dataclass(frozen=True)
 class UnitReport:
-    """What a unit took.
+    """What a unit cost.
 
     Attributes:
         n_faces: Faces that were tried.
-        seconds: By stage.
-        cpu_seconds: Of the processor, by stage.
-        peak_memory_bytes: Of the worker so far.
+        seconds: Seconds by stage.
+        cpu_seconds: Processor seconds by stage.
+        peak_memory_bytes: The largest memory of the worker so far.
     """
 
     n_faces: int
@@ -77,7 +77,7 @@ def render_unit(unit: Unit) -> UnitReport:
     """Makes one shard.
 
     Raises:
-        UsageError: The worker sees another model or other faces than the job, or the shard cannot be written.
+        UsageError: The worker sees another model or other faces than the job, or cannot write the shard.
         GLUnavailableError: The worker cannot draw.
     """
     return _DRAWING_THREAD.submit(_render_unit, unit).result()
@@ -86,7 +86,7 @@ def render_unit(unit: Unit) -> UnitReport:
 @final
 @dataclass(frozen=True, eq=False)
 class _Worker:
-    """What a worker keeps between units: opening it takes longer than rendering a sample."""
+    """What a worker keeps between units, because opening it takes longer than rendering a sample."""
 
     model: MorphableModel
     source: FaceSource
@@ -140,13 +140,13 @@ def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times:
 
 
 def _without_place(job: RenderJob, rejected: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Reasons with paths from the folder of the faces on: where that lies is nothing that a shard should say."""
+    """The rejected samples with paths relative to the folder of the faces, which a shard does not name."""
     folder = job.coefficients if job.coefficients.is_dir() else job.coefficients.parent
     return [(sample_id, reason.replace(f"{folder}{os.sep}", "")) for sample_id, reason in rejected]
 
 
 def _even_parts(faces: range, at_most: int) -> Iterator[range]:
-    """Parts of about the same size, none larger than what is computed at a time: small products are slow ones."""
+    """Splits faces into parts of about the same size, because small matrix products are slow."""
     n_parts = -(-len(faces) // at_most)
     for part in range(n_parts):
         yield faces[part * len(faces) // n_parts : (part + 1) * len(faces) // n_parts]
@@ -193,7 +193,7 @@ def _check_same(what: str, place: str, found: str, expected: str) -> None:
 
 
 def _peak_memory_bytes() -> int:
-    """Of this process. Where /proc says it; getrusage, which knows it everywhere, starts from what the parent had."""
+    """The largest memory of this process: from /proc where it exists, because getrusage begins with the parent's."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
         kilobytes = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))

@@ -1,8 +1,8 @@
-"""Finishes units of work on a place that may lose its workers.
+"""Finishes units of work at a place that may lose its workers.
 
-A worker that dies (killed, out of memory) takes its whole pool with it. The pool is opened anew, and what was under way
-is tried again, after everything that was not. A unit that was there each time its workers died is tried alone the last
-time, so that the blame is certain; then it ends the job.
+A worker that dies (killed, out of memory) takes its whole pool with it. A new pool is opened, and the units that were
+under way are tried again after all others. The last attempt of a unit is made alone, so that the blame is certain; if
+its worker dies again, the job ends.
 """
 
 from collections import Counter, deque
@@ -29,14 +29,14 @@ def finish_units(
     """Finishes all units, in any order.
 
     Args:
-        units: Their numbers.
+        units: Numbers of the units.
         place: Where they run.
-        submit: Hands one over.
-        on_finished: Called with each unit's number and result, in the caller's thread.
+        submit: Hands over one unit.
+        on_finished: Called in the caller's thread with the number and the result of each unit.
 
     Raises:
-        UsageError: Workers died with a unit once too often, or there are none left.
-        Exception: Whatever a unit raised; the others are dropped.
+        UsageError: Workers died with a unit too often, or no worker is left.
+        Exception: Whatever a unit raised. The other units are dropped.
     """
     work = _Work(units, submit, on_finished)
     while work.waiting:
@@ -49,7 +49,7 @@ def finish_units(
 
 @final
 class _Work(Generic[Result]):
-    """What waits, what is under way, and how often workers died with it."""
+    """The units that wait, those under way, and how often workers died with each."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class _Work(Generic[Result]):
         self._deaths: Counter[int] = Counter()
 
     def hand_over(self, executor: Executor, at_once: int) -> None:
-        """Hands over as much as may be under way: a unit at its last attempt only ever alone."""
+        """Hands over as many units as may be under way. The last attempt of a unit is made alone."""
         while self.waiting:
             alone = any(self._is_last_attempt(unit) for unit in (self.waiting[0], *self.running.values()))
             if len(self.running) >= (1 if alone else at_once):
@@ -72,10 +72,10 @@ class _Work(Generic[Result]):
             self.waiting.popleft()
 
     def return_lost(self) -> None:
-        """Puts what was under way when workers died behind everything else.
+        """Puts the units that were under way when a worker died behind all others.
 
         Raises:
-            UsageError: One of them has been there too often.
+            UsageError: Workers have died with one of them too often.
         """
         for future in [future for future in self.running if not future.cancelled() and future.exception() is None]:
             self.on_finished(self.running.pop(future), future.result())  # finished in the same moment

@@ -15,10 +15,10 @@ from datagen.cli import main
 from datagen.jobs import executors
 from datagen.jobs.executors import DaskCluster
 from pix2face.errors import UsageError
-from tests.datagen.job_runs import ROOT, Inputs, content, differing, kill, make_inputs, wait_for_shards
+from tests.datagen.job_runs import ROOT, Inputs, differing, kill, wait_for_shards
 
 pytest.importorskip("distributed", reason="needs pip install 'pix2face[distributed]'")
-pytestmark = pytest.mark.gl
+pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("disturbed jobs")]
 
 
 def start(program: str, *arguments: object) -> "subprocess.Popen[str]":
@@ -59,10 +59,9 @@ def worker(address: str, folder: Path, threads: int = 1) -> "subprocess.Popen[st
     )
 
 
-def test_a_cluster_whose_worker_is_killed_makes_the_same_shards(scheduler: str, tmp_path: Path) -> None:
-    (tmp_path / "inputs").mkdir()
-    inputs: Inputs = make_inputs(tmp_path / "inputs")
-    inputs.run(tmp_path / "expected", workers=1)
+def test_a_cluster_whose_worker_is_killed_makes_the_same_shards(
+    scheduler: str, inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
     workers = [worker(scheduler, tmp_path / f"worker{threads}", threads) for threads in (1, 2)]
     try:
         job = inputs.start(tmp_path / "out", "--scheduler", scheduler)
@@ -70,23 +69,21 @@ def test_a_cluster_whose_worker_is_killed_makes_the_same_shards(scheduler: str, 
         workers[1].send_signal(signal.SIGKILL)
         _, errors = job.communicate(timeout=200)
         assert job.returncode == 0, errors
-        expected = content(tmp_path / "expected")
-        assert differing(tmp_path / "out", expected) == []
+        assert differing(tmp_path / "out", undisturbed) == []
         stopped = inputs.start(tmp_path / "stopped", "--scheduler", scheduler)
         wait_for_shards(tmp_path / "stopped", 1, stopped)
         stopped.send_signal(signal.SIGTERM)
         _, errors = stopped.communicate(timeout=60)
         assert stopped.returncode == 143, errors
         inputs.run(tmp_path / "stopped", "--scheduler", scheduler)
-        assert differing(tmp_path / "stopped", expected) == []
+        assert differing(tmp_path / "stopped", undisturbed) == []
     finally:
         for process in workers:
             kill(process)
 
 
-def test_a_scheduler_that_is_killed_ends_the_job_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "inputs").mkdir()
-    inputs, file = make_inputs(tmp_path / "inputs"), tmp_path / "scheduler.json"
+def test_a_scheduler_that_is_killed_ends_the_job_in_one_line(inputs: Inputs, tmp_path: Path) -> None:
+    file = tmp_path / "scheduler.json"
     process = start("scheduler", "--host", "127.0.0.1", "--port", 0, "--scheduler-file", file)
     only_worker = worker(address_in(file), tmp_path / "worker")
     try:
@@ -114,10 +111,9 @@ def test_a_scheduler_without_workers_is_one_line(
 
 
 def test_no_scheduler_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    inputs: Inputs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(executors, "CONNECT_S", 1)
-    inputs = make_inputs(tmp_path)
     arguments = inputs.command(tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")[3:]
     assert main(arguments) == 2
     error = capfd.readouterr().err.splitlines()[-1]
@@ -125,17 +121,19 @@ def test_no_scheduler_is_one_line(
     assert "`dask scheduler`" in error
 
 
-def test_an_address_without_a_port_is_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    arguments = make_inputs(tmp_path).command(tmp_path / "out", "--scheduler", "localhost")[3:]
+def test_an_address_without_a_port_is_one_line(
+    inputs: Inputs, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = inputs.command(tmp_path / "out", "--scheduler", "localhost")[3:]
     assert main(arguments) == 2
     error = capfd.readouterr().err
     assert "Traceback" not in error
     assert error.splitlines()[-1].endswith("expected an address with a port, such as tcp://host:8786, found no port")
 
 
-def test_without_the_package_its_name_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_without_the_package_its_name_is_said(inputs: Inputs, tmp_path: Path) -> None:
     code = "import sys; sys.modules['distributed'] = None; from datagen.cli import main; sys.exit(main(sys.argv[1:]))"
-    arguments = make_inputs(tmp_path).command(tmp_path / "out", "--scheduler", "tcp://127.0.0.1:8786")[3:]
+    arguments = inputs.command(tmp_path / "out", "--scheduler", "tcp://127.0.0.1:8786")[3:]
     run = subprocess.run([sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 2
     assert "pip install 'pix2face[distributed]'" in run.stderr.splitlines()[-1]

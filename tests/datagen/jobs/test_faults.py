@@ -12,10 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pix2face.shards.shard_checks import verify_shard
-from pix2face.shards.shard_reader import ShardReader
 from tests.datagen.job_runs import (
-    N_FACES,
     N_SHARDS,
     Inputs,
     changed,
@@ -23,32 +20,16 @@ from tests.datagen.job_runs import (
     differing,
     finished_shards,
     kill,
-    make_inputs,
     wait_for_shards,
     wait_until_dead,
     workers_of,
 )
 
-pytestmark = [pytest.mark.gl, pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")]
-
-
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory) -> Inputs:
-    return make_inputs(tmp_path_factory.mktemp("inputs"))
-
-
-@pytest.fixture(scope="module")
-def undisturbed(inputs: Inputs, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """Every file of a run on one worker that nothing happened to."""
-    out = tmp_path_factory.mktemp("undisturbed")
-    inputs.run(out, workers=1)
-    ids = []
-    for path in finished_shards(out):
-        assert verify_shard(path) == []
-        with ShardReader(path) as reader:
-            ids += reader.sample_ids
-    assert len(ids) == len(set(ids)) == N_FACES - 1
-    return content(out)
+pytestmark = [
+    pytest.mark.gl,
+    pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc"),
+    pytest.mark.xdist_group("disturbed jobs"),  # the undisturbed one is run once
+]
 
 
 @pytest.mark.parametrize("workers", [2, 4])
