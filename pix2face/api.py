@@ -14,7 +14,7 @@ from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.fitting.joint_fit import fit_joint
 from pix2face.geometry.crops import FaceBox, image_centre_in_crop
-from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model

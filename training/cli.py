@@ -15,8 +15,8 @@ from rich.panel import Panel
 
 from pix2face.command_line import prepare_output_folder, progress_bar, run_commands, say
 from pix2face.errors import Pix2FaceError, UsageError
+from pix2face.inference import CHECKPOINT_NAME, RUNS
 from pix2face.inference.checkpoint import load_checkpoint
-from pix2face.inference.runs import CHECKPOINT_NAME, RUNS
 from pix2face.models.morphable_model import builtin_model
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import ShardIndex, index_shards, split_off

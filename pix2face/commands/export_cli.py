@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 
 from pix2face.command_line import check_output_file, optional, say
-from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference import PACKAGED
 
 
 @final

@@ -14,7 +14,7 @@ from pix2face.detectors.detection import DEFAULT_DETECTOR
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.face_files.box_files import LARGEST_BOX_PX, BoxFile, read_box_file
 from pix2face.geometry.crops import FaceBox
-from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel

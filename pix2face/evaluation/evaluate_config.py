@@ -11,8 +11,7 @@ from pix2face.commands.face_options import NetworkOptions
 from pix2face.evaluation.benchmarks.manifest import Split
 from pix2face.evaluation.subjects.predictions_file import PixelFrame
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
-from pix2face.geometry.alignment3d import Alignment
-from pix2face.geometry.landmark_metrics import Normaliser
+from pix2face.geometry.landmark_metrics import Alignment, Normaliser
 
 
 @final

@@ -17,10 +17,16 @@ from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, Benchma
 from pix2face.evaluation.figures.pose_summary import PoseErrors
 from pix2face.evaluation.subjects.subjects import FoundFace, Subject
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, compare_coefficients, compare_maps
-from pix2face.geometry.alignment3d import Alignment, distances3d
 from pix2face.geometry.camera import HeadPose, angle_between_poses_deg
 from pix2face.geometry.crops import FaceBox
-from pix2face.geometry.landmark_metrics import POINT_SETS, Normaliser, landmark_errors, normalising_distance
+from pix2face.geometry.landmark_metrics import (
+    POINT_SETS,
+    Alignment,
+    Normaliser,
+    distances3d,
+    landmark_errors,
+    normalising_distance,
+)
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel
 

@@ -19,7 +19,7 @@ from numpy import ndarray
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.vertex_normals import vertex_normals
+from pix2face.models.surface_attributes import vertex_normals
 
 JAW = IBUG68_PARTS["jaw"]
 NOSE_BASE = 33

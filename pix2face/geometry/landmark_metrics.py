@@ -14,9 +14,18 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.geometry.landmarks import IBUG68_PARTS, INNER51, LEFT_EYE, OUTER_EYE_CORNERS, RIGHT_EYE
+from pix2face.geometry.rigid_alignment import fit_rigid
 
 # What the distances are divided by. Papers differ; no function here has a default.
 Normaliser = Literal["outer-eye", "inter-pupil", "box-sqrt", "box-diagonal"]
+
+# How 3D landmarks are laid onto the true ones before their distances are measured.
+Alignment = Literal["none", "rigid", "similarity"]
+ALIGNMENTS: dict[Alignment, str] = {
+    "none": "as they are: same unit, axes and origin needed",
+    "rigid": "moved and turned by least squares over all points, not scaled: same unit needed",
+    "similarity": "moved, turned and scaled by least squares over all points",
+}
 
 ALL68 = tuple(range(68))
 POINT_SETS = {"68": ALL68, "51": INNER51}
@@ -134,3 +143,36 @@ def summarise(errors: Float[ndarray, " n"], threshold: float) -> ErrorSummary:
         area_under_curve=area_under_curve(errors, threshold) if len(errors) else None,
         failure_rate=failure_rate(errors, threshold) if len(errors) else None,
     )
+
+
+def aligned(
+    points: Float[ndarray, "n 3"], truth: Float[ndarray, "n 3"], alignment: Alignment
+) -> Float64[ndarray, "n 3"]:
+    """Points laid onto true ones.
+
+    Raises:
+        DegenerateGeometryError: Fewer than 3 points, all on one line, or not finite.
+
+    Source: Umeyama 1991, Least-squares estimation of transformation parameters between two point patterns.
+    """
+    if not (np.isfinite(points).all() and np.isfinite(truth).all()):
+        raise DegenerateGeometryError("expected finite 3D landmarks, found NaN or infinity")
+    if alignment == "none":
+        return points.astype(np.float64)
+    rigid, scale = fit_rigid(points, truth)
+    if alignment == "rigid":
+        return rigid.apply(points)
+    # Of a similarity the rotation is the same; the scale is taken about the centres, which lie on each other.
+    centre = truth.mean(axis=0, dtype=np.float64)
+    return np.asarray(centre + scale * (rigid.apply(points) - centre), dtype=np.float64)
+
+
+def distances3d(
+    points: Float[ndarray, "n 3"], truth: Float[ndarray, "n 3"], alignment: Alignment
+) -> Float64[ndarray, " n"]:
+    """The distance of each point from its true place after alignment, in the unit of the truth.
+
+    Raises:
+        DegenerateGeometryError: The points cannot be aligned.
+    """
+    return np.asarray(np.linalg.norm(aligned(points, truth, alignment) - truth, axis=1), dtype=np.float64)

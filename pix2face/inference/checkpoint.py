@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.crops import INFERENCE_SCALE
-from pix2face.inference.runs import CHECKPOINT_NAME
+from pix2face.inference import CHECKPOINT_NAME
 from pix2face.networks.architectures import build_network
 from pix2face.networks.paper import MAP_PLANES, paper_widths
 

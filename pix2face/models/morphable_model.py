@@ -3,7 +3,7 @@
 Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import as_file, files
@@ -20,7 +20,6 @@ from pix2face.models.subdivision import refine
 BUILTIN_MODEL = "builtin"
 
 # Vertices of some hundred faces: matrix products are as fast as they get, and memory stays small.
-BATCH_BYTES = 64 << 20
 
 
 @final
@@ -122,20 +121,6 @@ class MorphableModel:
         out += expression.astype(np.float32) @ self.expression_basis.reshape(self.n_expression, self.mean.size)
         out += self.mean.reshape(-1)
         return out.reshape(n, len(self.mean), 3)
-
-    def vertex_batches(
-        self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"], batch_bytes: int = BATCH_BYTES
-    ) -> Iterator[Float32[ndarray, "b v 3"]]:
-        """Evaluates any number of faces in order, in batches whose vertices take no more than some memory.
-
-        Args:
-            identity: As ``vertices``.
-            expression: As ``vertices``.
-            batch_bytes: Size of a batch of vertices (one face at least).
-        """
-        size = max(1, batch_bytes // self.mean.nbytes)
-        for start in range(0, len(identity), size):
-            yield self.vertices(identity[start : start + size], expression[start : start + size])
 
 
 def load_model(path: Path, refinement_steps: int | None = None) -> MorphableModel:

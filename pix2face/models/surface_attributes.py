@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Float, Float32, Float64, Int, Int32
 from numpy import ndarray
 from scipy import sparse
 
@@ -47,6 +47,16 @@ def camera_from_model_axes(camera: Camera) -> Float64[ndarray, "3 3"]:
     axes = nearest_weak_perspective(camera).rotation.copy()
     axes[2] *= np.sign(axes[2] @ camera.matrix[2, :3])
     return axes
+
+
+def vertex_normals(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"]) -> Float64[ndarray, "v 3"]:
+    """Unit normals, the mean of the triangles' at each vertex weighted by area; 0 where no triangle is."""
+    corners = vertices[triangles].astype(np.float64)
+    normals = np.repeat(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), 3, axis=0)
+    columns = [np.bincount(triangles.ravel(), normals[:, axis], minlength=len(vertices)) for axis in range(3)]
+    total = np.stack(columns, axis=1)
+    lengths = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(lengths > 0, lengths, 1), dtype=np.float64)
 
 
 def normals_in_camera(

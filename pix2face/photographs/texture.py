@@ -18,7 +18,7 @@ from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, squa
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import rasterise
-from pix2face.models.vertex_normals import vertex_normals
+from pix2face.models.surface_attributes import vertex_normals
 
 # The smallest texture with so many texels for the face is taken: three times as many as a crop has pixels.
 FACE_TEXELS = 180_000

@@ -23,7 +23,7 @@ from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.vertex_normals import vertex_normals
+from pix2face.models.surface_attributes import vertex_normals
 from pix2face.photographs.mesh_files import linear_colours, split_at_seams
 from pix2face.photographs.texture import face_texture, vertex_colours
 

@@ -26,7 +26,7 @@ from pix2face.api import Pix2Face
 from pix2face.files.images import read_photograph
 from pix2face.fitting.fit_options import FitOptions
 from pix2face.geometry.crops import crop_image, square_crop
-from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference import PACKAGED
 from tests.benchmarks.surroundings import surroundings
 
 

@@ -37,7 +37,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmark_metrics import nme
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
-from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import MorphableModel, builtin_model

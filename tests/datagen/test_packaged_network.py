@@ -12,7 +12,7 @@ from datagen.sampling.faces import sample_faces
 from pix2face.files.images import decode_image
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.crops import FaceBox
-from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, SCENE_LAYERS

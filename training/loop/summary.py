@@ -5,7 +5,7 @@ from pathlib import Path
 from rich.text import Text
 
 from pix2face.command_line import counted, printable
-from pix2face.inference.runs import CHECKPOINT_NAME
+from pix2face.inference import CHECKPOINT_NAME
 from training.data.shard_index import ShardIndex
 from training.loop.speed import duration_in_words, seconds_per_image
 from training.loop.trainer import Surroundings

@@ -14,8 +14,8 @@ from typing import final
 import torch
 
 from pix2face.errors import Pix2FaceError, UsageError
+from pix2face.inference import CHECKPOINT_NAME
 from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
-from pix2face.inference.runs import CHECKPOINT_NAME
 from pix2face.networks.architectures import SEEN_PLANE
 from training.data.batches import Batch
 from training.data.loader import BatchLoader

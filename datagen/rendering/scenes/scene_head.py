@@ -13,7 +13,7 @@ from datagen.rendering.scenes.scene_openings import WITHIN
 from datagen.rendering.scenes.scene_program import UNITS, SceneProgram
 from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.vertex_normals import vertex_normals
+from pix2face.models.surface_attributes import vertex_normals
 
 # Shadows are cast by a coarser head: the vertices in a cube of this size become one.
 SHADOW_CELL_MM = 6.0

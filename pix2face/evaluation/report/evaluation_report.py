@@ -25,8 +25,7 @@ from pix2face.evaluation.figures.bootstrap import (
 )
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_of_coefficients, mean_of_maps
-from pix2face.geometry.alignment3d import Alignment
-from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS, ErrorSummary, Normaliser, summarise
+from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS, Alignment, ErrorSummary, Normaliser, summarise
 
 NORMALISERS: dict[Normaliser, str] = {
     "outer-eye": "distance of the true outer eye corners",

@@ -21,8 +21,7 @@ from pix2face.evaluation.report.report_pictures import Cases, cases_sheet, curve
 from pix2face.evaluation.report.report_text import ReportTable, all_tables, report_notes
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
 from pix2face.files.images import encode_photograph
-from pix2face.geometry.alignment3d import ALIGNMENTS
-from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS
+from pix2face.geometry.landmark_metrics import ALIGNMENTS, PARTS, POINT_SETS
 
 SCHEMA_VERSION = 2
 FORMAT = "pix2face-evaluation"

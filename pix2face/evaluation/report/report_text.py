@@ -13,8 +13,7 @@ from pix2face.evaluation.figures.attribute_bins import ErrorsByAttribute
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Interval
 from pix2face.evaluation.figures.pose_summary import ANGLES
 from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, NORMALISERS, Report, ReportRow
-from pix2face.geometry.alignment3d import ALIGNMENTS
-from pix2face.geometry.landmark_metrics import ErrorSummary
+from pix2face.geometry.landmark_metrics import ALIGNMENTS, ErrorSummary
 
 N_NAMES_SHOWN = 10
 NO_FIGURE = "–"

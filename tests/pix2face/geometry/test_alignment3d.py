@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pix2face.errors import DegenerateGeometryError
-from pix2face.geometry.alignment3d import aligned, distances3d
+from pix2face.geometry.landmark_metrics import aligned, distances3d
 
 TRUTH = np.random.default_rng(0).normal(0, 50, (68, 3))
 

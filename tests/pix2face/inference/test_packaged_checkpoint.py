@@ -14,7 +14,7 @@ from pix2face.face_files.annotations import find_annotations
 from pix2face.files.images import read_photograph
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmarks import IBUG68
-from pix2face.inference.default_checkpoint import PACKAGED
+from pix2face.inference import PACKAGED
 
 LARGEST_BYTES = 20_000_000
 # Marked by hand: outer and inner corners of the eyes, tip of the nose, corners of the mouth, chin.

@@ -1,6 +1,6 @@
 import numpy as np
 
-from pix2face.models.vertex_normals import vertex_normals
+from pix2face.models.surface_attributes import vertex_normals
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
