@@ -1,7 +1,7 @@
-"""The whole appearance of a synthetic photograph: its parts, each from a random stream of its own.
+"""The whole appearance of a synthetic photograph: its parts, each drawn from a random stream of its own.
 
-A part that is configured otherwise, or draws one number more, changes nothing else in the picture. So two sets that
-differ in one ingredient differ in nothing but that ingredient.
+A part that is configured otherwise, or draws one more number, changes nothing else in the picture. Two data sets that
+differ in one ingredient therefore differ in nothing else.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from datagen.random_streams import generator_for
 @final
 @dataclass(frozen=True, kw_only=True)
 class Appearance:
-    """Everything that a synthetic photograph has beside the shape and the pose of its face."""
+    """Everything in a synthetic photograph except the shape and the pose of its face."""
 
     person: Person
     torso: Torso  # how the body stands
@@ -61,12 +61,12 @@ def draw_appearance(seed: int, sample_id: str, config: AppearanceConfig) -> Appe
 
 
 def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
-    """What is stored with a sample, to filter by: ``part.name`` of what was drawn.
+    """What is stored with a sample to filter by: `part.name` of what was drawn.
 
-    Numbers have four digits, yes and no are 1 and 0, of lists of things it is how many there are. Left out are numbers
-    that are 0 (``pix2face.shards.sample_filter`` knows), colours, places and other lists of numbers, seeds, and what
-    says nothing that anybody would choose by: the job's seed, its configuration and the sample's id give all of them
-    again.
+    Numbers have four digits, yes and no are 1 and 0, and lists of things are stored as their length. Left out are
+    numbers that are 0 (`pix2face.shards.sample_filter` knows that), colours, places and other lists of numbers, seeds,
+    and whatever nobody would filter by: all of it can be drawn again from the job's seed and configuration and the
+    sample's id.
     """
     found: dict[str, str | float] = {}
     for part in fields(appearance):
@@ -80,29 +80,17 @@ def appearance_textures() -> Mapping[str, Texture]:
     return {**skin_textures(), **hair_textures(), **light_textures(), **accessory_textures()}
 
 
-# What says how something is drawn, and nothing about the picture that anybody would choose by.
+# Fields that nobody would filter by.
 _ONLY_TO_DRAW = frozenset(
-    [
-        "seed",
-        "enlarged_by",
-        "read_noise_share",
-        "metering_strength",
-        "motion_bend",
-        "scale_mm",
-        "roll_off",
-        "root_darkness",
-        "tips_from_mm",
-        "tips_to_mm",
-        "sway_mm",
-        "shift_mm",
-        "apart_mm",
-        "uneven_mm",
-    ]
+    (
+        *("seed", "enlarged_by", "read_noise_share", "metering_strength", "motion_bend", "scale_mm", "roll_off"),
+        *("root_darkness", "tips_from_mm", "tips_to_mm", "sway_mm", "shift_mm", "apart_mm", "uneven_mm"),
+    )
 )
 
 
 def _describe(part: Any, prefix: str, into: dict[str, str | float]) -> None:
-    """Adds a part of an appearance; at least one attribute says that it is there."""
+    """Adds the attributes of a part; at least one shows that the part is there."""
     n_before, zeros = len(into), []
     for name, value in vars(part).items():
         if name in _ONLY_TO_DRAW or value is None:

@@ -1,4 +1,4 @@
-"""Who is in a synthetic photograph: what skin, hair, beard and clothes have in common."""
+"""Who is in a synthetic photograph (what skin, hair, beard and clothes have in common), and how the body stands."""
 
 from dataclasses import dataclass
 from typing import final
@@ -29,7 +29,7 @@ _MELANIN = np.array([[0.72, 0.16], [0.36, 0.12], [0.22, 0.12]])
 
 
 def draw_person(rng: np.random.Generator) -> Person:
-    """Draws a person: every age, both sexes alike, mixed origins as often as not."""
+    """Draws a person: any age, either sex, often of mixed origin."""
     weights = rng.dirichlet(np.full(3, 0.35))
     mean, spread = weights @ _MELANIN
     femininity = float(np.clip(rng.choice([0.0, 1.0]) + rng.normal(0, 0.12), 0, 1))
@@ -58,23 +58,16 @@ class Torso:
 
 
 def draw_torso(rng: np.random.Generator) -> Torso:
-    """Draws how a body stands: mostly the head turns less than the body does, and nods by itself."""
+    """Draws how a body stands: mostly the body turns more than the neck does, and the neck alone nods."""
     turn, nod, tilt = rng.beta([1.5, 3.0, 3.0], [2.0, 1.5, 1.5])
     return Torso(turn=rounded(turn), nod=rounded(nod), tilt=rounded(tilt))
 
 
 def head_from_torso(torso: Torso, camera: Camera) -> Float64[ndarray, "3 3"]:
-    """The rotation that brings a body from where the head alone would have it to where it stands, model frame.
-
-    Args:
-        torso: The body.
-        camera: Sees the head.
-    """
+    """The rotation from a body that is aligned with the head to the body as it stands, model frame."""
     head = head_pose(camera)
-    neck = HeadPose(
-        min(max(torso.nod * head.pitch_deg, -MOST_NOD_DEG), MOST_NOD_DEG),
-        min(max(torso.turn * head.yaw_deg, -MOST_TURN_DEG), MOST_TURN_DEG),
-        min(max(torso.tilt * head.roll_deg, -MOST_TILT_DEG), MOST_TILT_DEG),
-    )
-    body = HeadPose(head.pitch_deg - neck.pitch_deg, head.yaw_deg - neck.yaw_deg, head.roll_deg - neck.roll_deg)
+    pitch = min(max(torso.nod * head.pitch_deg, -MOST_NOD_DEG), MOST_NOD_DEG)
+    yaw = min(max(torso.turn * head.yaw_deg, -MOST_TURN_DEG), MOST_TURN_DEG)
+    roll = min(max(torso.tilt * head.roll_deg, -MOST_TILT_DEG), MOST_TILT_DEG)
+    body = HeadPose(head.pitch_deg - pitch, head.yaw_deg - yaw, head.roll_deg - roll)
     return np.asarray(rotation_of_pose(head).T @ rotation_of_pose(body))

@@ -26,7 +26,7 @@ from datagen.appearance.hair.brows_and_lashes import (
 )
 from datagen.appearance.hair.hair_colour import HairColour, draw_hair_colour
 from datagen.appearance.hair.hair_config import HairConfig
-from datagen.appearance.hair.shape import CrownPlane, Parting, find_parting, mirrored_parting, shaped, uncovered
+from datagen.appearance.hair.shape import CrownPlane, Parting, find_parting, shaped, uncovered
 from datagen.appearance.hair.styles import STYLES, Hairdo, draw_hairdo
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh, Texture, UniformValue
@@ -147,7 +147,8 @@ def _style_mesh(style: str, hair: Hair, head: PosedHead, crown: CrownPlane | Non
 @cache
 def _parting(style: str, is_mirrored: bool) -> Parting:
     if is_mirrored:
-        return mirrored_parting(_parting(style, False))
+        other = _parting(style, False)
+        return Parting(-other.left, -other.right)
     return find_parting(bound_mesh(style), read_picture(f"{style}.webp"))
 
 

@@ -1,4 +1,4 @@
-"""Colours of hair, from the two melanins, from age, and from a bottle."""
+"""Draws the colour of hair from its two melanins, from age, and from dyes."""
 
 import colorsys
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy import ndarray
 from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, triple
 
 # Absorption of one unit of each pigment, for red, green and blue. Source: d'Eon et al. 2011, Table 1.
 EUMELANIN, PHEOMELANIN = np.array([0.419, 0.697, 1.37]), np.array([0.187, 0.4, 1.05])
@@ -24,7 +24,7 @@ VIVID_HUES = (0.58, 0.9, 0.4, 0.78, 0.99, 0.5)
 @final
 @dataclass(frozen=True, kw_only=True)
 class HairColour:
-    """What colours the hair of a head; colours are linear, 0..1."""
+    """The colours of a head's hair; all are linear, 0..1."""
 
     eumelanin: float  # brown and black pigment, 0.05 (platinum) to 9 (black)
     pheomelanin: float  # red pigment, 0 to 3
@@ -42,7 +42,7 @@ class HairColour:
 
 
 def melanin_to_linear(eumelanin: float, pheomelanin: float) -> ndarray:
-    """Colour (linear) of much hair with these amounts of pigment."""
+    """Linear colour of dense hair with these amounts of pigment."""
     absorption = eumelanin * EUMELANIN + pheomelanin * PHEOMELANIN
     return FLOOR + (1 - FLOOR) * np.exp(-DEPTH * np.sqrt(absorption))
 
@@ -53,13 +53,11 @@ def draw_hair_colour(rng: np.random.Generator, config: HairConfig, person: Perso
     kind = rng.random()
     is_vivid, is_dyed = kind < config.vivid_share, kind < config.vivid_share + config.dyed_share
     dyed = _any_pigments(rng) if is_dyed else natural
-    base = melanin_to_linear(*dyed)
     own = melanin_to_linear(*natural)
-    if is_vivid:
-        base = _vivid(rng)
+    base = _vivid(rng) if is_vivid else melanin_to_linear(*dyed)
     lightened = rng.random() < config.highlights_share
     lighter = _between(base, melanin_to_linear(dyed[0] * 0.25, dyed[1] * 0.6), rng.uniform(0.4, 1))
-    if is_vivid and rng.random() < 0.5:  # a coloured lock, coloured tips
+    if is_vivid and rng.random() < 0.5:  # only a lock or the tips are coloured
         base, lighter, lightened = own, base, True
     has_tips = lightened and rng.random() < 0.5
     begins = rng.uniform(-60, 60)
@@ -72,7 +70,7 @@ def draw_hair_colour(rng: np.random.Generator, config: HairConfig, person: Perso
         tips_from_mm=rounded(begins, 1),
         tips_to_mm=rounded(begins - rng.uniform(40, 120), 1),
         highlight=_colour(lighter),
-        highlight_share=round(float(rng.uniform(0.2, 0.6)) if lightened and not has_tips else 0.0, 3),
+        highlight_share=rounded(rng.uniform(0.2, 0.6) if lightened and not has_tips else 0.0),
         grey=_colour(WHITE_HAIR * rng.uniform(0.6, 1.05) * rng.normal(1, [0.01, 0.01, 0.03])),
         grey_share=round(grey_share, 3),
         root_darkness=rounded(rng.uniform(0.3, 1) if is_dyed or lightened else rng.uniform(0, 0.3)),
@@ -92,7 +90,7 @@ def brow_colour(rng: np.random.Generator, config: HairConfig, hair: HairColour) 
 
 
 def _natural_pigments(rng: np.random.Generator, person: Person) -> tuple[float, float]:
-    """Black hair but for Caucasian people, of whom one in twenty-five is red."""
+    """Black hair, except for Caucasian people, of whom one in twenty is red."""
     if rng.random() > person.caucasian:
         return float(np.exp(rng.normal(np.log(5.5), 0.35))), float(rng.uniform(0, 0.5))
     if rng.random() < 0.05:
@@ -123,5 +121,4 @@ def _between(a: ndarray, b: ndarray, share: float) -> ndarray:
 
 
 def _colour(linear: ndarray) -> Colour:
-    red, green, blue = (rounded(value, 4) for value in np.clip(linear, 0, 1))
-    return red, green, blue
+    return triple(np.clip(linear, 0, 1))

@@ -1,6 +1,9 @@
-"""Bends a modelled hairdo into many: wider, shorter, combed aside, blown, tucked under a hat.
+"""Turns a modelled hairdo into many: wider, shorter, combed aside, blown, tucked under a hat.
 
-All of it happens around the model's mean, before the hairdo follows a head.
+All of this happens around the model's mean, before the hairdo follows a head. Combing aside widens the gap between the
+strands that fall to the left and to the right. Seen from the front, each row of a hairdo has a gap, or a place at its
+parting where one begins. Strands beside it move outward, those at the side of the head stay, those between move by a
+part of the way, and all keep their distance from the skin.
 """
 
 from dataclasses import dataclass
@@ -41,13 +44,7 @@ class Parting:
 
 
 def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) -> None:
-    """Widens the gap of a hairdo, in place.
-
-    Args:
-        points: Around the model's mean, mm.
-        parting: The hairdo's.
-        share: 0 as it is, 1 as wide as the face.
-    """
+    """Widens the gap of a hairdo in place; a share of 1 makes it as wide as the face."""
     x, y = points[:, 0], points[:, 1]
     chosen = np.flatnonzero((points[:, 2] > IN_FRONT_MM) & (np.abs(x) < HALF_WIDTH_MM) & (y > LOW_MM) & (y < HIGH_MM))
     if not len(chosen):
@@ -73,12 +70,7 @@ def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) 
 
 
 def find_parting(mesh: BoundMesh, picture: UInt8[ndarray, "h w c"]) -> Parting:
-    """Looks at a hairdo from the front.
-
-    Args:
-        mesh: The hairdo.
-        picture: Its texture; the last channel is alpha.
-    """
+    """Looks at a hairdo from the front; the last channel of its texture is alpha."""
     covered = _seen_from_the_front(mesh, picture)
     gaps = [_gap(row) if height < TOP_MM else None for row, height in zip(covered, row_heights(), strict=True)]
     known = [place for place, gap in enumerate(gaps) if gap is not None]
@@ -98,11 +90,6 @@ def find_parting(mesh: BoundMesh, picture: UInt8[ndarray, "h w c"]) -> Parting:
             ends[:, place] = ends[:, place - 1]
     smooth = [np.convolve(np.pad(end, 6, "edge"), np.full(13, 1 / 13), "valid") for end in ends]
     return Parting(smooth[0].astype(np.float32), smooth[1].astype(np.float32))
-
-
-def mirrored_parting(parting: Parting) -> Parting:
-    """The parting of the mirror image."""
-    return Parting(-parting.left, -parting.right)
 
 
 def row_heights() -> Float32[ndarray, " rows"]:
@@ -172,14 +159,14 @@ STRIP_MM, AT_RIM_MM = 12.0, 3.0
 @final
 @dataclass(frozen=True)
 class CrownPlane:
-    """Above it a hat hides hair."""
+    """A hat hides the hair above this plane."""
 
     point: tuple[float, float, float]  # on the rim of the hat, mm, around the model's mean
     normal: tuple[float, float, float]  # unit, towards the top of the hat
 
 
 def shaped(mesh: BoundMesh, parting: Parting, hairdo: Hairdo, crown: CrownPlane | None) -> Float32[ndarray, "p 3"]:
-    """Where the points of a mesh are around the mean, once it is worn in this way."""
+    """Where the points of a mesh are around the mean when it is worn in this way."""
     points = mesh.mean - mesh.feet
     height = np.linalg.norm(points, axis=1)
     # What hangs far from the head keeps its shape.
@@ -195,7 +182,7 @@ def shaped(mesh: BoundMesh, parting: Parting, hairdo: Hairdo, crown: CrownPlane 
 
 
 def uncovered(mesh: BoundMesh, points: Float32[ndarray, "p 3"], crown: CrownPlane | None) -> Int32[ndarray, "t 3"]:
-    """Triangles that a hat leaves to be seen: those that lie below it as modelled and as worn (``points``)."""
+    """Triangles that a hat does not hide: those below it both as modelled and as worn (`points`)."""
     if crown is None:
         return mesh.triangles
     is_seen: Bool[ndarray, " v"] = (np.maximum(_above(mesh.mean, crown), _above(points, crown)) < STRIP_MM)[

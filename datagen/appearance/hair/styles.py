@@ -1,4 +1,4 @@
-"""Which hairdo a person wears: ten modelled ones, what may be changed about them, and none."""
+"""Draws which hairdo a person has: one of ten modelled ones with variations, or none."""
 
 from dataclasses import dataclass
 from typing import final
@@ -7,7 +7,7 @@ import numpy as np
 
 from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.person import Person
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, weighted_choice
 
 
 @final
@@ -38,7 +38,7 @@ STYLES = {
     "short04": Style(female=0.4, male=1.6, african=1.3),
 }
 CAPS = ("short03", "short04")
-# Without a mesh: how often, and how dark the scalp is painted, from and to.
+# Styles without a mesh: weight, and how dark the scalp is painted, from and to.
 WITHOUT_MESH = {"bald": (0.3, (0.0, 0.06)), "shaved": (0.35, (0.15, 0.45)), "cropped": (0.35, (0.6, 0.95))}
 UNCUT_MM = -1000.0
 
@@ -73,8 +73,8 @@ def draw_hairdo(rng: np.random.Generator, config: HairConfig, person: Person) ->
         style=style,
         cap=str(rng.choice(CAPS)) if is_capped and style in STYLES else "",
         is_mirrored=bool(rng.random() < config.mirrored_share),
-        length=round(float(rng.uniform(*config.length)) if modelled.is_long else 1.0, 3),
-        cut_mm=round(float(rng.uniform(-200, -30)) if is_cut else UNCUT_MM, 1),
+        length=rounded(rng.uniform(*config.length) if modelled.is_long else 1.0),
+        cut_mm=rounded(rng.uniform(-200, -30) if is_cut else UNCUT_MM, 1),
         volume=rounded(rng.uniform(*config.volume)),
         aside=rounded(rng.uniform(0, 0.3) if hangs else rng.uniform(0.7, 1)),
         sway_mm=rounded(rng.normal(0, config.sway_mm), 2),
@@ -87,11 +87,9 @@ def draw_hairdo(rng: np.random.Generator, config: HairConfig, person: Person) ->
 def _draw_style(rng: np.random.Generator, config: HairConfig, person: Person) -> tuple[str, float]:
     male = 1 - person.femininity
     if rng.random() < config.no_mesh_share * (male + person.femininity / 3):
-        names = list(WITHOUT_MESH)
-        style = str(rng.choice(names, p=[WITHOUT_MESH[name][0] for name in names]))
+        style = weighted_choice(rng, {name: weight for name, (weight, _) in WITHOUT_MESH.items()})
         return style, float(rng.uniform(*WITHOUT_MESH[style][1]))
-    weights = np.array([_weight(style, config, person) for style in STYLES.values()])
-    style = str(rng.choice(list(STYLES), p=weights / weights.sum()))
+    style = weighted_choice(rng, {name: _weight(style, config, person) for name, style in STYLES.items()})
     return style, float(np.clip(STYLES[style].scalp_density + rng.normal(0, 0.1), 0, 1))
 
 

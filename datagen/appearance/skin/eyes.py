@@ -1,4 +1,4 @@
-"""Eyes and what a mouth shows when it opens."""
+"""Draws eyes, teeth and tongue."""
 
 from dataclasses import dataclass
 from typing import final
@@ -10,33 +10,20 @@ from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour
 from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import IRISES
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, triple
 
-# Linear colours of irises from the most pigment to the least: outer part and, around the pupil, inner part.
-_OUTER = np.array(
+# Linear colours of irises from the most pigment to the least: outer part, and inner part around the pupil.
+_IRISES = np.array(
     [
-        [0.022, 0.012, 0.008],
-        [0.050, 0.022, 0.010],
-        [0.105, 0.048, 0.018],
-        [0.150, 0.095, 0.036],
-        [0.125, 0.120, 0.055],
-        [0.120, 0.150, 0.110],
-        [0.110, 0.170, 0.210],
-        [0.200, 0.270, 0.330],
-        [0.330, 0.370, 0.390],
-    ]
-)
-_INNER = np.array(
-    [
-        [0.026, 0.014, 0.008],
-        [0.066, 0.028, 0.011],
-        [0.140, 0.062, 0.020],
-        [0.190, 0.105, 0.034],
-        [0.190, 0.120, 0.040],
-        [0.190, 0.160, 0.085],
-        [0.150, 0.190, 0.200],
-        [0.250, 0.300, 0.330],
-        [0.360, 0.390, 0.390],
+        [0.022, 0.012, 0.008, 0.026, 0.014, 0.008],
+        [0.050, 0.022, 0.010, 0.066, 0.028, 0.011],
+        [0.105, 0.048, 0.018, 0.140, 0.062, 0.020],
+        [0.150, 0.095, 0.036, 0.190, 0.105, 0.034],
+        [0.125, 0.120, 0.055, 0.190, 0.120, 0.040],
+        [0.120, 0.150, 0.110, 0.190, 0.160, 0.085],
+        [0.110, 0.170, 0.210, 0.150, 0.190, 0.200],
+        [0.200, 0.270, 0.330, 0.250, 0.300, 0.330],
+        [0.330, 0.370, 0.390, 0.360, 0.390, 0.390],
     ]
 )
 
@@ -74,16 +61,15 @@ class Mouth:
 
 
 def draw_eyes(rng: np.random.Generator, config: SkinConfig, person: Person) -> Eyes:
-    """Draws a pair of eyes: brown everywhere, all colours with light skin of European origin."""
+    """Draws a pair of eyes: brown, or any colour for light skin of European origin."""
     brown = rng.beta(1.2, 5.0) * 0.45
     lighter = rng.uniform(0.15, 1.0)
     is_light = rng.random() < person.caucasian * (1.15 - person.melanin)
     place = lighter if is_light else brown
-    left = _iris(rng, place)
+    left = right = _iris(rng, place)
     is_odd, is_lens = rng.random() < config.odd_eyes_share, rng.random() < 0.5
     other = _iris(rng, float(rng.uniform()))
     lens = _rounded(rng.uniform(0.03, 0.6, size=3))
-    right = left
     if is_odd and is_lens:
         left = right = (lens, lens)
     elif is_odd:
@@ -125,16 +111,12 @@ def draw_mouth(rng: np.random.Generator, config: SkinConfig, person: Person) -> 
 
 def _iris(rng: np.random.Generator, place: float) -> tuple[Colour, Colour]:
     """Inner and outer colour at a place of the scale from dark brown (0) to light grey (1)."""
-    knots = np.linspace(0, 1, len(_OUTER))
-    brightness = np.exp(rng.normal(0, 0.18))
-    inner, outer = (
-        brightness * np.array([np.interp(place, knots, ramp[:, channel]) for channel in range(3)])
-        for ramp in (_INNER, _OUTER)
-    )
+    knots = np.linspace(0, 1, len(_IRISES))
+    colours = np.exp(rng.normal(0, 0.18)) * np.array([np.interp(place, knots, ramp) for ramp in _IRISES.T])
+    outer, inner = colours[:3], colours[3:]
     ring = rng.uniform(0, 1.3)
     return _rounded(outer + ring * (inner - outer)), _rounded(outer)
 
 
 def _rounded(colour: ndarray) -> Colour:
-    red, green, blue = (round(min(max(float(value), 0.004), 0.95), 4) for value in colour)
-    return red, green, blue
+    return triple(np.clip(colour, 0.004, 0.95))

@@ -9,7 +9,7 @@ import numpy as np
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour
 from datagen.appearance.skin.skin_config import SkinConfig
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, triple
 
 FACE_PAINTS = ("none", "stripes", "half", "full", "band", "cheek")
 
@@ -35,7 +35,7 @@ class MakeUp:
 
 
 def draw_make_up(rng: np.random.Generator, config: SkinConfig, person: Person) -> MakeUp:
-    """Draws the make-up of one person; the face paint as well, rarely."""
+    """Draws the make-up of one person, and rarely face paint."""
     share = config.make_up_share * (1.0 / 12 + 11.0 / 12 * person.femininity**2)
     is_worn, is_vivid = rng.random() < share, rng.random() < config.vivid_make_up_share
     worn = _draw_worn(rng, person, is_vivid)
@@ -44,11 +44,11 @@ def draw_make_up(rng: np.random.Generator, config: SkinConfig, person: Person) -
     paints = (_vivid(rng), _vivid(rng))
     opacity = rounded(rng.uniform(0.6, 0.95))
     painted = {"face_paint": pattern, "face_paint_colours": paints, "face_paint_strength": opacity}
-    return MakeUp(**({**worn} if is_worn else {}), **(painted if is_painted else {}))  # type: ignore[arg-type]
+    return MakeUp(**(worn if is_worn else {}), **(painted if is_painted else {}))  # type: ignore[arg-type]
 
 
 def _draw_worn(rng: np.random.Generator, person: Person, is_vivid: bool) -> dict[str, object]:
-    """Each product on its own: many wear one or two of them."""
+    """Draws each product by itself: many people wear one or two of them."""
     wears = rng.random(5) < [0.7, 0.45, 0.6, 0.5, 0.6]
     light = 1.0 - 0.7 * person.melanin
     lipstick = (
@@ -76,7 +76,4 @@ def _vivid(rng: np.random.Generator) -> Colour:
 
 
 def _rgb(hue: float, saturation: float, value: float) -> Colour:
-    red, green, blue = (
-        round(channel**2.2, 4) for channel in colorsys.hsv_to_rgb(float(hue) % 1.0, float(saturation), float(value))
-    )
-    return red, green, blue
+    return triple(channel**2.2 for channel in colorsys.hsv_to_rgb(float(hue) % 1.0, float(saturation), float(value)))

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy import ndarray
 
 from datagen.appearance.person import Person
 from datagen.appearance.skin.skin_config import SkinConfig
-from datagen.random_streams import rounded
+from datagen.random_streams import Triple, rounded, triple
 
 MAX_MARKS = 12  # as in skin.glsl
 
@@ -19,7 +18,7 @@ class Mark:
     """A round spot."""
 
     kind: str  # `mole`, `acne`, `blemish` or `scar`
-    place: tuple[float, float, float]  # on the mean head, mm
+    place: Triple  # on the mean head, mm
     radius_mm: float
     melanin: float  # added to that of the skin
     haemoglobin: float  # added to that of the skin
@@ -40,7 +39,7 @@ def draw_marks(rng: np.random.Generator, config: SkinConfig, person: Person) -> 
 
 
 def _place(rng: np.random.Generator) -> tuple[float, float]:
-    """Anywhere on the front of the mean face but in the eyes and on the lips: x, y in mm."""
+    """Anywhere on the front of the mean face except for eyes and lips: x, y in mm."""
     while True:
         x, y = rng.uniform(-66, 66), rng.uniform(-84, 92)
         in_eye = np.hypot((abs(x) - 31) / 17, (y - 27) / 9) < 1
@@ -50,47 +49,39 @@ def _place(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def _on_face(x: float, y: float) -> tuple[float, float, float]:
-    """The depth of the mean face there, roughly: marks reach some mm around their place."""
+    """The place with the depth of the mean face, which may be off by some mm: marks reach far enough."""
     z = 103.0 - 0.0165 * x * x - 0.0015 * (y - 10.0) ** 2 + 14.0 * np.exp(-((x / 11) ** 2) - ((y + 8) / 16) ** 2)
-    return round(x, 2), round(y, 2), rounded(z, 2)
+    return triple((x, y, z), 2)
 
 
-def _mark(kind: str, xy: tuple[float, float], numbers: ndarray, core: float) -> Mark:
-    radius, melanin, haemoglobin, height = (rounded(value, 4) for value in numbers)
-    return Mark(
-        kind=kind,
-        place=_on_face(*xy),
-        radius_mm=radius,
-        melanin=melanin,
-        haemoglobin=haemoglobin,
-        height=height,
-        core=core,
-    )
+def _mark(kind: str, xy: tuple[float, float], core: float, **numbers: float) -> Mark:
+    return Mark(kind=kind, place=_on_face(*xy), core=core, **{name: rounded(v, 4) for name, v in numbers.items()})
 
 
 def _mole(rng: np.random.Generator) -> Mark:
     radius = float(np.clip(rng.lognormal(0.25, 0.4), 0.7, 4.5))
-    return _mark("mole", _place(rng), np.array([radius, rng.uniform(0.25, 0.9), 0.1, rng.uniform(0, 0.9)]), 0.55)
+    place, melanin, height = _place(rng), rng.uniform(0.25, 0.9), rng.uniform(0, 0.9)
+    return _mark("mole", place, 0.55, radius_mm=radius, melanin=melanin, haemoglobin=0.1, height=height)
 
 
 def _acne(rng: np.random.Generator, person: Person) -> Mark:
-    numbers = np.array([rng.uniform(1.2, 3.2), 0.05 * person.melanin, rng.uniform(0.25, 0.8), rng.uniform(0.2, 1.0)])
-    return _mark("acne", _place(rng), numbers, 0.2)
+    radius, red, height = rng.uniform(1.2, 3.2), rng.uniform(0.25, 0.8), rng.uniform(0.2, 1.0)
+    melanin = 0.05 * person.melanin
+    return _mark("acne", _place(rng), 0.2, radius_mm=radius, melanin=melanin, haemoglobin=red, height=height)
 
 
 def _blemish(rng: np.random.Generator) -> Mark:
-    numbers = np.array([rng.uniform(2, 7), rng.uniform(-0.03, 0.12), rng.uniform(0, 0.25), 0.0])
-    return _mark("blemish", _place(rng), numbers, 0.1)
+    radius, melanin, red = rng.uniform(2, 7), rng.uniform(-0.03, 0.12), rng.uniform(0, 0.25)
+    return _mark("blemish", _place(rng), 0.1, radius_mm=radius, melanin=melanin, haemoglobin=red, height=0.0)
 
 
 def _scar(rng: np.random.Generator) -> list[Mark]:
     """A row of spots, pale or pink."""
     x, y = _place(rng)
     turn, length = rng.uniform(0, np.pi), rng.uniform(4, 14)
-    melanin, haemoglobin = rng.uniform(-0.12, 0.02), rng.uniform(-0.1, 0.3)
-    steps = np.linspace(-0.5, 0.5, 5) * length
-    numbers = np.array([0.22 * length + 0.4, melanin, haemoglobin, rng.uniform(-0.6, 0.6)])
+    melanin, red, height = rng.uniform(-0.12, 0.02), rng.uniform(-0.1, 0.3), rng.uniform(-0.6, 0.6)
+    radius = (0.22 * length + 0.4) * 0.6
+    places = [(x + s * np.cos(turn), y + s * np.sin(turn)) for s in np.linspace(-0.5, 0.5, 5) * length]
     return [
-        _mark("scar", (float(x + s * np.cos(turn)), float(y + s * np.sin(turn))), numbers * [0.6, 1, 1, 1], 0.3)
-        for s in steps
+        _mark("scar", place, 0.3, radius_mm=radius, melanin=melanin, haemoglobin=red, height=height) for place in places
     ]

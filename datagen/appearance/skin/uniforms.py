@@ -1,4 +1,4 @@
-"""What ``skin.glsl`` needs to know of one skin on one head, and its textures."""
+"""What `skin.glsl` needs to know about one skin on one head."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -9,41 +9,26 @@ from datagen.appearance.scene import PosedHead, UniformValue
 from datagen.appearance.skin.make_up import FACE_PAINTS, MakeUp
 from datagen.appearance.skin.marks import MAX_MARKS
 from datagen.appearance.skin.skin import Skin
-from datagen.appearance.skin.skin_textures import (
-    ATLAS_UV,
-    DETAILS_UV,
-    IRISES,
-    SKINS,
-)
+from datagen.appearance.skin.skin_textures import ATLAS_UV, DETAILS_UV, IRISES, SKINS
 from datagen.appearance.skin.tone import DERMIS, HAEMOGLOBIN, MELANIN, SURFACE, density_of_melanin
 from datagen.appearance.skin.zones import LidMargins
 from pix2face.models.morphable_model import MorphableModel
 
-# Which expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth, of the lips,
-# and how much; those of one side (``...Left``, ``...Right``) do so there.
+# How much expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth and of the
+# lips; an expression of one side (`...Left`, `...Right`) does so on its side.
 FOLDING: tuple[dict[str, float], ...] = (
     {"browInnerUp": 0.8, "browOuterUp": 0.6, "eyeWide": 0.2},
     {"browDown": 1.0, "noseSneer": 0.3},
     {"eyeSquint": 0.5, "cheekSquint": 0.6, "mouthSmile": 0.5, "eyeBlink": 0.16},
-    {
-        "mouthSmile": 0.8,
-        "mouthDimple": 0.4,
-        "noseSneer": 0.6,
-        "mouthUpperUp": 0.4,
-        "mouthStretch": 0.3,
-        "cheekSquint": 0.3,
-    },
+    {"mouthSmile": 0.8, "mouthDimple": 0.4, "noseSneer": 0.6, "mouthUpperUp": 0.4}
+    | {"mouthStretch": 0.3, "cheekSquint": 0.3},
     {"mouthPucker": 0.8, "mouthFunnel": 0.3, "mouthPress": 0.4},
 )
 DEEPEST_FOLD = 1.4
 
 
 def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
-    """The uniforms of ``skin.glsl``.
-
-    Those of hair (``skin_hair_colour``, ``skin_scalp_hair``, ``skin_beard_colour``, ``skin_brow_colour``,
-    ``skin_brow_strength``) are the skin's guess; what the hair gives under these names shall replace them.
-    """
+    """The uniforms of `skin.glsl`; those of hair are a guess, which the hair that is drawn should replace."""
     active = head.named_expressions
     folds = np.array([_folds(skin, active, side) for side in ("Left", "Right")])
     return {
@@ -61,15 +46,11 @@ def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
 
 def _folds(skin: Skin, active: Mapping[str, float], side: str) -> list[float]:
     """How deep each group of folds is on one side of the face."""
-    return [
-        min(
-            rest
-            + skin.expression_folds
-            * sum(active.get(name, active.get(f"{name}{side}", 0.0)) * share for name, share in group.items()),
-            DEEPEST_FOLD,
-        )
-        for rest, group in zip(skin.wrinkles, FOLDING, strict=True)
-    ]
+    depths = []
+    for rest, group in zip(skin.wrinkles, FOLDING, strict=True):
+        folded = sum(active.get(name, active.get(f"{name}{side}", 0.0)) * share for name, share in group.items())
+        depths.append(min(rest + skin.expression_folds * folded, DEEPEST_FOLD))
+    return depths
 
 
 def _box(uv: tuple[float, float, float, float]) -> tuple[float, ...]:

@@ -1,7 +1,6 @@
-"""Where on a head skin is red, oily, hairy or lip: weights of the vertices, smooth over a few millimetres.
+"""Where skin is red, oily, hairy or lip: weights of the vertices of a head, smooth over a few millimetres.
 
-The borders of the model's regions run along edges of its mesh, so that they have steps; what is painted by these
-weights has none.
+The borders of the model's regions follow the edges of its mesh and so have steps; these weights have none.
 """
 
 from typing import final
@@ -15,23 +14,11 @@ from datagen.appearance.scene import Surface
 from pix2face.models.morphable_model import MorphableModel
 
 LID_REACH_MM, HAIRLINE_REACH_MM, CAVITY_RADIUS_MM = 24.0, 48.0, 7.0
-# Height of the hair line (mm) over the angle around the head (radians, 0 the middle of the forehead, pi the nape).
+# Angles around the head (radians, 0 the middle of the forehead, pi the nape), and heights of the hair line there (mm).
 HAIRLINE = np.array(
     [
-        [0.0, 98.0],
-        [0.3, 96.0],
-        [0.5, 92.0],
-        [0.68, 84.0],
-        [0.85, 62.0],
-        [1.0, 40.0],
-        [1.12, 18.0],
-        [1.22, 2.0],
-        [1.32, -4.0],
-        [1.5, -2.0],
-        [1.7, -6.0],
-        [2.0, -28.0],
-        [2.4, -46.0],
-        [np.pi, -56.0],
+        [0.0, 0.3, 0.5, 0.68, 0.85, 1.0, 1.12, 1.22, 1.32, 1.5, 1.7, 2.0, 2.4, np.pi],
+        [98.0, 96.0, 92.0, 84.0, 62.0, 40.0, 18.0, 2.0, -4.0, -2.0, -6.0, -28.0, -46.0, -56.0],
     ]
 )
 HEAD_RADIUS_MM = 78.0
@@ -39,10 +26,10 @@ HEAD_RADIUS_MM = 78.0
 
 @final
 class LidMargins:
-    """The vertices where the skin of the lids ends, of each eye (the subject's left first).
+    """The vertices where the skin of the lids ends, for each eye (the subject's left first).
 
     Args:
-        model: Needs texture coordinates: eye sockets are islands of their own in them.
+        model: Must have texture coordinates, in which eye sockets are separate islands.
     """
 
     def __init__(self, model: MorphableModel) -> None:
@@ -52,14 +39,12 @@ class LidMargins:
         self.sides: tuple[Int64[ndarray, " _"], ...] = tuple(
             ring[sign * model.mean[ring, 0] > 0].astype(np.int64) for sign in (1, -1)
         )
-        self.corners = tuple((ring[side.argmin()], ring[side.argmax()]) for ring, side in self._across(model))
+        across = [model.mean[ring, 0] for ring in self.sides]
+        self.corners = tuple((ring[x.argmin()], ring[x.argmax()]) for ring, x in zip(self.sides, across, strict=True))
         self.is_upper = tuple(
             model.mean[ring, 1] > np.interp(model.mean[ring, 0], *model.mean[list(ends)][:, :2].T)
             for ring, ends in zip(self.sides, self.corners, strict=True)
         )
-
-    def _across(self, model: MorphableModel) -> list[tuple[ndarray, ndarray]]:
-        return [(ring, model.mean[ring, 0]) for ring in self.sides]
 
     def arches(self, vertices: Float[ndarray, "v 3"]) -> tuple[Float32[ndarray, "2 4"], Float32[ndarray, "2 4"]]:
         """The opening of each eye on one head, seen from its front.
@@ -79,11 +64,8 @@ class LidMargins:
             open_by = np.maximum(1 - t**2, 0)
             design = np.stack([open_by, open_by * t], axis=1)
             frames[k] = [*middle, half, slope]
-            arches[k] = [
-                value
-                for lid in (is_upper, ~is_upper)
-                for value in np.linalg.lstsq(design[lid], height[lid], rcond=None)[0]
-            ]
+            lids = [np.linalg.lstsq(design[lid], height[lid], rcond=None)[0] for lid in (is_upper, ~is_upper)]
+            arches[k] = np.concatenate(lids)
         return frames, arches
 
 
@@ -152,8 +134,8 @@ def _cavity(mean: ndarray, normals: ndarray) -> ndarray:
 def _inside_hairline(mean: ndarray) -> ndarray:
     """Signed distance (mm) from the hair line, positive in the hair."""
     angle = np.arctan2(np.abs(mean[:, 0]), mean[:, 2])
-    height = np.interp(angle, *HAIRLINE.T)
-    slope = (np.interp(angle + 0.02, *HAIRLINE.T) - np.interp(angle - 0.02, *HAIRLINE.T)) / (0.04 * HEAD_RADIUS_MM)
+    height = np.interp(angle, *HAIRLINE)
+    slope = (np.interp(angle + 0.02, *HAIRLINE) - np.interp(angle - 0.02, *HAIRLINE)) / (0.04 * HEAD_RADIUS_MM)
     return np.asarray((mean[:, 1] - height) / np.sqrt(1 + slope**2))
 
 
