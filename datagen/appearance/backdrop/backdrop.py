@@ -1,7 +1,7 @@
 """What is behind the head: the environment that lights it, another one, patterns, one colour, the user's pictures."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from datagen.appearance.light.environments import environment, environment_names
 from datagen.appearance.light.light_colour import LUMINANCE
 from datagen.appearance.light.sources import Light, PanoramaLight
 from datagen.appearance.photograph.lens import defocused
-from datagen.random_streams import Triple, rounded
+from datagen.random_streams import Triple, rounded, weighted_choice
 from pix2face.errors import UsageError
 from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera
@@ -32,14 +32,14 @@ _PLAIN = {  # sRGB
 _IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 # sRGB bytes to linear light.
 _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
-# Mean brightness of what is behind a silhouette; how much brighter than the light says a backlit one's may be.
-_BEHIND_SILHOUETTE, _BEHIND_BACKLIT = (0.7, 2.2), (0.8, 2.2)
+_BEHIND_SILHOUETTE = (0.7, 2.2)  # smallest and largest mean brightness behind a silhouette
+_BEHIND_BACKLIT = (0.8, 2.2)  # smallest and largest factor on the brightness behind a backlit head
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class PersonPlace:
-    """Where another person stands, for whoever draws one."""
+    """Where another person stands behind the head."""
 
     x: float  # middle of the head, as a share of the picture's width
     y: float  # middle of the head, as a share of the picture's height
@@ -76,7 +76,7 @@ def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light
     config.check()
     kind = _draw_kind(rng, config, light)
     people = _draw_people(rng, config)
-    shown: dict[str, object] = {}
+    shown: dict[str, Any] = {}
     if kind in ENVIRONMENTS:
         shown["panoramas"] = _draw_panoramas(rng, kind, light)
         if rng.uniform() < config.widened_share:
@@ -97,7 +97,7 @@ def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light
         blur=0.0 if is_sharp else rounded(np.exp(rng.uniform(*np.log(config.blur))), 5),
         people=people,
         n_people=len(people),
-        **shown,  # type: ignore[arg-type]
+        **shown,
     )
 
 
@@ -107,15 +107,15 @@ def backdrop_pixels(
     """Draws a backdrop: linear light, 1 is white.
 
     Args:
-        backdrop: What.
-        camera: Through whose lens environments are seen; how the head is turned does not matter.
-        height: Rows.
-        width: Columns.
-        folder: ``BackdropConfig.folder``; samples store no more than the file's name in it.
+        backdrop: What was drawn.
+        camera: Environments are seen through its lens; the rotation of the head does not matter.
+        height: Rows of the picture.
+        width: Columns of the picture.
+        folder: `BackdropConfig.folder`, since samples only store the name of a file in it.
 
     Raises:
-        InputFileError: A photograph is gone or broken.
-        UsageError: A photograph is wanted, and no folder is named.
+        InputFileError: A photograph is missing or damaged.
+        UsageError: The backdrop is a photograph and `folder` is empty.
     """
     radius = backdrop.blur * width
     if backdrop.kind in ENVIRONMENTS:
@@ -139,14 +139,15 @@ def _draw_kind(rng: np.random.Generator, config: BackdropConfig, light: Light) -
     if config.folder and rng.uniform() < config.folder_share:
         return "photograph"
     same, other = config.same_environment_weight, config.other_environment_weight
-    if not light.panoramas:  # lamps alone: the share of the environment goes to the others
+    if not light.panoramas:  # only lamps: the share of the environment goes to the other kinds
         same = 0.0
     elif light.kind in ("backlit", "silhouette"):  # the light behind is seen
         same *= 3
-    weights = np.array([same, other, config.plain_weight, config.pattern_weight])
-    if not weights.sum() > 0:
-        weights[1] = 1.0
-    kind = str(rng.choice([*ENVIRONMENTS, "plain", "pattern"], p=weights / weights.sum()))
+    weights = {"environment": same, "other environment": other}
+    weights |= {"plain": config.plain_weight, "pattern": config.pattern_weight}
+    if not sum(weights.values()) > 0:
+        weights["other environment"] = 1.0
+    kind = weighted_choice(rng, weights)
     if kind != "pattern":
         return kind
     if light.kind == "night" and rng.uniform() < 0.5:
@@ -175,7 +176,7 @@ def _draw_panoramas(rng: np.random.Generator, kind: str, light: Light) -> tuple[
 
 
 def _brightness(panorama: PanoramaLight) -> float:
-    """Mean luminance, lamps left out: they take a small part of a picture."""
+    """Mean luminance without lamps, which take a small part of a picture."""
     return float(LUMINANCE @ np.array(panorama.colour_matrix) @ environment(panorama.name).harmonics[0])
 
 
@@ -189,7 +190,7 @@ def _draw_level(rng: np.random.Generator, config: BackdropConfig, light: Light, 
 
 
 def _draw_people(rng: np.random.Generator, config: BackdropConfig) -> tuple[PersonPlace, ...]:
-    """Drawn whether or not there are any, so that what follows does not depend on it."""
+    """Draws the same numbers whether or not there are people, so that later draws do not depend on that."""
     shows, count = rng.uniform() < config.people_share, int(rng.integers(1, max(config.most_people, 1) + 1))
     numbers = rng.uniform(0, 1, size=(3, 5))
     if not shows or config.most_people == 0:

@@ -19,10 +19,10 @@ _REDUCED = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2
 
 @lru_cache(maxsize=4)
 def list_pictures(folder: str) -> tuple[str, ...]:
-    """Names of all pictures below a folder, relative to it, sorted. Made once a process.
+    """Sorted names of all pictures below a folder, relative to it; listed once in each process.
 
     Raises:
-        InputFileError: There is no such folder, no picture in it, or one whose head cannot be read.
+        InputFileError: There is no such folder, it has no pictures, or a picture's size cannot be read.
     """
     root = Path(folder)
     if not root.is_dir():
@@ -42,18 +42,18 @@ def list_pictures(folder: str) -> tuple[str, ...]:
 def read_crop(
     folder: str, name: str, crop: tuple[float, float, float], height: int, width: int
 ) -> UInt8[ndarray, "h w 3"]:
-    """Reads a part of a picture at some size, sRGB.
+    """Reads a part of a picture, resized to some height and width; sRGB.
 
     Args:
-        folder: As ``list_pictures``.
-        name: As it gives them.
-        crop: Where the part begins, as shares of what is free to the left and above, and its size as a share of the
-            largest part of this shape.
-        height: Rows wanted.
-        width: Columns wanted.
+        folder: The folder of pictures.
+        name: A name from `list_pictures`.
+        crop: Where the part begins, as shares of the room to its left and above it, and its size as a share of the
+            largest part with the wanted aspect ratio.
+        height: Rows of the result.
+        width: Columns of the result.
 
     Raises:
-        InputFileError: The picture is gone, or breaks off.
+        InputFileError: The picture is missing or truncated.
     """
     path = Path(folder) / name
     picture = _read(path, min(side * crop[2] for side in _size(path)) / max(height, width))
@@ -78,9 +78,9 @@ def _size(path: Path) -> tuple[int, int]:
 
 
 def _read(path: Path, finer: float) -> UInt8[ndarray, "h w 3"]:
-    """Reads a picture that is so many times finer than what is wanted."""
+    """Reads a picture that is `finer` times finer than needed, at a reduced size if possible."""
     flags = next((flag for factor, flag in _REDUCED.items() if finer >= factor), cv2.IMREAD_COLOR)
-    # Not by imread, which fills up with grey what is missing of a JPEG.
+    # Not with imread, which fills missing parts of a JPEG with grey.
     picture = cv2.imdecode(np.frombuffer(read_bytes(path), dtype=np.uint8), flags)
     if picture is None:
         raise InputFileError(

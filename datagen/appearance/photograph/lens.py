@@ -1,4 +1,4 @@
-"""What a lens does to linear light before it falls on the sensor."""
+"""What a lens does to linear light before it falls on the sensor, and blur out of focus."""
 
 from dataclasses import dataclass
 from typing import final
@@ -15,7 +15,7 @@ _LEAST_BLUR_PX = 0.3
 @final
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """A lens, its focus, and how it moved. Lengths are shares of the picture's longer side."""
+    """A lens, its focus and its motion. Lengths are shares of the picture's longer side."""
 
     defocus: float = 0.0  # radius of the disc that a point becomes
     motion: float = 0.0  # how far the picture moved during the exposure
@@ -29,12 +29,12 @@ class Lens:
 
 
 def expose_through(lens: Lens, light: Float32[ndarray, "h w 3"]) -> Float32[ndarray, "h w 3"]:
-    """What falls on the sensor."""
+    """The light that falls on the sensor."""
     side = max(light.shape[:2])
     if lens.magnification:
         light = _magnified(light, lens)
     if lens.defocus * side > _LEAST_BLUR_PX:
-        light = _filtered(light, _disc(lens.defocus * side))
+        light = _filtered(light, disc(lens.defocus * side))
     if lens.motion * side > 1:
         light = _filtered(light, _path(lens.motion * side, lens.motion_deg, lens.motion_bend))
     if lens.bloom:
@@ -50,8 +50,9 @@ def _filtered(light: Float32[ndarray, "h w 3"], kernel: Float32[ndarray, "k k"])
     return cv2.filter2D(light, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
 
 
-def _disc(radius_px: float) -> Float32[ndarray, "k k"]:
-    reach = int(np.ceil(radius_px))
+def disc(radius_px: float, margin_px: float = 0.0) -> Float32[ndarray, "k k"]:
+    """A disc of sum 1 with a smooth edge, and zeros around it up to a margin."""
+    reach = int(np.ceil(radius_px + margin_px))
     squares = np.arange(-reach, reach + 1, dtype=np.float32) ** 2
     kernel = np.clip(radius_px + 0.5 - np.sqrt(squares[:, None] + squares), 0, 1)
     return np.asarray(kernel / kernel.sum(), dtype=np.float32)
@@ -67,13 +68,9 @@ def _path(length_px: float, direction_deg: float, bend: float) -> Float32[ndarra
     y = np.clip(reach + sin * along + cos * across, 0, 2 * reach - 1e-6)
     column, row = x.astype(int), y.astype(int)
     kernel = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
-    for i, j, weight in (
-        (row, column, (1 - x % 1) * (1 - y % 1)),
-        (row, column + 1, (x % 1) * (1 - y % 1)),
-        (row + 1, column, (1 - x % 1) * (y % 1)),
-        (row + 1, column + 1, (x % 1) * (y % 1)),
-    ):
-        np.add.at(kernel, (i, j), weight.astype(np.float32))
+    for down, below in ((0, 1 - y % 1), (1, y % 1)):
+        for right, beside in ((0, 1 - x % 1), (1, x % 1)):
+            np.add.at(kernel, (row + down, column + right), (beside * below).astype(np.float32))
     return kernel / kernel.sum()
 
 
@@ -96,7 +93,7 @@ def _with_bloom(light: Float32[ndarray, "h w 3"], share: float) -> Float32[ndarr
 
 
 def _vignette(lens: Lens, height: int, width: int) -> Float32[ndarray, "h w"]:
-    """The fourth power of the cosine, so strong that the corner farthest from the axis is as dark as is said."""
+    """The fourth power of the cosine, scaled so that the corner farthest from the axis is as dark as drawn."""
     side = max(height, width)
     x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / side - np.float32(lens.axis[0])
     y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2) / side - np.float32(lens.axis[1])
@@ -105,28 +102,19 @@ def _vignette(lens: Lens, height: int, width: int) -> Float32[ndarray, "h w"]:
     return np.asarray((1 + np.float32(strength) * squared) ** -2, dtype=np.float32)
 
 
-# Discs are drawn with this radius at most, on a picture made smaller for that: a blurred picture needs no more.
+# Larger discs are drawn on a smaller picture: a blurred picture needs no more pixels.
 _LARGEST_RADIUS_PX = 3.0
 
 
 def defocused(picture: Float32[ndarray, "h w c"], radius_px: float) -> Float32[ndarray, "h w c"]:
-    """Blurs linear light by a disc; borders are continued. A radius below 0.4 px changes nothing."""
+    """Blurs linear light out of focus: every point becomes a disc. A radius below 0.4 px changes nothing."""
     if radius_px < 0.4:
         return picture
     height, width = picture.shape[:2]
     factor = max(1.0, radius_px / _LARGEST_RADIUS_PX)
     size = max(2, round(width / factor)), max(2, round(height / factor))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA) if factor > 1 else picture
-    blurred = cv2.filter2D(small, -1, disc(radius_px / factor), borderType=cv2.BORDER_REPLICATE)
+    blurred = cv2.filter2D(small, -1, disc(radius_px / factor, 0.5), borderType=cv2.BORDER_REPLICATE)
     if factor > 1:
         blurred = cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.asarray(blurred, dtype=np.float32)
-
-
-def disc(radius_px: float) -> Float32[ndarray, "k k"]:
-    """A disc of sum 1 with a smooth edge."""
-    reach = int(np.ceil(radius_px + 0.5))
-    offsets = np.arange(-reach, reach + 1, dtype=np.float32)
-    distance = np.hypot(offsets[:, None], offsets[None])
-    kernel = np.clip(radius_px + 0.5 - distance, 0, 1)
-    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
