@@ -1,12 +1,12 @@
-"""What keeps mixtures of named expressions natural: opposites, needs, and what the mesh of the built-in model bears.
+"""Keeps mixtures of named expressions natural: opposites, dependencies, and limits of the built-in model's mesh.
 
-Every rule only lowers or completes strengths, so that a mixture within the limits stays as it is.
+Rules only lower or complete strengths, so that a mixture within the limits stays as it is.
 """
 
 from collections.abc import Mapping
 
 SIDES = ("Left", "Right")
-# Of two opposites the weaker takes from the stronger, and is gone.
+# The weaker of two opposites is subtracted from both.
 _OPPOSITES = (("jawLeft", "jawRight"), ("mouthLeft", "mouthRight"))
 _OPPOSITES_OF_A_SIDE = (("eyeLookUp", "eyeLookDown"), ("eyeLookIn", "eyeLookOut"))
 # How much of the opening between the lids each shape closes at full strength, and what is left of it when it is shut.
@@ -24,14 +24,7 @@ _DRAWN_BACK = ("mouthLowerDown", "mouthUpperUp")
 
 
 def limited(strengths: Mapping[str, float]) -> dict[str, float]:
-    """A mixture within what faces do.
-
-    Args:
-        strengths: Of named expressions; those that are not there are 0.
-
-    Returns:
-        Strengths above 0, at most 1.
-    """
+    """The mixture within what faces can do: only strengths above 0 and up to 1."""
     mixture = {name: min(value, 1.0) for name, value in strengths.items() if value > 0}
     for first, second in _OPPOSITES:
         _keep_the_stronger(mixture, first, second)
@@ -57,7 +50,7 @@ def _limit_lids(mixture: dict[str, float], side: str) -> None:
     _cut(mixture, f"eyeWide{side}", max(0.0, 1 - 2 * blink))
     for direction in ("In", "Out", "Up", "Down"):
         _cut(mixture, f"eyeLook{direction}{side}", 1 - (1 - LARGEST_GAZE_SHUT) * blink)
-    # What closes beside the blink gives way to it: lids meet, and do not pass each other.
+    # Other shapes that close the lids give way to the blink: lids meet but do not pass each other.
     others = {name: mixture.get(name + side, 0.0) for name in ("eyeSquint", "eyeLookDown")}
     closed = sum(LID_CLOSURE[name] * value for name, value in others.items())
     room = MOST_LID_CLOSURE - blink

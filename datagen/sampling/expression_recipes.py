@@ -1,7 +1,7 @@
-"""What faces do together: emotions, sounds of speech and grimaces as mixtures of the named expressions.
+"""Emotions, sounds of speech and grimaces as mixtures of the named expressions.
 
-A name without a side stands for both sides of a pair. Each recipe gives the strength of every shape where the whole is
-at its full intensity; those of ``MAYBE`` come with it as often as not.
+A name without a side stands for both sides of a pair. Each recipe gives the strength of every shape at full intensity;
+each shape in `MAYBE` joins it with a probability of one half.
 
 Source: the facial action units that Ekman and Friesen 1978 describe for the basic emotions, put into the shapes of
 ARKit by their meaning; strengths were chosen by looking.

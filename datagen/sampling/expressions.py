@@ -1,4 +1,4 @@
-"""Draws expressions as people have them: mixtures of the named expressions with their correlations."""
+"""Draws natural expressions: mixtures of the named expressions with their correlations."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -30,13 +30,7 @@ class DrawnExpression:
 
 
 def draw_named_expression(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> DrawnExpression:
-    """Draws a mixture.
-
-    Args:
-        rng: Its only source of randomness.
-        config: Shares of its kinds.
-        names: The named expressions that the model has; recipes pass over others.
-    """
+    """Draws a mixture of the named expressions of a model; what a recipe needs beyond these `names` is left out."""
     kind, wanted = _draw_face(rng, config, names)
     for name, value in _draw_eyes(rng, config).items():
         wanted[name] = max(value, wanted.get(name, 0.0))
@@ -46,13 +40,13 @@ def draw_named_expression(rng: np.random.Generator, config: GeometryConfig, name
 
 
 def knows_recipes(names: Sequence[str]) -> bool:
-    """Whether a model's named expressions are those that the recipes speak of: most of the shapes of emotions."""
+    """Whether a model has more than half of the named expressions that the recipes of emotions use."""
     wanted = {name for recipe in EMOTIONS.values() for name in recipe}
     return len(wanted & {*names, *map(without_side, names)}) > len(wanted) / 2
 
 
 def expression_of(model: MorphableModel, strengths: Mapping[str, float]) -> Float64[ndarray, " e"]:
-    """The coefficients, in standard deviations, of a mixture of a model's named expressions."""
+    """The coefficients, in standard deviations, of a mixture of named expressions."""
     total = np.zeros(model.n_expression)
     for name, strength in strengths.items():
         total += strength * model.named_expressions[name]
@@ -60,30 +54,30 @@ def expression_of(model: MorphableModel, strengths: Mapping[str, float]) -> Floa
 
 
 def strengths_to_text(strengths: Mapping[str, float]) -> str:
-    """How strengths stand in a sample's attributes."""
+    """Strengths as they are stored in a sample's attributes."""
     return json.dumps(dict(strengths), sort_keys=True, separators=(",", ":"))
 
 
 def strengths_of(attributes: Mapping[str, str | float]) -> dict[str, float]:
-    """The strengths of the named expressions of a sample, as far as its attributes say them."""
+    """The strengths of named expressions in a sample's attributes; empty if there are none."""
     text = attributes.get(NAMED_EXPRESSIONS)
     return {name: float(value) for name, value in json.loads(text).items()} if isinstance(text, str) else {}
 
 
 def mirrored_strengths(strengths: Mapping[str, float]) -> dict[str, float]:
-    """Those of the mirrored face."""
+    """The strengths of the mirrored face."""
     return {_other_side(name): value for name, value in strengths.items()}
 
 
 def without_side(name: str) -> str:
-    """A named expression without the side of the face; those of jaw and mouth to a side keep it."""
+    """A named expression without its side of the face; a jaw or a mouth that moves to one side keeps it."""
     if name in _UNPAIRED:
         return name
     return name.removesuffix("Left").removesuffix("Right")
 
 
 def _draw_face(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> tuple[str, dict[str, float]]:
-    """Everything but gaze and lids."""
+    """Draws everything except gaze and lids."""
     shares = np.array([config.neutral_share, config.emotion_share, config.speech_share, config.extreme_share])
     place = int(np.searchsorted(np.cumsum(shares), rng.random(), side="right"))
     if place == 0:
@@ -123,7 +117,7 @@ def _draw_speech(rng: np.random.Generator, config: GeometryConfig) -> tuple[str,
 
 
 def _draw_mixture(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> dict[str, float]:
-    """A few shapes of any kind, most of them weak."""
+    """Draws a few shapes of any kind, most of them weak."""
     roots = sorted({without_side(name) for name in names if not name.startswith("eyeLook")})
     if not roots:
         return {}
@@ -133,7 +127,7 @@ def _draw_mixture(rng: np.random.Generator, config: GeometryConfig, names: Seque
 
 
 def _performed(rng: np.random.Generator, config: GeometryConfig, recipe: Recipe, intensity: float) -> dict[str, float]:
-    """A recipe as one face shows it: its shapes vary, left and right mostly alike, sometimes the other way round."""
+    """A recipe as one face shows it: strengths vary, both sides mostly alike, and sides may be swapped."""
     is_swapped = rng.random() < 0.5
     tilt = float(rng.normal(0, config.asymmetry))
     if rng.random() < config.one_sided_share:
@@ -150,7 +144,7 @@ def _performed(rng: np.random.Generator, config: GeometryConfig, recipe: Recipe,
 
 
 def _draw_eyes(rng: np.random.Generator, config: GeometryConfig) -> dict[str, float]:
-    """Gaze of both eyes together, lids that follow it, and lids that close."""
+    """Draws the common gaze of both eyes, lids that follow it, and lids that close."""
     eyes: dict[str, float] = {}
     if rng.random() < config.gaze_share:
         right, up = (float(value) for value in np.clip(rng.normal(0, [0.38, 0.32]), -1, 1))
@@ -188,7 +182,7 @@ def _other_side(name: str) -> str:
     return name
 
 
-# Names of one shape in the middle, and of jaw and mouth to a side: no pairs that act together.
+# Shapes without a left and a right version that act together: those in the middle, and jaw and mouth to one side.
 _UNPAIRED = frozenset(
     (
         "browInnerUp",

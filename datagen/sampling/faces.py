@@ -1,15 +1,15 @@
-"""Draws plausible faces, poses and cameras from a morphable model, all from one seed, each face from its own stream.
+"""Draws plausible faces, poses and cameras from a morphable model: one seed, and a random stream for each face.
 
-The distributions are those of a ``GeometryConfig`` (docs/explanation/sampling.md), or, with ``is_plain``, these:
+The distributions are those of a `GeometryConfig` (docs/explanation/sampling.md), or these if it `is_plain`:
 
-- identity: standard normal, cut at ±2.5;
-- expression: one in five neutral; otherwise one to four of the model's named expressions at 0.2 to 1 of their full
-  strength; left and right of a pair together, each at 75 to 100 % of the pair's strength; with an expression that needs
-  another one (a closed mouth on an open jaw) that one too; a model without named expressions: normal, deviation 0.6;
-- head: yaw from a mixture of 60 % normal (18°) and 40 % uniform, cut at ±90°, pitch normal (12°, cut at ±40°), roll
-  normal (12°, cut at ±45°);
-- camera: pinhole with the principal point at the centre of the picture, log-uniform distance from 0.35 m (arm's
-  length) to 4 m, focal length such that the picture is 1.5 to 2.1 times the face box, centre off by up to 10 % of it.
+- identity: standard normal, clipped at ±2.5;
+- expression: one in five is neutral. The others are one to four of the model's named expressions at 0.2 to 1 of their
+  full strength. Left and right of a pair come together, each at 75 to 100 % of the pair's strength. An expression that
+  needs another one (a closed mouth on an open jaw) brings it along. Without named expressions: normal, deviation 0.6;
+- head: yaw is 60 % normal (18°) and 40 % uniform, clipped at ±90°; pitch is normal (12°, clipped at ±40°), roll too
+  (12°, clipped at ±45°);
+- camera: pinhole with the principal point at the centre of the picture and a log-uniform distance from 0.35 m (arm's
+  length) to 4 m. The picture is 1.5 to 2.1 times as large as the face box, and off its centre by up to 10 % of it.
 """
 
 import json
@@ -60,7 +60,7 @@ WIDE_YAW_SHARE = 0.4
 @final
 @dataclass(frozen=True)
 class SampledView:
-    """How a face is seen: pose, distance of the camera, and how much of the picture the face takes."""
+    """How the camera sees a face: pose, distance, and how much of the picture the face takes."""
 
     pose: HeadPose
     distance_mm: float
@@ -68,15 +68,8 @@ class SampledView:
     shift: tuple[float, float]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _SampledFace:
-    """One row of the table."""
-
-    identity: Float64[ndarray, " k"]
-    expression: Float64[ndarray, " e"]
-    camera: Camera
-    attributes: dict[str, str | float]
+# Identity, expression, camera and attributes of one face.
+_Face = tuple[Float64[ndarray, " k"], Float64[ndarray, " e"], Camera, dict[str, str | float]]
 
 
 def sample_faces(
@@ -85,15 +78,14 @@ def sample_faces(
     """Draws faces.
 
     Args:
-        model: Whose coefficients are drawn; needs 68 landmarks for framing.
-        n: How many; 1 to 10,000,000, which is what seven digits of an id can tell apart.
-        seed: Any integer from 0; the first faces of a longer draw are those of a shorter one.
-        size_px: Side of the pictures to be rendered; 16 to 16384 (what a table of coefficients may say).
-        geometry: What is drawn how often.
+        model: Its coefficients are drawn; it must have 68 landmarks, which frame the picture.
+        n: Number of faces, 1 to 10,000,000: the seven digits of an id tell no more apart.
+        seed: Any integer from 0. A longer draw begins with the faces of a shorter one.
+        size_px: Side of the pictures to be rendered, 16 to 16384: the limits of a table of coefficients.
+        geometry: Distributions of what is drawn.
 
     Raises:
-        UsageError: n, size_px or seed is outside these limits, the model lacks landmarks, or the configuration says
-            what cannot be drawn.
+        UsageError: A number is outside its limits, or the model lacks landmarks.
     """
     geometry.check()
     _check_request(model, n, seed, size_px)
@@ -108,8 +100,9 @@ def sample_faces(
             face = _plain_face(model, generator_for(seed, sample_id), size_px)
         else:
             face = _face(model, (seed, sample_id), size_px, geometry, guard)
-        identity[index], expression[index], cameras[index] = face.identity, face.expression, face.camera.matrix
-        attributes.append(json.dumps({"geometry": "drawn by datagen sample", **face.attributes}))
+        identity[index], expression[index], camera, described = face
+        cameras[index] = camera.matrix
+        attributes.append(json.dumps({"geometry": "drawn by datagen sample", **described}))
     drawn = {} if geometry.is_plain else {"geometry": asdict(geometry)}
     return FaceCoefficients(
         model_name=model.name,
@@ -136,17 +129,17 @@ def _check_request(model: MorphableModel, n: int, seed: int, size_px: int) -> No
         raise UsageError(f"expected a model with {IBUG68} landmarks (they frame the picture), {model.name} has none")
 
 
-def _plain_face(model: MorphableModel, rng: np.random.Generator, size_px: int) -> _SampledFace:
+def _plain_face(model: MorphableModel, rng: np.random.Generator, size_px: int) -> _Face:
     identity = np.clip(rng.standard_normal(model.n_identity), -LARGEST_DEVIATION, LARGEST_DEVIATION)
     expression = draw_expression(model, rng)
     landmarks = _landmarks(model, identity.astype(np.float32), expression.astype(np.float32))
-    return _SampledFace(identity, expression, frame_face(landmarks, draw_view(rng), size_px), {})
+    return identity, expression, frame_face(landmarks, draw_view(rng), size_px), {}
 
 
 def _face(
     model: MorphableModel, seed: tuple[int, str], size_px: int, geometry: GeometryConfig, guard: ToothGuard
-) -> _SampledFace:
-    # Streams of their own: another choice of poses leaves the faces as they are.
+) -> _Face:
+    # Separate streams: another configuration of poses leaves the faces as they are.
     identity_rng, expression_rng, view_rng = (
         generator_for(seed[0], f"{seed[1]}/{part}") for part in ("identity", "expression", "view")
     )
@@ -162,7 +155,7 @@ def _face(
     view = draw_photographed_view(view_rng, geometry)
     camera = photograph_face(_landmarks(model, identity, expression), view, size_px)
     described |= {**camera_attributes(camera), "distance_mm": round(view.distance_mm)}
-    return _SampledFace(identity, expression, camera, described)
+    return identity, expression, camera, described
 
 
 def _draw_identity(n: int, rng: np.random.Generator, geometry: GeometryConfig) -> Float64[ndarray, " k"]:
@@ -209,13 +202,7 @@ def draw_view(rng: np.random.Generator) -> SampledView:
 
 
 def frame_face(landmarks_mm: Float64[ndarray, "m 3"], view: SampledView, size_px: int) -> Camera:
-    """A pinhole camera that sees a face in a given pose and framing.
-
-    Args:
-        landmarks_mm: The face's landmarks, model frame.
-        view: Pose, distance from the landmarks' centre, and framing.
-        size_px: Side of the picture.
-    """
+    """A pinhole camera that sees a face (landmarks in mm, model frame) in a given pose and framing."""
     rotation = rotation_of_pose(view.pose)
     flat = weak_perspective_camera(WeakPerspective(1.0, rotation, np.zeros(2)))
     box = FaceBox.around(flat.project(landmarks_mm))
@@ -236,7 +223,7 @@ def _landmarks(model: MorphableModel, identity: ndarray, expression: ndarray) ->
 
 
 def _paired_expressions(names: tuple[str, ...]) -> list[list[str]]:
-    """Puts the left and the right twin of an expression into one group."""
+    """Groups the left and the right version of each expression."""
     groups: dict[str, list[str]] = {}
     for name in sorted(names):
         groups.setdefault(name.removesuffix("Left").removesuffix("Right"), []).append(name)

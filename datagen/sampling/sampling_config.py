@@ -1,6 +1,6 @@
 """What `datagen sample` draws: shares and ranges of poses, cameras, crops, expressions and identities.
 
-docs/explanation/sampling.md says what comes of them.
+docs/explanation/sampling.md shows the resulting distributions.
 """
 
 from dataclasses import dataclass

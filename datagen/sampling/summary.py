@@ -1,4 +1,4 @@
-"""What a drawn table holds beyond poses: distances, focal lengths, kinds of expressions, and how often each occurs."""
+"""How often distances and expressions occur in a table that `datagen sample` drew."""
 
 import json
 from collections import Counter
@@ -20,11 +20,11 @@ _ACTIVE = 0.1
 
 
 def drawn_shares(table: FaceCoefficients, yaw_deg: Float64[ndarray, " n"]) -> dict[str, dict[str, float]]:
-    """Shares of a table's faces, in so far as their attributes say what was drawn.
+    """Shares of the faces of a table, as far as their attributes say what was drawn.
 
     Args:
-        table: As ``datagen sample`` writes it; of others only the yaw is counted.
-        yaw_deg: Of some of its faces.
+        table: A table of `datagen sample`; only the yaw of other tables is counted.
+        yaw_deg: The yaw of some of its faces.
     """
     shares = {"|yaw|": _binned(np.abs(yaw_deg), _YAW_EDGES_DEG, "°")}
     attributes: list[dict[str, Any]] = [json.loads(text) for text in table.attributes]

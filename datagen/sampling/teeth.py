@@ -1,7 +1,7 @@
-"""Lower teeth that would come through lip or chin, which some identities have in wide jaws, and a jaw that opens less.
+"""Keeps lower teeth from coming through lip or chin, by opening the jaw less.
 
-Identity and expression of a linear model add up, so a jaw that suits the mean head can put the teeth of another one
-outside of it. Which do is seen by geometry alone: a tooth must not lie before the outside of lip and chin.
+Identity and expression of a linear model add up, so a jaw that suits the mean head can put the teeth of another head
+outside of it. Geometry alone tells when: a tooth must not lie in front of the outside of lip and chin.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from pix2face.models.morphable_model import MorphableModel
 
 # A jaw that opens less than this much shows no such teeth on any head (docs/explanation/sampling.md).
 HARMLESS_JAW = 0.1
-# The mouth is made smaller by this factor until it is harmless.
+# The mouth is made smaller by this factor until no tooth comes through.
 _STEP = 0.85
 _MOUTH = ("jaw", "mouth", "tongue")
 # mm along z: how far a tooth must come out to count, and how far behind it lip and chin are looked for.
@@ -28,8 +28,7 @@ _WIDTH_MM = 48.0
 class ToothGuard:
     """Finds mixtures that put the lower teeth of a head outside of it.
 
-    Args:
-        model: Whose teeth. One without teeth or lips, or without the named expression ``jawOpen``, has nothing to find.
+    It finds none for a model without teeth or lips, or without the named expression `jawOpen`.
     """
 
     def __init__(self, model: MorphableModel) -> None:
@@ -44,7 +43,7 @@ class ToothGuard:
         self._expression = model.expression_basis[:, known].reshape(model.n_expression, 3 * len(known))
 
     def tamed(self, identity: Float[ndarray, " k"], strengths: Mapping[str, float]) -> dict[str, float]:
-        """The mixture, its mouth smaller as far as the teeth of this head want it."""
+        """The mixture, with a smaller mouth if the teeth of this head require it."""
         mixture = dict(strengths)
         while mixture.get("jawOpen", 0.0) > HARMLESS_JAW and self.comes_through(identity, mixture):
             for name in mixture:
@@ -63,7 +62,7 @@ class ToothGuard:
 
 
 def _are_before(points: Float32[ndarray, "p 3"], corners: Float32[ndarray, "t 3 3"]) -> Bool[ndarray, " p"]:
-    """Which points lie a little before the front of a triangle, along z."""
+    """Which points lie a little in front of a triangle, along z."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     doubled = _cross(b - a, c - a)
     # Only those that look forward, and that any of the points can meet.
@@ -83,7 +82,7 @@ def _cross(a: Float32[ndarray, "*n 3"], b: Float32[ndarray, "*n 3"]) -> Float32[
 
 
 def _lower_teeth(model: MorphableModel) -> Int32[ndarray, " n"]:
-    """Those that the jaw moves, as far as they look forward: their front is what comes out first."""
+    """Vertices of teeth that the jaw moves and that face forward: these come out first."""
     if "teeth" not in model.region_names or "jawOpen" not in model.named_expressions:
         return np.zeros(0, dtype=np.int32)
     triangles = model.triangles[model.triangle_regions == model.region_names.index("teeth")]

@@ -1,8 +1,8 @@
-"""Poses, cameras and crops: how a face comes into a picture.
+"""Draws poses, cameras and crops: how a face is photographed.
 
-A picture of a face is nearly always a part of a larger photograph, so the optical axis passes it by, and the principal
-point of its camera lies somewhere, often outside. The pose that is drawn is how the camera sees the head: along
-the ray to it, not along the optical axis.
+A picture of a face is nearly always a part of a larger photograph: the optical axis misses the face, and the principal
+point is anywhere, often outside the picture. The pose that is drawn is how the camera sees the head along the ray to
+it, not along the optical axis.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from datagen.sampling.sampling_config import GeometryConfig
 from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
 from pix2face.geometry.crops import FaceBox
 
-# The attribute of a sample that says that the camera's others are there too.
+# A sample with this attribute has the other attributes of the camera as well.
 FOCAL_LENGTH = "focal_px"
 
 
@@ -38,8 +38,7 @@ def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> 
     """Draws how a face is photographed."""
     roll = float(_cut_normal(rng, config.roll_deg, 90, 1)[0])
     pose = HeadPose(_draw_pitch(rng, config), _draw_yaw(rng, config), roll)
-    # A head that is rolled far about its own axis and seen from the side would show its crown; a turned picture of it
-    # is what there is.
+    # Not a large roll of the head, which would show its crown when seen from the side: people turn the whole picture.
     turn_deg = float(rng.uniform(-180, 180)) if rng.random() < config.turned_share else 0.0
     which = int(rng.choice(3, p=np.asarray(config.distance_shares) / sum(config.distance_shares)))
     nearest, farthest = np.log(config.distances_mm[which : which + 2])
@@ -59,13 +58,7 @@ def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> 
 
 
 def photograph_face(landmarks_mm: Float64[ndarray, "m 3"], view: PhotographedView, size_px: int) -> Camera:
-    """A pinhole camera that sees a face as a view says; the box of the landmarks is that of the finished picture.
-
-    Args:
-        landmarks_mm: The face's landmarks, model frame.
-        view: How it is photographed.
-        size_px: Side of the picture.
-    """
+    """A pinhole camera that sees a face (landmarks in mm, model frame) in a view, framed in the finished picture."""
     ray = np.append(np.tan(np.deg2rad(view.off_axis_deg)), 1)
     ray /= np.linalg.norm(ray)
     turn = np.asarray(Rotation.from_euler("z", view.turn_deg, degrees=True).as_matrix())
@@ -79,7 +72,7 @@ def photograph_face(landmarks_mm: Float64[ndarray, "m 3"], view: PhotographedVie
 
 
 def camera_attributes(camera: Camera) -> dict[str, str | float]:
-    """Focal length and principal point of a camera in pixels of its picture; nothing of one without perspective."""
+    """Focal length and principal point of a camera in pixels; empty for a camera without perspective."""
     if camera.is_affine:
         return {}
     pinhole = pinhole_of(camera)
