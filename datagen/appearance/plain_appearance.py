@@ -1,7 +1,6 @@
-"""A plain appearance for models without photographs: skin, hair and eyes in random human colours, random light.
+"""The appearance `plain`, which any model can have: skin, hair and eyes in random human colours, in random light.
 
-The point is not beauty. A network that learns from such pictures shall find out that colour, light and surroundings
-say nothing about the shape of a face, so all of them vary widely.
+Colour, light and surroundings vary widely, so that a network learns that they say nothing about the shape of a face.
 """
 
 from dataclasses import dataclass
@@ -35,7 +34,7 @@ GLOSS = {"eyes": 0.7, "iris": 1.0, "pupil": 1.0, "lips": 0.12, "teeth": 0.5, "to
 @final
 @dataclass(frozen=True)
 class PlainAppearance:
-    """Everything that the picture of a face has beside its shape, storable as JSON (``dataclasses.asdict``)."""
+    """Everything in the picture of a face except its shape; `dataclasses.asdict` of it is JSON."""
 
     skin_rgb: Colour  # sRGB, 0..1, like the next four
     lips_rgb: Colour
@@ -88,28 +87,25 @@ def draw_plain_appearance(rng: np.random.Generator) -> PlainAppearance:
 
 def vertex_paint(appearance: PlainAppearance, surface: Surface) -> Float32[ndarray, "v 4"]:
     """Colour (linear, 0..1) and gloss of each vertex."""
-    colours = np.stack([srgb_to_linear(np.array(_region_colour(appearance, name))) for name in surface.region_names])
-    albedo = surface.region_weights @ colours.astype(np.float32)
-    skin_like = surface.region_weights @ np.array(
-        [name in ("skin", "ears", "neck", "lips") for name in surface.region_names], dtype=np.float32
-    )
-    rough = surface.region_weights @ np.array(
-        [8.0 if name in ("scalp", "brows") else GLOSS.get(name, 0) == 0 for name in surface.region_names]
-    )
+    names, weights = surface.region_names, surface.region_weights
+    colours = np.stack([srgb_to_linear(np.array(_region_colour(appearance, name))) for name in names])
+    albedo = weights @ colours.astype(np.float32)
+    skin_like = weights @ np.array([name in ("skin", "ears", "neck", "lips") for name in names], dtype=np.float32)
+    rough = weights @ np.array([8.0 if name in ("scalp", "brows") else GLOSS.get(name, 0) == 0 for name in names])
     flush, beard = _flush_and_beard(surface.mean)
     flush, beard = appearance.flush * flush * skin_like, appearance.beard * beard * skin_like
     albedo *= 1 + flush[:, None] * np.array([0.05, -0.35, -0.30], dtype=np.float32)
     stubble = srgb_to_linear(np.array(appearance.brows_rgb)).astype(np.float32)
     albedo += 0.6 * beard[:, None] * (np.minimum(stubble, albedo) - albedo)
     albedo *= 1 + (appearance.blotchiness * rough * _spots(appearance.texture_seed, surface.mean))[:, None]
-    gloss = surface.region_weights @ np.array([GLOSS.get(name, 0) for name in surface.region_names], dtype=np.float32)
+    gloss = weights @ np.array([GLOSS.get(name, 0) for name in names], dtype=np.float32)
     return np.concatenate([np.clip(albedo, 0, 1), gloss[:, None]], axis=1).astype(np.float32)
 
 
 def lights_in_model(
     appearance: PlainAppearance, camera: Camera
 ) -> tuple[Float32[ndarray, "3 3"], Float32[ndarray, "3 3"]]:
-    """Directions (model frame) and colours of the lights; black where there are fewer than the shader takes."""
+    """Directions (model frame) and colours of the lights; unused ones are black."""
     model_from_camera = nearest_weak_perspective(camera).rotation.T
     directions, colours = np.zeros((2, MAX_LIGHTS, 3), dtype=np.float32)
     count = len(appearance.light_directions)
@@ -120,7 +116,7 @@ def lights_in_model(
 
 
 def develop(image: UInt8[ndarray, "h w 3"], appearance: PlainAppearance) -> UInt8[ndarray, "h w 3"]:
-    """What lens and sensor do to a picture: blur and noise."""
+    """Adds the blur of the lens and the noise of the sensor to a picture."""
     out = image
     if appearance.blur_px > 0.2:
         out = cv2.GaussianBlur(out, (0, 0), appearance.blur_px)
@@ -129,7 +125,7 @@ def develop(image: UInt8[ndarray, "h w 3"], appearance: PlainAppearance) -> UInt
 
 
 def _draw_light(rng: np.random.Generator) -> tuple[ndarray, ndarray, ndarray]:
-    """Directions and colours of one to three lights, and the ambient light; together about 1 on a lit surface."""
+    """Draws directions and colours of one to three lights, and the ambient light; together about 1 on a lit surface."""
     count = int(rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15]))
     azimuth = rng.normal(0, np.deg2rad(50), size=count)
     elevation = rng.normal(np.deg2rad(25), np.deg2rad(25), size=count)
@@ -145,7 +141,7 @@ def _draw_light(rng: np.random.Generator) -> tuple[ndarray, ndarray, ndarray]:
 
 
 def _region_colour(appearance: PlainAppearance, region: str) -> Colour:
-    """sRGB; a region that is none of these is skin."""
+    """Colour of a region, sRGB; regions that are not listed are skin."""
     return {
         "lips": appearance.lips_rgb,
         "scalp": appearance.hair_rgb,

@@ -1,7 +1,6 @@
-"""What stands before the camera of a synthetic photograph: meshes, what they are made of, and textures.
+"""What is in front of the camera of a synthetic photograph: meshes, their materials and textures, in plain NumPy.
 
-Everything here is plain NumPy. Parts of an appearance (hair, glasses, clothes, ...) give meshes; the drawer in
-``datagen.rendering`` turns them into pixels.
+The parts of an appearance (hair, glasses, clothes, ...) make meshes; `datagen.rendering` turns them into pixels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,8 +15,7 @@ from scipy import sparse
 from datagen.random_streams import Triple
 from pix2face.models.morphable_model import MorphableModel
 
-# What can be seen in a pixel of a picture; its place is its number in the layer ``seen_regions``. The head stands for
-# all regions of the model; where it is seen, the model's own regions say more.
+# What can be seen in a pixel of a picture. Where it is the head, the regions of the model say more.
 SCENE_LABELS = (
     "background",
     "head",
@@ -31,7 +29,7 @@ SCENE_LABELS = (
     "occluder",
 )
 HEAD = SCENE_LABELS.index("head")
-# What stands before a head, by the names that the layer ``seen_regions`` has for it.
+# What can be in front of a head, by the names of the layer `seen_regions`.
 SCENE_REGIONS = SCENE_LABELS[HEAD + 1 :]
 Colour = Triple  # linear light, 0..1, unless said otherwise
 UniformValue = float | int | bool | tuple[float, ...] | ndarray
@@ -40,72 +38,43 @@ UniformValue = float | int | bool | tuple[float, ...] | ndarray
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Texture:
-    """A stack of pictures for shaders.
+    """A stack of pictures for shaders."""
 
-    Attributes:
-        pixels: Layers, rows from the top, columns, channels; UInt8 (0..1 in the shader) or Float16 (as it is). Colours
-            are stored as sRGB and made linear by the shader, where they are colours.
-        repeat: Beyond its border it starts anew, instead of going on as the border is.
-        mipmaps: Is sampled much smaller than it is.
-    """
-
+    # layers, rows from the top, columns, channels; UInt8 (0..1 in the shader) or Float16; colours are sRGB
     pixels: Shaped[ndarray, "n h w c"]
-    repeat: bool = False
-    mipmaps: bool = True
+    repeat: bool = False  # is tiled beyond its border instead of continued
+    mipmaps: bool = True  # is sampled at much smaller sizes
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """What a mesh is made of, for ``material.glsl``.
+    """What a mesh is made of, for `material.glsl`."""
 
-    Attributes:
-        kind: Which function of the shader paints it: ``object`` (cloth, plastic, metal, leather), ``hair`` (strands,
-            alpha, highlights along them) or ``glass`` (thin, mirrors, darkens what is behind).
-        texture: Name of a texture among those of the part, and the layer of it; empty where there is none.
-        layer: Which of its pictures.
-        colour: Linear, 0..1; multiplies the texture.
-        alpha: Multiplies the texture's.
-        roughness: 0 a mirror, 1 chalk.
-        reflectance: Of light that falls at a right angle: 0.04 skin and plastic, 0.5 and more metal.
-        numbers: Up to four more, whose meaning is the kind's.
-        is_blended: Parts of it are transparent: it is drawn after everything opaque, far triangles first.
-    """
-
+    # the function of the shader: `object` (cloth, plastic, metal, leather), `hair` (strands with alpha and
+    # highlights along them) or `glass` (thin, mirrors, darkens what is behind)
     kind: Literal["object", "hair", "glass"]
-    texture: str = ""
-    layer: int = 0
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    alpha: float = 1.0
-    roughness: float = 0.6
-    reflectance: float = 0.04
-    numbers: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    is_blended: bool = False
+    texture: str = ""  # name of one of the part's textures, or empty
+    layer: int = 0  # layer of that texture
+    colour: Colour = (1.0, 1.0, 1.0)  # multiplies the texture
+    alpha: float = 1.0  # multiplies the texture's
+    roughness: float = 0.6  # 0 is a mirror, 1 chalk
+    reflectance: float = 0.04  # of light at a right angle: 0.04 for skin and plastic, 0.5 and more for metal
+    numbers: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # their meaning depends on the kind
+    is_blended: bool = False  # partly transparent: drawn after everything opaque, far triangles first
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SceneMesh:
-    """Something that is not the head, as it is in one picture.
+    """Anything but the head, as it is in one picture."""
 
-    Attributes:
-        name: For messages, such as ``hair/short01``.
-        label: One of ``SCENE_LABELS``.
-        vertices: mm, model frame, following this head.
-        triangles: Drawn from both sides.
-        uv: Texture coordinates of each vertex, the origin at the top left of the texture; vertices on a seam stand
-            here twice.
-        normals: Unit, model frame, outward.
-        material: What it is made of.
-        casts_shadow: Whether light stops at it.
-    """
-
-    name: str
-    label: str
-    vertices: Float32[ndarray, "v 3"]
-    triangles: Int32[ndarray, "t 3"]
-    uv: Float32[ndarray, "v 2"]
-    normals: Float32[ndarray, "v 3"]
+    name: str  # for messages, such as `hair/short01`
+    label: str  # one of `SCENE_LABELS`
+    vertices: Float32[ndarray, "v 3"]  # mm, model frame, fitted to this head
+    triangles: Int32[ndarray, "t 3"]  # drawn from both sides
+    uv: Float32[ndarray, "v 2"]  # origin at the top left of the texture; vertices on a seam occur twice
+    normals: Float32[ndarray, "v 3"]  # unit, model frame, outward
     material: Material
     casts_shadow: bool = True
 
@@ -113,67 +82,47 @@ class SceneMesh:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PosedHead:
-    """The head of one picture, which everything else is fitted to.
-
-    Attributes:
-        model: Its model.
-        vertices: mm, model frame, identity and expression in it.
-        normals: Unit, outward.
-        neutral: The same head without its expression, mm: what hats and glasses are fitted to.
-        named_expressions: How strongly each named expression of the model is active, 0..1, as far as it is known
-            (``jawOpen``, ``eyeBlinkLeft``, ...); missing ones are 0.
-    """
+    """The head of one picture, which everything else is fitted to."""
 
     model: MorphableModel
-    vertices: Float32[ndarray, "v 3"]
-    normals: Float32[ndarray, "v 3"]
-    neutral: Float32[ndarray, "v 3"]
+    vertices: Float32[ndarray, "v 3"]  # mm, model frame, with identity and expression
+    normals: Float32[ndarray, "v 3"]  # unit, outward
+    neutral: Float32[ndarray, "v 3"]  # the same head without its expression: hats and glasses are fitted to it
+    # strengths of active named expressions (`jawOpen`, ...), 0..1, as far as they are known
     named_expressions: Mapping[str, float] = field(default_factory=dict)
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene:
-    """All that is drawn of one picture, but for what is behind it.
-
-    Attributes:
-        head: The head.
-        meshes: Everything else.
-        uniforms: Of ``skin.glsl``, ``light.glsl`` and ``material.glsl``, by name.
-        lights: Towards each light that casts shadows, unit vectors in the model frame; at most 2, the first the
-            strongest. ``shadow(i, point)`` in ``shadow.glsl`` answers for the i-th.
-    """
+    """Everything that is drawn in one picture except the backdrop."""
 
     head: PosedHead
-    meshes: Sequence[SceneMesh]
-    uniforms: Mapping[str, UniformValue]
+    meshes: Sequence[SceneMesh]  # everything except the head
+    uniforms: Mapping[str, UniformValue]  # of `skin.glsl`, `light.glsl` and `material.glsl`, by name
+    # unit vectors towards two lamps and the sky, which cast shadows (`shadow.glsl`), model frame; 0 without a lamp
     lights: Float32[ndarray, "n 3"]
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ScenePicture:
-    """A drawn scene.
+    """A drawn scene."""
 
-    Attributes:
-        radiance: Linear light, 1 is white at exposure 1; multiplied by coverage.
-        coverage: 0..1, how much of the pixel the scene takes.
-        labels: Number in ``SCENE_LABELS`` of what is nearest at the pixel's centre and more opaque than not.
-    """
-
-    radiance: Float32[ndarray, "h w 3"]
-    coverage: Float32[ndarray, "h w"]
+    radiance: Float32[ndarray, "h w 3"]  # linear light times coverage; 1 is white at exposure 1
+    coverage: Float32[ndarray, "h w"]  # share of the pixel that the scene covers, 0..1
+    # index into `SCENE_LABELS` of the nearest thing at the pixel's centre that is mostly opaque
     labels: Shaped[ndarray, "h w"]
 
 
 @final
 class Surface:
-    """Neighbourhoods of a model's vertices.
+    """What painting and lighting need to know about a model's mesh, worked out once.
 
     Attributes:
-        mean: The mean face, mm: where on a face a vertex is.
-        region_names: The model's.
-        region_weights: For each vertex, how much of its surroundings belongs to each region; rows sum to 1. Colours
+        mean: The model's mean, mm.
+        region_names: The model's regions.
+        region_weights: Shares of the regions among the triangles around each vertex; rows sum to 1. Colours that are
             mixed by them fade over one triangle where regions meet.
     """
 
@@ -190,8 +139,8 @@ class Surface:
         self.mean = model.mean
 
     def normals(self, vertices: Float32[ndarray, "v 3"]) -> Float32[ndarray, "v 3"]:
-        """Unit normals, outward: the mean of the triangles around, by area. 0 at a vertex without triangles."""
-        # By coordinates and in place, as this is done for every picture: a third of the time of ``numpy.cross``.
+        """Unit normals, outward: means over the triangles around each vertex by area, 0 where there are none."""
+        # By coordinates and in place, since every picture needs it: a third of the time of `numpy.cross`.
         x = np.ascontiguousarray(vertices.T)
         a, p, q = (x.take(corner, axis=1) for corner in self._corners)
         p -= a
