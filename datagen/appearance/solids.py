@@ -1,4 +1,4 @@
-"""Shapes that accessories are put together from: sheets, tubes, boxes, ellipsoids, and bodies of revolution."""
+"""Shapes that accessories are built from: sheets, tubes, boxes, ellipsoids, and bodies of revolution."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Solid:
         return self.placed(np.eye(3), place, scale)
 
     def mirrored(self) -> "Solid":
-        """The same on the other side of the head."""
+        """The mirror image, on the other side of the head."""
         flip = np.array([-1, 1, 1], dtype=np.float32)
         return Solid(self.vertices * flip, self.triangles[:, ::-1].copy(), self.uv, self.normals * flip)
 
@@ -45,14 +45,14 @@ def solid(
     uv: Float[ndarray, "v 2"],
     normals: Float[ndarray, "v 3"] | None = None,
 ) -> Solid:
-    """Puts a solid together; without normals they are the mean of those of the triangles around, by area."""
+    """Makes a solid; without normals, they are means over the triangles around each vertex by area."""
     place = np.ascontiguousarray(vertices, dtype=np.float32)
     found = smooth_normals(place, triangles) if normals is None else np.asarray(normals, dtype=np.float32)
     return Solid(place, triangles, np.ascontiguousarray(uv, dtype=np.float32), found)
 
 
 def smooth_normals(vertices: Float32[ndarray, "v 3"], triangles: Int32[ndarray, "t 3"]) -> Float32[ndarray, "v 3"]:
-    """Unit normals; straight ahead where there is no surface."""
+    """Unit normals of vertices; (0, 0, 1) where there is no surface."""
     a, b, c = vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
     p, q = b - a, c - a
     corners = triangles.T.reshape(-1)
@@ -62,7 +62,7 @@ def smooth_normals(vertices: Float32[ndarray, "v 3"], triangles: Int32[ndarray, 
 
 
 def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
-    """Unit vectors; (0, 0, 1) for what has no direction."""
+    """Unit vectors; (0, 0, 1) for zero vectors."""
     found = np.array(vectors, dtype=np.float32)
     size = np.sqrt(np.einsum("...i,...i->...", found, found))
     nowhere = size < 1e-9
@@ -74,7 +74,7 @@ def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
 
 
 def cross(a: Float[ndarray, "*#n 3"], b: Float[ndarray, "*#n 3"]) -> Float[ndarray, "*_ 3"]:
-    """As ``numpy.cross``, several times as fast."""
+    """`numpy.cross`, several times as fast."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
@@ -82,7 +82,7 @@ def cross(a: Float[ndarray, "*#n 3"], b: Float[ndarray, "*#n 3"]) -> Float[ndarr
 
 @lru_cache(maxsize=256)
 def grid_triangles(rows: int, columns: int) -> Int32[ndarray, "t 3"]:
-    """Triangles of a grid of vertices, row after row; outside is where rows x columns point."""
+    """Triangles of a grid of vertices, row after row; (growing row) x (growing column) points outward."""
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
     quads = np.stack([first, first + columns, first + columns + 1, first + 1], axis=1)
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3).astype(np.int32)
@@ -92,7 +92,7 @@ def grid_triangles(rows: int, columns: int) -> Int32[ndarray, "t 3"]:
 
 @lru_cache(maxsize=256)
 def _unit_grid(rows: int, columns: int) -> Float32[ndarray, "n 2"]:
-    """Texture coordinates of a grid that the texture is on once."""
+    """Texture coordinates of a grid that shows the texture once."""
     u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     uv = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float32)
     uv.setflags(write=False)
@@ -101,7 +101,7 @@ def _unit_grid(rows: int, columns: int) -> Float32[ndarray, "n 2"]:
 
 @lru_cache(maxsize=64)
 def _section(sides: int, squareness: float) -> Float64[ndarray, "c 2"]:
-    """Around a tube: sideways, upward."""
+    """The section of a tube: sideways, upward."""
     angle = np.linspace(0, 2 * np.pi, sides + 1) + np.pi / sides
     across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     across /= np.abs(across).max(axis=1, keepdims=True) ** squareness
@@ -121,7 +121,7 @@ def _ball(rows: int, columns: int) -> Float64[ndarray, "r c 3"]:
 
 
 def grid_normals(points: Float[ndarray, "r c 3"], *, is_closed: bool = False) -> Float32[ndarray, "r c 3"]:
-    """Unit normals of a grid by central differences; ``is_closed``: its last column lies on its first."""
+    """Unit normals of a grid by central differences; in a closed grid the last column lies on the first."""
     down = np.empty(points.shape, dtype=np.float32)
     down[1:-1], down[0], down[-1] = points[2:] - points[:-2], points[1] - points[0], points[-1] - points[-2]
     along = np.empty_like(down)
@@ -138,13 +138,13 @@ def sheet(
     is_closed: bool = False,
     normals: Float[ndarray, "r c 3"] | None = None,
 ) -> Solid:
-    """A grid of points as a surface.
+    """A surface through a grid of points.
 
     Args:
-        points: Rows and columns; outside is where (growing row) x (growing column) points.
-        repeats: Of the texture along columns (u) and rows (v).
+        points: Rows and columns; (growing row) x (growing column) points outward.
+        repeats: Repeats of the texture along columns (u) and rows (v).
         is_closed: The last column lies on the first, and the surface is smooth there.
-        normals: Where they are known better.
+        normals: Unit normals, if better ones are known than those of the grid.
     """
     rows, columns = points.shape[:2]
     found = grid_normals(points, is_closed=is_closed) if normals is None else normals
@@ -160,13 +160,13 @@ def tube(
     *,
     squareness: float = 0.0,
 ) -> Solid:
-    """A tube along a path; closed at both ends by running to a point.
+    """A tube along a path, which runs to a point at both ends.
 
     Args:
-        path: Its middle.
+        path: The middle of the tube.
         radii: Half its size across (sideways, upward): at each point, everywhere, or one number for a round tube.
         upward: Direction of its second radius; must not be along the path.
-        sides: Corners of its section.
+        sides: Corners of the section.
         squareness: 0 an ellipse, 1 nearly a box.
     """
     size = np.broadcast_to(np.asarray(radii, dtype=np.float64), (len(path), 2))
@@ -192,7 +192,7 @@ def tube(
 
 
 def lathe(profile: Float[ndarray, "n 2"], sides: int = 16) -> Solid:
-    """A body of revolution about the y axis; the profile (radius, y) runs from its top to its foot."""
+    """A body of revolution about the y axis, whose profile (radius, y) runs from top to bottom."""
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     around = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
     points = profile[:, 0, None, None] * around + profile[:, 1, None, None] * np.array([0.0, 1.0, 0.0])
@@ -201,14 +201,14 @@ def lathe(profile: Float[ndarray, "n 2"], sides: int = 16) -> Solid:
 
 
 def ellipsoid(radii: tuple[float, float, float], rows: int = 7, columns: int = 12) -> Solid:
-    """An ellipsoid about the origin, its poles on the y axis; half sizes in mm."""
+    """An ellipsoid around the origin with its poles on the y axis; radii in mm."""
     around = _ball(rows, columns)
     size = np.asarray(radii, dtype=np.float64)
     return sheet(around * size, (size[0] / 5, size[1] / 10), is_closed=True, normals=unit(around / size))
 
 
 def box(size: tuple[float, float, float], repeats: float = 1.0) -> Solid:
-    """A box about the origin with flat sides; whole sizes in mm, and how often its texture is on each side."""
+    """A box around the origin; whole sizes in mm, and repeats of the texture on each side."""
     sides = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -223,7 +223,7 @@ def box(size: tuple[float, float, float], repeats: float = 1.0) -> Solid:
 
 
 def joined(solids: Sequence[Solid]) -> Solid:
-    """Several solids as one."""
+    """Joins several solids into one."""
     starts = np.cumsum([0] + [len(one.vertices) for one in solids[:-1]])
     return Solid(
         np.concatenate([one.vertices for one in solids]),
@@ -234,14 +234,5 @@ def joined(solids: Sequence[Solid]) -> Solid:
 
 
 def scene_mesh(name: str, label: str, made: Solid, material: Material, *, casts_shadow: bool = True) -> SceneMesh:
-    """A solid made of something."""
-    return SceneMesh(
-        name=name,
-        label=label,
-        vertices=made.vertices,
-        triangles=made.triangles,
-        uv=made.uv,
-        normals=made.normals,
-        material=material,
-        casts_shadow=casts_shadow,
-    )
+    """A solid made of a material."""
+    return SceneMesh(name=name, label=label, material=material, casts_shadow=casts_shadow, **vars(made))

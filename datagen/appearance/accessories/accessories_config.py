@@ -49,7 +49,7 @@ class AccessoriesConfig:
         check_parts("accessories", self, "glasses", "sunglasses")
 
 
-# The preset ``hard``: what hides faces, often.
+# The preset `hard`: what hides faces, often.
 HARD_ACCESSORIES = AccessoriesConfig(
     glasses=0.28,
     sunglasses=0.12,

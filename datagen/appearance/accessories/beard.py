@@ -37,7 +37,7 @@ def beard_anchors(model: MorphableModel) -> Anchors:
 
 @lru_cache(maxsize=1)
 def beard_textures() -> Mapping[str, Texture]:
-    """All styles, ``LEVELS`` layers each: grey, alpha, direction of the strands, as ``hair.glsl`` takes them."""
+    """All styles, `LEVELS` layers each: grey, alpha, direction of the strands, as `hair.glsl` takes them."""
     layers = [_layer(density, level) for density in style_densities().values() for level in range(LEVELS)]
     return {BEARD_STRANDS: Texture(pixels=np.stack(layers))}
 
@@ -68,7 +68,7 @@ def style_densities() -> Mapping[str, Float32[ndarray, "h w"]]:
 
 
 def _rise(low: ndarray | float, high: ndarray | float, value: ndarray) -> ndarray:
-    """0 below, 1 above, smooth between; the other way round where ``high`` is below ``low``."""
+    """0 below, 1 above, smooth between; the other way round where `high` is below `low`."""
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
 

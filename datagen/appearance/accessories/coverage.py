@@ -1,4 +1,4 @@
-"""How much of a face things leave to be seen."""
+"""Measures how much of a face accessories leave visible."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -9,35 +9,34 @@ from jaxtyping import Bool, Float32, Float64, Int, UInt8
 from numpy import ndarray
 
 from datagen.appearance.scene import PosedHead, SceneMesh, Surface
+from datagen.appearance.solids import Solid, joined
 from pix2face.models.morphable_model import builtin_model
 
 VIEWS_DEG = (-45.0, 0.0, 45.0)
 _PIXELS, _SPAN_MM = 40, 300.0
-_FACE_DEPTH_MM = 45.0  # what is nearer to the camera than this stands before the face
+_FACE_DEPTH_MM = 45.0  # whatever is nearer to the camera is in front of the face
 
 
 @lru_cache(maxsize=1)
 def mean_head() -> PosedHead:
-    """The built-in model's mean."""
+    """The mean of the built-in model as a head."""
     model = builtin_model()
     return PosedHead(model=model, vertices=model.mean, normals=Surface(model).normals(model.mean), neutral=model.mean)
 
 
 def visible_share(meshes: Sequence[SceneMesh]) -> float:
-    """Smallest share of the mean face that can be seen past meshes, over ``VIEWS_DEG`` of yaw.
+    """Smallest share of the mean face that is visible past meshes, over the yaws of `VIEWS_DEG`.
 
     Meshes that let light through (lattices, lace, clear lenses) do not count.
     """
     opaque = [mesh for mesh in meshes if not _lets_through(mesh)]
     if not opaque:
         return 1.0
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in opaque[:-1]])
-    vertices = np.concatenate([mesh.vertices for mesh in opaque])
-    triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(opaque, starts, strict=True)])
+    whole = joined([Solid(mesh.vertices, mesh.triangles, mesh.uv, mesh.normals) for mesh in opaque])
     shares = []
     for yaw_deg in VIEWS_DEG:
         axes, face = _view(yaw_deg)
-        hidden = _drawn(vertices, triangles, axes, _FACE_DEPTH_MM)
+        hidden = _drawn(whole.vertices, whole.triangles, axes, _FACE_DEPTH_MM)
         shares.append(1 - float((face & hidden).sum()) / float(face.sum()))
     return min(shares)
 
@@ -51,7 +50,7 @@ def _lets_through(mesh: SceneMesh) -> bool:
 
 @lru_cache(maxsize=8)
 def _view(yaw_deg: float) -> tuple[Float64[ndarray, "3 3"], Bool[ndarray, "h w"]]:
-    """Right, up and towards the camera; where the face is."""
+    """Axes to the right, up and towards the camera, and the pixels of the face."""
     yaw = np.deg2rad(yaw_deg)
     axes = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
     model = builtin_model()
@@ -66,7 +65,7 @@ def _drawn(
     axes: Float64[ndarray, "3 3"],
     nearer_than_mm: float,
 ) -> Bool[ndarray, "h w"]:
-    """Where triangles are, seen along an axis."""
+    """The pixels that triangles cover, seen along the third axis."""
     seen = vertices @ axes.T
     depth = seen[:, 2]
     a, b, c = triangles.T
@@ -80,7 +79,7 @@ def _drawn(
     is_large = ((high - low > 2) & (high >= 0) & (low < _PIXELS)).any(axis=1)
     for triangle in places[is_large, :3]:
         cv2.fillConvexPoly(picture, triangle, 1)
-    # Small triangles by their corners and middles: several times as fast.
+    # Small triangles are drawn as their corners and middles, which is several times as fast.
     dots = places[~is_large].reshape(-1, 2)
     dots = dots[((dots >= 0) & (dots < _PIXELS)).all(axis=1)]
     picture[dots[:, 1], dots[:, 0]] = 1

@@ -169,7 +169,7 @@ def outline(shape: str, count: int) -> Float64[ndarray, "n 2"]:
     """The outline of the left lens in a box from -1 to 1: x away from the nose, y up, from the nose side over the top.
 
     Args:
-        shape: One of ``SHAPES``.
+        shape: One of `SHAPES`.
         count: How many points.
     """
     angle = np.pi - np.linspace(0, 2 * np.pi, count, endpoint=False)

@@ -182,7 +182,7 @@ class Skull:
     radii: Float32[ndarray, "r c"]
 
     def radius(self, rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Float32[ndarray, "*_"]:
-        """Distance of the skin from the centre, mm; arguments as ``direction``."""
+        """Distance of the skin from the centre, mm; arguments as `direction`."""
         top, low = np.pi / 2, np.deg2rad(_LOWEST_DEG)
         rows = np.clip((top - rise) / (top - low), 0, 1) * (_ROWS - 1)
         columns = np.mod(around / (2 * np.pi) + 0.5, 1.0) * (_COLUMNS - 1)

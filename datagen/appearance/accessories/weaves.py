@@ -38,13 +38,13 @@ def weave_textures() -> Mapping[str, Texture]:
 def _layer(
     shade: ndarray | float = 0.0, second: ndarray | float = 0.0, dull: float = 1.0, alpha: ndarray | float = 1.0
 ) -> Layer:
-    """A layer; ``shade`` is what is added to 1."""
+    """A layer; `shade` is what is added to 1."""
     parts = (NEUTRAL * (1 + np.asarray(shade)), second, dull, alpha)
     return np.stack([np.broadcast_to(np.asarray(part, dtype=np.float32), (SIZE, SIZE)) for part in parts], axis=-1)
 
 
 def _noise(seed: int, blur: float) -> Float32[ndarray, "s s"]:
-    """Tileable noise of unit standard deviation; ``blur`` in texels."""
+    """Tileable noise of unit standard deviation; `blur` in texels."""
     noise = np.random.default_rng(seed).standard_normal((SIZE, SIZE)).astype(np.float32)
     wide = cv2.GaussianBlur(np.tile(noise, (3, 3)), (0, 0), blur)[SIZE : 2 * SIZE, SIZE : 2 * SIZE]
     return np.asarray((wide - wide.mean()) / wide.std(), dtype=np.float32)

@@ -1,6 +1,6 @@
 """Meshes bound to the head: every point follows the displacements of some of the head's vertices.
 
-Made by ``scripts.build_hair_assets`` for the built-in model; how points are bound is in ``scripts/hair_assets``.
+Made by `scripts.build_hair_assets` for the built-in model; how points are bound is in `scripts/hair_assets`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -94,7 +94,7 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
 
 @cache
 def brow_patch() -> Mapping[str, ndarray]:
-    """``vertices`` of the built-in model that carry the left brow, their ``triangles`` and ``uv``."""
+    """`vertices` of the built-in model that carry the left brow, their `triangles` and `uv`."""
     with _mesh_file() as file:
         return {name: file["brows"][name][()] for name in ("vertices", "triangles", "uv")}
 

@@ -94,7 +94,7 @@ def hair_meshes(hair: Hair, head: PosedHead, crown: CrownPlane | None = None) ->
 
 
 def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
-    """The uniforms of ``hair.glsl``."""
+    """The uniforms of `hair.glsl`."""
     colour = hair.colour
     return {
         "hair_tips": colour.tips,
@@ -165,7 +165,7 @@ def _soft_normals(style: str, is_mirrored: bool) -> Float32[ndarray, "v 3"]:
 
 
 def _with_direction(picture: UInt8[ndarray, "h w 4"]) -> UInt8[ndarray, "h w 4"]:
-    """Grey, alpha, and cosine and sine of twice the angle of the strands, as ``hair.glsl`` reads them."""
+    """Grey, alpha, and cosine and sine of twice the angle of the strands, as `hair.glsl` reads them."""
     grey, alpha = picture[..., 0].astype(np.float32), picture[..., 3]
     across, down = cv2.Sobel(grey, -1, 1, 0), cv2.Sobel(grey, -1, 0, 1)
     weight = alpha.astype(np.float32) / 255
@@ -179,7 +179,7 @@ def _with_direction(picture: UInt8[ndarray, "h w 4"]) -> UInt8[ndarray, "h w 4"]
 
 
 def _felt(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
-    """A texture as ``material.glsl`` reads it: how light, share of the second colour, how dull, opacity."""
+    """A texture as `material.glsl` reads it: how light, share of the second colour, how dull, opacity."""
     light = picture.astype(np.float32).mean(axis=2)
     light *= 255 * 0.8 / light.mean()
     out = np.full((*light.shape, 4), 255, dtype=np.uint8)

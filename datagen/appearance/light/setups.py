@@ -1,6 +1,6 @@
 """Arrangements of lamps: studios, windows, flashes, candles. Each gives lamps and what comes from all around.
 
-Strengths are relative; ``light.py`` sets the exposure. Azimuth 0 is where the camera is, 90 the picture's right.
+Strengths are relative; `light.py` sets the exposure. Azimuth 0 is where the camera is, 90 the picture's right.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What ``light.glsl`` and the shadow maps need to know of a light: uniforms, textures, directions. Model frame."""
+"""What `light.glsl` and the shadow maps need to know of a light: uniforms, textures, directions. Model frame."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -37,7 +37,7 @@ def light_textures() -> Mapping[str, Texture]:
 
 
 def light_uniforms(light: Light, camera: Camera) -> dict[str, UniformValue]:
-    """Uniforms of ``light.glsl``; directions are turned from the camera into the model frame."""
+    """Uniforms of `light.glsl`; directions are turned from the camera into the model frame."""
     model_from_camera = _model_from_camera(camera)
     ambient = turned(_ambient(light), model_from_camera)
     directions, colours = np.tile([0.0, 0.0, 1.0], (MAX_LAMPS, 1)), np.zeros((MAX_LAMPS, 3))

@@ -81,7 +81,7 @@ def direction_of(azimuth_deg: float, elevation_deg: float) -> Float64[ndarray, "
 
 
 def angles_of(direction: Float[ndarray, "3"]) -> tuple[float, float]:
-    """Azimuth and elevation in degrees: the inverse of ``direction_of``."""
+    """Azimuth and elevation in degrees: the inverse of `direction_of`."""
     x, y, z = (float(value) for value in direction)
     return math.degrees(math.atan2(x, -z)), math.degrees(math.asin(max(-1.0, min(1.0, -y))))
 

@@ -1,7 +1,7 @@
 """Crops that reach beyond the border of the photograph that they were cut from, and pictures in a frame.
 
 What lies beyond is filled as people and programs fill it. Maps go on there (they are amodal); what the picture shows of
-the face does not: ``beyond_border`` says where.
+the face does not: `beyond_border` says where.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from datagen.random_streams import rounded
 
-# What stands beyond the border. ``blurred`` is the picture itself, enlarged and out of focus.
+# What stands beyond the border. `blurred` is the picture itself, enlarged and out of focus.
 FILLINGS = ("black", "replicated", "reflected", "white", "mean", "blurred")
 
 

@@ -121,7 +121,7 @@ class PhotographConfig:
             check_weights("photograph", self, *(f"bad_{name}" for name in FAULTS))
 
 
-# What a bad picture can be bad in: ``bad_NAME`` is its weight.
+# What a bad picture can be bad in: `bad_NAME` is its weight.
 FAULTS = (
     "exposure",
     "colour",

@@ -27,7 +27,7 @@ class Mark:
 
 
 def draw_marks(rng: np.random.Generator, config: SkinConfig, person: Person) -> tuple[Mark, ...]:
-    """Draws the marks of one face, at most ``MAX_MARKS``."""
+    """Draws the marks of one face, at most `MAX_MARKS`."""
     marks = [_mole(rng) for _ in range(int(rng.poisson(config.moles)))]
     has_acne = rng.random() < config.acne_share * (1.0 if person.age_years < 30 else 0.25)
     marks += [_acne(rng, person) for _ in range(int(rng.integers(3, 9)) if has_acne else 0)]

@@ -38,7 +38,7 @@ def albedo_of_skin(
     """Linear sRGB albedo.
 
     Args:
-        melanin: In the unit of ``density_of_melanin``: 0 none, 1 as much as the darkest skin has.
+        melanin: In the unit of `density_of_melanin`: 0 none, 1 as much as the darkest skin has.
         haemoglobin: 0 none, 0.16 usual, 0.5 flushed.
     """
     absorbed = np.asarray(melanin)[..., None] * MELANIN + np.asarray(haemoglobin)[..., None] * HAEMOGLOBIN

@@ -70,7 +70,7 @@ class LidMargins:
 
 
 def head_paint(model: MorphableModel) -> Float32[ndarray, "v 8"]:
-    """Weights of the vertices for ``skin.glsl``.
+    """Weights of the vertices for `skin.glsl`.
 
     Returns:
         Lips; distance from the nearest lid's edge (1 is 24 mm and more); ear; cavity (0 flat or bulging, 1 deep);

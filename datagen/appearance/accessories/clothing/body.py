@@ -1,4 +1,4 @@
-"""Neck and shoulders under a head: a surface that starts at the rim of the model's neck and turns with the torso."""
+"""Neck and shoulders below a head: a surface that begins at the rim of the model's neck and turns with the torso."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -49,11 +49,11 @@ class Body:
     def at(
         self, place: Float[ndarray, "*#n"], turn: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
     ) -> Float32[ndarray, "*_ 3"]:
-        """Points above the surface.
+        """Points above the skin.
 
         Args:
             place: Along the body, -1 to 1.
-            turn: Around it: 0 the front, 0.25 the left side, 0.5 the back; any number of turns.
+            turn: Around the body: 0 the front, 0.25 the left side, 0.5 the back; any number of turns.
             above_mm: Distance from the skin.
         """
         place, turn, above_mm = np.broadcast_arrays(place, turn, above_mm)
@@ -81,10 +81,10 @@ class Body:
         return np.concatenate([self.points, self.normals], axis=-1).reshape(-1, 6)
 
     def skin(self, down_to: float) -> Solid:
-        """The bare surface from under the rim down to a place.
+        """The bare skin from below the rim down to a place.
 
-        Next to the rim it has the head's vertices, farther down every second: what is drawn five times, for shadows and
-        for the picture, should not be finer than anybody sees.
+        Next to the rim it has all vertices of the head, farther down only every second one: it is drawn five times, for
+        shadows and for the picture, and needs no more detail.
         """
         rows = min(max(int(np.searchsorted(_PLACES, down_to)) + 2, _FINE_ROWS), len(_PLACES))
         points = np.concatenate([self.lap[None], self.points[:rows]])
@@ -98,9 +98,9 @@ def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: f
     """Makes the body of a head.
 
     Args:
-        head: The head; its neck's rim is the first ring.
-        head_from_torso: Turns the torso from where the head alone would have it, model frame.
-        breadth: Of the shoulders, 1 is a man's.
+        head: The rim of its neck is the first ring.
+        head_from_torso: Rotation from a torso that is aligned with the head to the torso as it stands, model frame.
+        breadth: Breadth of the shoulders; 1 is a man's.
     """
     rim, inside = (indices[::-1] for indices in neck_rim(head.model))
     edge, inner = head.vertices[rim].astype(np.float64), head.vertices[inside].astype(np.float64)
@@ -146,14 +146,14 @@ def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
 
 @lru_cache(maxsize=64)
 def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[ndarray, "t 3"]]:
-    """A grid that has every second column from its fourth row on: which vertices are left, and triangles over them."""
-    assert columns % 2, "the last column lies on the first, so a rim of an even number of vertices has an odd one"
+    """A grid with every second column from its fourth row on: the vertices that are kept, and triangles over them."""
+    assert columns % 2, "the last column lies on the first, so a rim with an even number of vertices has an odd number"
     fine, thin = _FINE_ROWS * columns, np.arange(0, columns, 2)
     below = np.arange(_FINE_ROWS, rows)[:, None] * columns + thin
     kept = np.concatenate([np.arange(fine), below.reshape(-1)])
     left, right = np.arange(len(thin) - 1), np.arange(1, len(thin))
     seam = fine - columns + thin
-    # Where two columns become one: a fan of three triangles, so that nothing gapes.
+    # A fan of three triangles where two columns become one, so that there are no gaps.
     a, b = seam[:-1], seam[1:]
     middle = a + 1
     fan = [(a, fine + left, middle), (middle, fine + left, fine + right), (middle, fine + right, b)]
@@ -178,7 +178,7 @@ def _spline_weights() -> Float64[ndarray, "r k"]:
 
 
 def _smoothed_around(vectors: Float64[ndarray, "c 3"]) -> Float64[ndarray, "c 3"]:
-    """A mean over some columns, of a ring whose last column is its first."""
+    """A moving mean over the columns of a ring whose last column is its first."""
     ring = vectors[:-1]
     wide = np.concatenate([ring[-5:], ring, ring[:4]])
     summed = np.cumsum(wide, axis=0)
@@ -189,7 +189,7 @@ def _smoothed_around(vectors: Float64[ndarray, "c 3"]) -> Float64[ndarray, "c 3"
 def _turned(
     points: Float64[ndarray, "r c 3"], head_from_torso: Float64[ndarray, "3 3"], pivot: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "r c 3"]:
-    """Turns rows with the torso: not at all at the rim, wholly from the shoulders on."""
+    """Turns rows with the torso: not at the rim, and completely from the shoulders on."""
     share = np.clip(_PLACES + 1, 0, 1)
     share = share * share * (3 - 2 * share)
     turns = Rotation.from_rotvec(share[:, None] * Rotation.from_matrix(head_from_torso).as_rotvec()).as_matrix()

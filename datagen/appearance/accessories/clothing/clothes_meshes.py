@@ -1,4 +1,4 @@
-"""Clothes around the neck, and the neck and shoulders that they leave bare."""
+"""Meshes of clothes, their collars, ties and scarves, and the neck and shoulders that they leave bare."""
 
 import numpy as np
 from jaxtyping import Float
@@ -14,28 +14,29 @@ SIDES = 48  # columns of a garment
 
 
 def clothes_meshes(clothes: Clothes, body: Body, skin_rgb: Colour) -> list[SceneMesh]:
-    """Bare neck and shoulders, and the garment."""
+    """The meshes of a garment, and of bare neck and shoulders."""
     neckline = _neckline(clothes)
     bare = 0.9 if clothes.garment == "straps" else float(neckline.max()) + 0.06
     meshes = [scene_mesh("body/skin", "clothes", body.skin(bare), skin_material(skin_rgb))]
     outer = cloth(clothes.weave, clothes.colour, clothes.second, 0.5 if clothes.weave == "leather" else 0.88)
     meshes.append(scene_mesh(f"clothes/{clothes.garment}", "clothes", _garment(clothes, body, neckline), outer))
     if clothes.garment == "suit":
-        below = _sheet_below(body, clothes)
-        meshes.append(scene_mesh("clothes/shirt", "clothes", below, cloth("jersey", clothes.inner)))
+        turn, place = np.meshgrid(np.linspace(-0.3, 0.3, 17), np.linspace(0.02, 0.95, 9))
+        shirt = sheet(body.at(place, turn, 2.0 + 0.3 * clothes.looseness_mm), (6.0, 6.0))
+        meshes.append(scene_mesh("clothes/shirt", "clothes", shirt, cloth("jersey", clothes.inner)))
     materials = {
         "outer": outer,
         "inner": cloth("jersey", clothes.inner),
         "trim": cloth("stripes_along" if clothes.seed % 3 == 0 else "jersey", clothes.trim, clothes.second, 0.6),
         "rib": cloth("rib", clothes.trim if clothes.seed % 4 == 0 else clothes.colour, clothes.second),
     }
-    for kind, made in collar_solids(clothes.garment, body, clothes, neckline):
+    for kind, made in collar_solids(body, clothes, neckline):
         meshes.append(scene_mesh(f"clothes/{kind}", "clothes", made, materials[kind]))
     return meshes
 
 
 def _neckline(clothes: Clothes) -> Float[ndarray, " c"]:
-    """Place along the body where the garment begins, for each of its columns from the front once around."""
+    """Place along the body where each column of the garment begins, from the front once around."""
     turn = np.linspace(0, 1, SIDES + 1)
     off_front = np.minimum(turn, 1 - turn) * 2  # 0 front, 1 back
     depth = clothes.depth
@@ -70,19 +71,13 @@ def _garment(clothes: Clothes, body: Body, neckline: Float[ndarray, " c"]) -> So
     return sheet(body.at(place, turn, above), (1300 / clothes.scale_mm, 350 / clothes.scale_mm), is_closed=True)
 
 
-def _sheet_below(body: Body, clothes: Clothes) -> Solid:
-    """What is worn under a suit, where its neckline shows it."""
-    turn, place = np.meshgrid(np.linspace(-0.3, 0.3, 17), np.linspace(0.02, 0.95, 9))
-    return sheet(body.at(place, turn, 2.0 + 0.3 * clothes.looseness_mm), (6.0, 6.0))
-
-
 # What a piece is made of ("outer", "inner", "trim", "rib"), and its shape.
 Piece = tuple[str, Solid]
 
 
-def collar_solids(garment: str, body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
-    """The pieces of a garment's neck, and a scarf over it."""
-    pieces: list[Piece] = []
+def collar_solids(body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
+    """The pieces at the neck of a garment, and a scarf over it."""
+    garment, pieces = cut.garment, list[Piece]()
     if garment in ("t-shirt", "v-neck", "sweater", "hoodie"):
         pieces.append(("rib", _rib(body, neckline, cut, 5.0 if garment == "sweater" else 3.5)))
     if garment == "hoodie":

@@ -30,16 +30,16 @@ class Fit:
     tilt_deg: float  # rotation to one side
 
     def rim(self, around: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
-        """Height of the rim, radians; ``around`` as in ``head_fit.direction``."""
+        """Height of the rim, radians; `around` as in `head_fit.direction`."""
         ahead, aside = np.cos(around), np.sin(around) ** 2
         middle = 0.5 * (self.front_deg + self.back_deg)
         height = middle + 0.5 * (self.front_deg - self.back_deg) * ahead + (self.side_deg - middle) * aside
         return np.deg2rad(height + self.tilt_deg * np.sin(around))
 
 
-def hat_pieces(kind: str, skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def hat_pieces(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     """The pieces of a hat, model frame."""
-    return _HATS[kind](skull, fit, look)
+    return _HATS[look.kind](skull, fit, look)
 
 
 def _dome(skull: Skull, fit: Fit, above: Float[ndarray, "r c"], repeats: tuple[float, float] = (12.0, 5.0)) -> Solid:

@@ -35,9 +35,9 @@ def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMes
         forward_deg = float(np.clip(hat.lift_deg, -LARGEST_TILT_DEG, LARGEST_TILT_DEG))
         return [fedora_mesh(head, hat.colour, -forward_deg)]
     if hat.kind in WRAPS:
-        pieces = wrap_pieces(hat.kind, fit_skull(head, with_expression=True), body, hat)
+        pieces = wrap_pieces(fit_skull(head, with_expression=True), body, hat)
     else:
-        pieces = hat_pieces(hat.kind, fit_skull(head), _fit(hat), hat)
+        pieces = hat_pieces(fit_skull(head), _fit(hat), hat)
     return [scene_mesh(f"headwear/{hat.kind}", "headwear", made, _material(hat, piece)) for piece, made in pieces]
 
 
@@ -122,9 +122,9 @@ _BACK_DEG = 172.0
 _EAR_MM = 17.0  # how far ears stand out from the skull
 
 
-def wrap_pieces(kind: str, skull: Skull, body: Body, look: Headwear) -> list[Piece]:
+def wrap_pieces(skull: Skull, body: Body, look: Headwear) -> list[Piece]:
     """A headscarf or a hood, which hides hair, ears and neck and lies on the shoulders."""
-    is_hood = kind == "hood"
+    is_hood = look.kind == "hood"
     shell = _shell(skull, look, _opening(look, is_hood), is_hood)
     made = [shell, cowl(body, look.seed, 1.15 if is_hood else 1.45 + 0.3 * look.size)]
     if is_hood:
