@@ -30,7 +30,7 @@ _PLACES = ((0.0, 20.0, 104.0), (33, 27, 94), (76.5, 37, 4), (75, 26, -19), (71.5
 @final
 @dataclass(frozen=True, eq=False)
 class GlassesFit:
-    """Where the parts of a pair are, model frame, mm."""
+    """Where the parts of a pair of glasses are, model frame, mm."""
 
     rotation: Float64[ndarray, "3 3"]  # from the front frame to the model frame
     place: Float64[ndarray, "3"]  # origin of the front frame
@@ -44,8 +44,8 @@ def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) ->
 
     Args:
         worn: How they are worn.
-        head: Whose expression counts too: raised cheeks and brows push the front forward.
-        front: Points of the front in its own frame, which shall not enter the face.
+        head: With its expression: raised cheeks and brows push the front forward.
+        front: Points of the front in its own frame, which must not enter the face.
     """
     regions = ("skin", "scalp", "pupil", "neck")
     marks = {
@@ -69,7 +69,7 @@ def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) ->
 def _temple_path(
     head: PosedHead, hinge: Float64[ndarray, "3"], marks: Float64[ndarray, "5 3"], side: int
 ) -> Float64[ndarray, "n 3"]:
-    """Straight from hinge to ear, but beside the head, then down behind the ear."""
+    """The path from the hinge straight to the ear, outside of the head, and down behind the ear."""
     over_ear = marks[2] + [side * 1.8, 2.8, 0]
     behind = marks[3] + [side * 2.6, 0, -0.5]
     below = marks[4] + [side * 2.6, 0, -1.0]
@@ -83,7 +83,7 @@ def _temple_path(
 
 
 def _pushed_out(head: PosedHead, path: Float64[ndarray, "n 3"], side: int) -> Float64[ndarray, "n 3"]:
-    """Moves what is in the skin out of it; twice, since another vertex may be nearest afterwards."""
+    """Moves points inside the skin out of it; twice, since another vertex may be nearest afterwards."""
     chosen = _side_vertices(head.model)[side]
     skin, normals = head.neutral[chosen].astype(np.float64), head.normals[chosen]
     for _ in range(2):
@@ -94,7 +94,7 @@ def _pushed_out(head: PosedHead, path: Float64[ndarray, "n 3"], side: int) -> Fl
 
 
 def _strap_path(head: PosedHead, hinges: Mapping[int, Float64[ndarray, "3"]]) -> Float64[ndarray, "n 3"]:
-    """Around the back of the head in a plane through both ends of the front."""
+    """The path around the back of the head, in a plane through both ends of the front."""
     y = hinges[1][1]
     around = head.neutral[_scalp(head.model)]
     near = around[np.abs(around[:, 1] - y - 10) < 14]
@@ -108,7 +108,7 @@ def _strap_path(head: PosedHead, hinges: Mapping[int, Float64[ndarray, "3"]]) ->
 
 
 def _in_front(head: PosedHead, points: Float64[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
-    """How far points are before the face, mm along z, whatever its expression."""
+    """How far points are in front of the face, with or without its expression, mm along z."""
     chosen = _front_vertices(head.model)
     neutral, face = head.neutral.take(chosen, axis=0), head.vertices.take(chosen, axis=0)
     face = np.where(neutral[:, 2:] > face[:, 2:], neutral, face)
@@ -122,7 +122,7 @@ def _in_front(head: PosedHead, points: Float64[ndarray, "n 3"]) -> Float64[ndarr
 
 
 def _nearest_in_plane(face: Float32[ndarray, "v 3"], points: Float64[ndarray, "n 3"]) -> Int32[ndarray, "n 2"]:
-    """The two nearest vertices in x and y, among one (the foremost) in each cell around; no tree pays for so few."""
+    """The two nearest vertices in x and y among the foremost ones of nearby cells; a tree does not pay for so few."""
     order = np.argsort(face[:, 2])
     cells = np.clip(((face[order, :2] - _LOW) / _CELL_MM).astype(np.intp), 0, _CELLS - 1) + 1
     field = np.full((_CELLS + 2, _CELLS + 2), -1, dtype=np.int32)
@@ -136,7 +136,7 @@ def _nearest_in_plane(face: Float32[ndarray, "v 3"], points: Float64[ndarray, "n
 
 
 def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> Float64[ndarray, " n"]:
-    """How far one side of the head reaches out near places (y, z), mm."""
+    """How far the head extends to one side near places (y, z), mm."""
     chosen = _side_vertices(head.model)[side]
     beside = head.neutral[chosen]
     aside = np.abs(beside[None, :, 1:] - places[:, None].astype(np.float32))
@@ -166,12 +166,7 @@ def _scalp(model: MorphableModel) -> Int32[ndarray, " n"]:
 
 
 def outline(shape: str, count: int) -> Float64[ndarray, "n 2"]:
-    """The outline of the left lens in a box from -1 to 1: x away from the nose, y up, from the nose side over the top.
-
-    Args:
-        shape: One of `SHAPES`.
-        count: How many points.
-    """
+    """The outline of the left lens in a box from -1 to 1, from the nose over the top: x away from the nose, y up."""
     angle = np.pi - np.linspace(0, 2 * np.pi, count, endpoint=False)
     cosine, sine = np.cos(angle), np.sin(angle)
     power = {"round": 2.0, "oval": 2.2, "rectangle": 5.0, "square": 4.0, "cat-eye": 3.0, "aviator": 2.6}[shape]
@@ -223,14 +218,14 @@ def _lens_centre_mm(glasses: Glasses) -> float:
 
 
 def _curved(points: np.ndarray) -> np.ndarray:
-    """Bends a flat front around the face: millimetres backward far from the nose."""
+    """Bends a flat front around the face, backward by some millimetres far from the nose."""
     bent = points.copy()
     bent[..., 2] -= 0.0016 * bent[..., 0] ** 2
     return bent
 
 
 def _rim_and_lens(glasses: Glasses, side: int) -> tuple[Solid | None, Solid]:
-    """Of the eye on one side (1 the left); front frame: x to the left, y up, z forward, origin between the lenses."""
+    """Rim and lens on one side (1 the left) in the front frame: x left, y up, z forward, origin between the lenses."""
     flat = outline(glasses.shape, OUTLINE) * [glasses.width_mm / 2, glasses.height_mm / 2]
     edge = np.stack([side * (flat[:, 0] + _lens_centre_mm(glasses)), flat[:, 1], np.zeros(OUTLINE)], axis=1)
     centre = edge.mean(axis=0)
@@ -252,7 +247,7 @@ def _rim_and_lens(glasses: Glasses, side: int) -> tuple[Solid | None, Solid]:
 
 
 def _bridge(glasses: Glasses) -> Solid:
-    """Between the lenses, and pads on the nose."""
+    """The bridge between the lenses."""
     half = 0.5 * glasses.bridge_mm + 0.5
     x = np.linspace(-half, half, 7)
     rise = 0.16 * glasses.height_mm + 1.5 * (1 - (x / half) ** 2)
@@ -266,7 +261,7 @@ def _bridge(glasses: Glasses) -> Solid:
 
 
 def _temple(glasses: Glasses, fit: GlassesFit, side: int) -> Solid:
-    """From the hinge past the temple to the ear and down behind it."""
+    """A temple from the hinge to the ear and down behind it."""
     path = fit.temples[side]
     thick = max(0.7, min(glasses.thickness_mm, 1.6))
     tall = thick if glasses.is_metal else max(1.5, 1.6 * glasses.thickness_mm)

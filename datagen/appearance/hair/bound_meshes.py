@@ -1,6 +1,6 @@
-"""Meshes bound to the head: every point follows the displacements of some of the head's vertices.
+"""Meshes that are bound to the head: every point follows the displacements of some of the head's vertices.
 
-Made by `scripts.build_hair_assets` for the built-in model; how points are bound is in `scripts/hair_assets`.
+`scripts.build_hair_assets` makes them for the built-in model; `scripts/hair_assets` binds the points.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,7 +27,7 @@ MIRRORED = np.array([-1, 1, 1], dtype=np.float32)
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoundMesh:
-    """A mesh around a model's mean that follows its heads."""
+    """A mesh around a model's mean that follows the heads of the model."""
 
     name: str  # of the style
     # points around the mean, mm, model frame. Several vertices may share one, along seams of the texture.
@@ -50,7 +50,7 @@ class BoundMesh:
 
     @cached_property
     def _followed(self) -> sparse.csr_array:
-        """The weights by point and vertex of the model: a quarter of the time of gathering neighbours."""
+        """The weights of the model's vertices for each point; takes a quarter of the time of gathering neighbours."""
         n_points, n_each = self.neighbours.shape
         starts = np.arange(0, n_points * n_each + 1, n_each)
         shape = n_points, int(self.neighbours.max()) + 1
@@ -58,7 +58,7 @@ class BoundMesh:
 
 
 def mirrored(mesh: BoundMesh, symmetry: Int32[ndarray, " v"]) -> BoundMesh:
-    """The mirror image of a mesh, bound to the mirror vertices; its parting is on the other side."""
+    """The mirror image of a mesh, bound to the mirrored vertices; its parting is on the other side."""
     return replace(
         mesh,
         mean=mesh.mean * MIRRORED,

@@ -1,4 +1,4 @@
-"""Brows and lashes: the hair that moves with the face."""
+"""Brows and lashes, the hair that moves with the face."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +25,7 @@ LASH_STYLES = ("eyelashes01", "eyelashes02", "eyelashes03", "eyelashes04")
 BROW_HEIGHT_MM = 0.8
 # One unit of the brows' texture coordinates, mm (scripts/hair_assets/brow_patch.py).
 BROW_V_MM = 36.0
-# Brows are moved this far, in pixels of their textures (4 a millimetre); bytes of alpha below count as none.
+# Brows are moved by up to this many pixels of their textures (4 per mm); lower bytes of alpha count as no hair.
 MOVES_PX, HAIRY = 9, 24
 EYE_REGIONS = ("eyes", "iris", "pupil")
 INK = (0.008, 0.007, 0.007)
@@ -90,7 +90,7 @@ def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, br
 
 
 def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
-    """Both brows: the skin itself, lifted by less than a millimetre."""
+    """The mesh of both brows: the skin below them, lifted by less than a millimetre."""
     vertices, triangles, uv = _both_patches(head.model)
     n = len(vertices) // 2
     u, v = uv[:, 0] - brows.apart_mm / 60.0, uv[:, 1].copy()
@@ -112,7 +112,7 @@ def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
 
 
 def lash_mesh(lashes: Lashes, head: PosedHead) -> SceneMesh:
-    """Lashes of all four lids: their roots follow the lids, and they turn with them about the eyeball."""
+    """The mesh of the lashes of all lids: roots follow the lids, and lashes turn with them about the eyeball."""
     mesh = bound_mesh(LASH_STYLES[lashes.layer])
     points = turned_with_lids(mesh, head, lashes.length)
     return SceneMesh(
@@ -154,7 +154,7 @@ def turned_with_lids(mesh: BoundMesh, head: PosedHead, length: float) -> Float32
 def turn_between(
     before: Float32[ndarray, "n 3"], after: Float32[ndarray, "n 3"], vectors: Float32[ndarray, "n 3"]
 ) -> Float32[ndarray, "n 3"]:
-    """Turns each vector by the smallest rotation that brings one direction into another (not the opposite one).
+    """Turns each vector by the smallest rotation from one direction to another, which must not be opposite.
 
     Source: Rodrigues' formula, with the axis before x after.
     """
@@ -178,7 +178,7 @@ def _both_patches(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[nd
 
 
 def _is_hairy(uv: Float32[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
-    """Which places of the patch some brow reaches, wherever it may be moved to."""
+    """Places of the patch that some brow can reach after it is moved."""
     reached = cv2.dilate(brow_pictures()[..., 1].max(axis=0), np.ones((2 * MOVES_PX + 1,) * 2, np.uint8)) > HAIRY
     rows, columns = reached.shape
     row, column = np.clip(uv[:, 1] * rows, 0, rows - 1), np.clip(uv[:, 0] * columns, 0, columns - 1)
@@ -194,7 +194,7 @@ def brow_pictures() -> ndarray:
 
 @cache
 def _ridges() -> Float64[ndarray, "n w"]:
-    """Height (v) of the middle of each brow along u; beyond its ends as at the ends."""
+    """Height (v) of the middle of each brow along u, constant beyond its ends."""
     alpha = brow_pictures()[..., 1].astype(np.float64)
     total = alpha.sum(axis=1)
     rows = (np.arange(alpha.shape[1]) + 0.5) / alpha.shape[1]

@@ -33,8 +33,7 @@ from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh, Tex
 from datagen.random_streams import rounded
 
 LAYERS = tuple(STYLES)
-# Normals of strips are half those of a head's outline, so that crossing strips do not flicker.
-ROUND_SHARE = 0.5
+ROUND_SHARE = 0.5  # share of the outline in the normals of strips, so that crossing strips do not flicker
 MIDDLE_MM = np.array([0.0, 40.0, 0.0], dtype=np.float32)
 
 
@@ -107,7 +106,7 @@ def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
 
 @cache
 def hair_textures() -> Mapping[str, Texture]:
-    """Strands of hair, brows and lashes, and a fedora's felt, by the name of their sampler."""
+    """Strands of hair, brows and lashes, and the felt of a hat, by the names of their samplers."""
     strands, lashes = (
         np.stack([_with_direction(read_picture(f"{name}.webp")) for name in names]) for names in (LAYERS, LASH_STYLES)
     )
@@ -154,7 +153,7 @@ def _parting(style: str, is_mirrored: bool) -> Parting:
 
 @cache
 def _soft_normals(style: str, is_mirrored: bool) -> Float32[ndarray, "v 3"]:
-    """Normals of vertices, half of the strips and half of the outline as a whole."""
+    """Normals of vertices: half those of the strips, half those of the whole outline."""
     mesh = bound_mesh(style, is_mirrored=is_mirrored)
     away = mesh.mean - np.minimum(MIDDLE_MM, [1e9, mesh.mean[:, 1:2].max() - 60, 1e9]).astype(np.float32)
     away[:, 1] = np.where(mesh.mean[:, 1] < MIDDLE_MM[1], 0.3 * away[:, 1], away[:, 1])
@@ -179,7 +178,7 @@ def _with_direction(picture: UInt8[ndarray, "h w 4"]) -> UInt8[ndarray, "h w 4"]
 
 
 def _felt(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
-    """A texture as `material.glsl` reads it: how light, share of the second colour, how dull, opacity."""
+    """A texture as `material.glsl` reads it: lightness, share of the second colour, dullness, opacity."""
     light = picture.astype(np.float32).mean(axis=2)
     light *= 255 * 0.8 / light.mean()
     out = np.full((*light.shape, 4), 255, dtype=np.uint8)

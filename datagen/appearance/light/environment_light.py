@@ -1,4 +1,4 @@
-"""Light of an environment, or of one over another, turned and coloured as a photograph's may be."""
+"""Draws light of one environment or of two, turned and coloured as in a photograph."""
 
 from dataclasses import replace
 
@@ -14,9 +14,9 @@ from datagen.appearance.light.setups import Setup
 from datagen.appearance.light.sources import PanoramaLight, direction_of, environment_from_camera
 from datagen.random_streams import Triple, rounded, triple
 
-# Where the brightest lamp stands: mean and standard deviation of the azimuth (0 is the camera's side).
+# Azimuth of the brightest lamp: mean and standard deviation (0 is the camera's side).
 _KEY_AZIMUTHS_DEG = {"directional": (0.0, 50.0), "backlit": (180.0, 28.0), "silhouette": (180.0, 18.0)}
-_LARGEST_AZIMUTH_DEG = 105.0  # of a lamp that is to light the face
+_LARGEST_AZIMUTH_DEG = 105.0  # of a lamp that lights the face
 
 
 def draw_environment_light(
@@ -52,7 +52,7 @@ def draw_environment_light(
 
 
 def add_environment(setup: Setup, source: Environment, panorama: PanoramaLight) -> None:
-    """Adds an environment's lamps and the rest of its light."""
+    """Adds the lamps of an environment and the rest of its light."""
     camera_from_environment = environment_from_camera(panorama).T
     matrix = np.array(panorama.colour_matrix)
     for lamp in source.lamps:

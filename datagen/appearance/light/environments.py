@@ -1,7 +1,7 @@
-"""The environments that light faces and stand behind them: panoramas with a high dynamic range, and what they hold.
+"""The environments that light faces and are seen behind them: panoramas with a high dynamic range, and their lamps.
 
-Frame of an environment: x right, y down, z forward, as a camera that looks at the middle of the panorama. Column 0 is
-straight behind, columns turn to the right; rows go from the zenith down.
+Frame of an environment: x right, y down, z forward, like a camera that looks at the middle of the panorama. Column 0 is
+straight behind, columns turn to the right, and rows go down from the zenith.
 """
 
 import math
@@ -22,7 +22,7 @@ from datagen.appearance.light.sources import PanoramaLight, environment_from_cam
 from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera, pinhole_of
 
-# A lamp is what is this many times brighter than the mean, within so many degrees.
+# A lamp is this many times brighter than the mean, and lies within this radius.
 LAMP_CONTRAST, LAMP_RADIUS_DEG = 4.0, 22.0
 N_LAMPS = 2
 
@@ -40,7 +40,7 @@ class Lamp:
 @final
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """An environment taken apart: lamps and rest make up the whole."""
+    """An environment, split into lamps and the rest."""
 
     name: str
     lamps: tuple[Lamp, ...]  # the brightest first; black ones where there are fewer
@@ -51,18 +51,18 @@ class Environment:
 
 @lru_cache(maxsize=1)
 def environment_names() -> tuple[str, ...]:
-    """All environments, sorted; a layer of a texture is a place in this list."""
+    """All environments, sorted, in the order of the texture's layers."""
     return tuple(sorted(_light_panoramas()))
 
 
 def light_panorama(name: str) -> Float32[ndarray, "64 128 3"]:
-    """What light comes from where, linear."""
+    """The radiance of an environment at low resolution, linear."""
     return _light_panoramas()[name]
 
 
 @lru_cache(maxsize=18)
 def environment(name: str) -> Environment:
-    """An environment, taken apart on first use."""
+    """An environment, split into lamps and the rest on first use."""
     panorama = light_panorama(name)
     directions, solid_angles = panorama_grid(*panorama.shape[:2])
     rest, lamps = panorama.astype(np.float64), []
@@ -77,14 +77,14 @@ def environment(name: str) -> Environment:
 
 @lru_cache(maxsize=18)
 def picture_panorama(name: str) -> Float32[ndarray, "h w 3"]:
-    """The panorama at its best resolution, linear, for looking at."""
+    """The panorama at full resolution, linear, as a backdrop."""
     with _open() as file:
         group = file[name]
         picture = _decoded(group["picture"], cv2.IMREAD_COLOR)[..., ::-1]
         gain = _decoded(group["gain"], cv2.IMREAD_GRAYSCALE)
         stops = np.float32(file.attrs["gain_stops"] / 255)
     linear = srgb_to_linear(picture.astype(np.float32) / 255)
-    # The JPEG's ringing beside bright things is below a step or two, where nothing is brighter than white.
+    # Steps of one or two are ringing of the JPEG beside bright things, where nothing is brighter than white.
     bright = np.where(gain > 2, np.exp2(gain * stops), 1)
     return (linear * bright[..., None]).astype(np.float32)
 
@@ -102,7 +102,7 @@ def panorama_grid(height: int, width: int) -> tuple[Float64[ndarray, "h w 3"], F
 
 
 def panorama_place(directions: Float[ndarray, "*n 3"], height: int, width: int) -> Float[ndarray, "*n 2"]:
-    """Column and row at which a panorama shows unit vectors; texel (i, j) has its centre at (j, i), as in OpenCV."""
+    """Column and row of unit vectors in a panorama; texel (i, j) has its centre at (j, i), as in OpenCV."""
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     column = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * width - 0.5
     row = np.arccos(np.clip(-y, -1, 1)) / np.pi * height - 0.5
@@ -110,7 +110,7 @@ def panorama_place(directions: Float[ndarray, "*n 3"], height: int, width: int) 
 
 
 def softened_panorama(panorama: Float32[ndarray, "h w 3"], angle_rad: float) -> Float32[ndarray, "h w 3"]:
-    """The panorama as a surface of some roughness mirrors it: blurred by a Gaussian on the sphere, nearly."""
+    """The panorama as a rough surface reflects it: blurred by approximately a Gaussian on the sphere."""
     height, width = panorama.shape[:2]
     over_poles = np.concatenate([np.roll(panorama[::-1], width // 2, axis=1), panorama] * 2)[height // 2 :]
     sigma = angle_rad / np.pi * height
@@ -124,13 +124,13 @@ def softened_panorama(panorama: Float32[ndarray, "h w 3"], angle_rad: float) -> 
 def _take_lamp(
     rest: Float64[ndarray, "h w 3"], directions: Float64[ndarray, "h w 3"], solid_angles: Float64[ndarray, "h w"]
 ) -> tuple[Float64[ndarray, "h w 3"], Lamp]:
-    """The brightest spot, cut down to its surroundings; what was cut off is the lamp."""
+    """Reduces the brightest spot to its surroundings; what is taken away is the lamp."""
     luminance = rest @ LUMINANCE
     threshold = LAMP_CONTRAST * np.sum(luminance * solid_angles) / (4 * np.pi)
     excess = np.maximum(1 - threshold / np.maximum(luminance, 1e-9), 0)
     power = excess * luminance * solid_angles
     brightest = directions[np.unravel_index(np.argmax(power), power.shape)]
-    for _ in range(2):  # the window moves to the middle of what it sees
+    for _ in range(2):  # the window moves to the middle of what is in it
         near = directions @ brightest > np.cos(np.deg2rad(LAMP_RADIUS_DEG))
         middle = np.tensordot(power * near, directions, 2)
         if not np.linalg.norm(middle) > 0:
@@ -159,22 +159,22 @@ def _open() -> h5py.File:
         return h5py.File(path, "r", locking=False)
 
 
-# Across a picture of an affine camera, which has no field of view of its own.
+# Angle across a picture of an affine camera, which has no field of view.
 AFFINE_VIEW_DEG = 25.0
-# Samples for each texel of a panorama: more would show nothing more.
+# Samples for each texel of a panorama; more would not show more.
 _SAMPLES_PER_TEXEL, _FEWEST_SAMPLES = 1.6, 24
 
 
 def panorama_view(
     panoramas: tuple[PanoramaLight, ...], camera: Camera, size: tuple[int, int], view_deg: float
 ) -> Float32[ndarray, "h w 3"]:
-    """Linear light from behind, no finer than the panoramas are.
+    """What a camera sees of environments: linear light, no finer than the panoramas are.
 
     Args:
-        panoramas: Their light is added.
-        camera: A pinhole's rays are followed; it is turned as the panoramas say, however the head is turned.
+        panoramas: Their light is added, and they say how the camera is turned.
+        camera: Only its focal length and principal point matter.
         size: Rows and columns of the picture; the result may be smaller.
-        view_deg: Across the picture's width; 0 is the camera's own.
+        view_deg: Angle across the picture's width; 0 is the camera's own.
     """
     height, width = size
     focal, x, y = _intrinsics(camera, size, view_deg)
@@ -194,7 +194,7 @@ def panorama_view(
 
 
 def look_up(name: str, directions: Float64[ndarray, "h w 3"]) -> Float32[ndarray, "h w 3"]:
-    """Light of an environment from unit vectors of its frame, between texels linearly, across the seam too."""
+    """Light of an environment from unit vectors of its frame, interpolated linearly, also across the seam."""
     panorama = picture_panorama(name)
     height, width = panorama.shape[:2]
     place = panorama_place(directions, height, width).astype(np.float32)

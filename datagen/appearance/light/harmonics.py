@@ -16,7 +16,7 @@ from numpy import ndarray
 N_HARMONICS = 9
 # 1 / (integral of P_i^2 over the sphere).
 _NORMS = np.array([1, 3, 3, 3, 15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi)
-# What convolution with the cosine leaves of each band, divided by pi: irradiance / pi is what a white surface shows.
+# Factors on the bands for the convolution with the cosine, divided by pi: a white surface shows irradiance / pi.
 COSINE_BANDS = np.repeat([1.0, 2 / 3, 1 / 4], [1, 3, 5])
 
 
@@ -29,40 +29,35 @@ def harmonics_at(directions: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 9"]:
 def project_radiance(
     directions: Float[ndarray, "n 3"], radiance: Float[ndarray, "n 3"], solid_angles: Float[ndarray, " n"]
 ) -> Float64[ndarray, "9 3"]:
-    """Coefficients of light given on a partition of the sphere (steradians)."""
+    """Coefficients of radiance on a partition of the sphere into solid angles (steradians)."""
     return np.asarray(_NORMS[:, None] * (harmonics_at(directions).T @ (radiance * solid_angles[:, None])))
 
 
 def point_light(direction: Float[ndarray, "3"], colour: Float[ndarray, "3"]) -> Float64[ndarray, "9 3"]:
-    """Coefficients of a distant lamp.
-
-    Args:
-        direction: Towards it, unit length.
-        colour: What a white surface that faces it shows: irradiance / pi.
-    """
+    """Coefficients of a distant lamp in a direction of unit length; its colour is irradiance / pi."""
     return np.asarray((_NORMS * harmonics_at(direction[None])[0])[:, None] * (np.pi * np.asarray(colour))[None])
 
 
 def white_surface(harmonics: Float[ndarray, "9 3"], normals: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-    """What white matt surfaces show in this light: irradiance / pi, not below 0."""
+    """What white matt surfaces with these normals show: irradiance / pi, not below 0."""
     return np.asarray(np.maximum(harmonics_at(normals) @ (COSINE_BANDS[:, None] * harmonics), 0))
 
 
 def turned(harmonics: Float[ndarray, "9 3"], rotation: Float[ndarray, "3 3"]) -> Float64[ndarray, "9 3"]:
-    """The same light after its directions were turned: L'(rotation d) = L(d)."""
+    """The light with its directions turned: L'(rotation d) = L(d)."""
     directions, inverse = _probes()
     return np.asarray(inverse @ harmonics_at(directions @ rotation) @ harmonics)
 
 
 @lru_cache(maxsize=1)
 def _probes() -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "9 n"]]:
-    """Directions at which nine polynomials are known, and what makes coefficients of their values there."""
+    """Directions, and the matrix that turns values at them into coefficients."""
     directions = fibonacci_sphere(24)
     return directions, np.linalg.pinv(harmonics_at(directions))
 
 
 def fibonacci_sphere(n: int) -> Float64[ndarray, "n 3"]:
-    """Unit vectors, evenly spread."""
+    """Evenly distributed unit vectors."""
     z = 1 - (2 * np.arange(n) + 1) / n
     angle = np.arange(n) * np.pi * (3 - np.sqrt(5))
     radius = np.sqrt(1 - z * z)

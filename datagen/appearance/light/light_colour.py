@@ -1,4 +1,4 @@
-"""Colours of lamps: black bodies, saturation, white balance. Linear sRGB."""
+"""Colours of light: black bodies, saturation, white balance. Linear sRGB."""
 
 from functools import lru_cache
 
@@ -32,7 +32,7 @@ def _curves() -> tuple[Float64[ndarray, " n"], Float64[ndarray, "3 n"]]:
 
 
 def black_body(temperature_k: float) -> Float64[ndarray, "3"]:
-    """Colour of a body that glows, of luminance 1; 6500 K is about white. Colours out of sRGB are cut.
+    """Colour of a black body, with luminance 1; 6500 K is about white. Colours outside sRGB are clipped.
 
     Source: Planck's law.
     """
@@ -43,20 +43,20 @@ def black_body(temperature_k: float) -> Float64[ndarray, "3"]:
 
 
 def lamp_colour(temperature_k: float, camera_k: float) -> Float64[ndarray, "3"]:
-    """How a camera balanced for one temperature sees a lamp of another; luminance 1."""
+    """Colour of a lamp, with luminance 1, for a camera that is balanced for another temperature."""
     rgb = black_body(temperature_k) / np.maximum(black_body(camera_k), 0.02)
     return np.asarray(rgb / (LUMINANCE @ rgb))
 
 
 def saturation_matrix(saturation: float) -> Float64[ndarray, "3 3"]:
-    """Acts on linear colours (columns): 0 makes them grey, 1 leaves them, luminance stays."""
+    """Acts on linear colours (columns): 0 makes them grey, 1 leaves them; luminance stays."""
     return np.asarray(saturation * np.eye(3) + (1 - saturation) * np.outer(np.ones(3), LUMINANCE))
 
 
 def balance_matrix(mean_colour: Float[ndarray, "3"], strength: float) -> Float64[ndarray, "3 3"]:
-    """Gains that make a mean colour grey (strength 1), or less so; its luminance stays.
+    """Gains that make a mean colour grey (strength 1) or partly grey; its luminance stays.
 
-    Gains are held to a factor of 3 either way: no camera corrects a lamp of one colour altogether.
+    Gains stay within a factor of 3: no camera corrects a lamp of a single colour completely.
     """
     mean = np.maximum(np.asarray(mean_colour, dtype=np.float64), 1e-9)
     gains = np.clip((LUMINANCE @ mean / mean) ** strength, 1 / 3, 3)

@@ -1,4 +1,4 @@
-"""Arrangements of lamps: studios, windows, flashes, candles. Each gives lamps and what comes from all around.
+"""Arrangements of lamps: studios, windows, flashes, candles. Each has lamps, and light from all around.
 
 Strengths are relative; `light.py` sets the exposure. Azimuth 0 is where the camera is, 90 the picture's right.
 """
@@ -31,11 +31,11 @@ class Setup:
         self.lamps.append((direction_of(azimuth_deg, elevation_deg), np.asarray(colour), float(radius_rad)))
 
     def glow(self, azimuth_deg: float, elevation_deg: float, colour: ndarray) -> None:
-        """Adds light from one half of the world that casts no shadow."""
+        """Adds light from one half of the sphere, which casts no shadow."""
         self.ambient += point_light(direction_of(azimuth_deg, elevation_deg), np.asarray(colour))
 
     def surround(self, colour: ndarray) -> None:
-        """Adds the same light from everywhere."""
+        """Adds the same light from all directions."""
         self.ambient[0] += colour
 
 
@@ -50,11 +50,11 @@ class Colours:
     camera_k: float
 
     def of(self, temperature_k: float) -> Float64[ndarray, "3"]:
-        """A lamp of a temperature, held to the range."""
+        """Colour of a lamp with a temperature, which is clipped to the range."""
         return lamp_colour(float(np.clip(temperature_k, self.lowest_k, self.highest_k)), self.camera_k)
 
     def any(self) -> Float64[ndarray, "3"]:
-        """A lamp of any temperature, even in its inverse, in which eyes see it evenly."""
+        """Colour of a lamp with a random temperature: uniform in its inverse, as eyes perceive it."""
         return self.of(1 / self.rng.uniform(1 / self.highest_k, 1 / self.lowest_k))
 
     def neon(self) -> Float64[ndarray, "3"]:
@@ -72,7 +72,7 @@ def draw_setup(rng: np.random.Generator, colours: Colours, harsh_share: float) -
 
 
 def build_setup(name: str, rng: np.random.Generator, colours: Colours) -> Setup:
-    """One arrangement by its name, its angles and strengths drawn."""
+    """Draws the angles and strengths of one arrangement."""
     setup = Setup()
     {**GENTLE_SETUPS, **HARSH_SETUPS}[name](setup, rng, colours)
     return setup
@@ -164,7 +164,7 @@ def _stage(setup: Setup, rng: np.random.Generator, colours: Colours) -> None:
 
 
 def night_setup(rng: np.random.Generator, colours: Colours) -> tuple[str, Setup]:
-    """One dim lamp, or the light of a screen, and almost nothing around."""
+    """Draws one dim lamp, or the light of a screen, with almost no light around."""
     setup, is_screen = Setup(), rng.uniform() < 0.3
     if is_screen:
         setup.lamp(rng.uniform(-30, 30), rng.uniform(-50, -10), colours.of(9000), 0.25)

@@ -1,4 +1,4 @@
-"""What `light.glsl` and the shadow maps need to know of a light: uniforms, textures, directions. Model frame."""
+"""What `light.glsl` and the shadow maps need to know about light: uniforms, textures, directions. Model frame."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -18,9 +18,9 @@ from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.models.morphable_model import MorphableModel
 
 MAX_LAMPS, MAX_PANORAMAS = 2, 2  # as in light.glsl
-# Each environment has so many layers, ever softer: as surfaces of rising roughness mirror it.
+# Each environment has a layer for each of these blurs: as smooth and as rough surfaces reflect it.
 LAYER_ANGLES_RAD = (0.0, 0.16)
-# How wide a shadow's edge is for a lamp of some size: a nose is about so far from the cheek that it shades.
+# Widths of shadow edges follow from the size of the lamp and this distance, about that of a nose from the cheek.
 _SHADOW_REACH_MM = 22.0
 _NARROWEST_EDGE_MM, _WIDEST_EDGE_MM = 1.2, 9.0
 
@@ -81,7 +81,7 @@ def _ambient(light: Light) -> Float64[ndarray, "9 3"]:
 
 
 def _sky(light: Light) -> tuple[Float64[ndarray, "3"], float]:
-    """Where most ambient light comes from (camera frame), and how much of it something there would take away."""
+    """Where most ambient light comes from (camera frame), and the share of it that something there would block."""
     luminance = _ambient(light) @ LUMINANCE
     slope = luminance[1:4] / max(float(luminance[0]), 1e-9)
     strength = float(np.linalg.norm(slope))
@@ -101,7 +101,7 @@ def _panorama_uniforms(light: Light, model_from_camera: Float64[ndarray, "3 3"])
 
 
 def _gobo_uniforms(light: Light, model_from_camera: Float64[ndarray, "3 3"]) -> dict[str, UniformValue]:
-    """The pattern's two axes in the plane across the first lamp's light, in periods per mm."""
+    """Uniforms of a gobo; its two axes lie in the plane across the first lamp's light, in periods per mm."""
     gobo = light.gobo
     if gobo is None:
         return {"light_gobo": 0}
@@ -121,10 +121,10 @@ def _gobo_uniforms(light: Light, model_from_camera: Float64[ndarray, "3 3"]) -> 
 
 
 def head_occlusion(model: MorphableModel) -> Float32[ndarray, " v"]:
-    """1 where a vertex is open to all directions on its outside, 0 where it is closed in.
+    """How much ambient light arrives at each vertex: 1 in the open, 0 where it is enclosed.
 
-    Known for the built-in model; for others the light is taken to arrive everywhere. The inside of the mouth is as in
-    an open one: in a closed one nobody sees it.
+    It is stored for the built-in model by `scripts/build_head_occlusion.py`; for other models it is 1. The inside of
+    the mouth has the values of an open mouth, since nobody sees it in a closed one.
     """
     with (
         as_file(files("datagen") / "assets" / "head_occlusion.h5") as path,

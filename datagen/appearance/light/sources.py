@@ -1,4 +1,4 @@
-"""What lights a synthetic photograph: plain numbers, stored with the sample. Directions in the camera frame."""
+"""The light of a synthetic photograph as plain numbers; directions are in the camera frame."""
 
 import math
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class PanoramaLight:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Gobo:
-    """Something between the first lamp and the face that lets light through in patches."""
+    """Something between the first lamp and the face that lets patches of light through."""
 
     kind: str  # `blinds`, `leaves` or `bars` (of a window)
     period_mm: float  # distance between slats, leaves or panes
@@ -68,7 +68,7 @@ class Light:
 
 
 def environment_from_camera(panorama: PanoramaLight) -> Float64[ndarray, "3 3"]:
-    """Turns directions of the camera frame into the environment's."""
+    """The rotation from the camera frame to the environment's frame."""
     heading, tilt, roll = np.deg2rad([panorama.heading_deg, panorama.tilt_deg, panorama.roll_deg])
     return _about_y(heading) @ _about_x(tilt) @ _about_z(roll)
 
@@ -89,7 +89,7 @@ def angles_of(direction: Float[ndarray, "3"]) -> tuple[float, float]:
 def seen_illuminance(
     harmonics: Float[ndarray, "9 3"], lamps: tuple[tuple[Float[ndarray, "3"], Float[ndarray, "3"]], ...]
 ) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
-    """What a white ball shows the camera on average: by the harmonics, and by lamps (direction, colour)."""
+    """What a white ball shows the camera on average, in the light of harmonics, and of lamps (direction, colour)."""
     ambient = _WEIGHTS @ white_surface(harmonics, _NORMALS)
     by_lamps = np.zeros(3)
     for direction, colour in lamps:
@@ -98,14 +98,14 @@ def seen_illuminance(
 
 
 def seen_light(light: Light) -> Float64[ndarray, "3"]:
-    """What a white ball in a light shows the camera on average, linear."""
+    """What a white ball shows the camera on average, linear."""
     ambient = np.array(light.ambient).reshape(-1, 3)
     lamps = tuple((np.array(lamp.direction), np.array(lamp.colour)) for lamp in light.lamps)
     return np.sum(seen_illuminance(ambient, lamps), axis=0)
 
 
 def _visible_half() -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, " n"]]:
-    """Normals of a ball that the camera sees, and how large their patches look."""
+    """Normals of a ball that the camera sees, and the apparent sizes of their patches."""
     normals = fibonacci_sphere(128)
     normals = normals[normals[:, 2] < 0]
     weights = -normals[:, 2]

@@ -1,7 +1,7 @@
-"""Crops that reach beyond the border of the photograph that they were cut from, and pictures in a frame.
+"""Crops that reach beyond the border of their photograph, and pictures in a frame.
 
-What lies beyond is filled as people and programs fill it. Maps go on there (they are amodal); what the picture shows of
-the face does not: `beyond_border` says where.
+Pixels beyond the border are filled as people and programs do it. Maps continue there (they are amodal), but the face is
+not visible there; `beyond_border` says where.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from datagen.random_streams import rounded
 
-# What stands beyond the border. `blurred` is the picture itself, enlarged and out of focus.
+# What fills the pixels beyond the border. `blurred` is the picture itself, enlarged and out of focus.
 FILLINGS = ("black", "replicated", "reflected", "white", "mean", "blurred")
 
 
@@ -36,14 +36,14 @@ class Border:
 
 
 def beyond_border(border: Border, height: int, width: int) -> Bool[ndarray, "h w"]:
-    """Which pixels of a picture are beyond the photograph's border."""
+    """The pixels of a picture that are beyond the photograph's border."""
     beyond = np.ones((height, width), dtype=bool)
     beyond[_inside(border, height, width)] = False
     return beyond
 
 
 def with_border(border: Border, image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """A picture with what is beyond the border filled."""
+    """Fills the pixels of a picture that are beyond the border."""
     height, width = image.shape[:2]
     rows, columns = _inside(border, height, width)
     if (rows, columns) == (slice(0, height), slice(0, width)):
@@ -64,7 +64,7 @@ def with_border(border: Border, image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray
 
 
 def draw_border(rng: np.random.Generator, largest: float) -> Border:
-    """Draws a border on one to four sides; one is the most frequent."""
+    """Draws a border on one, two or four sides; one side is the most frequent."""
     n_sides = int(rng.choice([1, 2, 4], p=[0.62, 0.30, 0.08]))
     sides = np.zeros(4)
     chosen = rng.choice(4, n_sides, replace=False)
@@ -72,13 +72,13 @@ def draw_border(rng: np.random.Generator, largest: float) -> Border:
     sides[chosen] = rng.uniform(0.02, largest * (0.5 if n_sides == 4 else 1.0), n_sides)
     filling = str(rng.choice(FILLINGS, p=[0.5, 0.18, 0.12, 0.10, 0.07, 0.03]))
     if filling == "reflected":
-        sides *= 0.4  # or half of a second face would appear
+        sides *= 0.4  # otherwise half of a second face would appear
     left, top, right, bottom = (rounded(share, 4) for share in sides)
     return Border(left=left, top=top, right=right, bottom=bottom, filling=filling)
 
 
 def draw_letterbox(rng: np.random.Generator) -> Border:
-    """Draws bars on two opposite sides, of about the same width."""
+    """Draws bars of about the same width on two opposite sides."""
     width = rng.uniform(0.04, 0.25)
     first, second = (rounded(width + rng.uniform(0, 0.05), 4) for _ in range(2))
     filling = str(rng.choice(["black", "white", "blurred"], p=[0.7, 0.1, 0.2]))
@@ -88,7 +88,7 @@ def draw_letterbox(rng: np.random.Generator) -> Border:
 
 
 def _inside(border: Border, height: int, width: int) -> tuple[slice, slice]:
-    """Rows and columns of the photograph; at least one pixel."""
+    """Rows and columns of the photograph, at least one pixel of it."""
     top, left = (int(share * size + 0.5) for share, size in ((border.top, height), (border.left, width)))
     bottom, right = (int(share * size + 0.5) for share, size in ((border.bottom, height), (border.right, width)))
     top, left = min(top, height - 1), min(left, width - 1)

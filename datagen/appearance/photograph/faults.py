@@ -83,7 +83,7 @@ def _draw_tone(rng: np.random.Generator, config: PhotographConfig) -> Tone:
 
 
 def _draw_tint(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Of a toned print: most are sepia, some are bluish or greenish."""
+    """Draws the tint of a toned print: most are sepia, some bluish or greenish."""
     if rng.random() < 0.7:
         strength = rng.uniform(0.4, 1.0)
         red, green, blue = (_round(1 + strength * (gain - 1)) for gain in SEPIA)
@@ -112,7 +112,7 @@ def _draw_processing(rng: np.random.Generator, config: PhotographConfig) -> Proc
 
 
 def _draw_text(rng: np.random.Generator) -> str:
-    """A date or random letters, such as stand on photographs."""
+    """Draws a date or a random name, as they are found on photographs."""
     if rng.random() < 0.4:
         day, month, year = rng.integers(1, 29), rng.integers(1, 13), rng.integers(1990, 2026)
         return str(
@@ -230,5 +230,5 @@ _FAULTS: Mapping[str, Callable[[Photograph, np.random.Generator, PhotographConfi
 
 
 def _round(value: float) -> float:
-    """Short in JSON; finer than anything that shows."""
+    """Rounds to four significant digits, which are short in JSON and finer than anything visible."""
     return float(f"{float(value):.4g}")

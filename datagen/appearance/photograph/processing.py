@@ -1,4 +1,4 @@
-"""What programs, screens, prints and small files do to a picture after the camera."""
+"""What programs, screens, prints and small files do to a picture after it was taken."""
 
 from dataclasses import dataclass
 from typing import final
@@ -40,7 +40,7 @@ class Processing:
 def process(
     processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator
 ) -> UInt8[ndarray, "h w 3"]:
-    """Applies what happened to a picture after the camera."""
+    """Applies what happens to a picture after it was taken."""
     height, width = image.shape[:2]
     if processing.smoothing:
         smooth = cv2.bilateralFilter(image, 5, 40.0, 3.0)
@@ -75,7 +75,7 @@ def _through_jpeg(image: UInt8[ndarray, "h w 3"], quality: int) -> UInt8[ndarray
 
 
 def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, "h w 3"]:
-    """Lines of two moments: to both sides alike, so that edges stay where the maps have them on average."""
+    """Lines of two moments, moved to both sides alike, so that edges stay on average where the maps have them."""
     half = int(np.copysign(max(round(abs(share) * image.shape[1] / 2), 1), share))
     columns = np.arange(image.shape[1])
     moved = np.empty_like(image)
@@ -89,7 +89,7 @@ def _sharpened(image: UInt8[ndarray, "h w 3"], strength: float, radius_px: float
 
 
 def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator) -> UInt8[ndarray, "h w 3"]:
-    """Grain, scratches and dust: all of them are lighter or darker, not coloured."""
+    """Adds grain, scratches and dust, which are lighter or darker but not coloured."""
     height, width = image.shape[:2]
     marks = np.zeros((height, width), dtype=np.float32)
     if processing.grain:
@@ -111,7 +111,7 @@ def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random
 def _photographed_screen(
     image: UInt8[ndarray, "h w 3"], strength: float, rng: np.random.Generator
 ) -> UInt8[ndarray, "h w 3"]:
-    """Waves where the grids of screen and sensor beat, each colour's a third of a period on."""
+    """Adds the waves of interfering grids of screen and sensor, shifted by a third of a period between colours."""
     height, width = image.shape[:2]
     angle, period = rng.uniform(0, np.pi), rng.uniform(2.5, 14)
     across = np.arange(width, dtype=np.float32) * np.float32(2 * np.pi * np.cos(angle) / period)

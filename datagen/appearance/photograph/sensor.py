@@ -1,4 +1,4 @@
-"""What a camera's exposure, sensor and processing make of the light: bytes that look right, more or less."""
+"""A camera's exposure, white balance, noise and tone: from linear light to bytes."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,12 +11,15 @@ from numpy import ndarray
 
 from pix2face.files.images import linear_to_srgb
 
-# A prime, so that windows which are larger than the field repeat in no common rhythm.
+# Side of the field of noise: a prime, so that windows larger than the field do not repeat in a simple rhythm.
 _SIDE = 1009
 
 
 def noise_window(rng: np.random.Generator, height: int, width: int) -> Float32[ndarray, "h w"]:
-    """Independent standard normal values: a window of a fixed field, at a place of its own, to be read only."""
+    """Independent standard normal values: a read-only window at a random place of a fixed field.
+
+    Drawing new noise would take longer than everything else that is done to a picture.
+    """
     top, left = (int(place) for place in rng.integers(0, _SIDE, 2))
     field = _field()
     if top + height <= _SIDE and left + width <= _SIDE:
@@ -32,19 +35,12 @@ def _field() -> Float32[ndarray, "s s"]:
     return field
 
 
-# Of the mean: what exposure aims at, linear light. Skin in good light.
-MIDDLE_GREY = 0.24
-# Cameras make dark scenes brighter and bright ones darker by at most so much.
-LARGEST_GAIN = 24.0
-# Brightest channel over darkest one, linear light, of what may be a grey thing in coloured light.
-LARGEST_RATIO_OF_GREY = 2.5
-# Of the picture: less of it says nothing about the light.
-LEAST_GREY = 0.03
-# Of skin, blue over green: what is beyond, as under coloured lamps, is left of it.
-LARGEST_EXCESS_OF_BLUE = 2.0
-# Tone curves are tabulated up to this many times white, by the square root.
-_BRIGHTEST = 4.0
-_STEPS = 4096
+MIDDLE_GREY = 0.24  # mean that exposure aims at, linear light: skin in good light
+LARGEST_GAIN = 24.0  # cameras make dark scenes brighter, and bright ones darker, by at most this factor
+LARGEST_RATIO_OF_GREY = 2.5  # of the brightest to the darkest channel, for what may be grey in coloured light
+LEAST_GREY = 0.03  # share of the picture; less says nothing about the light
+LARGEST_EXCESS_OF_BLUE = 2.0  # of blue over green in skin that is corrected; coloured lamps give more
+_BRIGHTEST, _STEPS = 4.0, 4096  # tone curves are tabulated up to this many times white, by the square root
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 
 
@@ -81,9 +77,9 @@ class Tone:
 def sense(
     sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"], rng: np.random.Generator
 ) -> Float32[ndarray, "h w 3"]:
-    """Exposes: linear light, white at 1, with noise, its colour balanced."""
+    """Exposes and balances linear light (white at 1), and adds noise."""
     gains = _white_balance(sensor, light, face)
-    # A sixteenth of the pixels says well enough how bright a picture is.
+    # A sixteenth of the pixels is enough to tell how bright a picture is.
     few, few_of_face = light[::4, ::4], face[::4, ::4]
     metered = few[few_of_face] if sensor.is_metered_on_face and few_of_face.any() else few.reshape(-1, 3)
     gain = _metered_gain(sensor, metered * gains)
@@ -93,7 +89,7 @@ def sense(
 
 
 def tone(settings: Tone, light: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """Linear light to bytes."""
+    """Turns linear light into bytes."""
     steps = np.clip(light, 0, _BRIGHTEST)
     cv2.sqrt(steps, dst=steps)
     steps *= np.float32((_STEPS - 1) / np.sqrt(_BRIGHTEST))
@@ -106,7 +102,7 @@ def tone(settings: Tone, light: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h 
 
 
 def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
-    """The curve from the square root of linear light, 0 to twice the root of white, to bytes."""
+    """The curve to bytes from the square root of linear light, between 0 and twice that of white."""
     light = np.linspace(0, 1, _STEPS) ** 2 * _BRIGHTEST
     # Reinhard et al. 2002, Eq. 4, scaled so that middle grey stays: white is reached at the brightest.
     bent = light * (1 + light / _BRIGHTEST**2) / (1 + light)
@@ -115,7 +111,7 @@ def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
     value = linear_to_srgb(light) ** settings.gamma
     value = np.clip((value - settings.black) / (settings.white - settings.black), 0, 1)
     if settings.contrast != 1:
-        # An S through 0, 1/2 and 1, of the slope that is asked for in the middle.
+        # An S-shaped curve through 0, 1/2 and 1 that has this slope in the middle.
         value = value**settings.contrast / (value**settings.contrast + (1 - value) ** settings.contrast)
     return np.asarray(np.rint(255 * (settings.lift + (1 - settings.lift) * value)), dtype=np.uint8)
 
@@ -123,16 +119,16 @@ def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
 def _white_balance(
     sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"]
 ) -> Float32[ndarray, "3"]:
-    # Skin, foliage and a green wall are no grey: taken for grey, they turn faces blue and purple.
+    # Skin, foliage or a green wall, if taken for grey, would turn faces blue and purple.
     few, is_face = light[::4, ::4], face[::4, ::4]
     is_grey = ~is_face & (few.max(axis=2) < LARGEST_RATIO_OF_GREY * few.min(axis=2))
     balance = np.ones(3)
     if np.count_nonzero(is_grey) >= LEAST_GREY * is_grey.size:
         mean = np.maximum(few[is_grey].mean(axis=0), 1e-6)
-        # No camera takes the light of a candle for white.
+        # No camera makes the light of a candle white.
         balance = np.clip((mean[1] / mean) ** sensor.white_balance, 0.5, 2.0)
     if is_face.any() and sensor.white_balance:
-        # Nor does one that balances at all leave skin bluer than green.
+        # A camera with any white balance does not leave skin bluer than green.
         _, green, blue = balance * few[is_face].mean(axis=0)
         excess = np.sqrt(np.clip(blue / max(green, 1e-6), 1.0, LARGEST_EXCESS_OF_BLUE))
         balance *= (1.0, excess, 1 / excess)
@@ -141,7 +137,7 @@ def _white_balance(
 
 def _metered_gain(sensor: Sensor, metered: Float32[ndarray, "n 3"]) -> float:
     luminance = np.clip(metered @ _LUMINANCE, 1e-4, 2 * _BRIGHTEST)
-    # Between the mean of the light and that of its logarithm: lamps and the dark between things count for less.
+    # Between the arithmetic and the geometric mean, so that lamps and dark gaps count for less.
     brightness = float(np.sqrt(luminance.mean() * np.exp(np.log(luminance).mean())))
     gain = (MIDDLE_GREY / brightness) ** sensor.metering_strength
     return float(np.clip(gain, 1 / LARGEST_GAIN, LARGEST_GAIN) * 2.0**sensor.exposure_error_ev)
@@ -155,8 +151,8 @@ def _with_noise(
     # Shot noise grows with the root of the light, read noise is there without it.
     shot = np.float32(sensor.noise**2 * (1 - sensor.read_noise_share) / MIDDLE_GREY)
     deviation = cv2.sqrt(luminance * shot + np.float32(sensor.noise**2 * sensor.read_noise_share))
-    # OpenCV's own arithmetic, in place: NumPy is five times as slow along an axis of three, and fresh memory costs
-    # as much as the arithmetic.
+    # OpenCV's arithmetic in place: NumPy is five times slower along an axis of three, and allocating memory costs as
+    # much as the arithmetic.
     noise = cv2.merge([noise_window(rng, height, width)] * 3)
     if sensor.colour_noise:
         coarse = cv2.merge([noise_window(rng, (height + 1) // 2, (width + 1) // 2) for _ in range(3)])

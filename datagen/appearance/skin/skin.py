@@ -1,4 +1,4 @@
-"""Draws the skin of one person: its colour, its age, what is on it; eyes and mouth with it."""
+"""Draws the skin of one person with its colour, its age and what is on it, eyes and mouth."""
 
 from dataclasses import dataclass
 from typing import final
@@ -14,15 +14,15 @@ from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import AGES, ORIGINS, SEXES, SKINS
 from datagen.random_streams import rounded
 
-# Of all persons; and where the scale's ends begin to grow rare: beyond, differences shrink instead of piling up.
-MIDDLE_MELANIN = 0.43
+MIDDLE_MELANIN = 0.43  # of all people
+# Beyond these, differences are compressed, so that skins do not pile up at the ends of the scale.
 RARE_BELOW, RARE_ABOVE = 0.15, 0.78
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Skin:
-    """What was drawn of one person's skin."""
+    """The skin of one person."""
 
     melanin: float  # 0 is the lightest skin, 1 the darkest; even in lightness
     haemoglobin: float  # of skin at rest; 0.16 is usual
@@ -55,11 +55,7 @@ class Skin:
 
 
 def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> Skin:
-    """Draws a skin for a person.
-
-    Raises:
-        UsageError: The configuration does not hold together.
-    """
+    """Draws the skin of a person."""
     config.check()
     melanin = _draw_melanin(rng, config, person)
     textures, weights = _draw_textures(rng, person)
@@ -107,7 +103,7 @@ def _draw_melanin(rng: np.random.Generator, config: SkinConfig, person: Person) 
 
 
 def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str, str, str], tuple[float, float, float]]:
-    """The three skins that are nearest to a person's age, sex and origin, somewhat at random."""
+    """Draws three textures that are close to a person's age, sex and origin, and their weights."""
     position = np.clip((person.age_years - 25) / 25, 0, 2)
     of_age = np.maximum(1 - np.abs(position - np.arange(len(AGES))), 0) + 0.05
     of_origin = np.array([person.african, person.asian, person.caucasian]) + 0.04
@@ -124,7 +120,7 @@ def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str,
 def _draw_wrinkles(
     rng: np.random.Generator, config: SkinConfig, age: float
 ) -> tuple[float, float, float, float, float]:
-    """Wrinkles begin around 30 and differ much between people; the fold beside the nose is there in all adults."""
+    """Draws wrinkles: they begin around 30 and vary between people; all adults have the fold beside the nose."""
     of_age = config.wrinkles * max(age - 0.1, 0.0) ** 0.8 * rng.lognormal(-0.15, 0.35, size=5)
     start = np.array([0.02, 0.02, 0.05, 0.14, 0.0]) * rng.uniform(0.3, 1.5, size=5)
     values = np.clip(of_age * [0.8, 0.7, 0.9, 0.8, 0.7] + start, 0, 1.1)
@@ -133,7 +129,7 @@ def _draw_wrinkles(
 
 
 def _draw_beard(rng: np.random.Generator, config: SkinConfig, person: Person) -> tuple[float, float]:
-    """Strength of the shaved shadow, and of stubble."""
+    """Draws the strength of the shaved shadow, and of stubble."""
     male = max(1 - 1.6 * person.femininity, 0.0) * float(np.clip((person.age_years - 15) / 7, 0, 1))
     shadow = rng.uniform(*config.shaved_shadow) * male
     stubble = rng.uniform(*config.stubble) if rng.random() < config.stubble_share * male else 0.0
@@ -141,13 +137,13 @@ def _draw_beard(rng: np.random.Generator, config: SkinConfig, person: Person) ->
 
 
 def _draw_freckles(rng: np.random.Generator, config: SkinConfig, melanin: float) -> tuple[float, float]:
-    """How many and how dark: on light skin only."""
+    """Draws how many freckles there are and how dark they are; only light skin has them."""
     has_some = rng.random() < config.freckles_share * float(np.clip(1 - 2 * melanin, 0, 1))
     return (rounded(rng.uniform(0.2, 0.75), 4), rounded(rng.uniform(0.04, 0.16), 4)) if has_some else (0.0, 0.0)
 
 
 def _draw_hair_colour(rng: np.random.Generator, person: Person, melanin: float) -> Colour:
-    """From black to dark blond, and grey with age."""
+    """Draws a colour from black to dark blond, which turns grey with age."""
     dark = rng.uniform(0.01, 0.05) if rng.random() < 0.3 + melanin else rng.uniform(0.04, 0.22)
     grey = float(np.clip((person.age_years - 45) / 40, 0, 1)) * rng.uniform()
     red, green, blue = (1 - grey) * dark * np.array([1.0, 0.68, 0.45]) + grey * np.array([0.38, 0.37, 0.35])

@@ -1,4 +1,4 @@
-"""The textures of `skin.glsl`, and where things lie in them: `scripts/build_skin_assets.py` packs them so."""
+"""The textures of `skin.glsl`, packed by `scripts/build_skin_assets.py`, and where things are in them."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -33,7 +33,7 @@ IRISES = ("blue", "bluegreen", "brown", "brownlight", "deepblue", "green", "grey
 
 @lru_cache(maxsize=1)
 def skin_textures() -> Mapping[str, Texture]:
-    """The textures of `skin.glsl` by the sampler's name.
+    """The textures of `skin.glsl` by the names of their samplers.
 
     Raises:
         InputFileError: A file of the package is damaged.

@@ -1,13 +1,13 @@
-"""The colour of skin from what is in it: melanin above, blood below.
+"""The colour of skin from melanin in its epidermis and blood in its dermis.
 
-Light passes the epidermis, comes back from the dermis and passes the epidermis again; melanin takes its part on both
-ways, haemoglobin in the dermis. A little comes back from the surface layer whatever the melanin:
+Light passes the epidermis, is reflected by the dermis and passes the epidermis again. Melanin absorbs light on both
+ways, haemoglobin in the dermis. The surface reflects a little light, whatever the melanin:
 
     albedo = surface + dermis exp(-m melanin - h haemoglobin)        (each a colour, linear sRGB)
 
-The melanin axis falls with the wavelength to the power of -3.3 (610, 545, 465 nm stand for red, green, blue), the
-haemoglobin axis is that of oxygenated blood; both are cut down to what broad primaries show of them. No colour is laid
-over another: everything from albinism to the darkest skin, and pallor to sunburn, lies in this plane.
+The melanin axis falls with the wavelength to the power of -3.3 (610, 545, 465 nm stand for red, green, blue), and the
+haemoglobin axis is that of oxygenated blood; both are reduced to what broad primaries show. All skin lies in this
+plane, from albinism to the darkest skin and from pallor to sunburn.
 
 Source: Anderson and Parrish 1981 (the optics of human skin); Chardon et al. 1991 (ITA).
 """
@@ -22,11 +22,8 @@ SURFACE = np.array([0.008, 0.0155, 0.0150])
 DERMIS = np.array([0.778, 0.645, 0.510])
 MELANIN = np.array([2.85, 3.95, 5.60])
 HAEMOGLOBIN = np.array([0.10, 0.90, 0.65])
-# Of skin at rest: the middle of what people have.
-USUAL_HAEMOGLOBIN = 0.16
-
-# Of melanin, from the lightest to the darkest skin of the scale.
-DENSITIES = (0.012, 0.95)
+USUAL_HAEMOGLOBIN = 0.16  # of skin at rest
+DENSITIES = (0.012, 0.95)  # of melanin in the lightest and the darkest skin of the scale
 
 _XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 _WHITE = np.array([0.9505, 1.0, 1.089])
@@ -46,7 +43,7 @@ def albedo_of_skin(
 
 
 def density_of_melanin(melanin: float) -> float:
-    """The density at a place of the scale from the lightest (0) to the darkest skin (1) that is even in lightness."""
+    """Density of melanin at a place between the lightest (0) and the darkest skin (1), linear in lightness."""
     densities, lightness = _lightness_by_density()
     wanted = lightness[0] + min(max(melanin, 0), 1) * (lightness[-1] - lightness[0])
     return float(np.interp(-wanted, -lightness, densities))
@@ -67,6 +64,6 @@ def lab_of_linear(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:
 
 
 def individual_typology_angle_deg(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:
-    """ITA: above 55 very light, 28 to 41 intermediate, below -30 dark; people lie between -60 and 65 or so."""
+    """ITA: above 55 is very light, 28 to 41 intermediate, below -30 dark; people lie between about -60 and 65."""
     lab = lab_of_linear(colour)
     return np.asarray(np.rad2deg(np.arctan2(lab[..., 0] - 50, lab[..., 2])))

@@ -73,8 +73,8 @@ def head_paint(model: MorphableModel) -> Float32[ndarray, "v 8"]:
     """Weights of the vertices for `skin.glsl`.
 
     Returns:
-        Lips; distance from the nearest lid's edge (1 is 24 mm and more); ear; cavity (0 flat or bulging, 1 deep);
-        how easily skin flushes; oil; beard; hair line (0.5 on it, 1 is 24 mm inside the hair).
+        Lips; distance from the nearest edge of a lid (1 is 24 mm and more); ears; cavities (0 flat or convex, 1 deep);
+        how easily skin flushes; oil; beard; hair line (0.5 on the line, 1 is 24 mm inside the hair).
     """
     surface = Surface(model)
     mean = model.mean
@@ -109,7 +109,7 @@ def _smoothed(model: MorphableModel, values: ndarray) -> ndarray:
 
 
 def _inwards(model: MorphableModel, lips: ndarray) -> ndarray:
-    """Lips go on some millimetres into the mouth."""
+    """Extends the lips by some millimetres into the mouth."""
     regions = {name: model.region_names.index(name) for name in ("lips", "mouth_inside")}
     red = np.unique(model.triangles[model.triangle_regions == regions["lips"]])
     inside = np.unique(model.triangles[model.triangle_regions == regions["mouth_inside"]])
@@ -120,7 +120,7 @@ def _inwards(model: MorphableModel, lips: ndarray) -> ndarray:
 
 
 def _cavity(mean: ndarray, normals: ndarray) -> ndarray:
-    """How far the surroundings rise above each vertex, per mm of distance."""
+    """How far the surroundings of each vertex rise above it, per mm of distance."""
     tree = cKDTree(mean)
     near = tree.query(mean, k=40, distance_upper_bound=CAVITY_RADIUS_MM)[1]
     known = near < len(mean)
@@ -157,7 +157,7 @@ def _oil(mean: ndarray) -> ndarray:
 
 
 def _beard(mean: ndarray) -> ndarray:
-    """Cheeks below a line from the ear to the corner of the mouth, the upper lip, chin, and what is below it."""
+    """Cheeks below a line from the ear to the corner of the mouth, upper lip, chin, and below the chin."""
     x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
     line = np.where(x > 27, -34 + 0.85 * (x - 27), -25 - 9 * _rise(x, 24, 2))
     within = _rise(line - y, 0, 2.5)

@@ -1,4 +1,4 @@
-"""Hands before and at the face: a palm, five jointed fingers with nails, a forearm in a sleeve."""
+"""Hands at and in front of the face: a palm, five jointed fingers with nails, a forearm in a sleeve."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from pix2face.models.morphable_model import MorphableModel
 @final
 @dataclass(frozen=True)
 class Pose:
-    """Where a right hand is, seen from the person; the left one is its mirror image."""
+    """Where a right hand is; a left hand is its mirror image."""
 
     share: float  # weight among all poses
     near: tuple[float, float, float]  # the place on the mean face that the palm is at, mm
@@ -44,7 +44,7 @@ POSES: Mapping[str, Pose] = {
     "forehead": Pose(0.05, (0, 60, 105), 18, (0.6, 0.8, -0.1), (0.0, -0.1, -1.0), 10),
 }
 _TOUCH_MM = 0.5  # between skin and skin
-# Of each finger: where it starts on the palm (x, y), its length and radius, mm; index to little finger.
+# From the index to the little finger: where it starts on the palm (x, y), its length and its radius, mm.
 _FINGERS = ((-31.0, 44.0, 72.0, 8.3), (-10.5, 48.0, 80.0, 8.5), (10.5, 46.0, 74.0, 8.0), (30.0, 38.0, 58.0, 6.9))
 
 
@@ -91,35 +91,29 @@ def draw_hand(rng: np.random.Generator, femininity: float) -> Hand:
 
 
 def hand_meshes(hand: Hand, head: PosedHead, skin_rgb: Colour) -> list[SceneMesh]:
-    """Skin, nails, and a sleeve."""
+    """The meshes of hands: skin, nails and sleeves."""
     meshes: list[SceneMesh] = []
     for is_left in (hand.is_left, not hand.is_left) if hand.is_pair else (hand.is_left,):
         skin, nails = _shaped(hand)
         turn, place = _placed(hand, head, skin, is_left)
         arm, cuff = _forearm(hand, turn, place)
-        parts = {
-            "skin": joined([skin.placed(turn, place, hand.scale), arm]),
-            "nails": nails.placed(turn, place, hand.scale),
-            "sleeve": cuff,
-        }
         red, green, blue = (min(1.0, 1.15 * part) for part in skin_rgb)
         nail = (red, green, blue) if hand.nail[0] < 0 else hand.nail
-        materials = {
-            "skin": skin_material(skin_rgb),
-            "nails": smooth(nail, 0.3),
-            "sleeve": cloth("jersey", hand.sleeve),
+        parts = {
+            "skin": (joined([skin.placed(turn, place, hand.scale), arm]), skin_material(skin_rgb)),
+            "nails": (nails.placed(turn, place, hand.scale), smooth(nail, 0.3)),
         }
-        if not hand.has_sleeve:
-            del parts["sleeve"]
-        for name, made in parts.items():
+        if hand.has_sleeve:
+            parts["sleeve"] = cuff, cloth("jersey", hand.sleeve)
+        for name, (made, material) in parts.items():
             seen = made.mirrored() if is_left else made
-            meshes.append(scene_mesh(f"hand/{name}", "occluder", seen, materials[name]))
+            meshes.append(scene_mesh(f"hand/{name}", "occluder", seen, material))
     return meshes
 
 
 @lru_cache(maxsize=4)
 def _shaped(hand: Hand) -> tuple[Solid, Solid]:
-    """Palm and fingers, nails: x towards the little finger, fingers along y, the palm looks along z."""
+    """Palm and fingers, and the nails: x towards the little finger, fingers along y, the palm faces z."""
     pose = POSES[hand.pose]
     profile = np.array([[-58, 27, 17], [-42, 32, 17], [-18, 39, 16], [10, 41, 14], [34, 41, 11.5], [50, 36, 8.5]])
     middle = np.stack([0 * profile[:, 0], profile[:, 0], np.array([0, 0, 1.0, 1.0, 0, 0])], axis=1)
@@ -131,15 +125,13 @@ def _shaped(hand: Hand) -> tuple[Solid, Solid]:
         skin.append(finger)
         nails.append(nail)
     thumb, nail = _thumb(np.deg2rad(10 + 0.35 * pose.curl_deg))
-    skin.append(thumb)
-    nails.append(nail)
-    return joined(skin), joined(nails)
+    return joined([*skin, thumb]), joined([*nails, nail])
 
 
 def _finger(
     root: Float64[ndarray, "3"], length: float, radius: float, bends: tuple[float, float]
 ) -> tuple[Solid, Solid]:
-    """A finger of three bones bent towards the palm, and its nail; bends: at each joint, to the side."""
+    """A finger of three bones bent towards the palm, and its nail; `bends` are at each joint and to the side."""
     curl, aside = bends
     bones = length * np.array([0.46, 0.30, 0.24])
     angles = np.cumsum([0.9 * curl, 1.0 * curl, 0.6 * curl])
@@ -187,7 +179,7 @@ def _thumb(bend: float) -> tuple[Solid, Solid]:
 def _placed(
     hand: Hand, head: PosedHead, skin: Solid, is_left: bool
 ) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
-    """Turn and place of a hand at the face, so that it rests on the skin; of a left one, mirrored."""
+    """Rotation and place of a hand so that it rests on the face; mirrored for a left hand."""
     pose = POSES[hand.pose]
     palm = unit(np.array(pose.palm)).astype(np.float64)
     along = np.array(pose.fingers) - (np.array(pose.fingers) @ palm) * palm
@@ -196,7 +188,7 @@ def _placed(
     flip = np.array([-1.0 if is_left else 1.0, 1.0, 1.0])
     near = head.vertices[nearest_on_side(head.model, (pose.near,), -1 if is_left else 1)[0]] * flip
     place = near + np.array(hand.slide_mm) * [-1, 1, 0.3] - (pose.away_mm + 8) * palm
-    # Fingers reach the place, rather than the wrist.
+    # The fingers reach the place, not the wrist.
     place = place - 22 * hand.scale * along
     local = hand.scale * (skin.vertices[::3].astype(np.float64) @ turn.T)
     chosen = _sparse_skin(head.model)
@@ -213,7 +205,7 @@ def _placed(
 
 
 def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, "3"]) -> tuple[Solid, Solid]:
-    """From the wrist down and outward, and a sleeve over it."""
+    """A forearm from the wrist down and outward, and a sleeve over it."""
     size = hand.scale
     along, palm = turn[:, 1], turn[:, 2]
     wrist = place - 52 * size * along
@@ -228,5 +220,5 @@ def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, 
 
 @lru_cache(maxsize=4)
 def _sparse_skin(model: MorphableModel) -> Int32[ndarray, " n"]:
-    """Every fifth vertex of what a hand can touch."""
+    """Every fifth vertex of the surface that a hand can touch."""
     return vertices_of(model, ("skin", "brows", "lips", "eyes", "ears", "scalp", "neck"))[::5]

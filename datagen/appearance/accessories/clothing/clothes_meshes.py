@@ -77,7 +77,8 @@ Piece = tuple[str, Solid]
 
 def collar_solids(body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
     """The pieces at the neck of a garment, and a scarf over it."""
-    garment, pieces = cut.garment, list[Piece]()
+    garment = cut.garment
+    pieces: list[Piece] = []
     if garment in ("t-shirt", "v-neck", "sweater", "hoodie"):
         pieces.append(("rib", _rib(body, neckline, cut, 5.0 if garment == "sweater" else 3.5)))
     if garment == "hoodie":
