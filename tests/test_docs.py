@@ -15,6 +15,7 @@ from pix2face.command_line import run_commands
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+FOLDERS = ("datagen", "docs", "examples", "manifests", "pix2face", "scripts", "tests", "training")
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 
 sys.path.append(str(ROOT / "docs"))
@@ -88,6 +89,12 @@ def stub(command: Callable[..., int]) -> Callable[..., int]:
 def test_relative_links_lead_somewhere(page: Path) -> None:
     links = relative_links(page.read_text(encoding="utf-8"))
     assert not {link for link in links if not (page.parent / link.partition("#")[0]).exists()}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_places_in_the_repository_exist(page: Path) -> None:
+    places = re.findall(rf"`((?:{'|'.join(FOLDERS)})/[^\s`]*)`", page.read_text(encoding="utf-8"))
+    assert not {place for place in places if not any(ROOT.glob(place.rstrip("/")))}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
