@@ -18,7 +18,6 @@ from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
-from pix2face.photographs.interface_checks import check_box, check_photograph
 from pix2face.photographs.refined_detection import find_faces
 
 
@@ -257,3 +256,32 @@ class Pix2Face:
         if not boxes:
             raise DegenerateGeometryError(f"no face found in photograph {index} (from 0); say where it is with boxes")
         return boxes[0]
+
+
+SMALLEST_BOX_PX = 1.0
+
+
+def check_photograph(image: ndarray) -> None:
+    """Makes sure that an array is a photograph.
+
+    Raises:
+        UsageError: It is not 8-bit RGB, or empty.
+    """
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or not image.size:
+        raise UsageError(
+            f"expected a photograph of shape (height, width, 3), RGB, uint8, found {image.dtype} of shape "
+            f"{image.shape}; pix2face.files.images.read_photograph brings any file there"
+        )
+
+
+def check_box(box: FaceBox) -> None:
+    """Makes sure that a box can hold a face.
+
+    Raises:
+        DegenerateGeometryError: It has no extent, or is not finite.
+    """
+    sides = np.array([box.left, box.top, box.right, box.bottom])
+    if not (np.isfinite(sides).all() and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX):
+        raise DegenerateGeometryError(
+            f"expected a face box (left, top, right, bottom) of at least {SMALLEST_BOX_PX:g} pixel, found {box}"
+        )

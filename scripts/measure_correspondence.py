@@ -1,6 +1,6 @@
 """How far landmarks found by correspondence lie from published ones: prints a table of docs/reference.
 
-Of BFM 2009 also which way it looks in the built-in model's frame (``pix2face.evaluation.subjects.pose_frame``).
+Of BFM 2009 also which way it looks in the built-in model's frame (``pix2face.evaluation.subjects.measured_subject``).
 
 python -m scripts.measure_correspondence [--shared ../shared]
 """

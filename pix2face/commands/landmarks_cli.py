@@ -27,7 +27,7 @@ from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import load_landmarks, save_landmarks, with_landmarks
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection, ReprojectionErrors, fold_of_frame
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
-from pix2face.photographs.landmark_pictures import draw_model_landmarks
+from pix2face.photographs.fit_pictures import draw_model_landmarks
 
 PROBLEMS_SHOWN = 10
 console = Console(stderr=True)

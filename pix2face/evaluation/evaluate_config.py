@@ -9,9 +9,11 @@ import tyro
 from pix2face.command_line import choices, optional
 from pix2face.commands.face_options import NetworkOptions
 from pix2face.evaluation.benchmarks.manifest import Split
-from pix2face.evaluation.subjects.predictions_file import PixelFrame
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.landmark_metrics import Alignment, Normaliser
+
+# Where predictions have the centre of the first pixel: at 0, at 1, or (the project's own frame) at 0.5.
+PixelFrame = Literal["0-based", "1-based", "half-pixel"]
 
 
 @final

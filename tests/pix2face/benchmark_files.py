@@ -16,6 +16,7 @@ from pix2face.files.images import encode_image
 from pix2face.geometry.camera import FRONTAL, Camera, WeakPerspective, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, square_crop
 from pix2face.geometry.maps import FaceMaps
+from pix2face.inference.predictor import Prediction
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.shard_reader import ShardHeader, Triplet
@@ -106,28 +107,19 @@ def _triplet(model: MorphableModel, index: int, seed: int) -> Triplet:
 
 
 @dataclass(frozen=True, eq=False)
-class StubPrediction:
-    maps: FaceMaps
-    crop: Crop
-
-    def check_finite(self) -> None:
-        pass
-
-
-@dataclass(frozen=True, eq=False)
 class StubPredictor:
     """Predicts the given value everywhere in a crop of 100 px."""
 
     pncc_mm: float = 80.0
     offset_mm: float = 0.0
 
-    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[StubPrediction]:
+    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
         return [self.predict(box) for _, box in faces]
 
-    def predict(self, box: FaceBox) -> StubPrediction:
+    def predict(self, box: FaceBox) -> Prediction:
         along_x = np.array([1, 0, 0], dtype=np.float32) * np.ones((100, 100, 1), dtype=np.float32)
         maps = FaceMaps(self.pncc_mm * along_x, self.offset_mm * along_x, np.ones((100, 100), dtype=bool))
-        return StubPrediction(maps, square_crop(box, 1.4, 100))
+        return Prediction(maps, square_crop(box, 1.4, 100))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ from torch import Tensor
 
 import pix2face
 from pix2face import Pix2Face
+from pix2face.api import check_photograph
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import Predictor
 from pix2face.models.model_file import read_stored_model
 from pix2face.models.morphable_model import MorphableModel, load_model
-from pix2face.photographs.interface_checks import check_photograph
 from tests.fits import paper_fit
 from tests.model_files import write_small_head
 from tests.pix2face.photographs.seen_faces import (

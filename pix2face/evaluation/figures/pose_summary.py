@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, final, runtime_checkable
+from typing import final
 
 import numpy as np
 from jaxtyping import Float64
@@ -28,19 +28,6 @@ class PoseErrors:
     rotation: float
 
 
-@runtime_checkable
-class PosedResult(Protocol):
-    """A face whose pose was perhaps found and is perhaps known."""
-
-    @property
-    def yaw_deg(self) -> float | None:
-        """True yaw."""
-
-    @property
-    def pose_errors_deg(self) -> PoseErrors | None:
-        """Where the pose is known and was found."""
-
-
 @final
 @dataclass(frozen=True)
 class PoseSummary:
@@ -63,19 +50,29 @@ class PoseSummary:
     yaw_shrinkage_deg: float | None
 
 
-def summarise_poses(results: Sequence[PosedResult]) -> dict[str, PoseSummary] | None:
-    """For each bin of |yaw|, and for all faces; None where no face has a true and a found pose."""
+def summarise_poses(
+    yaws_deg: Sequence[float | None], errors: Sequence[PoseErrors | None]
+) -> dict[str, PoseSummary] | None:
+    """Errors of the pose for each bin of |yaw|, and for all faces.
+
+    Args:
+        yaws_deg: The true yaw of each face, where it is known.
+        errors: The errors of each face, where its pose is known and was found.
+
+    Returns:
+        None where no face has both.
+    """
     known = [
-        (result.yaw_deg, result.pose_errors_deg.angles, result.pose_errors_deg.rotation)
-        for result in results
-        if result.yaw_deg is not None and result.pose_errors_deg is not None
+        (yaw, own.angles, own.rotation)
+        for yaw, own in zip(yaws_deg, errors, strict=True)
+        if yaw is not None and own is not None
     ]
     if not known:
         return None
-    yaws, errors, rotations = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
+    yaws, angles, rotations = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
     bins = np.array([yaw_bin(float(yaw)) for yaw in yaws], dtype=np.str_)
     chosen = {name: bins == name for name in YAW_BINS} | {ALL_FACES: np.ones(len(bins), dtype=bool)}
-    return {name: _summarise(yaws[rows], errors[rows], rotations[rows]) for name, rows in chosen.items()}
+    return {name: _summarise(yaws[rows], angles[rows], rotations[rows]) for name, rows in chosen.items()}
 
 
 def _summarise(

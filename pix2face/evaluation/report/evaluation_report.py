@@ -180,7 +180,7 @@ def make_report(
         by=tuple(
             errors_by_attribute(own, errors_by_name, manifest.threshold, settings.bootstrap) for own in settings.by
         ),
-        poses=summarise_poses(results),
+        poses=summarise_poses([own.yaw_deg for own in results], [own.pose_errors_deg for own in results]),
         maps=mean_of_maps([result.maps for result in results if result.maps is not None]),
         coefficients=mean_of_coefficients(
             [result.coefficients for result in results if result.coefficients is not None]

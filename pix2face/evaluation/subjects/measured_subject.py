@@ -2,33 +2,46 @@
 
 import json
 import platform
-from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
 from pix2face import __version__
 from pix2face.detectors.detection import open_detector
-from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
-from pix2face.evaluation.benchmarks.detection_boxes import DetectedBox
-from pix2face.evaluation.benchmarks.face_names import match_names
+from pix2face.detectors.protocol import Detector, overlap
+from pix2face.errors import DegenerateGeometryError
+from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkFiles
+from pix2face.evaluation.benchmarks.benchmark_search import match_names
 from pix2face.evaluation.benchmarks.manifest import Manifest
-from pix2face.evaluation.evaluate_config import EvaluateConfig
-from pix2face.evaluation.subjects.pose_frame import model_from_stated
-from pix2face.evaluation.subjects.predictions_file import PixelFrame, read_predictions
+from pix2face.evaluation.evaluate_config import EvaluateConfig, PixelFrame
+from pix2face.evaluation.subjects.predictions_file import read_predictions, read_tracks
 from pix2face.evaluation.subjects.subjects import (
+    BoxRule,
     NetworkSubject,
     OracleSubject,
     PredictionsSubject,
     Subject,
     true_box,
 )
-from pix2face.evaluation.subjects.tracks_as_predictions import read_tracks
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.fit_options import Regularisation
-from pix2face.models.morphable_model import MorphableModel
+from pix2face.geometry.crops import FaceBox
+from pix2face.models.morphable_model import MorphableModel, builtin_model
+
+# Poses of 300W-LP and AFLW2000-3D are those of the mean face of BFM 2009. Laid onto the built-in model's mean face by
+# their 68 landmarks, BFM's is turned by this angle about x (python -m scripts.measure_correspondence prints it): a face
+# in a photograph has another pitch for each of the two models.
+BFM_IN_BUILTIN_DEG = 4.4
+# Intersection over union below which a detector's box is taken for another face, or for none.
+LEAST_OVERLAP = 0.3
 
 
 def open_subject(
@@ -76,10 +89,13 @@ def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) 
     if manifest.kind != "shards":
         model = config.network.with_chosen_landmarks(model, predictor)
     takes_own = config.network.landmarks is None and manifest.kind != "shards"
+    box_rule: BoxRule = true_box
+    if config.boxes != "truth":
+        box_rule = partial(detected_box, detector=open_detector(config.boxes), name=config.boxes)
     subject = NetworkSubject(
         predictor,
         lambda maps, image_centre: fit_face(maps, model, how, principal_point_px=image_centre),
-        true_box if config.boxes == "truth" else DetectedBox(open_detector(config.boxes), config.boxes),
+        box_rule,
         model_from_stated(model, manifest),
     )
     header = asdict(predictor.header)
@@ -102,28 +118,56 @@ def _in_words(regularisation: Regularisation) -> str:
     return "estimated for each face" if regularisation == "estimate" else f"{regularisation:g} mm^2"
 
 
-def _tracks(folder: Path, found: BenchmarkFiles) -> tuple[Subject, dict[str, Any]]:
-    predicted = read_tracks(folder, {item.name for item in found.items}, found.frame_names)
-    rows = {name: row for row, name in enumerate(predicted.names)}
-    return PredictionsSubject(predicted, rows), {"predictions": f"{folder} ({len(rows)} frames of pix2face track)"}
-
-
-def _absent_clips(manifest: Manifest, known: Sequence[str]) -> set[str]:
-    return {clip for part in manifest.parts for clip in part.clips} - {name.partition("/")[0] for name in known}
-
-
 def _predictions(
     path: Path, frame: PixelFrame, manifest: Manifest, found: BenchmarkFiles
 ) -> tuple[Subject, dict[str, Any]]:
     if path.is_dir():
-        return _tracks(path, found)
+        tracked = read_tracks(path, {item.name for item in found.items}, found.frame_names)
+        rows = {name: row for row, name in enumerate(tracked.names)}
+        return PredictionsSubject(tracked, rows), {"predictions": f"{path} ({len(rows)} frames of pix2face track)"}
     predicted = read_predictions(path, frame)
     known = [item.name for item in found.items] + list(found.absent_names)
     # Nobody knows how many frames a clip has that is not at hand: any name of one is believed.
-    absent_clips = _absent_clips(manifest, known)
+    clips = {clip for part in manifest.parts for clip in part.clips}
+    absent_clips = clips - {name.partition("/")[0] for name in known}
     known += [name for name in predicted.names if name.partition("/")[0] in absent_clips]
     rows = match_names(predicted.names, known, f"{manifest.split} ({path})")
     return PredictionsSubject(predicted, rows), {
         "predictions": f"{path} ({len(predicted.names)} faces, pixels {frame})",
         "hashes": {"predictions": sha256(path.read_bytes()).hexdigest()},
     }
+
+
+def model_from_stated(model: MorphableModel, manifest: Manifest) -> Float64[ndarray, "3 3"]:
+    """Rotation to a model's frame from that in which a benchmark states poses.
+
+    None for the benchmarks of our own renders, and for imported models, which keep the frame that they were published
+    in: that of BFM itself, for which the figures are meant.
+    """
+    if manifest.kind == "shards" or model.sha256 != builtin_model().sha256:
+        return np.eye(3)
+    return np.asarray(Rotation.from_euler("x", BFM_IN_BUILTIN_DEG, degrees=True).as_matrix(), dtype=np.float64)
+
+
+def detected_box(face: BenchmarkFace, detector: Detector, name: str) -> FaceBox:
+    """The box of a face where an evaluation begins with detection.
+
+    Pictures hold several faces and the benchmark asks for one, so the truth decides which box is meant; it does not
+    make the box better.
+
+    Args:
+        face: With its picture.
+        detector: What finds the faces.
+        name: The detector's name, for messages.
+
+    Raises:
+        DegenerateGeometryError: No box overlaps the true one enough.
+    """
+    image = face.with_image().image
+    assert image is not None
+    boxes = detector.detect(image)
+    overlaps = [overlap(box, true_box(face)) for box in boxes]
+    if not boxes or max(overlaps) < LEAST_OVERLAP:
+        found = f"{len(boxes)} elsewhere" if boxes else "no face"
+        raise DegenerateGeometryError(f"detector {name}: {found}")
+    return boxes[overlaps.index(max(overlaps))]

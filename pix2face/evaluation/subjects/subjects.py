@@ -20,6 +20,7 @@ from pix2face.geometry.camera import Camera, head_pose
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
+from pix2face.inference.predictor import Prediction
 from pix2face.models.morphable_model import MorphableModel
 
 
@@ -66,26 +67,10 @@ class Subject(Protocol):
 
 
 @runtime_checkable
-class PredictedMaps(Protocol):
-    """Maps in the pixels of a crop."""
-
-    @property
-    def maps(self) -> FaceMaps:
-        """The maps."""
-
-    @property
-    def crop(self) -> Crop:
-        """Where they lie in the image."""
-
-    def check_finite(self) -> None:
-        """Raises DegenerateGeometryError where the network's output was not finite."""
-
-
-@runtime_checkable
 class MapPredictor(Protocol):
     """Predicts maps from pictures."""
 
-    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> Sequence[PredictedMaps]:
+    def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> Sequence[Prediction]:
         """Maps of the faces in boxes."""
 
 
@@ -166,7 +151,7 @@ class NetworkSubject:
             found[index] = self._fitted(prediction, image)
         return [face for face in found if face is not None]
 
-    def _fitted(self, prediction: PredictedMaps, image: UInt8[ndarray, "h w 3"]) -> FoundFace:
+    def _fitted(self, prediction: Prediction, image: UInt8[ndarray, "h w 3"]) -> FoundFace:
         image_centre = image_centre_in_crop(prediction.crop, (image.shape[0], image.shape[1]))
         try:
             prediction.check_finite()
@@ -269,7 +254,7 @@ def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRA
 def _found(
     fitted: FittedFace,
     model_from_stated: Float64[ndarray, "3 3"],
-    prediction: PredictedMaps | None = None,
+    prediction: Prediction | None = None,
 ) -> FoundFace:
     return FoundFace(
         landmarks2d=np.asarray(fitted.landmarks2d, dtype=np.float64),

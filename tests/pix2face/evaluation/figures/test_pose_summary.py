@@ -1,28 +1,21 @@
 """Means and signs by bin, computed by hand."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 from pix2face.evaluation.figures.pose_summary import PoseErrors, summarise_poses
 
 
-@dataclass
-class Posed:
-    yaw_deg: float | None
-    pose_errors_deg: PoseErrors | None
-
-
 def test_errors_are_summed_up_by_bin_of_the_true_yaw():
-    results = [
-        Posed(10, PoseErrors(np.array([1.0, -2.0, 3.0]), 4.0)),
-        Posed(-20, PoseErrors(np.array([-3.0, 4.0, 3.0]), 6.0)),
-        Posed(-70, PoseErrors(np.array([0.0, 10.0, 0.0]), 11.0)),
-        Posed(50, None),
-        Posed(None, PoseErrors(np.zeros(3), 0.0)),
+    errors = [
+        PoseErrors(np.array([1.0, -2.0, 3.0]), 4.0),
+        PoseErrors(np.array([-3.0, 4.0, 3.0]), 6.0),
+        PoseErrors(np.array([0.0, 10.0, 0.0]), 11.0),
+        None,
+        PoseErrors(np.zeros(3), 0.0),
     ]
-    poses = summarise_poses(results)
+    poses = summarise_poses([10.0, -20.0, -70.0, 50.0, None], errors)
+    assert poses is not None
     front, middle, side, everything = poses.values()
     assert (front.n_images, middle.n_images, side.n_images, everything.n_images) == (2, 0, 1, 3)
     assert front.mean_absolute_deg == pytest.approx({"pitch": 2, "yaw": 3, "roll": 3})
@@ -37,5 +30,5 @@ def test_errors_are_summed_up_by_bin_of_the_true_yaw():
 
 
 def test_without_poses_there_is_nothing():
-    assert summarise_poses([Posed(3, None)]) is None
-    assert summarise_poses([]) is None
+    assert summarise_poses([3.0], [None]) is None
+    assert summarise_poses([], []) is None

@@ -1,6 +1,7 @@
 """Network, file and oracle: what each says of a face, and what becomes of a face that it does not find."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from pix2face.detectors.protocol import overlap
 from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkItem
-from pix2face.evaluation.benchmarks.detection_boxes import DetectedBox
 from pix2face.evaluation.evaluator import Evaluator, evaluate_faces
+from pix2face.evaluation.subjects.measured_subject import detected_box
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
 from pix2face.evaluation.subjects.subjects import NetworkSubject, OracleSubject, PredictionsSubject
 from pix2face.fitting.fit_options import FitOptions
@@ -20,12 +21,12 @@ from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose
 from pix2face.geometry.crops import FaceBox
 from tests.pix2face.benchmark_files import (
     StubFit,
-    StubPrediction,
     StubPredictor,
     frontal_camera,
     landmarks_of,
     square_maps,
 )
+from tests.pix2face.photographs.seen_faces import SureDetector
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -40,14 +41,6 @@ def face(name="face", **changes) -> BenchmarkFace:
 
 def perfect_fit(maps, centre):
     return StubFit(IN_CROP)
-
-
-class StubDetector:
-    def __init__(self, *boxes):
-        self.boxes = list(boxes)
-
-    def detect(self, image):
-        return self.boxes
 
 
 def test_all_faces_of_a_batch_go_through_the_network_at_once():
@@ -68,15 +61,11 @@ def test_all_faces_of_a_batch_go_through_the_network_at_once():
 
 
 def test_output_that_is_not_finite_is_a_face_that_was_not_found():
-    class Diverged(StubPrediction):
-        def check_finite(self):
-            raise DegenerateGeometryError("expected finite maps from the network")
-
-    class Predictor(StubPredictor):
+    class Diverged(StubPredictor):
         def predict_batch(self, faces):
-            return [Diverged(own.maps, own.crop) for own in super().predict_batch(faces)]
+            return [replace(own, n_undefined=5) for own in super().predict_batch(faces)]
 
-    (found,) = NetworkSubject(Predictor(), perfect_fit).find([face()])
+    (found,) = NetworkSubject(Diverged(), perfect_fit).find([face()])
     assert found.landmarks2d is None
     assert "finite maps" in found.failure
 
@@ -93,8 +82,8 @@ def test_a_detector_decides_where_the_network_looks_and_its_misses_count():
             return super().predict_batch(faces)
 
     def find(*boxes):
-        subject = NetworkSubject(Watching(), perfect_fit, DetectedBox(StubDetector(*boxes), "stub"))
-        return subject.find([face()])[0]
+        box_rule = partial(detected_box, detector=SureDetector(boxes), name="stub")
+        return NetworkSubject(Watching(), perfect_fit, box_rule).find([face()])[0]
 
     assert find(other, shifted).failure is None
     assert looked_at == [shifted]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from pix2face.evaluation.benchmarks.manifest import load_manifest
-from pix2face.evaluation.subjects.pose_frame import BFM_IN_BUILTIN_DEG, model_from_stated
+from pix2face.evaluation.subjects.measured_subject import BFM_IN_BUILTIN_DEG, model_from_stated
 from pix2face.evaluation.subjects.subjects import pose_of
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.landmarks import IBUG68

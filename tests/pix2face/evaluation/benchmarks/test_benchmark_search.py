@@ -3,7 +3,7 @@
 import pytest
 
 from pix2face.errors import UsageError
-from pix2face.evaluation.benchmarks.face_names import match_names
+from pix2face.evaluation.benchmarks.benchmark_search import match_names
 
 KNOWN = ["helen/1_1.jpg", "lfpw/image_0001.png", "401/000001", "402/000001"]
 
