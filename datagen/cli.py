@@ -12,9 +12,8 @@ from rich.console import Console
 from datagen.appearance.appearance_cli import appearance
 from datagen.appearance.appearance_config import load_configuration
 from datagen.doctor.doctor_cli import doctor
-from datagen.faces.coeffs_cli import coeffs, fit
-from datagen.inspection.inspect_cli import preview, verify
-from datagen.inspection.summary_cli import card, stats
+from datagen.inspection.inspect_cli import card, preview, stats, verify
+from datagen.jobs.coeffs_cli import coeffs, fit
 from datagen.jobs.render_cli import render
 from datagen.models.model_cli import model
 from datagen.sampling.faces import sample_faces

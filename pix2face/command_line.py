@@ -1,9 +1,10 @@
 """What the command lines share: errors become one line and an exit status; long work shows its progress."""
 
+import json
 import os
 import stat
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, final, get_args
@@ -24,10 +25,12 @@ from rich.text import Text
 from threadpoolctl import threadpool_limits
 
 from pix2face.errors import Pix2FaceError, UsageError
+from pix2face.files.writing import written_in_one_step
 
 EXIT_ERROR = 2
 EXIT_REJECTED = 3
 EXIT_INTERRUPTED = 130
+REJECTED_FILE = "rejected.jsonl"
 
 
 def run_commands(
@@ -130,6 +133,13 @@ def check_max_rejected(max_rejected: int) -> None:
     """
     if max_rejected < 0:
         raise UsageError(f"--max-rejected: expected 0 or more, found {max_rejected}")
+
+
+def write_rejected(folder: Path, rejected: Iterable[tuple[str, str]]) -> None:
+    """Lists samples that could not be used: id and reason of each, one JSON object a line."""
+    lines = (json.dumps({"sample_id": sample_id, "reason": reason}) for sample_id, reason in rejected)
+    with written_in_one_step(folder / REJECTED_FILE) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 def counted(n: int, noun: str) -> str:

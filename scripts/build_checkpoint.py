@@ -1,10 +1,10 @@
-"""Makes the checkpoint that comes with the package: samples faces, renders them, trains, chooses landmarks, exports.
+"""Makes the packaged checkpoint: samples faces, renders them, trains, chooses landmarks and exports.
 
     python -m scripts.build_checkpoint --out FOLDER [--landmarks-from ANNOTATED] [--rehearse]
 
-Every step is a command of the project, printed as it runs. Run it again after an interruption: it goes on where it was.
-The result is FOLDER/release. docs/explanation/packaged_network.md says how good it is; its logs and resolved
-configurations are in docs/measurements/packaged_network.
+Every step is a command of the project, printed as it runs. After an interruption, run the script again: it continues
+where it stopped. The result is FOLDER/release. docs/explanation/packaged_network.md says how good it is; its logs and
+resolved configurations are in docs/measurements/packaged_network.
 """
 
 import argparse
@@ -19,12 +19,12 @@ from typing import final
 PROGRAMS = Path(sys.executable).parent
 APPEARANCE = Path(__file__).parent / "checkpoint" / "appearance.toml"
 PICTURE_PX, SHARD_SIZE = 160, 200
-# Every command as it is, with hardly anything to do: shows in minutes that they fit together.
+# A rehearsal runs every command on a small amount of data, to show in minutes that they fit together.
 REHEARSED_SHARE = 1 / 1000
-REHEARSED_VALIDATION = 0.2  # a hundredth of a few persons is nobody
+REHEARSED_VALIDATION = 0.2  # a hundredth of the few persons would be nobody
 TRAINING = ("--preset", "cpu", "--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask")
-# One process that loads and two threads that compute are the fastest on two cores, once all samples are in memory; of
-# more than fit there, a process of its own reads again what it needs.
+# With all samples in memory, loading in the training process and computing with two threads is fastest on two cores.
+# When they do not fit, a separate process reads them from files.
 FROM_MEMORY, FROM_FILES = ("--workers", 0, "--cache-gb", 14), ("--workers", 1, "--cache-gb", 10)
 
 
@@ -34,9 +34,9 @@ class Pictures:
     """A set of renders.
 
     Attributes:
-        name: Of its folder of shards.
-        n_faces: How many.
-        seed: Of faces and photographs.
+        name: Name of the folder of shards.
+        n_faces: Number of faces.
+        seed: Seed of faces and photographs.
     """
 
     name: str
@@ -50,14 +50,14 @@ FIRST, MORE = Pictures("shards", 40_200, 200), Pictures("shards-more", 100_000, 
 @final
 @dataclass(frozen=True)
 class Stage:
-    """One training; each starts from the weights of the one before.
+    """One training. Each starts from the weights of the previous one.
 
     Attributes:
-        name: Of its folder.
-        n_samples: How many it draws.
-        options: Of `train`, beside those that all share.
-        shares: Of the draws, what each set of pictures gives.
-        loading: How samples come in.
+        name: Name of its folder.
+        n_samples: Number of samples that it draws.
+        options: Options of `train`, in addition to those that all trainings share.
+        shares: Share of the draws from each set of pictures.
+        loading: Options of `train` for loading samples.
         validation: Share of the persons that are held out.
     """
 
@@ -69,13 +69,13 @@ class Stage:
     validation: float = 0.01
 
 
-# Norms have been measured again at the end of the last training alone: the option is younger than the others.
+# Only the last training measures its norms again at the end: the option did not exist before.
 _EARLIER = ("--norm-batches", 0)
 _LARGE = ("--size-px", 128, "--learning-rate", 1e-3, "--warm-up", 5_000)
-# Once offsets have left zero, which takes the weight of the preset, PNCC is learned better with less of it.
+# Offsets need the preset's weight to move away from zero. After that, PNCC is learned better with a smaller weight.
 _PNCC_FIRST = (*_LARGE, "--weight-offset", 0.5)
 STAGES = (
-    # Most pictures are seen small first: a step at 64 px costs a quarter of one at 128 px.
+    # Most samples are drawn at a small size first: a step at 64 px costs a quarter of one at 128 px.
     Stage(
         "64px",
         480_000,
@@ -88,11 +88,11 @@ STAGES = (
 
 
 def main() -> int:
-    """Makes what is not there yet."""
+    """Makes everything that does not exist yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--landmarks-from", type=Path, help="annotated photographs to choose landmark vertices on")
-    parser.add_argument("--rehearse", action="store_true", help="a thousandth of everything, in FOLDER/rehearsal")
+    parser.add_argument("--rehearse", action="store_true", help="use a thousandth of all data, in FOLDER/rehearsal")
     options = parser.parse_args()
     share = REHEARSED_SHARE if options.rehearse else 1
     out: Path = options.out / "rehearsal" if options.rehearse else options.out
@@ -113,7 +113,7 @@ def main() -> int:
 
 
 def render(pictures: Pictures, share: float, out: Path) -> None:
-    """Draws people, and photographs of them."""
+    """Samples faces and renders photographs of them."""
     faces = out / f"{pictures.name}.h5"
     appearance = ("--appearance", APPEARANCE, "--seed", pictures.seed)
     if not faces.exists():
@@ -123,7 +123,7 @@ def render(pictures: Pictures, share: float, out: Path) -> None:
 
 
 def train(stage: Stage, share: float, before: Path | None, out: Path) -> Path:
-    """Trains, from the weights of another training if there is one, and names what it wrote."""
+    """Trains, from the weights of another training if there is one, and returns the checkpoint's path."""
     shards = [f"{out / pictures.name}:{weight}" for pictures, weight in stage.shares]
     start = () if before is None else ("--init", before)
     amounts = ("--samples", round(stage.n_samples * share))

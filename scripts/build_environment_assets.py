@@ -2,9 +2,9 @@
 
     python -m scripts.build_environment_assets [--package FOLDER_OR_TGZ]
 
-Each environment is stored twice. ``light``: 64 x 128 texels, averages of the panorama, float16: what light comes from
-where, exactly. ``picture`` and ``gain``: the panorama as it is (256 x 512), to be seen behind a head: an sRGB JPEG of
-the colours below white, and a grey JPEG that says how many times brighter than white (gain = 2^(16 value / 255)).
+Each environment is stored twice. ``light`` has 64 x 128 averages of the panorama in float16: the exact light from each
+direction. ``picture`` and ``gain`` are the panorama itself (256 x 512), to be seen behind a head: an sRGB JPEG of the
+colours below white, and a grey JPEG of how many times brighter than white they are (gain = 2^(16 value / 255)).
 """
 
 import argparse
@@ -70,7 +70,7 @@ def main() -> None:
 def read_panorama(path: Path) -> Float32[ndarray, "h w 3"]:
     """Reads an EXR inside JavaScript: linear light, rows from the zenith down.
 
-    Its compression rings beside the sun, below zero too; averages stay true as long as that is kept.
+    Its compression rings beside the sun, also below zero. These values are kept, so that averages stay correct.
     """
     found = re.search(r"base64,([A-Za-z0-9+/=]+)", path.read_text(encoding="ascii"))
     if found is None:

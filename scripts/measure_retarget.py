@@ -36,17 +36,17 @@ YAW_BINS_DEG = {"to 30": (0, 30), "to 60": (30, 60), "above": (60, 180.1), "all"
 @final
 @dataclass(frozen=True, eq=False)
 class FaceFigures:
-    """One face.
+    """The figures of one face.
 
     Attributes:
-        yaw_deg: Of the file, wrapped to ±180°.
-        mean_face: Error of the fitted mean face, mean 2D distance / sqrt(w h) of the landmarks' box.
-        fitted: The same for the fit with coefficients.
-        mean_face_left_out: For each landmark the mean face's error when it was left out of the fit.
-        fitted_left_out: The same for the fit with coefficients.
-        rms: Of all coefficients of the fit to all landmarks, standard deviations.
-        milliseconds: For the fit to all landmarks.
-        residual_mm: What leads from the fitted to the given landmark in the model frame (the depth as far as known).
+        yaw_deg: Yaw in the file, wrapped to ±180°.
+        mean_face: Error of the fitted mean face: mean 2D distance over sqrt(w h) of the landmarks' box.
+        fitted: Error of the fit with coefficients.
+        mean_face_left_out: For each landmark the error of the mean face when that landmark was left out of the fit.
+        fitted_left_out: For each landmark the error of the fit with coefficients when it was left out.
+        rms: RMS of all coefficients of the fit to all landmarks, standard deviations.
+        milliseconds: Time of the fit to all landmarks.
+        residual_mm: Vector from each fitted to the given landmark in the model frame, with depth as far as known.
     """
 
     yaw_deg: float
@@ -62,7 +62,7 @@ class FaceFigures:
 @final
 @dataclass(frozen=True)
 class BinFigures:
-    """A bin of yaw; errors in % of sqrt(w h)."""
+    """The figures of a bin of yaw; errors in % of sqrt(w h)."""
 
     faces: int
     mean_face: float
@@ -106,7 +106,7 @@ def summarise(faces: Sequence[FaceFigures]) -> dict[str, BinFigures]:
 
 
 def fold_of_landmark() -> Int[ndarray, "68"]:
-    """Every fifth landmark shares a fold, so that each fold takes from all parts of the face."""
+    """The fold of each landmark: every fifth landmark shares one, so that each fold has all parts of the face."""
     return np.arange(68) % N_FOLDS
 
 

@@ -1,7 +1,7 @@
 """Faces from annotated photographs: camera, identity and expression of any model, fitted to 68 points.
 
-Points that a person set are fitted robustly (some are guessed behind hair or a hand), with jaw points that slide along
-the outline; points that are projections of a 3D model (``pt3d_68``) belong to fixed vertices, and their depth is known.
+Points that a person set are fitted robustly, since some are guessed behind hair or a hand, and jaw points slide along
+the outline. Points that are projections of a 3D model (``pt3d_68``) belong to fixed vertices and have a known depth.
 """
 
 from collections.abc import Callable
@@ -21,19 +21,19 @@ from pix2face.fitting.jaw_contour import JawContour
 from pix2face.geometry.crops import FaceBox
 from pix2face.models.morphable_model import MorphableModel
 
-# A fit whose typical point is farther off is no fit: the points are no face, or in another order.
+# With a larger median residual, the points are no face or in another order.
 LARGEST_RESIDUAL = 0.10
-# A point below this keeps so little weight that it counts as wrong.
+# Points of a smaller weight in the robust fit count as wrong.
 DISTRUST = 0.25
 
 
 @final
 class AnnotatedFolder(FaceSource):
-    """The annotated faces below a folder.
+    """The annotated faces in a folder and its subfolders.
 
     Args:
-        folder: ``.pts`` or ``.mat`` beside pictures, or lists in dlib's XML.
-        model: What is fitted.
+        folder: ``.pts`` or ``.mat`` files beside pictures, or lists in dlib's XML.
+        model: The model to fit.
     """
 
     def __init__(self, folder: Path, model: MorphableModel) -> None:
@@ -72,10 +72,10 @@ class AnnotatedFolder(FaceSource):
 
 
 def fit_annotated_face(model: LandmarkModel, contour: JawContour, annotated: AnnotatedFace) -> LandmarkFit:
-    """Fits a model to one annotation, in the way that suits where its points come from.
+    """Fits a model to one annotation, robustly where a person set the points.
 
     Raises:
-        DegenerateGeometryError: The points determine no face, or are no face.
+        DegenerateGeometryError: The points do not determine a face, or are not those of a face.
     """
     by_hand = annotated.follows_outline
     fit = fit_landmarks(
@@ -95,7 +95,7 @@ def fit_annotated_face(model: LandmarkModel, contour: JawContour, annotated: Ann
 
 
 def relative_residual(fit: LandmarkFit, annotated: AnnotatedFace, summary: Callable[[ndarray], Any] = np.mean) -> float:
-    """Distances between given and matched points (mean, or another summary) over sqrt(w h) of the given ones' box."""
+    """Mean (or another summary) of the distances between given and matched points, over sqrt(w h) of their box."""
     box = FaceBox.around(annotated.landmarks2d)
     present = np.isfinite(annotated.landmarks2d).all(axis=1)
     distances = np.linalg.norm((fit.matched2d - annotated.landmarks2d)[present], axis=1)
@@ -103,7 +103,7 @@ def relative_residual(fit: LandmarkFit, annotated: AnnotatedFace, summary: Calla
 
 
 def describe_fit(fit: LandmarkFit, annotated: AnnotatedFace) -> dict[str, str | float]:
-    """What the table keeps of a fit."""
+    """The attributes of a fitted face."""
     way = "annotated points, jaw along the outline" if annotated.follows_outline else "pt3d_68"
     return {
         "geometry": f"fitted to {way}",

@@ -1,8 +1,7 @@
-"""From the coefficients of one model to those of another, by their meshes or by their landmarks.
+"""Converts the coefficients of one model to those of another, by their meshes or by their landmarks.
 
-Both ways compare points of the two mean faces. What a source face does to these points is linear in its coefficients,
-and the target's least-squares answer is linear in the points: so the transfer is one affine map, and a table is
-transferred by one matrix product.
+Both ways compare points of the two mean faces. These points are linear in the coefficients of the source, and the
+least-squares coefficients of the target are linear in the points. So the transfer is an affine map.
 """
 
 from dataclasses import dataclass, replace
@@ -22,30 +21,29 @@ from pix2face.models.morphable_model import MorphableModel
 
 Through = Literal["dense", "landmarks"]
 
-# Points of the aligned mean faces farther apart than this are not the same place: one of the two ends here.
+# Points of the aligned mean faces that are farther apart than this do not match: one of the surfaces ends there.
 LARGEST_DISTANCE_MM = 10.0
 LEAST_PAIRS = 100
-# Variance (mm^2 a vertex) that the target should not follow: neighbouring vertices move together, so much less than
-# for landmarks.
+# Variance in mm^2 for each vertex; neighbouring vertices move together, so it is much less than for landmarks.
 DENSE_REGULARISATION = 0.001
-# Triangles near a point that may hold its closest point.
+# The closest point of a surface is searched on this number of triangles with the nearest centres.
 CANDIDATES = 12
-# Faces whose residuals are looked at.
+# Residuals are measured on this number of faces.
 MEASURED_FACES = 200
 
 
 @final
 @dataclass(frozen=True)
 class TransferResidual:
-    """What the target could not follow.
+    """How far the faces of the target are from those of the source.
 
     Attributes:
-        through: The way that was taken.
-        n_points: Points compared in each face.
-        alignment_mm: Mean distance of the aligned mean faces' points.
-        mean_mm: Mean distance between the source's points and the target's, over points and faces.
-        percentile_95_mm: 95 % of the distances are below.
-        rms: Of the target's coefficients, standard deviations.
+        through: What was compared: ``dense`` or ``landmarks``.
+        n_points: Number of compared points in each face.
+        alignment_mm: Mean distance between the points of the aligned mean faces.
+        mean_mm: Mean distance between the points of source and target, over points and faces.
+        percentile_95_mm: 95 % of these distances are smaller.
+        rms: RMS of the target's coefficients in standard deviations.
     """
 
     through: str
@@ -59,16 +57,14 @@ class TransferResidual:
 @final
 @dataclass(frozen=True, eq=False)
 class ModelTransfer:
-    """An affine map between the coefficients (identity before expression) of two models, and what it rests on.
+    """An affine map between the coefficients (identity before expression) of two models, and the compared points.
 
     Attributes:
-        target_from_source: Between the models' frames.
-        matrix: Target coefficients from source coefficients.
+        target_from_source: Rigid transform between the frames of the models.
+        matrix: Maps source coefficients to target coefficients.
         offset: Target coefficients of the source's mean face.
-        source_points: The compared points of the source's mean, in the target's frame, mm.
-        source_basis: What each source coefficient does to them.
-        target_points: The compared points of the target's mean, mm.
-        target_basis: What each target coefficient does to them.
+        source_points, target_points: Compared points of the mean faces in the target's frame, mm.
+        source_basis, target_basis: Displacement of these points by each coefficient, mm.
     """
 
     target_from_source: RigidTransform
@@ -84,26 +80,26 @@ class ModelTransfer:
         return np.asarray(source @ self.matrix.T + self.offset, dtype=np.float64)
 
     def distances_mm(self, source: Float[ndarray, "n s"]) -> Float64[ndarray, "n p"]:
-        """How far the transferred faces' points are from the source's."""
-        return np.stack([np.linalg.norm(self._difference(row), axis=1) for row in source])
-
-    def _difference(self, source: Float[ndarray, " s"]) -> Float64[ndarray, "p 3"]:
-        wanted = self.source_points + np.tensordot(source, self.source_basis, axes=1)
-        target = source @ self.matrix.T + self.offset
-        return np.asarray(self.target_points + np.tensordot(target, self.target_basis, axes=1) - wanted)
+        """Distances between the points of the source's faces and of the transferred ones."""
+        distances = []
+        for given, found in zip(source, self.coefficients(source), strict=True):
+            wanted = self.source_points + np.tensordot(given, self.source_basis, axes=1)
+            moved = self.target_points + np.tensordot(found, self.target_basis, axes=1)
+            distances.append(np.linalg.norm(moved - wanted, axis=1))
+        return np.stack(distances)
 
 
 def find_transfer(source: MorphableModel, target: MorphableModel, through: Through) -> ModelTransfer:
-    """Prepares the way from one model to another.
+    """Computes the affine map from the coefficients of one model to those of another.
 
     Args:
-        source: Whose coefficients are given.
-        target: Whose coefficients are wanted.
-        through: ``dense`` compares all face vertices of the target with the nearest points of the source's surface;
+        source: Model of the given coefficients.
+        target: Model of the wanted coefficients.
+        through: ``dense`` compares all face vertices of the target with the nearest points of the source's surface,
             ``landmarks`` the 68 landmarks.
 
     Raises:
-        UsageError: A model lacks the landmarks, or the surfaces do not meet.
+        UsageError: A model lacks the landmarks, or the surfaces are too far apart.
     """
     for model in (source, target):
         if IBUG68 not in model.landmarks:
@@ -127,11 +123,11 @@ def find_transfer(source: MorphableModel, target: MorphableModel, through: Throu
 def transfer_table(
     table: FaceCoefficients, source: MorphableModel, target: MorphableModel, through: Through
 ) -> tuple[FaceCoefficients, TransferResidual]:
-    """Transfers all faces of a table. Cameras are carried over by the alignment of the models' frames.
+    """Converts all faces of a table; cameras are converted by the alignment of the models' frames.
 
     Raises:
-        ModelMismatchError: The table belongs to another model than ``source``.
-        UsageError: As ``find_transfer``.
+        ModelMismatchError: The table does not belong to ``source``.
+        UsageError: As in ``find_transfer``.
     """
     if table.model_sha256 != source.sha256:
         raise ModelMismatchError(
@@ -180,20 +176,15 @@ def _solve(
     pairs: tuple[Int[ndarray, " p"], Int[ndarray, "p 3"], Float64[ndarray, "p 3"]],
     regularisation: float,
 ) -> ModelTransfer:
-    """Minimises |target - source|^2 + lambda |c|^2 for every source face at once."""
+    """Minimises |target - source|^2 + regularisation |c|^2 for all source faces at once."""
     vertices, corners, weights = pairs
-    source_points = aligned.apply((source.mean[corners] * weights[..., None]).sum(axis=1, dtype=np.float64))
-    source_basis = aligned.turn(
-        np.concatenate(
-            [
-                np.stack(
-                    [(component[corners] * weights[..., None]).sum(axis=1, dtype=np.float64) for component in basis]
-                )
-                for basis in (source.identity_basis, source.expression_basis)
-                if len(basis)
-            ]
-        )
-    )
+
+    def at_points(values: Float32[ndarray, "v 3"]) -> Float64[ndarray, "p 3"]:
+        return np.asarray((values[corners] * weights[..., None]).sum(axis=1, dtype=np.float64))
+
+    source_points = aligned.apply(at_points(source.mean))
+    components = [*source.identity_basis, *source.expression_basis]
+    source_basis = aligned.turn(np.stack([at_points(component) for component in components]))
     target_points = target.mean[vertices].astype(np.float64)
     target_basis = np.concatenate([target.identity_basis[:, vertices], target.expression_basis[:, vertices]])
     target_basis = target_basis.astype(np.float64)
@@ -211,7 +202,7 @@ def _solve(
 def _closest_points(
     source: MorphableModel, target: MorphableModel, aligned: RigidTransform
 ) -> tuple[Int[ndarray, " p"], Int[ndarray, "p 3"], Float64[ndarray, "p 3"]]:
-    """For face vertices of the target's mean the closest points of the source's: corners and barycentric weights."""
+    """The closest points of the source's mean to face vertices of the target's: corners and barycentric weights."""
     import trimesh  # half a second, which commands that need no triangles save
 
     vertices = np.flatnonzero(target.is_face_vertex)

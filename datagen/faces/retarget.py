@@ -1,7 +1,7 @@
 """Fits a model to the landmarks that come with files of 300W-LP and AFLW2000-3D.
 
-Their coefficients are those of BFM 2009 and mean nothing to another model; their landmarks mean the same to all. Which
-landmarks a file has decides the way, best first:
+The coefficients of the files belong to BFM 2009 and mean nothing to another model, but their landmarks mean the same to
+all. The first of these that a file has is used:
 
 1. ``pt3d_68`` in the file (AFLW2000-3D): all 68 model points in this very picture.
 2. ``landmarks/<folder>/NAME_pts.mat`` (300W-LP as distributed): ``pts_3d`` of this very copy.
@@ -33,27 +33,27 @@ Geometry = tuple[Float64[ndarray, " k"], Float64[ndarray, " e"], Camera, str]
 
 @final
 class Retargeter:
-    """Fits one model to files below one folder.
+    """Fits one model to the files of one folder.
 
     Args:
-        model: What is fitted.
-        folder: The root, or a part, of the data set; ``landmarks/`` is looked for in it and above.
+        model: The model to fit.
+        folder: The root of the data set, or a part of it; ``landmarks/`` is searched there and above.
     """
 
     def __init__(self, model: MorphableModel, folder: Path) -> None:
         self._model = LandmarkModel.of(model)
         self._folder = folder
-        # The copies of one photograph follow each other: their common fit is made once.
+        # The copies of one photograph follow each other, so their common fit is made once.
         self._sibling_fit = lru_cache(maxsize=4)(self._fit_sibling)
 
     def fit(self, file: CoefficientFile, image_height_px: int) -> Geometry:
         """Fits one file.
 
         Returns:
-            Identity and expression (standard deviations), the camera of the picture, and the way that was taken.
+            Identity and expression (standard deviations), the camera of the picture, and what was fitted to.
 
         Raises:
-            SampleRejectedError: The file has no landmarks that belong to its picture, or they determine no face.
+            SampleRejectedError: The file has no landmarks of its picture, or they do not determine a face.
         """
         try:
             return self._fit(file, image_height_px)
@@ -61,18 +61,19 @@ class Retargeter:
             raise SampleRejectedError(f"{file.path}: cannot be retargeted: {error}") from error
 
     def _fit(self, file: CoefficientFile, image_height_px: int) -> Geometry:
+        copy = COPY_NUMBER.search(file.path.stem)
         if file.landmarks3d is not None:
             found = fit_landmarks(self._model, file.landmarks3d[:, :2], depths_px=file.landmarks3d[:, 2])
-            return found.identity, found.expression, found.camera, "fitted to pt3d_68"
-        landmark_path = self.landmark_path(file.path)
-        if landmark_path is not None:
+            method = "fitted to pt3d_68"
+        elif (landmark_path := self.landmark_path(file.path)) is not None:
             found = fit_landmarks(self._model, read_landmark_file(landmark_path))
-            return found.identity, found.expression, found.camera, "fitted to the landmarks folder"
-        copy = COPY_NUMBER.search(file.path.stem)
-        if copy is None or int(copy[1]) == 0:
-            found = self._fit_own(file)
-            return found.identity, found.expression, found.camera, "fitted to pt2d"
-        return self._fit_copy(file, file.path.with_name(file.path.stem[: copy.start()] + "_0.mat"), image_height_px)
+            method = "fitted to the landmarks folder"
+        elif copy is None or int(copy[1]) == 0:
+            found, method = self._fit_own(file), "fitted to pt2d"
+        else:
+            sibling = file.path.with_name(file.path.stem[: copy.start()] + "_0.mat")
+            return self._fit_copy(file, sibling, image_height_px)
+        return found.identity, found.expression, found.camera, method
 
     def _fit_own(self, file: CoefficientFile) -> LandmarkFit:
         if file.landmarks2d is None:
@@ -86,7 +87,7 @@ class Retargeter:
             )
         fit, bfm_from_model = self._sibling_fit(sibling)
         camera = nearest_weak_perspective(camera_of_pose(file.pose, image_height_px))
-        # Compose: model -> BFM's frame -> this copy's picture.
+        # From the model's frame to BFM's, and from there to the picture of this copy.
         matrix = camera.scale * camera.rotation @ bfm_from_model[:, :3]
         translation = camera.translation_px + (camera.scale * camera.rotation @ bfm_from_model[:, 3])[:2]
         scale = float(np.cbrt(np.linalg.det(matrix)))
@@ -96,9 +97,9 @@ class Retargeter:
     def _fit_sibling(self, path: Path) -> tuple[LandmarkFit, Float64[ndarray, "3 4"]]:
         """The fit of a copy ``_0``, and the similarity from the model's frame to BFM's that its pose implies.
 
-        Two cameras see the same picture: the fitted one from the model's frame, the file's from BFM's. Scale and
-        rotation between the frames follow. Of the translation, the part along the viewing direction is not seen; it
-        is taken as 0, which holds as far as both origins lie at the same place in the head.
+        The fitted camera maps the model's frame to the picture, and the file's camera maps BFM's frame to it. Scale and
+        rotation between the frames follow. The picture does not show the translation along the viewing direction; it
+        is taken as 0, which is right as far as both origins lie at the same place in the head.
         """
         file = read_coefficient_file(path)
         fit = self._fit_own(file)
@@ -110,7 +111,7 @@ class Retargeter:
         return fit, np.column_stack([rotation, stated.rotation.T @ across])
 
     def landmark_path(self, path: Path) -> Path | None:
-        """``landmarks/<folder>/NAME_pts.mat`` of a file, looked for from its folder upward."""
+        """Finds ``landmarks/<folder>/NAME_pts.mat`` of a file, from its folder upward."""
         name = f"{path.stem}_pts.mat"
         for root in path.parents:
             candidate = root / "landmarks" / path.parent.relative_to(root) / name

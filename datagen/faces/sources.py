@@ -1,7 +1,7 @@
 """Where faces come from: a table of coefficients, or a folder of 300W-LP files.
 
-A folder of 300W-LP needs a decision for each file: with BFM 2009 imported, its coefficients are the geometry; with any
-other model they mean nothing, and the model is fitted to the file's landmarks instead (retargeting).
+With an imported BFM 2009, the coefficients of 300W-LP's files are the geometry. To any other model they mean nothing,
+so that model is fitted to the landmarks of each file instead (retargeting).
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from datagen.faces.retarget import Retargeter
 from pix2face.errors import InputFileError, ModelMismatchError, SampleRejectedError, UsageError
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import Face, FaceCoefficients, load_coefficients
-from pix2face.face_files.w300lp import N_LIGHTING, CoefficientFile, camera_of_pose, read_coefficient_file
+from pix2face.face_files.w300lp import N_LIGHTING, camera_of_pose, read_coefficient_file
 from pix2face.files.images import read_size_px
 from pix2face.model_formats.bfm2009 import standard_deviations_of_300wlp
 from pix2face.models.morphable_model import MorphableModel
@@ -30,12 +30,12 @@ class FaceSource(ABC):
     """A sequence of faces of one model.
 
     Attributes:
-        sample_ids: Unique, in the order of work.
-        licence: Terms of what the faces come from.
-        sha256: Of what tells this source from another of the same name: a table's content, a folder's names
-            and sizes of files.
-        n_lighting: How many numbers describe the lighting of a face; 0 where that is unknown.
-        has_photographs: Faces come with photographs, some of them at least.
+        sample_ids: Unique names, in the order of work.
+        licence: Terms of the data that the faces come from.
+        sha256: Hash that tells this source from another of the same name: of a table's content, or of the names and
+            file sizes of a folder.
+        n_lighting: How many numbers describe the lighting of a face; 0 if it is unknown.
+        has_photographs: Whether at least some of the faces have photographs.
     """
 
     sample_ids: tuple[str, ...]
@@ -49,15 +49,15 @@ class FaceSource(ABC):
         """Reads or fits one face.
 
         Raises:
-            SampleRejectedError: This one cannot be used, with the reason.
+            SampleRejectedError: The face cannot be used; the message says why.
         """
 
 
 def open_source(path: Path, model: MorphableModel) -> FaceSource:
-    """Opens what ``--coeffs`` names: a table (.h5) or a folder of 300W-LP or AFLW2000-3D files.
+    """Opens a table (.h5) or a folder of 300W-LP or AFLW2000-3D files.
 
     Raises:
-        UsageError: There is nothing there, or no coefficient file in it.
+        UsageError: Nothing is there, or the folder holds no coefficient file.
         InputFileError: The table cannot be read.
         ModelMismatchError: The table belongs to another model.
     """
@@ -95,10 +95,10 @@ class TableSource(FaceSource):
         self.sha256 = _table_sha256(self._table)
 
     def face(self, index: int) -> Face:
-        """One row of the table; a photograph must be one by its head, and of the size that the row says."""
+        """Reads one row of the table. A photograph must have the size that the row says."""
         face = self._table.face(index, self._folder)
         if face.image_path is not None:
-            size_px = _declared_size_of(face.image_path)
+            size_px = _declared_size_px(face.image_path)
             if size_px != (face.height_px, face.width_px):
                 raise SampleRejectedError(
                     f"{face.image_path}: expected a picture of {face.width_px} x {face.height_px} pixels, as the table "
@@ -109,11 +109,11 @@ class TableSource(FaceSource):
 
 @final
 class W300LPFolder(FaceSource):
-    """The faces of a folder of 300W-LP or AFLW2000-3D, with its subfolders.
+    """The faces of a folder of 300W-LP or AFLW2000-3D, including its subfolders.
 
     Args:
-        folder: With a picture beside each file, as distributed.
-        model: With BFM 2009 the coefficients of the files are taken; any other model is fitted to their landmarks.
+        folder: The files with a picture beside each, as distributed.
+        model: BFM 2009 takes over the coefficients of the files; any other model is fitted to their landmarks.
     """
 
     n_lighting = N_LIGHTING
@@ -134,7 +134,7 @@ class W300LPFolder(FaceSource):
         self.licence = f"pictures: 300W-LP / AFLW2000-3D, research use only; model: {model.licence}"
 
     def face(self, index: int) -> Face:
-        """Reads one file with its picture, and fits the model where the coefficients are not its own."""
+        """Reads one file with its picture, and fits the model unless the coefficients are its own."""
         path = self._paths[index]
         if not is_text(self.sample_ids[index]):
             raise SampleRejectedError(f"{path}: expected a file name in UTF-8, which shards can hold; rename it")
@@ -143,23 +143,13 @@ class W300LPFolder(FaceSource):
             image_path = picture_beside(path)
         except InputFileError as error:
             raise SampleRejectedError(str(error)) from error
-        return self._face(index, file, image_path, _declared_size_of(image_path))
-
-    def _files_of(self, path: Path) -> tuple[Path | None, ...]:
-        """What decides the content of a sample."""
-        landmarks = (self._retargeter.landmark_path(path),) if self._retargeter else ()
-        return path, picture_of(path), *landmarks
-
-    def _face(self, index: int, file: CoefficientFile, image_path: Path, size_px: tuple[int, int]) -> Face:
-        if self._deviations:
-            identity, expression = (
-                values / deviations
-                for values, deviations in zip((file.identity, file.expression), self._deviations, strict=True)
-            )
-            camera, method = camera_of_pose(file.pose, size_px[0]), "coefficients of the file"
-        else:
-            assert self._retargeter is not None
+        size_px = _declared_size_px(image_path)
+        if self._retargeter is not None:
             identity, expression, camera, method = self._retargeter.fit(file, size_px[0])
+        else:
+            assert self._deviations is not None
+            identity, expression = file.identity / self._deviations[0], file.expression / self._deviations[1]
+            camera, method = camera_of_pose(file.pose, size_px[0]), "coefficients of the file"
         if file.pose.scale < 0:
             method += ", negative scale undone"
         return Face(
@@ -174,6 +164,11 @@ class W300LPFolder(FaceSource):
             lighting=file.lighting,
         )
 
+    def _files_of(self, path: Path) -> tuple[Path | None, ...]:
+        """The files that the content of a sample depends on."""
+        landmarks = (self._retargeter.landmark_path(path),) if self._retargeter else ()
+        return path, picture_of(path), *landmarks
+
 
 def _table_sha256(table: FaceCoefficients) -> str:
     digest = hashlib.sha256(json.dumps([table.sample_ids, table.image_paths, table.attributes]).encode())
@@ -182,12 +177,8 @@ def _table_sha256(table: FaceCoefficients) -> str:
     return digest.hexdigest()
 
 
-def _declared_size_of(path: Path) -> tuple[int, int]:
-    """Height and width of a photograph by its head; whether the rest of it decodes is seen when it is taken.
-
-    Raises:
-        SampleRejectedError: It is no picture, or no ordinary file (a device may have no end).
-    """
+def _declared_size_px(path: Path) -> tuple[int, int]:
+    """Height and width of a photograph, read from its header alone."""
     try:
         return read_size_px(path)
     except InputFileError as error:
@@ -195,22 +186,21 @@ def _declared_size_of(path: Path) -> tuple[int, int]:
 
 
 def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[Sequence[Path | None]]) -> str:
-    """What tells a folder from another: the names of its faces, and the sizes of their files.
+    """The hash that tells a folder from another: of the names of its faces and the sizes of their files.
 
-    Sizes are there for the asking, and the same wherever the folder is copied to. Contents would have to be read, all
-    of them before the first picture is drawn; times differ from copy to copy.
+    Sizes cost nothing to read and stay the same in a copy of the folder. To hash contents, all of them would have to be
+    read before the first picture is drawn; times differ from copy to copy.
 
     Args:
-        sample_ids: The names.
-        files: For each those that its content depends on: of its coefficients or points, its picture; None is one
-            that is not there.
+        sample_ids: The names of the faces.
+        files: For each face the files that it depends on; None stands for a file that is missing.
     """
     sizes = [[_size_bytes(path) for path in of_one] for of_one in files]
     return hashlib.sha256(json.dumps([sample_ids, sizes]).encode()).hexdigest()
 
 
 def picture_of(path: Path) -> Path | None:
-    """The picture beside a file, if there is one."""
+    """The picture beside a file, or None."""
     try:
         return picture_beside(path)
     except InputFileError:
@@ -218,7 +208,7 @@ def picture_of(path: Path) -> Path | None:
 
 
 def _size_bytes(path: Path | None) -> int | None:
-    """The size of a file; None where there is none, or it cannot be asked."""
+    """The size of a file; None if it is missing or cannot be read."""
     try:
         return None if path is None else path.stat().st_size
     except (OSError, ValueError):
@@ -226,12 +216,12 @@ def _size_bytes(path: Path | None) -> int | None:
 
 
 def is_text(name: str) -> bool:
-    """Whether a name is text: on Linux a file name is bytes, and those that are not UTF-8 become lone surrogates."""
+    """Tells names that UTF-8 can hold. On Linux, other bytes of file names become lone surrogates."""
     return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
 def coefficient_paths(folder: Path) -> list[Path]:
-    """All .mat files but those of the landmark folder, sorted. Links to folders are not followed: loops do no harm."""
+    """All .mat files except landmark files, sorted. Links to folders are not followed, since they may form loops."""
     paths = []
     for root, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if name != LANDMARK_FOLDER)

@@ -7,13 +7,15 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from string import Template
 from typing import final
 
 import h5py
 
-from pix2face.command_line import counted
+from datagen.inspection.statistics_tables import own_file
+from pix2face.command_line import REJECTED_FILE, counted, printable
 from pix2face.errors import UsageError
 from pix2face.files.writing import written_in_one_step
 from pix2face.models.morphable_model import builtin_model
@@ -30,40 +32,22 @@ _OTHER_LAYERS = {
     IMAGE: "JPEG or PNG files as they are (`image_bytes`, `image_end`)",
     LANDMARKS: "68 points of iBUG in px and in mm, and which of them are seen",
 }
-_PACKAGE_EXAMPLE = """\
-from pathlib import Path
-from pix2face.shards.shard_reader import ShardReader
-with ShardReader(Path("shard-00000.h5")) as reader: triplet = reader.triplet(0)  # .image, .layers, .camera"""
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(kw_only=True)
 class DatasetSummary:
-    """What a card is written from.
+    """What a card is written from."""
 
-    Attributes:
-        header: The header that all shards share, without the rejected samples.
-        n_samples: Number of samples in all shards.
-        n_shards: Number of shards.
-        n_bytes: Size of all shards together.
-        n_rejected: Number of samples that could not be used.
-        picture_sizes: Number of samples of each size ("width x height px").
-        pictures: Number of samples for each value of the attribute `picture` (``PictureKind``).
-        geometries: Number of samples for each value of the attribute `geometry`.
-        n_own_backdrops: Number of synthetic photographs with a picture of the user's own behind the face.
-        hdf5_example: Python code that reads one layer with h5py; empty without layers.
-    """
-
-    header: ShardHeader
-    n_samples: int
+    header: ShardHeader  # shared by all shards, without the rejected samples
     n_shards: int
     n_bytes: int
-    n_rejected: int
-    picture_sizes: Mapping[str, int]
-    pictures: Mapping[str, int]
-    geometries: Mapping[str, int]
-    n_own_backdrops: int
-    hdf5_example: str
+    n_rejected: int = 0
+    sizes: Counter[str] = field(default_factory=Counter)
+    pictures: Counter[str] = field(default_factory=Counter)  # of each PictureKind
+    geometries: Counter[str] = field(default_factory=Counter)
+    n_own_backdrops: int = 0  # pictures with a picture of the user's own behind the face
+    hdf5_example: str = ""
 
 
 def write_card(folder: Path) -> Path:
@@ -90,67 +74,54 @@ def summarise(folder: Path) -> DatasetSummary:
         InputFileError: A shard cannot be read.
     """
     paths = shard_paths(folder)
-    headers: dict[ShardHeader, Path] = {}
-    sizes, pictures, geometries = Counter[str](), Counter[str](), Counter[str]()
-    n_rejected = n_own_backdrops = 0
-    for path in paths:
-        with ShardReader(path) as reader:
-            headers.setdefault(replace(reader.header, rejected="[]"), path)
-            n_rejected += len(json.loads(reader.header.rejected))
-            for index, attributes in enumerate(reader.attributes()):
-                height, width = reader.size_px(index)
-                sizes[f"{width} x {height} px" if height else "unknown"] += 1
-                pictures[str(attributes.get(PICTURE, _NOT_RECORDED))] += 1
-                geometries[str(attributes.get("geometry", _NOT_RECORDED))] += 1
-                n_own_backdrops += bool(attributes.get("backdrop.file"))  # "" for every other backdrop
-    if len(headers) > 1:
-        first, second = list(headers.values())[:2]
-        raise UsageError(
-            f"{folder}: expected shards of one job, found that {first.name} and {second.name} differ in model, layers "
-            "or configuration; give each job a folder of its own"
-        )
-    header = next(iter(headers))
-    return DatasetSummary(
+    with ShardReader(paths[0]) as reader:
+        header = replace(reader.header, rejected="[]")
+    summary = DatasetSummary(
         header=header,
-        n_samples=sizes.total(),
         n_shards=len(paths),
         n_bytes=sum(path.stat().st_size for path in paths),
-        n_rejected=n_rejected,
-        picture_sizes=sizes,
-        pictures=pictures,
-        geometries=geometries,
-        n_own_backdrops=n_own_backdrops,
         hdf5_example=_hdf5_example(paths[0], header),
     )
+    for path in paths:
+        with ShardReader(path) as reader:
+            if replace(reader.header, rejected="[]") != header:
+                raise UsageError(
+                    f"{folder}: expected shards of one job, found that {paths[0].name} and {path.name} differ in "
+                    "model, layers or configuration; give each job a folder of its own"
+                )
+            summary.n_rejected += len(json.loads(reader.header.rejected))
+            for index, attributes in enumerate(reader.attributes()):
+                height, width = reader.size_px(index)
+                summary.sizes[f"{width} x {height} px" if height else "unknown"] += 1
+                summary.pictures[str(attributes.get(PICTURE, _NOT_RECORDED))] += 1
+                summary.geometries[str(attributes.get("geometry", _NOT_RECORDED))] += 1
+                summary.n_own_backdrops += bool(attributes.get("backdrop.file"))  # "" for every other backdrop
+    return summary
 
 
 def dataset_card(summary: DatasetSummary) -> str:
     """Writes the card as Markdown. Texts that come from files are quoted, so that they cannot act as markup."""
     header, n_rejected = summary.header, summary.n_rejected
-    rejected = f" {counted(n_rejected, 'sample')} could not be used: see rejected.jsonl." if n_rejected else ""
-    regions = ", ".join(map(_quoted, header.region_names)) or "none"
-    parts = [
-        "# Faces with dense ground truth",
-        f"{counted(summary.n_samples, 'sample')} in {counted(summary.n_shards, 'shard')}, "
-        f"{summary.n_bytes / 1e6:.1f} MB, made by {_quoted(header.generator)}.{rejected}",
-        "## What a sample holds",
-        _layer_table(header),
-        "Each sample also has its camera (4 x 4), identity and expression coefficients in standard deviations, and "
-        "attributes.",
-        f"Morphable model: {_quoted(header.model_name)}, SHA-256 {_quoted(header.model_sha256)}. Regions: {regions}.",
-        f"Sizes: {_kinds(summary.picture_sizes)}",
-        "## Sources",
-        f"- picture: {_kinds(summary.pictures)}\n- geometry: {_kinds(summary.geometries)}",
-        f"Terms, as the source states them: {_quoted(header.licence)}",
-        "## What may be passed on",
-        "\n".join(f"- {line}" for line in terms(summary)),
-        "## How to read it",
-        f"With the package:\n\n{_block(_PACKAGE_EXAMPLE, 'python')}",
-    ]
-    if summary.hdf5_example:
-        parts.append(f"One layer without the package:\n\n{_block(summary.hdf5_example, 'python')}")
-    parts += ["## Configuration", _block(_pretty(header.configuration), "json")]
-    return "\n\n".join(parts) + "\n"
+    rejected = f" {counted(n_rejected, 'sample')} could not be used: see {REJECTED_FILE}." if n_rejected else ""
+    example = summary.hdf5_example
+    texts = {
+        "size": f"{counted(summary.sizes.total(), 'sample')} in {counted(summary.n_shards, 'shard')}, "
+        f"{summary.n_bytes / 1e6:.1f} MB",
+        "generator": _quoted(header.generator),
+        "rejected": rejected,
+        "layers": _layer_table(header),
+        "model": _quoted(header.model_name),
+        "sha256": _quoted(header.model_sha256),
+        "regions": ", ".join(map(_quoted, header.region_names)) or "none",
+        "sizes": _kinds(summary.sizes),
+        "pictures": _kinds(summary.pictures),
+        "geometries": _kinds(summary.geometries),
+        "licence": _quoted(header.licence),
+        "terms": "\n".join(f"- {line}" for line in terms(summary)),
+        "example": f"One layer without the package:\n\n{_block(example, 'python')}\n\n" if example else "",
+        "configuration": _block(_pretty(header.configuration), "json"),
+    }
+    return Template(own_file("dataset_card.md")).substitute(texts)
 
 
 def terms(summary: DatasetSummary) -> list[str]:
@@ -234,21 +205,15 @@ def _pretty(configuration: str) -> str:
 
 def _quoted(text: str) -> str:
     """A text as inline code, whatever Markdown, HTML or a terminal would make of it."""
-    shown = _visible(text).replace("\n", "\\n")
+    shown = printable(text)
     fence = "`" * (_longest_run(shown) + 1)
     return f"{fence} {shown} {fence}" if "`" in shown else f"{fence}{shown or ' '}{fence}"
 
 
 def _block(text: str, language: str) -> str:
     fence = "`" * max(3, _longest_run(text) + 1)
-    return f"{fence}{language}\n{_visible(text)}\n{fence}"
-
-
-def _visible(text: str) -> str:
-    return "".join(
-        character if character.isprintable() or character == "\n" else character.encode("unicode_escape").decode()
-        for character in text
-    )
+    shown = "\n".join(map(printable, text.split("\n")))
+    return f"{fence}{language}\n{shown}\n{fence}"
 
 
 def _longest_run(text: str) -> int:

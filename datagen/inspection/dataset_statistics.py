@@ -1,4 +1,7 @@
-"""What a set of shards holds, counted: pose, size, coefficients, landmarks, attributes, and what of it is rare."""
+"""Statistics of a set of samples: pose, face size, coefficients, landmarks, attributes, and what of it is rare.
+
+The same statistics describe shards, tables of coefficients and folders of coefficient files.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,22 +13,35 @@ from numpy import ndarray
 
 from pix2face.geometry.landmarks import IBUG68_PARTS, N_IBUG68
 
-# Of the samples: a bin with fewer is rare.
+# What fewer samples than this share have is rare.
 RARE_SHARE = 0.01
+# So many rare values of an attribute are named; the others are summed.
+N_RARE_SHOWN = 12
+_ANGLES = (-180, *range(-90, 91, 15), 180)
+_SIZES = (0, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, np.inf)
+_DISTANCES = (0, 400, 600, 1000, 1600, 2500, 4500, np.inf)
+# Unit and edges of the ranges of each quantity.
+QUANTITIES = {
+    "pitch": ("°", _ANGLES),
+    "yaw": ("°", _ANGLES),
+    "roll": ("°", _ANGLES),
+    "face size": ("px", _SIZES),
+    "distance": ("mm", _DISTANCES),
+}
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How often a quantity falls into each of some ranges.
+    """How often a quantity falls into each of several ranges.
 
     Attributes:
-        name: Of the quantity.
-        unit: Of the edges.
-        edges: Of the ranges; infinite at the end of one that is open. Values beyond the outer ones count with the
-            outer ranges.
-        counts: Samples of each range, one fewer than edges.
-        n_samples: Of the set; those where the quantity is unknown are in no range.
+        name: The quantity.
+        unit: The unit of the edges.
+        edges: The edges of the ranges; infinite at the end of an open range. Values beyond the outer edges count with
+            the outer ranges.
+        counts: Number of samples in each range.
+        n_samples: Size of the whole set. Samples whose quantity is unknown are in no range.
     """
 
     name: str
@@ -34,19 +50,26 @@ class Histogram:
     counts: Int64[ndarray, " b"]
     n_samples: int
 
+    @staticmethod
+    def of(name: str, values: Float64[ndarray, " n"], n_samples: int) -> "Histogram":
+        """Counts values of one of ``QUANTITIES``."""
+        unit, edges = QUANTITIES[name]
+        places = np.searchsorted(edges, values, side="right") - 1
+        counts = np.bincount(np.clip(places, 0, len(edges) - 2), minlength=len(edges) - 1)
+        return Histogram(name, unit, np.array(edges, dtype=np.float64), counts, n_samples)
+
     def range_name(self, first: int, last: int) -> str:
-        """In words, from the lower edge of one range to the upper edge of another."""
+        """Names the range from the lower edge of one bin to the upper edge of another."""
         low, high = self.edges[first], self.edges[last + 1]
         return f"{low:g} {self.unit} and more" if np.isinf(high) else f"{low:g} to {high:g} {self.unit}"
 
     def rare(self) -> list[str]:
-        """Ranges with less than 1 % of the samples each, neighbours together."""
-        is_rare = np.append(self.counts < RARE_SHARE * self.n_samples, False)
+        """Names the ranges with less than 1 % of the samples; neighbouring ranges are summed."""
         found, first = [], None
-        for i, rare in enumerate(is_rare):
-            if rare and first is None:
+        for i, is_rare in enumerate([*(self.counts < RARE_SHARE * self.n_samples), False]):
+            if is_rare and first is None:
                 first = i
-            elif not rare and first is not None:
+            elif not is_rare and first is not None:
                 n = int(self.counts[first:i].sum())
                 found.append(f"{self.name} {self.range_name(first, i - 1)}: {_share(n, self.n_samples)}")
                 first = None
@@ -60,9 +83,9 @@ class CoefficientStatistics:
 
     Attributes:
         name: ``identity`` or ``expression``.
-        rms: Root mean square, standard deviations: 1 where faces are drawn from the model.
+        rms: Root mean square in standard deviations: 1 where faces are drawn from the model.
         far_share: Share of samples beyond 3 standard deviations.
-        largest: Largest magnitude of all.
+        largest: Largest magnitude of all components.
     """
 
     name: str
@@ -74,16 +97,18 @@ class CoefficientStatistics:
 @final
 @dataclass(frozen=True, eq=False)
 class DatasetStatistics:
-    """What a set of shards holds.
+    """What a set of samples holds.
 
     Attributes:
-        n_samples: In all shards.
-        n_shards: Their number.
-        picture_sizes: Samples of each size, "width x height".
-        histograms: Pose and face size.
-        coefficients: Of identity and expression.
-        visible_share: Of each landmark, the share of samples with landmarks where it is seen; empty without landmarks.
-        kinds: For each text attribute how often it has each value; empty where there are too many to be kinds.
+        n_samples: Number of samples.
+        n_shards: Number of shards; 0 for a table or a folder of coefficient files.
+        picture_sizes: Number of samples of each size ("width x height"), most frequent first.
+        histograms: Pose, face size and distance, as far as they are known.
+        coefficients: Identity and expression.
+        visible_share: For each landmark, the share of the samples with landmarks in which it is visible; empty
+            without landmarks.
+        kinds: For each text attribute the number of samples of each value, most frequent first; empty where there are
+            too many values to be kinds.
         numbers: For each numeric attribute its smallest, mean and largest value.
     """
 
@@ -97,20 +122,22 @@ class DatasetStatistics:
     numbers: Mapping[str, tuple[float, float, float]]
 
     def visible_parts(self) -> dict[str, float]:
-        """Share of landmarks seen in each part of the face; empty unless they are the 68 of iBUG."""
+        """Share of visible landmarks in each part of the face; empty unless they are the 68 of iBUG."""
         if len(self.visible_share) != N_IBUG68:
             return {}
         return {name: float(self.visible_share[list(points)].mean()) for name, points in IBUG68_PARTS.items()}
 
     def rare(self) -> list[str]:
-        """What less than 1 % of the samples have, in words; neighbouring ranges are summed."""
+        """Says what less than 1 % of the samples have; neighbouring ranges are summed."""
         found = [line for histogram in self.histograms for line in histogram.rare()]
         hidden = [i for i, share in enumerate(self.visible_share) if share < RARE_SHARE]
         if hidden:
             found.append(f"landmarks seen in less than 1 %: {', '.join(map(str, hidden))}")
         for name, kinds in self.kinds.items():
             rare = [(value, n) for value, n in kinds.items() if n < RARE_SHARE * self.n_samples]
-            found += [f"{name} {value!r}: {_share(n, self.n_samples)}" for value, n in rare]
+            found += [f"{name} {value!r}: {_share(n, self.n_samples)}" for value, n in rare[:N_RARE_SHOWN]]
+            if others := [n for _, n in rare[N_RARE_SHOWN:]]:
+                found.append(f"{name}, {len(others)} more values: {_share(sum(others), self.n_samples)}")
         return found
 
     def as_json(self) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""The commands of ``datagen`` that look at shards: verify, preview."""
+"""The commands of ``datagen`` that look at shards: verify, preview, stats, card."""
 
 import shlex
-from dataclasses import dataclass
+from json import dumps
 from pathlib import Path
 from typing import Annotated
 
@@ -9,8 +9,11 @@ import cv2
 import tyro
 from rich.console import Console
 
+from datagen.inspection.dataset_card import write_card
 from datagen.inspection.preview import contact_sheet, spread_triplets
 from datagen.inspection.preview_page import preview_page
+from datagen.inspection.sample_counts import count_samples
+from datagen.inspection.statistics_tables import picture_png, print_statistics, statistics_page, statistics_picture
 from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.shards.shard_checks import verify_folder
@@ -20,36 +23,18 @@ console = Console(stderr=True)
 N_ON_A_SHEET, N_ON_A_PAGE = 16, 24
 
 
-@dataclass(frozen=True)
-class VerifyConfig:
-    """Configuration of ``datagen verify``."""
-
-    shards: Annotated[Path, tyro.conf.Positional]
-    """Folder of shards."""
-
-
-@dataclass(frozen=True)
-class PreviewConfig:
-    """Configuration of ``datagen preview``."""
-
-    shards: Annotated[Path, tyro.conf.Positional]
-    """Folder of shards."""
-    out: Path | None = None
-    """What to write: a contact sheet (.jpg or .png), or a page to go through samples and layers (.html). Without it
-    ``preview.jpg`` in the folder."""
-    n: int | None = None
-    """Samples to show, evenly spread. Without it 16 on a sheet, 24 on a page."""
-
-
-def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
+def verify(shards: Annotated[Path, tyro.conf.Positional]) -> int:
     """Read every sample of a folder of shards and check it.
 
-    Checked are schema, checksums, ranges, pictures, mask and depth and other layers against each other, ids that occur
-    twice, shards of another job, and shards that the job has not made.
+    This checks the schema, checksums, ranges and pictures, the layers against each other, and finds ids that occur
+    twice, shards of another job and missing shards.
+
+    Args:
+        shards: Folder of shards.
     """
-    n_shards = len(shard_paths(config.shards))
+    n_shards = len(shard_paths(shards))
     with progress_bar(console, "verifying", n_shards) as advance:
-        report = verify_folder(config.shards, advance)
+        report = verify_folder(shards, advance)
     for problem in report.problems:
         print(printable(problem))
     if not report.problems:
@@ -65,26 +50,73 @@ def verify(config: Annotated[VerifyConfig, tyro.conf.arg(name="")]) -> int:
     return EXIT_ERROR
 
 
-def preview(config: Annotated[PreviewConfig, tyro.conf.arg(name="")]) -> int:
-    """Draw samples and their layers: as a contact sheet, or as an HTML page (--out page.html) to go through them.
+def preview(shards: Annotated[Path, tyro.conf.Positional], out: Path | None = None, n: int | None = None) -> int:
+    """Draw samples and their layers, on a contact sheet or on an HTML page (--out page.html).
 
-    A page is one file with its pictures in it: arrow keys change sample and layer, a slider blends layer and picture.
-    Landmarks are green where visible, red where hidden.
+    The page is one file with all its pictures. Arrow keys change the sample and the layer, and a slider blends layer
+    and picture. Visible landmarks are green, hidden ones red.
+
+    Args:
+        shards: Folder of shards.
+        out: File to write: a contact sheet (.jpg or .png), or a page to go through samples and layers (.html). Without
+            this option, it is `preview.jpg` in the folder.
+        n: Number of samples to show, evenly spread. Without this option, a sheet has 16 and a page 24.
     """
-    out = config.out or config.shards / "preview.jpg"
-    if config.n is not None and config.n < 1:
-        raise UsageError(f"expected at least one sample to show (--n), found {config.n}")
+    out = out or shards / "preview.jpg"
+    if n is not None and n < 1:
+        raise UsageError(f"expected at least one sample to show (--n), found {n}")
     check_output_file(out, (".jpg", ".jpeg", ".png", ".html"))
     if out.suffix.lower() == ".html":
-        samples = spread_triplets(config.shards, config.n or N_ON_A_PAGE)
-        page = preview_page(printable(f"Samples of {config.shards}"), samples)
+        page = preview_page(printable(f"Samples of {shards}"), spread_triplets(shards, n or N_ON_A_PAGE))
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(page, encoding="utf-8")
         say(console, f"page ({len(page) / 1e6:.1f} MB) -> {out}")
         return 0
-    sheet = contact_sheet(config.shards, config.n or N_ON_A_SHEET)
+    sheet = contact_sheet(shards, n or N_ON_A_SHEET)
     out.parent.mkdir(parents=True, exist_ok=True)
     if not cv2.imwrite(str(out), sheet[..., ::-1]):
         raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
     say(console, f"contact sheet -> {out}")
+    return 0
+
+
+def stats(
+    shards: Annotated[Path, tyro.conf.Positional], out: Path | None = None, json: bool = False, where: str = ""
+) -> int:
+    """Count pose, face size, coefficients, landmarks and attributes of a folder of shards, and name what is rare.
+
+    Args:
+        shards: Folder of shards.
+        out: Also write the statistics as a page (.html) or a picture (.png).
+        json: Print everything as JSON instead of tables.
+        where: Count only samples whose attributes fulfil this condition, such as "abs(yaw_deg) < 60"; as in `train`.
+    """
+    if out is not None:
+        check_output_file(out, (".html", ".png"))
+    with progress_bar(console, "counting", len(shard_paths(shards))) as advance:
+        found = count_samples(shards, advance, where)
+    if json:
+        print(dumps(found.as_json(), indent=2))
+    else:
+        print(f"{counted(found.n_samples, 'sample')} in {counted(found.n_shards, 'shard')}", flush=True)
+        print_statistics(Console(), found)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.suffix.lower() == ".html":
+            out.write_text(statistics_page(printable(f"Statistics of {shards}"), found), encoding="utf-8")
+        else:
+            out.write_bytes(picture_png(statistics_picture(found)))
+        say(console, f"statistics -> {out}")
+    return 0
+
+
+def card(shards: Annotated[Path, tyro.conf.Positional]) -> int:
+    """Write the card of a folder of shards into it: content, sources, what may not be passed on, how to read it.
+
+    `datagen render` also writes it when it is done.
+
+    Args:
+        shards: Folder of shards.
+    """
+    say(console, f"card -> {write_card(shards)}")
     return 0

@@ -9,24 +9,41 @@ from numpy import ndarray
 from pix2face.geometry.maps import map_picture
 from pix2face.shards.layers import WHOLE_PICTURE_LAYERS
 
-# What the ends of the colours stand for, mm.
+# The ends of the colour scales.
 PNCC_LIMIT_MM, OFFSET_LIMIT_MM = 120.0, 15.0
 GREY = 128
+# What the colours of a layer mean.
+LEGENDS = {
+    "pncc": f"x, y, z as RGB, ±{PNCC_LIMIT_MM:.0f} mm",
+    "offset": f"x, y, z as RGB, ±{OFFSET_LIMIT_MM:.0f} mm",
+    "mask": "white: face",
+    "depth": "white: nearest, black: farthest",
+    "normals": "right, up, near as RGB, ±1",
+    "uv": "u, v as red and green, 0 to 1",
+    "regions": "one colour for each region",
+    "seen": "white: face in sight",
+    "seen_regions": "one colour for each region",
+}
+
+
+def layer_title(name: str) -> str:
+    """The name of a layer in a heading."""
+    return name.upper() if name in ("pncc", "uv") else name.replace("_", " ")
 
 
 def layer_picture(name: str, layers: Mapping[str, ndarray]) -> UInt8[ndarray, "h w 3"]:
-    """Draws one layer of a sample; grey where it does not hold.
+    """Draws one layer of a sample, grey where it has no value.
 
     Args:
-        name: Of the layer.
-        layers: Of the sample, by name, in the units of ``pix2face.shards.layers``.
+        name: The layer to draw.
+        layers: All layers of the sample by name, in the units of ``pix2face.shards.layers``.
     """
     where = layer_mask(name, layers)
     return _PAINTERS[name](layers[name], where)
 
 
 def layer_mask(name: str, layers: Mapping[str, ndarray]) -> Bool[ndarray, "h w"]:
-    """Where a layer holds: in the mask, or on the whole head; where it is not 0 if there is no mask."""
+    """Where a layer has a value: in the mask; without a mask, or for layers of the whole head, where it is not 0."""
     if name in WHOLE_PICTURE_LAYERS or "mask" not in layers:
         values = layers[name]
         return np.asarray(values.any(axis=-1) if values.ndim == 3 else values != 0)
@@ -34,18 +51,10 @@ def layer_mask(name: str, layers: Mapping[str, ndarray]) -> Bool[ndarray, "h w"]
 
 
 def region_colour(index: int) -> tuple[int, int, int]:
-    """A colour for each region: hues a golden section apart, so that neighbours in number differ."""
+    """A colour for each region. Hues are a golden section apart, so that consecutive regions differ."""
     hue = index * 0.618034 * 2 * np.pi
     red, green, blue = (round(140 + 100 * float(np.cos(hue - third * 2 * np.pi / 3))) for third in range(3))
     return red, green, blue
-
-
-def _paint_pncc(values: Shaped[ndarray, "h w 3"], where: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    return map_picture(values, where, PNCC_LIMIT_MM)
-
-
-def _paint_offset(values: Shaped[ndarray, "h w 3"], where: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    return map_picture(values, where, OFFSET_LIMIT_MM)
 
 
 def _paint_mask(values: Shaped[ndarray, "h w"], where: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
@@ -78,8 +87,8 @@ def _paint_regions(values: Shaped[ndarray, "h w"], where: Bool[ndarray, "h w"]) 
 
 
 _PAINTERS: dict[str, Callable[[ndarray, ndarray], ndarray]] = {
-    "pncc": _paint_pncc,
-    "offset": _paint_offset,
+    "pncc": lambda values, where: map_picture(values, where, PNCC_LIMIT_MM),
+    "offset": lambda values, where: map_picture(values, where, OFFSET_LIMIT_MM),
     "mask": _paint_mask,
     "depth": _paint_depth,
     "normals": _paint_normals,

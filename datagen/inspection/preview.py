@@ -1,59 +1,66 @@
-"""Contact sheets: people would rather look than read."""
+"""Contact sheets: one sample a row, a picture for each layer."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
+from PIL import Image, ImageDraw, ImageFont
 
-from datagen.inspection.layer_pictures import GREY, layer_picture
+from datagen.inspection.layer_pictures import GREY, LEGENDS, layer_picture, layer_title
 from pix2face.errors import UsageError
 from pix2face.files.images import decode_image
 from pix2face.shards.layers import LANDMARKS, LAYERS
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet, shard_paths
 
-TILE_PX = 180
+TILE_PX, HEADING_PX = 180, 40
 VISIBLE_COLOUR, HIDDEN_COLOUR = (60, 255, 60), (255, 80, 80)
 
 
 def contact_sheet(shards: Path, n: int) -> UInt8[ndarray, "h w 3"]:
-    """Draws n samples, evenly spread over a folder of shards, one a row, two rows side by side.
+    """Draws n samples, evenly spread over a folder of shards, in two columns below the headings of their tiles.
 
     Raises:
         UsageError: There are no shards, or no samples in them.
     """
-    rows = [sample_strip(triplet, header.layers) for header, triplet in spread_triplets(shards, n)]
+    samples = [sample_tiles(triplet, header.layers) for header, triplet in spread_triplets(shards, n)]
+    heading = _heading([(title, legend) for title, legend, _ in samples[0]])
+    rows = [np.hstack([tile for _, _, tile in sample]) for sample in samples]
     if len(rows) % 2:
         rows.append(np.full_like(rows[0], 255))
     half = len(rows) // 2
-    return np.hstack([np.vstack(rows[:half]), np.vstack(rows[half:])])
+    return np.hstack([np.vstack([heading, *rows[:half]]), np.vstack([heading, *rows[half:]])])
 
 
-def sample_strip(triplet: Triplet, layers: tuple[str, ...]) -> UInt8[ndarray, "h w 3"]:
-    """One sample: picture, PNCC over the picture, the other layers, landmarks (green: visible, red: hidden).
+def sample_tiles(triplet: Triplet, layers: tuple[str, ...]) -> list[tuple[str, str, UInt8[ndarray, "t t 3"]]]:
+    """Draws one sample: picture, PNCC over the picture, the other layers, landmarks (green: visible, red: hidden).
 
     Args:
         triplet: The sample.
-        layers: What the set has; every sample gets the same tiles.
+        layers: The layers of the set; every sample has the same tiles.
+
+    Returns:
+        Title, legend and picture of each tile.
     """
     image = sample_picture(triplet)
-    tiles = [] if triplet.image is None else [image]
+    tiles = [] if triplet.image is None else [("picture", "", image)]
     if "pncc" in layers:
         pncc, mask = layer_picture("pncc", triplet.layers), triplet.layers.get("mask")
         blend = (0.45 * image + 0.55 * pncc).astype(np.uint8)
-        tiles.append(pncc if mask is None else np.where(mask[..., None], blend, image))
-    # PNCC shows the mask already.
+        shown = pncc if mask is None else np.where(mask[..., None], blend, image)
+        tiles.append(("PNCC over the picture" if triplet.image else "PNCC", LEGENDS["pncc"], shown))
+    # PNCC already shows the mask.
     others = [name for name in LAYERS if name in layers and name not in ("pncc", "mask" if "pncc" in layers else "")]
-    tiles += [layer_picture(name, triplet.layers) for name in others]
+    tiles += [(layer_title(name), LEGENDS[name], layer_picture(name, triplet.layers)) for name in others]
     if LANDMARKS in layers:
-        tiles.append(_with_landmarks(image, triplet))
-    return np.hstack([_tile(tile) for tile in tiles])
+        tiles.append(("landmarks", "green: visible, red: hidden", _with_landmarks(image, triplet)))
+    return [(title, legend, _tile(picture)) for title, legend, picture in tiles]
 
 
 def sample_picture(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
-    """The picture of a sample; grey where it has none.
+    """The picture of a sample; grey if it has none.
 
     Raises:
         InputFileError: It cannot be decoded.
@@ -64,8 +71,17 @@ def sample_picture(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
     return np.full((height, width, 3), GREY, dtype=np.uint8)
 
 
+def scaled(
+    picture: UInt8[ndarray, "h w c"], longer_side_px: int, method: int = cv2.INTER_AREA
+) -> UInt8[ndarray, "..."]:
+    """Scales a picture to a length of its longer side, by one of OpenCV's methods of interpolation."""
+    scale = longer_side_px / max(picture.shape[:2])
+    size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
+    return cv2.resize(picture, size, interpolation=method)
+
+
 def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Triplet]]:
-    """Reads n samples, evenly spread over a folder of shards, one after the other.
+    """Reads n samples one by one, evenly spread over a folder of shards.
 
     Raises:
         UsageError: There are no shards, or no samples in them.
@@ -86,6 +102,16 @@ def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Triplet
                 yield reader.header, reader.triplet(int(position - starts[shard]))
 
 
+def _heading(titles: Sequence[tuple[str, str]]) -> UInt8[ndarray, "h w 3"]:
+    """Titles and legends over a row of tiles."""
+    heading = Image.new("RGB", (TILE_PX * len(titles), HEADING_PX), "white")
+    draw = ImageDraw.Draw(heading)
+    for place, (title, legend) in enumerate(titles):
+        draw.text((TILE_PX * place + 4, 3), title, "black", ImageFont.load_default(14))
+        draw.text((TILE_PX * place + 4, 21), legend, "#505050", ImageFont.load_default(11))
+    return np.asarray(heading)
+
+
 def _with_landmarks(image: UInt8[ndarray, "h w 3"], triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
     picture = image.copy()
     radius = max(1, image.shape[0] // 150)
@@ -97,8 +123,7 @@ def _with_landmarks(image: UInt8[ndarray, "h w 3"], triplet: Triplet) -> UInt8[n
 
 
 def _tile(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "t t 3"]:
-    scale = TILE_PX / max(picture.shape[:2])
-    size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
+    shown = scaled(picture, TILE_PX)
     tile = np.full((TILE_PX, TILE_PX, 3), 255, dtype=np.uint8)
-    tile[: size[1], : size[0]] = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    tile[: shown.shape[0], : shown.shape[1]] = shown
     return tile

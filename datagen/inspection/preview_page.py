@@ -1,7 +1,7 @@
-"""A page to go through samples and their layers: one HTML file that holds everything and asks the network for nothing.
+"""A page to go through samples and their layers: one HTML file that holds everything and needs no network.
 
-Names in it come from files, so none is trusted: data travel as JSON without angle brackets, the script sets them as
-text, and a content security policy lets no script run but the page's own.
+Names come from files and are not trusted: the data are JSON without angle brackets, the script sets them as text, and
+a content security policy lets only the page's own script run.
 """
 
 import base64
@@ -9,24 +9,27 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from html import escape
-from importlib.resources import files
+from string import Template
 from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Shaped, UInt8
+from jaxtyping import UInt8
 from numpy import ndarray
 
-from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_colour
-from datagen.inspection.preview import sample_picture
+from datagen.inspection.layer_pictures import LEGENDS, layer_mask, layer_picture, layer_title, region_colour
+from datagen.inspection.preview import sample_picture, scaled
+from datagen.inspection.statistics_tables import data_url, own_file
 from pix2face.files.images import encode_image, encode_photograph
 from pix2face.shards.layers import LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import ShardHeader, Triplet
 
-# Larger pictures are scaled down: nobody looks at 24 samples of a camera's size, and no browser likes to.
+# Larger pictures are scaled down: 24 samples of a camera's size would make a page of hundreds of megabytes.
 LARGEST_SIDE_PX = 720
-# A landmark further out than this is drawn nowhere.
+# Landmarks further out than this are left out.
 FAR_PX = 1e5
+# Endings of attributes' names, and how they are shown behind the value.
+_UNITS = {"mm": " mm", "px": " px", "deg": "°", "percent": " %", "years": " years", "ev": " EV"}
 
 
 def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Triplet]]) -> str:
@@ -45,44 +48,25 @@ def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Triplet]]) -> 
         layers |= dict.fromkeys(name for name in LAYERS if name in triplet.layers)
         regions = [(name, _css_colour(i)) for i, name in enumerate(header.region_names)]
     has_regions = not {"regions", SEEN_REGIONS}.isdisjoint(layers)
-    return _page(title, {"samples": entries, "layers": list(layers), "regions": regions if has_regions else []})
+    titled = [[name, layer_title(name), LEGENDS[name]] for name in layers]
+    return _page(title, {"samples": entries, "layers": titled, "regions": regions if has_regions else []})
 
 
 def json_for_html(data: Any) -> str:
-    """JSON that can stand inside a script element: no character of it can end the element or start another."""
+    """JSON that can stand inside a script element: none of its characters can end the element or start another."""
     text = json.dumps(data, allow_nan=False)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _page(title: str, data: Any) -> str:
-    style, script = (_own_file(name) for name in ("preview.css", "preview.js"))
+    style, script = (own_file(name) for name in ("preview.css", "preview.js"))
     policy = f"default-src 'none'; img-src data:; style-src '{_hash(style)}'; script-src '{_hash(script)}'"
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title)}</title><link rel="icon" href="data:,">
-<style>{style}</style></head><body>
-<h1>{escape(title)}</h1>
-<div id="controls">
-<span><button id="previous" type="button">&larr;</button> <span id="place"></span>
-<button id="next" type="button">&rarr;</button></span>
-<label>layer <select id="layer"></select></label>
-<label>over the picture <input id="opacity" type="range" min="0" max="100" value="60"></label>
-<label><input id="dots" type="checkbox" checked> landmarks (green: visible, red: hidden)</label>
-<span>keys: &larr; &rarr; samples, &uarr; &darr; layers</span>
-</div>
-<div id="view"><div id="stage"><img id="picture" alt="picture"><img id="overlay" alt="layer">
-<svg id="landmarks"></svg></div>
-<div id="about"><p id="name"></p><table id="attributes"></table><table id="regions" hidden></table></div></div>
-<script type="application/json" id="samples">{json_for_html(data)}</script>
-<script>{script}</script>
-</body></html>
-"""
+    texts = {"title": escape(title), "policy": policy, "style": style, "script": script, "data": json_for_html(data)}
+    return Template(own_file("preview.html")).substitute(texts)
 
 
 def _entry(triplet: Triplet) -> dict[str, Any]:
-    """What the script knows of a sample."""
+    """The data of a sample for the script."""
     picture = sample_picture(triplet)
     height, width = picture.shape[:2]
     landmarks = [
@@ -97,46 +81,40 @@ def _entry(triplet: Triplet) -> dict[str, Any]:
         "image": None if triplet.image is None else _picture_url(triplet.image, picture),
         "layers": {name: _layer_url(name, triplet.layers) for name in LAYERS if name in triplet.layers},
         "landmarks": landmarks,
-        "attributes": [[str(name), _shown(value)] for name, value in sorted(triplet.attributes.items())],
+        "attributes": _attribute_groups(triplet.attributes),
     }
 
 
-def _shown(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _attribute_groups(attributes: Mapping[str, str | float]) -> list[tuple[str, list[tuple[str, str, str]]]]:
+    """Attributes in words: for each part (skin, hair, ...) the label, value and full name of each."""
+    groups: dict[str, list[tuple[str, str, str]]] = {"": []}
+    for name, value in sorted(attributes.items()):
+        part, _, own = name.rpartition(".")
+        stem, _, ending = own.rpartition("_")
+        unit = _UNITS.get(ending, "") if stem else ""
+        shown = f"{value:.4g}" if isinstance(value, float) else str(value) or "-"
+        label = (stem if unit else own).replace("_", " ")
+        groups.setdefault(part.replace(".", ", ").replace("_", " "), []).append((label, f"{shown}{unit}", name))
+    return list(groups.items())
 
 
 def _picture_url(content: bytes, picture: UInt8[ndarray, "h w 3"]) -> str:
-    """A photograph by its own bytes where a browser shows them as they are; else as a JPEG."""
+    """A picture as a PNG file's own bytes, or encoded as JPEG."""
     if max(picture.shape[:2]) <= LARGEST_SIDE_PX and content.startswith(b"\x89PNG"):
-        return _url("png", content)
-    # JPEG files are encoded anew as well: a browser would turn them by their orientation tag, the maps would not turn.
-    return _url("jpeg", encode_photograph(_limited(picture), 92))
+        return data_url("png", content)
+    # JPEG files are encoded again too: a browser would turn them by their orientation tag, but not the maps.
+    return data_url("jpeg", encode_photograph(scaled(picture, min(LARGEST_SIDE_PX, max(picture.shape[:2]))), 92))
 
 
 def _layer_url(name: str, layers: Mapping[str, ndarray]) -> str:
-    """A layer, transparent where it does not hold."""
+    """A layer, transparent where it has no value."""
     alpha = layer_mask(name, layers)[..., None] * np.uint8(255)
-    return _url("png", encode_image(_limited(np.concatenate([layer_picture(name, layers), alpha], axis=2))))
-
-
-def _limited(picture: Shaped[ndarray, "h w c"]) -> Shaped[ndarray, "h2 w2 c"]:
-    scale = LARGEST_SIDE_PX / max(picture.shape[:2])
-    if scale >= 1:
-        return picture
-    size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
-    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA if picture.shape[2] == 3 else cv2.INTER_NEAREST)
-
-
-def _url(kind: str, content: bytes) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+    rgba = np.concatenate([layer_picture(name, layers), alpha], axis=2)
+    return data_url("png", encode_image(scaled(rgba, min(LARGEST_SIDE_PX, max(alpha.shape)), cv2.INTER_NEAREST)))
 
 
 def _css_colour(index: int) -> str:
     return "#" + "".join(f"{channel:02x}" for channel in region_colour(index))
-
-
-def _own_file(name: str) -> str:
-    return (files("datagen.inspection") / "pages" / name).read_text(encoding="utf-8")
 
 
 def _hash(content: str) -> str:

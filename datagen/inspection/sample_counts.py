@@ -1,10 +1,7 @@
-"""Counting the samples of a folder of shards.
+"""Counts samples, of shards and of tables. No picture is decoded, so a set may be larger than the memory."""
 
-Shards are read one after the other and no pixel is decoded, so a set may be larger than the memory.
-"""
-
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,111 +11,90 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from datagen.inspection.dataset_statistics import CoefficientStatistics, DatasetStatistics, Histogram
+from datagen.inspection.dataset_statistics import QUANTITIES, CoefficientStatistics, DatasetStatistics, Histogram
+from datagen.sampling.expressions import NAMED_EXPRESSIONS, strengths_of, without_side
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.geometry.camera import head_pose
+from pix2face.geometry.camera import Camera, HeadPose, head_pose
 from pix2face.geometry.crops import FaceBox
 from pix2face.shards.sample_filter import SampleFilter
-from pix2face.shards.shard_reader import ShardReader, Triplet, shard_paths
+from pix2face.shards.shard_reader import ShardReader, shard_paths
 
-ANGLE_EDGES = (-180, *range(-90, 91, 15), 180)
-SIZE_EDGES = (0, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, np.inf)
-HISTOGRAMS = {"pitch": ANGLE_EDGES, "yaw": ANGLE_EDGES, "roll": ANGLE_EDGES, "face size": SIZE_EDGES}
-UNITS = {"pitch": "°", "yaw": "°", "roll": "°", "face size": "px"}
 FAR_SD = 3.0
 # A text attribute with more values than this is a name, not a kind.
 LARGEST_KINDS = 200
-
-
-def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None, where: str = "") -> DatasetStatistics:
-    """Counts a folder of shards.
-
-    Args:
-        shards: The folder.
-        on_shard: Called after each shard.
-        where: What a sample's attributes must fulfil to be counted (``pix2face.shards.sample_filter``); empty counts
-            all.
-
-    Raises:
-        UsageError: There are no shards, no samples to count in them, or samples of different models.
-        InputFileError: A shard cannot be read.
-    """
-    paths, counts = shard_paths(shards), _Counts()
-    chosen = SampleFilter(where, "--where") if where.strip() else None
-    for path in paths:
-        with ShardReader(path) as reader:
-            for index in range(len(reader)):
-                triplet = reader.triplet(index, with_pixels=False)
-                if chosen is None or chosen.passes(triplet.sample_id, triplet.attributes):
-                    counts.add_size(*reader.size_px(index))
-                    counts.add(triplet)
-        on_shard()
-    if chosen is not None:
-        chosen.check_names()
-    if not counts.n:
-        if where.strip():
-            raise UsageError(f"{shards}: expected samples that --where lets pass, found none; leave it out to see all")
-        raise UsageError(f"{shards}: expected samples to count, found empty shards; see rejected.jsonl for the reasons")
-    return counts.finish(len(paths))
+# A named expression of this strength is clearly to be seen.
+ACTIVE = 0.1
 
 
 @final
 @dataclass(eq=False)
-class _Counts:
-    """What is added up, sample by sample."""
+class SampleCounter:
+    """Counts samples one by one. What a sample lacks is not counted."""
 
     n: int = 0
     sizes: Counter[str] = field(default_factory=Counter)
-    histograms: dict[str, ndarray] = field(
-        default_factory=lambda: {name: np.zeros(len(edges) - 1, np.int64) for name, edges in HISTOGRAMS.items()}
-    )
-    coefficients: dict[str, "_Moments"] = field(default_factory=dict)
+    quantities: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in QUANTITIES})
+    squares: dict[str, ndarray] = field(default_factory=dict)
+    far: dict[str, ndarray] = field(default_factory=dict)
+    largest: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     n_with_landmarks: int = 0
     visible: ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    kinds: dict[str, Counter[str]] = field(default_factory=dict)
+    kinds: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     numbers: dict[str, tuple[float, float, float, int]] = field(default_factory=dict)
 
     def add_size(self, height_px: int, width_px: int) -> None:
-        """Counts the size of a picture; without layers it is unknown, 0."""
+        """Counts the size of a picture; 0 is unknown."""
         if height_px:
             self.sizes[f"{width_px} x {height_px}"] += 1
 
-    def add(self, sample: Triplet) -> None:
-        """Counts one sample."""
+    def add_pose(self, pose: HeadPose) -> None:
+        """Counts the pose of a face."""
+        for name, value in (("pitch", pose.pitch_deg), ("yaw", pose.yaw_deg), ("roll", pose.roll_deg)):
+            self.quantities[name].append(value)
+
+    def add_face(
+        self,
+        sample_id: str,
+        camera: Camera,
+        identity: Float[ndarray, " k"],
+        expression: Float[ndarray, " e"],
+        attributes: Mapping[str, str | float],
+    ) -> None:
+        """Counts one sample: its pose, coefficients and attributes.
+
+        Raises:
+            UsageError: It has other numbers of coefficients than the samples before.
+        """
         self.n += 1
-        for name, value in _quantities(sample):
-            place = np.searchsorted(HISTOGRAMS[name], value, side="right") - 1
-            self.histograms[name][np.clip(place, 0, len(HISTOGRAMS[name]) - 2)] += 1
-        for name, values in (("identity", sample.identity), ("expression", sample.expression)):
-            self.coefficients.setdefault(name, _Moments.of(len(values))).add(values, sample.sample_id)
-        if len(sample.visible):
-            self._add_visible(sample.visible, sample.sample_id)
-        for name, found in sample.attributes.items():
-            self._add_attribute(name, found)
+        with suppress(DegenerateGeometryError):
+            self.add_pose(head_pose(camera))
+        self._add_coefficients("identity", identity, sample_id)
+        self._add_coefficients("expression", expression, sample_id)
+        self._add_attributes(attributes)
 
-    def _add_visible(self, visible: Bool[ndarray, " m"], sample_id: str) -> None:
-        if not self.n_with_landmarks:
-            self.visible = np.zeros(len(visible), np.int64)
-        if len(visible) != len(self.visible):
-            raise _mixed(sample_id, "landmarks", len(self.visible), len(visible))
-        self.n_with_landmarks += 1
-        self.visible += visible
+    def add_landmarks(self, sample_id: str, landmarks2d: Float[ndarray, "m 2"], visible: Bool[ndarray, " m"]) -> None:
+        """Counts the landmarks of a sample, and the longer side of their box as the face's size.
 
-    def _add_attribute(self, name: str, value: str | float) -> None:
-        if isinstance(value, str):
-            counter = self.kinds.setdefault(name, Counter())
-            if len(counter) <= LARGEST_KINDS:
-                counter[value] += 1
-        elif np.isfinite(value):
-            smallest, total, largest, n = self.numbers.get(name, (np.inf, 0.0, -np.inf, 0))
-            self.numbers[name] = (min(smallest, value), total + value, max(largest, value), n + 1)
+        Raises:
+            UsageError: It has another number of landmarks than the samples before.
+        """
+        with suppress(DegenerateGeometryError):
+            self.quantities["face size"].append(FaceBox.around(landmarks2d).longer_side)
+        if len(visible):
+            if not self.n_with_landmarks:
+                self.visible = np.zeros(len(visible), np.int64)
+            _check_number(sample_id, "landmarks", len(self.visible), len(visible))
+            self.n_with_landmarks += 1
+            self.visible += visible
 
-    def finish(self, n_shards: int) -> DatasetStatistics:
-        """The sums as shares."""
+    def finish(self, n_shards: int = 0) -> DatasetStatistics:
+        """The statistics of all samples so far."""
         histograms = [
-            Histogram(name, UNITS[name], np.array(edges, dtype=np.float64), self.histograms[name], self.n)
-            for name, edges in HISTOGRAMS.items()
-            if self.histograms[name].any()
+            Histogram.of(name, np.array(values), self.n) for name, values in self.quantities.items() if values
+        ]
+        coefficients = [
+            CoefficientStatistics(name, np.sqrt(squares / self.n), self.far[name] / self.n, self.largest[name])
+            for name, squares in self.squares.items()
         ]
         kinds = {
             name: dict(counter.most_common()) if len(counter) <= LARGEST_KINDS else {}
@@ -130,48 +106,81 @@ class _Counts:
             n_shards=n_shards,
             picture_sizes=dict(self.sizes.most_common()),
             histograms=tuple(histograms),
-            coefficients=tuple(moments.finish(name, self.n) for name, moments in self.coefficients.items()),
+            coefficients=tuple(coefficients),
             visible_share=self.visible / max(self.n_with_landmarks, 1),
             kinds=kinds,
             numbers=numbers,
         )
 
+    def _add_coefficients(self, name: str, values: Float[ndarray, " k"], sample_id: str) -> None:
+        squares = self.squares.setdefault(name, np.zeros(len(values)))
+        _check_number(sample_id, "coefficients", len(squares), len(values))
+        squares += values.astype(np.float64) ** 2
+        self.far.setdefault(name, np.zeros(len(values), np.int64))
+        self.far[name] += np.abs(values) > FAR_SD
+        self.largest[name] = max(self.largest[name], float(np.abs(values).max(initial=0)))
 
-@final
-@dataclass(eq=False)
-class _Moments:
-    """Sums over the coefficients of one basis."""
-
-    squares: ndarray
-    far: ndarray
-    largest: float = 0.0
-
-    @staticmethod
-    def of(n_components: int) -> "_Moments":
-        return _Moments(np.zeros(n_components), np.zeros(n_components, np.int64))
-
-    def add(self, values: Float[ndarray, " k"], sample_id: str) -> None:
-        if len(values) != len(self.squares):
-            raise _mixed(sample_id, "coefficients", len(self.squares), len(values))
-        self.squares += values.astype(np.float64) ** 2
-        self.far += np.abs(values) > FAR_SD
-        self.largest = max(self.largest, float(np.abs(values).max(initial=0)))
-
-    def finish(self, name: str, n: int) -> CoefficientStatistics:
-        return CoefficientStatistics(name, np.sqrt(self.squares / n), self.far / n, self.largest)
-
-
-def _quantities(sample: Triplet) -> Iterator[tuple[str, float]]:
-    """Pose and size of a face, where they are known."""
-    with suppress(DegenerateGeometryError):
-        pose = head_pose(sample.camera)
-        yield from (("pitch", pose.pitch_deg), ("yaw", pose.yaw_deg), ("roll", pose.roll_deg))
-    with suppress(DegenerateGeometryError):
-        yield "face size", FaceBox.around(sample.landmarks2d).longer_side
+    def _add_attributes(self, attributes: Mapping[str, str | float]) -> None:
+        for name, value in attributes.items():
+            if name == NAMED_EXPRESSIONS:
+                self.kinds[f"{name}, {ACTIVE} or more"].update(_active_expressions(attributes))
+            elif isinstance(value, str):
+                if name == "expression":
+                    self.kinds["expression, kind"][value.partition("/")[0]] += 1
+                if len(self.kinds[name]) <= LARGEST_KINDS:
+                    self.kinds[name][value] += 1
+            elif np.isfinite(value):
+                smallest, total, largest, n = self.numbers.get(name, (np.inf, 0.0, -np.inf, 0))
+                self.numbers[name] = (min(smallest, value), total + value, max(largest, value), n + 1)
+        if "distance_mm" in attributes:
+            self.quantities["distance"].append(float(attributes["distance_mm"]))
 
 
-def _mixed(sample_id: str, what: str, expected: int, found: int) -> UsageError:
-    return UsageError(
-        f"{sample_id}: expected {expected} {what} as in the samples before, found {found}; "
-        "count the shards of one model at a time"
-    )
+def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None, where: str = "") -> DatasetStatistics:
+    """Counts the samples of a folder of shards.
+
+    Args:
+        shards: The folder.
+        on_shard: Called after each shard.
+        where: Condition on the attributes of the samples to count (``pix2face.shards.sample_filter``); an empty one
+            counts all.
+
+    Raises:
+        UsageError: There are no shards, no samples to count in them, or samples of different models.
+        InputFileError: A shard cannot be read.
+    """
+    paths, counter = shard_paths(shards), SampleCounter()
+    chosen = SampleFilter(where, "--where") if where.strip() else None
+    for path in paths:
+        with ShardReader(path) as reader:
+            for index in range(len(reader)):
+                sample = reader.triplet(index, with_pixels=False)
+                if chosen is None or chosen.passes(sample.sample_id, sample.attributes):
+                    counter.add_size(*reader.size_px(index))
+                    counter.add_face(
+                        sample.sample_id, sample.camera, sample.identity, sample.expression, sample.attributes
+                    )
+                    counter.add_landmarks(sample.sample_id, sample.landmarks2d, sample.visible)
+        on_shard()
+    if chosen is not None:
+        chosen.check_names()
+    if not counter.n:
+        if where.strip():
+            raise UsageError(f"{shards}: expected samples that --where lets pass, found none; leave it out to see all")
+        raise UsageError(f"{shards}: expected samples to count, found empty shards; see rejected.jsonl for the reasons")
+    return counter.finish(len(paths))
+
+
+def _check_number(sample_id: str, what: str, expected: int, found: int) -> None:
+    if expected != found:
+        raise UsageError(
+            f"{sample_id}: expected {expected} {what} as in the samples before, found {found}; "
+            "count the shards of one model at a time"
+        )
+
+
+def _active_expressions(attributes: Mapping[str, str | float]) -> set[str]:
+    """Named expressions that are clearly to be seen; one of both sides counts once."""
+    with suppress(ValueError, TypeError, AttributeError):  # a text that another program wrote
+        return {without_side(name) for name, strength in strengths_of(attributes).items() if strength >= ACTIVE}
+    return set()

@@ -1,39 +1,33 @@
-"""The statistics of a set as tables and pictures, for a terminal and for a page."""
+"""Statistics as tables and pictures, for a terminal and for a page."""
 
 import base64
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
+from string import Template
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from datagen.inspection.dataset_statistics import CoefficientStatistics, DatasetStatistics, Histogram
+from pix2face.command_line import printable
 
 if TYPE_CHECKING:
     import matplotlib.axes
     import matplotlib.figure
 
-N_KINDS_SHOWN = 12
-_STYLE = """
-body { font-family: sans-serif; margin: 2em auto; max-width: 75em; padding: 0 1em; color: #222; }
-table { border-collapse: collapse; margin: 1em 0; } th, td { padding: .2em .8em; border-bottom: 1px solid #ccc; }
-td, th { text-align: right; overflow-wrap: anywhere; } th:first-child, td:first-child { text-align: left; }
-caption { text-align: left; font-weight: bold; } img { max-width: 100%; }
-"""
+N_KINDS_SHOWN = 24
 
 
 @final
 @dataclass(frozen=True)
 class Listing:
-    """A table of texts.
-
-    Attributes:
-        title: Above it.
-        columns: Headings.
-        lines: As many texts in each as there are headings.
-    """
+    """A table of texts: its title, the headings of its columns, and its lines."""
 
     title: str
     columns: tuple[str, ...]
@@ -41,10 +35,10 @@ class Listing:
 
 
 def listings(found: DatasetStatistics) -> list[Listing]:
-    """Everything that was counted, as tables; what was not there has none."""
+    """Everything that was counted, as tables. What the set lacks has no table."""
     tables = [_histogram_listing(histogram) for histogram in found.histograms]
     lines = tuple(_coefficient_line(one) for one in found.coefficients if len(one.rms))
-    columns = ("basis", "n", "RMS (from, to)", "> 3 sd", "most, of one", "largest")
+    columns = ("basis", "components", "RMS (lowest, highest)", "beyond 3 sd", "most (component)", "largest")
     tables.append(Listing("coefficients, standard deviations", columns, lines))
     parts = tuple((name, _per_cent(share)) for name, share in found.visible_parts().items())
     tables.append(Listing("landmarks seen", ("part", "share"), parts))
@@ -58,8 +52,26 @@ def listings(found: DatasetStatistics) -> list[Listing]:
     return [table for table in tables if table.lines]
 
 
+def print_statistics(out: Console, found: DatasetStatistics) -> None:
+    """Prints all tables, and what is rare."""
+    for listed in listings(found):
+        out.print(Text(printable(listed.title), style="italic"), soft_wrap=True)
+        table = Table()
+        for place, column in enumerate(listed.columns):
+            table.add_column(Text(column), justify="right" if place else "left")
+        for line in listed.lines:
+            table.add_row(*(Text(printable(text)) for text in line))
+        out.print(table)
+    rare = found.rare()
+    out.print(
+        "rare, less than 1 % of the samples each (neighbouring ranges are summed):" if rare else "nothing is rare"
+    )
+    for text in rare:
+        out.print(Text(printable(f"  {text}")), soft_wrap=True)
+
+
 def statistics_picture(found: DatasetStatistics) -> "matplotlib.figure.Figure":
-    """Bars of pose, face size, coefficients and landmarks."""
+    """Bars of pose, face size, distance, coefficients and landmarks."""
     from matplotlib.figure import Figure  # half a second, which commands that draw no figure save
 
     figure = Figure(figsize=(12, 7), layout="constrained")
@@ -81,31 +93,33 @@ def statistics_picture(found: DatasetStatistics) -> "matplotlib.figure.Figure":
 
 
 def picture_png(figure: "matplotlib.figure.Figure") -> bytes:
-    """A figure as the content of a PNG file; the same figure gives the same bytes."""
+    """The content of a PNG file; the same figure gives the same bytes."""
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=100, metadata={"Software": None})
     return content.getvalue()
 
 
 def statistics_page(title: str, found: DatasetStatistics) -> str:
-    """Picture, tables and what is rare as one HTML file; every text is escaped."""
-    picture = base64.b64encode(picture_png(statistics_picture(found))).decode()
+    """Picture, tables and what is rare as one HTML page; every text is escaped."""
     rare = "\n".join(f"<li>{escape(line)}</li>" for line in found.rare()) or "<li>nothing</li>"
-    tables = "\n".join(_table_html(table) for table in listings(found))
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>{escape(title)}</title><style>{_STYLE}</style></head><body>
-<h1>{escape(title)}</h1>
-<p>{found.n_samples} samples in {found.n_shards} shards.</p>
-<p><img src="data:image/png;base64,{picture}" alt="Bars of pose, face size, coefficients and landmarks"></p>
-<h2>Rare: less than 1 % of the samples each; neighbouring ranges are summed</h2>
-<ul>
-{rare}
-</ul>
-{tables}
-</body></html>
-"""
+    texts = {
+        "title": escape(title),
+        "size": f"{found.n_samples} samples in {found.n_shards} shards",
+        "picture": data_url("png", picture_png(statistics_picture(found))),
+        "rare": rare,
+        "tables": "\n".join(_table_html(table) for table in listings(found)),
+    }
+    return Template(own_file("statistics.html")).substitute(texts)
+
+
+def data_url(kind: str, content: bytes) -> str:
+    """A picture (PNG or JPEG) as an address that holds it."""
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def own_file(name: str) -> str:
+    """A template of a page, or a part of one."""
+    return (files("datagen.inspection") / "pages" / name).read_text(encoding="utf-8")
 
 
 def _histogram_listing(histogram: Histogram) -> Listing:
@@ -132,7 +146,7 @@ def _coefficient_line(one: CoefficientStatistics) -> tuple[str, ...]:
 
 
 def _most(counts: Mapping[str, int], n_samples: int) -> tuple[tuple[str, ...], ...]:
-    """The most frequent values, and the others together; ``counts`` has the most frequent first."""
+    """The most frequent values, and all others together; ``counts`` is in order of frequency."""
     ordered = list(counts.items())
     lines = [(value, str(n), _per_cent(n / n_samples)) for value, n in ordered[:N_KINDS_SHOWN]]
     if len(ordered) > N_KINDS_SHOWN:
@@ -143,7 +157,7 @@ def _most(counts: Mapping[str, int], n_samples: int) -> tuple[tuple[str, ...], .
 
 def _draw_histogram(axis: "matplotlib.axes.Axes", histogram: Histogram) -> None:
     share = 100 * histogram.counts / histogram.n_samples
-    # Every range is as wide as the next: the outer ones of angles, and the upper ones of sizes, would hide the rest.
+    # All bars are equally wide: to scale, the outer ranges of angles and the upper ones of sizes would hide the rest.
     axis.bar(np.arange(len(share)), share, width=1.0, align="edge", edgecolor="white")
     step = 2
     labels = ["more" if np.isinf(edge) else f"{edge:g}" for edge in histogram.edges[::step]]

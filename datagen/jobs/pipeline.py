@@ -15,7 +15,6 @@ from typing import final
 
 from datagen.appearance.appearance_config import AppearanceConfig
 from datagen.faces.sources import FaceSource, open_source
-from datagen.faces.text_files import write_rejected
 from datagen.inspection.dataset_card import write_card
 from datagen.jobs.executors import WorkPlace
 from datagen.jobs.folder_lock import job_lock, remove_unfinished
@@ -25,6 +24,7 @@ from datagen.jobs.work_units import finish_units
 from datagen.opengl.gl_context import GLSettings
 from datagen.samples.stage_times import StageTimes
 from datagen.samples.triplets import check_appearance
+from pix2face.command_line import write_rejected
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.models.surface_attributes import check_layers
 from pix2face.shards.shard_reader import ShardReader

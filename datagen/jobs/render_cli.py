@@ -10,7 +10,6 @@ from rich.console import Console
 
 from datagen.appearance.appearance_config import DEFAULT, PLAIN, PRESETS, AppearanceConfig, load_configuration
 from datagen.appearance.backdrop.picture_folder import list_pictures
-from datagen.faces.text_files import REJECTED_FILE
 from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.jobs.folder_lock import UNFINISHED_SHARDS
 from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, reopened, run_job
@@ -21,6 +20,7 @@ from datagen.opengl.gl_context import GLSettings
 from datagen.samples.baked_jitter import JitterBake, ViewMaker
 from pix2face.command_line import (
     EXIT_REJECTED,
+    REJECTED_FILE,
     check_max_rejected,
     counted,
     prepare_output_folder,

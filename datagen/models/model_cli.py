@@ -1,4 +1,4 @@
-"""The command ``datagen model``: import a published morphable model, describe one, look at one."""
+"""The command ``datagen model``: import a published morphable model, describe a model, or show it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ console = Console(stderr=True)
 
 @dataclass(frozen=True)
 class ModelImportConfig:
-    """Bring a published model into the project's own file and frame. The content of the files tells which model."""
+    """Convert a published model to the project's own file and frame. The files' content tells which model it is."""
 
     path: Annotated[Path, tyro.conf.Positional]
     """BFM 2009: folder with Model_Shape.mat and Model_Expression.mat (as 300W-LP needs it), or with
@@ -38,7 +38,7 @@ class ModelImportConfig:
     out: Path
     """Model file to write (.h5)."""
     without: tuple[str, ...] = field(default_factory=tuple)
-    """Regions to leave out, such as ``neck`` (see ``datagen model info`` for those that the model tells apart)."""
+    """Regions to leave out, such as `neck`. `datagen model info` lists the regions of a model."""
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,19 @@ class ModelInfoConfig:
     """Print sizes, extents, components, variance, landmarks, licence and hash of a model."""
 
     model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
-    """``builtin``, or a model file."""
+    """`builtin`, or a model file."""
 
 
 @dataclass(frozen=True)
 class ModelViewConfig:
-    """Draw the mean and ±3 standard deviations of the first components, or write the mean face as a mesh."""
+    """Draw the mean face and ±3 standard deviations of the first components, or write the mean face as a mesh."""
 
     model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
-    """``builtin``, or a model file."""
+    """`builtin`, or a model file."""
     out: Path = Path("model.jpg")
-    """.jpg or .png: a contact sheet; .obj, .glb or .ply: the mean face."""
+    """File to write: a contact sheet (.jpg or .png), or the mean face (.obj, .glb or .ply)."""
     components: int = 4
-    """Identity and expression components on the sheet."""
+    """How many identity and how many expression components the sheet shows."""
 
 
 ModelCommand = (
@@ -69,14 +69,14 @@ ModelCommand = (
 
 
 def model(command: Annotated[ModelCommand, tyro.conf.arg(name="")]) -> int:
-    """Import a published morphable model, describe one, or look at one."""
+    """Import a published morphable model, describe a model, or show it."""
     if isinstance(command, ModelImportConfig):
         return _import_model(command)
     return _show_model(command) if isinstance(command, ModelInfoConfig) else _view_model(command)
 
 
 def describe(model: MorphableModel) -> str:
-    """A model in one line."""
+    """Describes a model in one line."""
     components = f"{model.n_identity} identity and {model.n_expression} expression components"
     return f"{model.name} ({len(model.mean)} vertices, {components}, {model.sha256[:12]})"
 
@@ -143,7 +143,7 @@ def _rows(shown: MorphableModel, alignment: Alignment | None) -> Iterator[tuple[
 
 
 def _variance(basis: Float32[ndarray, "k v 3"]) -> str:
-    """How far a vertex moves, and how the variance is shared between the first components."""
+    """How far vertices move, and the shares of the first components in the variance."""
     if not len(basis):
         return "none"
     powers = np.array([float((component.astype(np.float64) ** 2).sum()) for component in basis])
@@ -168,6 +168,6 @@ def _landmarks(shown: MorphableModel) -> str:
 
 
 def _runs(numbers: ndarray) -> str:
-    """Numbers as ranges."""
+    """Consecutive numbers as ranges."""
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
     return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)

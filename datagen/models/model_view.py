@@ -1,4 +1,4 @@
-"""Looks at a morphable model: a contact sheet of its components, or its mean as a mesh for other programs."""
+"""Shows a morphable model: a contact sheet of its components, or its mean face as a mesh for other programs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from datagen.rendering.renderer import Renderer
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM
+from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM, split_at_seams
 
 if TYPE_CHECKING:
     import trimesh
@@ -28,34 +28,49 @@ _BACKGROUND, _INK = 245, (60, 60, 60)
 _CLAY, _DARKER_CLAY = (0.62, 0.61, 0.60), (0.50, 0.49, 0.48)
 _VIEWS = (HeadPose(0, 0, 0), HeadPose(0, 75, 0))
 _LABEL_PX = 22
+# Grey clay under one lamp, so that nothing distracts from the shape.
+_APPEARANCE = PlainAppearance(
+    skin_rgb=_CLAY,
+    lips_rgb=_DARKER_CLAY,
+    hair_rgb=_CLAY,
+    brows_rgb=_DARKER_CLAY,
+    iris_rgb=_DARKER_CLAY,
+    flush=0.0,
+    beard=0.0,
+    blotchiness=0.0,
+    texture_seed=0,
+    ambient_rgb=(0.25, 0.25, 0.25),
+    light_directions=((-0.45, -0.5, -0.74),),
+    light_rgb=((0.95, 0.95, 0.95),),
+    shine=0.04,
+    blur_px=0.0,
+    noise=0.0,
+    noise_seed=0,
+)
 
 
 def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
-    """Writes a picture or a mesh, as the name of the file says.
+    """Writes a picture or a mesh of a model.
 
     Args:
-        model: What to show.
-        out: ``.jpg`` or ``.png``: the mean and ±3 standard deviations of the first components, from two sides;
-            ``.obj`` and ``.ply`` (mm), ``.glb`` (metres, as glTF has it): the mean face.
+        model: The model to show.
+        out: The file to write, with one of ``PICTURE_SUFFIXES`` (the mean and ±3 standard deviations of the first
+            components, from two sides) or of ``MESH_SUFFIXES`` (the mean face: ``.obj`` and ``.ply`` in mm, ``.glb``
+            in metres, as glTF demands).
         n_components: How many identity and how many expression components a picture shows.
 
     Raises:
-        UsageError: Another kind of file, or it cannot be written.
-        GLUnavailableError: A picture, and nothing to draw it with.
+        UsageError: The file cannot be written.
+        GLUnavailableError: There is no OpenGL to draw a picture with.
     """
     suffix = out.suffix.lower()
-    if suffix not in PICTURE_SUFFIXES + MESH_SUFFIXES:
-        raise UsageError(
-            f"{out}: expected a picture ({', '.join(PICTURE_SUFFIXES)}) or a mesh ({', '.join(MESH_SUFFIXES)}) as the "
-            f"file to write, found {suffix or 'no ending'!r}"
-        )
     out.parent.mkdir(parents=True, exist_ok=True)
     if suffix in MESH_SUFFIXES:
         import trimesh  # half a second, which commands that write no mesh save
 
         mesh = mesh_of(model)
         if isinstance(mesh.visual, trimesh.visual.TextureVisuals):
-            mesh.visual.material.name = out.stem  # or the files that an .obj refers to have the same names for all
+            mesh.visual.material.name = out.stem  # so that each .obj refers to files of its own
         if suffix == ".glb":
             mesh.vertices = mesh.vertices * GLTF_UNITS_PER_MM
         mesh.export(out, **({"mtl_name": f"{out.stem}.mtl"} if suffix == ".obj" else {}))
@@ -64,30 +79,26 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
 
 
 def mesh_of(model: MorphableModel) -> "trimesh.Trimesh":
-    """The mean face, mm, with the mean albedo as vertex colours or the texture coordinates where the model has them."""
+    """The mean face in mm, with the mean albedo as vertex colours, or else with the model's texture coordinates."""
     import trimesh
 
+    if model.albedo_mean is None and model.uv is not None:
+        vertex, uv, triangles = split_at_seams(model)
+        visual = trimesh.visual.TextureVisuals(uv=uv)  # type: ignore[no-untyped-call]
+        return trimesh.Trimesh(model.mean[vertex], triangles, visual=visual, process=False)
     colours = None
     if model.albedo_mean is not None:
         colours = np.clip(255 * model.albedo_mean + 0.5, 0, 255).astype(np.uint8)
-    vertices, triangles = model.mean, model.triangles
-    visual = None
-    if colours is None and model.uv is not None and model.uv_triangles is not None:
-        # Formats of meshes know one texture coordinate a vertex: vertices on seams are doubled.
-        pairs = np.column_stack([triangles.ravel(), model.uv_triangles.ravel()])
-        corners, index = np.unique(pairs, axis=0, return_inverse=True)
-        vertices, triangles = vertices[corners[:, 0]], index.reshape(-1, 3)
-        visual = trimesh.visual.TextureVisuals(uv=model.uv[corners[:, 1]])  # type: ignore[no-untyped-call]
-    return trimesh.Trimesh(vertices, triangles, vertex_colors=colours, visual=visual, process=False)
+    return trimesh.Trimesh(model.mean, model.triangles, vertex_colors=colours, process=False)
 
 
 def component_sheet(model: MorphableModel, n_components: int) -> UInt8[ndarray, "h w 3"]:
-    """One row for the mean, then one for each of the first components, from two sides.
+    """Draws one row for the mean and one for each of the first components, from two sides.
 
-    A component shows -3 and +3 standard deviations; a blendshape, which has one good direction, itself.
+    Components are shown at -3 and +3 standard deviations, blendshapes at their full strength.
 
     Raises:
-        GLUnavailableError: There is nothing to draw with.
+        GLUnavailableError: There is no OpenGL to draw with.
     """
     rows = [("mean", model.mean[None])]
     rows += [_row(model, "identity", i) for i in range(min(n_components, model.n_identity))]
@@ -95,11 +106,9 @@ def component_sheet(model: MorphableModel, n_components: int) -> UInt8[ndarray, 
     with create_gl_context() as gl:
         renderer = Renderer(model, TILE_PX, TILE_PX, gl)
         strips = [_strip(renderer, label, shapes) for label, shapes in rows]
-    sheet = np.full((sum(map(len, strips)), max(strip.shape[1] for strip in strips), 3), _BACKGROUND, dtype=np.uint8)
-    tops = np.cumsum([0, *map(len, strips)])
-    for top, strip in zip(tops, strips, strict=False):
-        sheet[top : top + len(strip), : strip.shape[1]] = strip
-    return sheet
+    width = max(strip.shape[1] for strip in strips)
+    widened = [np.pad(one, ((0, 0), (0, width - one.shape[1]), (0, 0)), constant_values=_BACKGROUND) for one in strips]
+    return np.vstack(widened)
 
 
 def _row(model: MorphableModel, kind: str, i: int) -> tuple[str, Float32[ndarray, "n v 3"]]:
@@ -114,45 +123,24 @@ def _row(model: MorphableModel, kind: str, i: int) -> tuple[str, Float32[ndarray
 
 
 def _strip(renderer: Renderer, label: str, shapes: Float32[ndarray, "n v 3"]) -> UInt8[ndarray, "h w 3"]:
-    """A title over the pictures of some shapes from all sides."""
-    tiles = [_tile(renderer, shape, _camera(renderer.model, pose)) for shape in shapes for pose in _VIEWS]
-    strip = np.hstack(tiles)
+    """Draws some shapes from all sides, below a title."""
+    background = np.full((TILE_PX, TILE_PX, 3), _BACKGROUND, dtype=np.uint8)
+    strip = np.hstack(
+        [
+            renderer.render_image(np.ascontiguousarray(shape), _camera(renderer.model, pose), _APPEARANCE, background)
+            for shape in shapes
+            for pose in _VIEWS
+        ]
+    )
     title = np.full((_LABEL_PX, strip.shape[1], 3), _BACKGROUND, dtype=np.uint8)
     cv2.putText(title, label, (8, _LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _INK, 1, cv2.LINE_AA)
     return np.vstack([title, strip])
 
 
-def _tile(renderer: Renderer, vertices: Float32[ndarray, "v 3"], camera: Camera) -> UInt8[ndarray, "h w 3"]:
-    background = np.full((TILE_PX, TILE_PX, 3), _BACKGROUND, dtype=np.uint8)
-    return renderer.render_image(np.ascontiguousarray(vertices), camera, clay(), background)
-
-
 def _camera(model: MorphableModel, pose: HeadPose) -> Camera:
-    """Shows the whole mean from one side, at the same scale from all."""
+    """A camera that shows the whole mean face, at the same scale for all poses."""
     low, high = model.mean.min(axis=0).astype(np.float64), model.mean.max(axis=0).astype(np.float64)
     scale = TILE_PX / (_MARGIN * max(float((high - low).max()), 1e-6))
     rotation = rotation_of_pose(pose)
     centre_px = np.array([TILE_PX / 2, TILE_PX / 2]) - scale * (rotation @ (0.5 * (low + high)))[:2]
     return weak_perspective_camera(WeakPerspective(scale, rotation, centre_px))
-
-
-def clay() -> PlainAppearance:
-    """Grey clay under one lamp: nothing distracts from the shape."""
-    return PlainAppearance(
-        skin_rgb=_CLAY,
-        lips_rgb=_DARKER_CLAY,
-        hair_rgb=_CLAY,
-        brows_rgb=_DARKER_CLAY,
-        iris_rgb=_DARKER_CLAY,
-        flush=0.0,
-        beard=0.0,
-        blotchiness=0.0,
-        texture_seed=0,
-        ambient_rgb=(0.25, 0.25, 0.25),
-        light_directions=((-0.45, -0.5, -0.74),),
-        light_rgb=((0.95, 0.95, 0.95),),
-        shine=0.04,
-        blur_px=0.0,
-        noise=0.0,
-        noise_seed=0,
-    )

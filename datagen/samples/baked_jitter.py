@@ -23,6 +23,7 @@ from pix2face.geometry.jitter import JitterParameters, JitterRange, draw_jitter,
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.mirroring import MirroredCoefficients, mirrored_coefficients
 from pix2face.models.morphable_model import MorphableModel
+from pix2face.shards.triplet import JITTER_OF
 
 MOST_VARIANTS = 1000
 # What a mirrored photograph and its mirrored face may be apart: a fraction of a pixel.
@@ -148,7 +149,7 @@ class ViewMaker:
             identity = (identity @ self._mirror.identity).astype(np.float32)
             expression = (expression @ self._mirror.expression).astype(np.float32)
         described: dict[str, str | float] = {
-            "jitter_of": face.sample_id,
+            JITTER_OF: face.sample_id,
             "jitter_scale": jitter.scale,
             "jitter_mirrored": float(jitter.mirror),
         }

@@ -16,7 +16,8 @@ from pix2face.shards.layers import SEEN
 
 MASK = "mask"
 MAP_LAYERS = ("pncc", "offset", MASK)
-PICTURE = "picture"
+# Attributes that other programs go by: where the picture comes from, and the face that a variant was made of.
+PICTURE, JITTER_OF = "picture", "jitter_of"
 
 
 class PictureKind(StrEnum):

@@ -1,7 +1,7 @@
 """Binds points around the unmodified head to vertices of the built-in model, so that they follow any head.
 
-Close to the skin a point follows the triangle below it; farther off, where neighbours in a strand may lie above quite
-different places, a smooth mean over the region around. Whatever hangs below the neck follows the neck's rim.
+Close to the skin, a point follows the triangle below it. Farther off, where neighbours in a strand may lie above quite
+different places, it follows a smooth mean over the surrounding region. Points below the neck follow the neck's rim.
 """
 
 from dataclasses import dataclass, replace
@@ -14,17 +14,17 @@ from scipy.sparse.csgraph import connected_components
 
 from scripts.hair_assets.proxies import BaseHead, Proxy
 
-# Regions that things lie on; ears vary too much for strands that pass over them, eyes and mouth are inside.
+# Regions that points are bound to. Ears vary too much for strands that pass over them; eyes and mouth are inside.
 CARRIERS = ("skin", "brows", "lips", "scalp", "neck")
-# Those of them that are not the face.
+# The regions of these that are not the face.
 OFF_FACE = ("scalp", "neck")
-# Hair before the face is at least this far from the skin, mm, below the hair line. Deep inside nothing is laid on it.
+# Below the hair line, hair before the face is at least this far from the skin, mm. Points deep inside are left out.
 CLEARANCE_MM, HAIR_LINE_MM, DEEP_MM, CUT_MM = 1.6, 74.0, 6.0, 0.7
 NEAR_FACE_MM = 15.0
-# A point this near to the skin follows it alone; one that far the region around, mm.
+# Nearer than the first distance, a point follows the skin alone; beyond the second, the region alone (mm).
 NEAR_MM, FAR_MM = 4.0, 16.0
 ANCHORS, ANCHORS_OF_POINT = 220, 12
-# Lashes stand out forward and upward: along the lid counts most.
+# Lashes stand out forward and upward, so distances along the lid count most.
 LASH_METRIC = np.array([3.0, 1.0, 0.5])
 
 
@@ -157,7 +157,7 @@ def lifted_off_face(proxy: Proxy, binder: Binder) -> Proxy:
     kept = ~is_inside[proxy.quads].all(axis=1) & ~is_deep[proxy.quads].any(axis=1)
     points = np.where(is_low[:, None], binding.feet + CLEARANCE_MM * binding.outward, proxy.points)
     quads, uv_quads = proxy.quads[kept], proxy.uv_quads[kept]
-    # To look for the foot of a point far off takes long, and it cuts through nothing.
+    # Finding the foot of a distant point takes long, and such a quad cuts through nothing.
     near = np.flatnonzero((np.abs(binding.heights[quads]) < NEAR_FACE_MM).any(axis=1))
     corners = points[quads[near]]
     between = np.concatenate([corners.mean(axis=1)[:, None], (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
@@ -167,6 +167,6 @@ def lifted_off_face(proxy: Proxy, binder: Binder) -> Proxy:
 
 
 def _below(binding: Binding, height: float) -> ndarray:
-    """Which points are lower than that over the face."""
+    """Finds points over the face that are lower than a height."""
     is_over_face = ~np.isin(binding.foot_regions, OFF_FACE) & (binding.feet[:, 1] < HAIR_LINE_MM)
     return (binding.heights < height) & is_over_face

@@ -1,4 +1,4 @@
-"""Brows as a patch of the head's own skin: it follows every expression, and can neither float nor sink.
+"""Brows as a patch of the head's own skin, which follows every expression and can neither float nor sink.
 
 All twelve brows are painted in one system of texture coordinates over the patch: u along the brow, v down.
 """
@@ -28,7 +28,7 @@ class BrowPatch:
     """The left patch; the right one is its mirror image.
 
     Attributes:
-        vertices: Of the model, without order.
+        vertices: Vertices of the model, unordered.
         triangles: Indices into ``vertices``.
         uv: Texture coordinates of each vertex.
         textures: (12, rows, columns, 2) grey and alpha.

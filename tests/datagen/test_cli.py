@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from datagen.cli import main
+from datagen.inspection.preview import HEADING_PX
 from pix2face.face_files.coefficients import load_coefficients
 from pix2face.files.images import encode_image
 from pix2face.models.morphable_model import builtin_model
@@ -154,7 +155,7 @@ def test_verified_shards_are_counted(shards: Path, capsys: pytest.CaptureFixture
 def test_a_contact_sheet_has_two_columns_of_samples(shards: Path, n: int, rows: int) -> None:
     assert call("preview", shards, "--n", n, "--out", shards / "deep" / "sheet.png") == 0
     sheet = cv2.imread(str(shards / "deep" / "sheet.png"))
-    assert sheet.shape == (180 * rows, 2 * 5 * 180, 3)
+    assert sheet.shape == (HEADING_PX + 180 * rows, 2 * 5 * 180, 3)
     last = sheet[-180:, 900:]
     assert (last == 255).all() == (n in (1, 3, 99))  # nothing beside an odd sample
 
@@ -170,7 +171,7 @@ def test_a_contact_sheet_survives_pictures_of_other_shapes_and_far_landmarks(tmp
     narrow = replace(triplet, layers=layers, image=image, landmarks2d=landmarks2d)
     write_shard(tmp_path / "shard-00001.h5", header, [replace(narrow, sample_id="narrow")])
     assert call("preview", tmp_path) == 0
-    assert cv2.imread(str(tmp_path / "preview.jpg")).shape == (180, 1800, 3)
+    assert cv2.imread(str(tmp_path / "preview.jpg")).shape == (HEADING_PX + 180, 1800, 3)
 
 
 def test_previews_that_cannot_be_made_are_one_line(

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32, UInt64
 from numpy import ndarray
 
-from pix2face.shards.triplet import PICTURE, PictureKind
+from pix2face.shards.triplet import JITTER_OF, PICTURE, PictureKind
 
 # Such as AFW/AFW_134212_1_0, AFW_Flip/AFW_134212_1_0, LFPW/LFPW_image_train_0001_3: the last number is of the turn.
 _300W_LP_NAME = re.compile(r"(?:.*/)?((?:AFW|HELEN|IBUG|LFPW)_.+)_\d+")
@@ -34,9 +34,9 @@ class PersonGroups:
         # A sample whose model has no identity components says nothing by having none.
         first = _hash(b"identity", identity.tobytes() if identity.size else sample_id.encode())
         roots = {self._root(first)}
-        if "jitter_of" in attributes:
-            roots.add(self._root(_hash(b"face", str(attributes["jitter_of"]).encode())))
-        photograph = _300W_LP_NAME.fullmatch(str(attributes.get("jitter_of", sample_id)))
+        if JITTER_OF in attributes:
+            roots.add(self._root(_hash(b"face", str(attributes[JITTER_OF]).encode())))
+        photograph = _300W_LP_NAME.fullmatch(str(attributes.get(JITTER_OF, sample_id)))
         if photograph and attributes.get(PICTURE) == PictureKind.PHOTOGRAPH:
             roots.add(self._root(_hash(b"photograph", photograph[1].encode())))
         smallest = min(roots)

@@ -3,12 +3,19 @@
 const set = JSON.parse(document.getElementById("samples").textContent);
 const at = (id) => document.getElementById(id);
 let sample = 0;
-let layer = set.layers[0] || "";
+const layers = set.layers.map(([name]) => name);
+let layer = layers[0] || "";
 
-function line(table, name, value) {
-  const row = table.insertRow();
-  row.insertCell().textContent = name;
-  row.insertCell().textContent = value;
+function attributeTable([part, lines]) {
+  const table = document.createElement("table");
+  if (part) table.createCaption().textContent = part;
+  for (const [label, value, name] of lines) {
+    const row = table.insertRow();
+    row.title = name;
+    row.insertCell().textContent = label;
+    row.insertCell().textContent = value;
+  }
+  return table;
 }
 
 function drawLandmarks(shown) {
@@ -41,8 +48,8 @@ function show() {
   at("place").textContent = `${sample + 1} of ${set.samples.length}`;
   at("name").textContent = shown.id;
   at("layer").value = layer;
-  at("attributes").replaceChildren();
-  for (const [name, value] of shown.attributes) line(at("attributes"), name, value);
+  at("legend").textContent = set.layers.filter(([name]) => name === layer).map((one) => one[2]).join("");
+  at("attributes").replaceChildren(...shown.attributes.map(attributeTable));
   at("regions").toggleAttribute("hidden", !layer.endsWith("regions"));
 }
 
@@ -56,11 +63,11 @@ function turn(by) {
 }
 
 function change(by) {
-  if (set.layers.length) layer = step(set.layers, layer, by);
+  if (layers.length) layer = step(layers, layer, by);
   show();
 }
 
-for (const name of set.layers) at("layer").append(new Option(name, name));
+for (const [name, title] of set.layers) at("layer").append(new Option(title, name));
 set.regions.forEach(([name, colour]) => {
   const row = at("regions").insertRow();
   const swatch = document.createElement("span");

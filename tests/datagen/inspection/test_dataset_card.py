@@ -163,7 +163,7 @@ def test_the_examples_run_and_read_what_is_there(
 ) -> None:
     package, plain = examples(card({}, compression, layers=layers))
     is_planar = layers != ("mask",) and COMPRESSIONS[compression].is_predicted
-    assert (len(package.splitlines()), len(plain.splitlines())) == (3, 5 if is_planar else 4)
+    assert (len(package.splitlines()), len(plain.splitlines())) == (5, 5 if is_planar else 4)
     assert ("hdf5plugin" in plain) == (compression == "zstd")
     check = "import json, sys; json.dump([str(values.dtype), values.tolist()], sys.stdout)"
     run = [sys.executable, "-W", "error", "-c"]

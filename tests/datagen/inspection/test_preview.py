@@ -19,7 +19,7 @@ from numpy import ndarray
 
 from datagen.cli import main
 from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_colour
-from datagen.inspection.preview import contact_sheet, spread_triplets
+from datagen.inspection.preview import HEADING_PX, contact_sheet, spread_triplets
 from datagen.inspection.preview_page import LARGEST_SIDE_PX, json_for_html, preview_page
 from pix2face.files.images import encode_image
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
@@ -105,9 +105,13 @@ def test_a_sheet_shows_what_is_there(
 ) -> None:
     triplet = replace(base[1], image=encode_image(np.full((60, 40, 3), 77, np.uint8)), layers=all_layers())
     write_shard(tmp_path / "few" / "shard-00000.h5", replace(base[0], layers=layers), [triplet])
-    assert contact_sheet(tmp_path / "few", 1).shape == (180, 2 * 180 * n_tiles, 3)
+    sheet = contact_sheet(tmp_path / "few", 1)
+    assert sheet.shape == (HEADING_PX + 180, 2 * 180 * n_tiles, 3)
+    headings = np.split(sheet[:HEADING_PX], 2 * n_tiles, axis=1)
+    assert all((heading < 128).any() for heading in headings)
+    assert len({heading.tobytes() for heading in headings}) == n_tiles  # each column has one of its own
     page = read_page(preview_page("t", spread_triplets(tmp_path / "few", 1)))
-    assert page.data["layers"] == [name for name in LAYERS if name in layers]
+    assert [name for name, _, _ in page.data["layers"]] == [name for name in LAYERS if name in layers]
     assert (page.data["samples"][0]["image"] is not None) == ("image" in layers)
 
 
@@ -151,8 +155,7 @@ def test_names_stay_text(shards: Path) -> None:
     assert found.text["h1"] == found.text["title"] == HOSTILE
     hostile = found.data["samples"][-1]
     assert hostile["id"] == HOSTILE
-    assert [HOSTILE, HOSTILE] in hostile["attributes"]
-    assert ["yaw_deg", "12.35"] in hostile["attributes"]
+    assert hostile["attributes"] == [["", [[HOSTILE, HOSTILE, HOSTILE], ["yaw", "12.35°", "yaw_deg"]]]]
     assert found.data["regions"] == [["skin", "#f05a5a"], [HOSTILE, "#4276eb"]]
     assert "alert(1)" in found.text["samples"]
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")

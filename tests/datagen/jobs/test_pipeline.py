@@ -11,6 +11,7 @@ import pytest
 import scipy.io
 
 from datagen.cli import main
+from datagen.inspection.preview import HEADING_PX
 from datagen.jobs.executors import ProcessPool
 from datagen.jobs.pipeline import JobSummary, open_job, run_job
 from datagen.jobs.render_job import RenderJob
@@ -231,7 +232,7 @@ def test_wrong_calls_are_one_clear_line(
 def test_preview_draws_a_sheet(rendered: Path, tmp_path: Path) -> None:
     assert main(["preview", str(rendered), "--out", str(tmp_path / "sheet.png"), "--n", "4"]) == 0
     sheet = cv2.imread(str(tmp_path / "sheet.png"))
-    assert sheet.shape == (360, 1800, 3)
+    assert sheet.shape == (HEADING_PX + 360, 1800, 3)
     assert sheet.std() > 20
 
 
@@ -246,3 +247,6 @@ def test_verify_finds_damage_by_name(rendered: Path, tmp_path: Path, capsys: pyt
     printed = capsys.readouterr().out
     assert "shard-00002.h5" in printed
     assert "occurs twice" in printed
+    (out / "shard-00002.h5").unlink()  # the last one: only the job's configuration says that it is missing
+    assert main(["verify", str(out)]) == 2
+    assert "1 missing: shard-00002.h5" in capsys.readouterr().out

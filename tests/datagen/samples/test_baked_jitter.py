@@ -16,6 +16,7 @@ from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
 from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader
+from pix2face.shards.triplet import JITTER_OF
 from tests.model_files import stored_small_head
 
 N_FACES, N_VARIANTS, SIZE_PX = 3, 4, 96
@@ -85,7 +86,7 @@ def test_photograph_and_landmarks_of_a_variant_belong_together(faces, shards):
     row_of = {name: row for row, name in enumerate(table.sample_ids)}
     n_checked = 0
     for triplet, image in triplets(shards):
-        row = row_of[str(triplet.attributes["jitter_of"])]
+        row = row_of[str(triplet.attributes[JITTER_OF])]
         if not table.image_paths[row]:
             continue
         vertices = model.vertices(table.identity[row][None], table.expression[row][None])[0]

@@ -14,6 +14,7 @@ import pytest
 from pix2face.commands import track_cli
 from pix2face.commands.cli import main
 from pix2face.detectors import detection
+from pix2face.evaluation.subjects.tracks_as_predictions import read_tracks
 from pix2face.files.images import encode_image
 from pix2face.geometry.landmarks import read_pts
 from pix2face.inference.predictor import Predictor
@@ -89,6 +90,10 @@ def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
     assert archive["landmarks3d"].shape == (N_FRAMES, 68, 3)
     assert archive["identity"].tolist() == summary["faces"][0]["identity"]
     assert str(archive["model_name"]) == model.name
+    names = {f"{tmp_path.name}/{index + 1:06d}" for index in range(N_FRAMES)}
+    measured = read_tracks(tmp_path.parent, names, {})  # as `evaluate --tracks` reads it
+    np.testing.assert_array_equal(measured.landmarks2d, archive["landmarks2d"])
+    np.testing.assert_array_equal(measured.pose_deg, archive["pose_deg"])
     (face,) = summary["faces"]
     assert (face["frames"], face["frames_detected"], face["frames_carried"]) == (N_FRAMES, N_FRAMES, 0)
     assert face["jitter_percent_raw"] == face["jitter_percent_smoothed"] > 0

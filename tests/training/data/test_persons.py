@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pix2face.shards.triplet import JITTER_OF, PICTURE, PictureKind
 from training.data.persons import PersonGroups
 
 A, B, C = (np.array([value, 0.5], dtype=np.float32) for value in (1, 2, 3))
@@ -22,9 +23,9 @@ def test_the_same_coefficients_are_the_same_person():
 
 def test_variants_of_a_face_are_one_person_mirrored_or_not():
     one, mirrored, other = hashes(
-        ("f/jitter-0", A, {"jitter_of": "f"}),
-        ("f/jitter-1", B, {"jitter_of": "f"}),
-        ("g/jitter-0", C, {"jitter_of": "g"}),
+        ("f/jitter-0", A, {JITTER_OF: "f"}),
+        ("f/jitter-1", B, {JITTER_OF: "f"}),
+        ("g/jitter-0", C, {JITTER_OF: "g"}),
     )
     assert one == mirrored != other
 
@@ -41,15 +42,13 @@ def test_variants_of_a_face_are_one_person_mirrored_or_not():
     ],
 )
 def test_the_turned_copies_of_a_photograph_are_one_person(first, second, is_same):
-    photograph = {"picture": "photograph"}
+    photograph = {PICTURE: PictureKind.PHOTOGRAPH}
     one, other = hashes((first, A, photograph), (second, B, photograph))
     assert (one == other) == is_same
 
 
 def test_samples_are_joined_through_others():
-    found = hashes(
-        ("f/jitter-0", A, {"jitter_of": "f"}), ("x", C, {}), ("f/jitter-1", B, {"jitter_of": "f"}), ("y", B, {})
-    )
+    found = hashes(("f/jitter-0", A, {JITTER_OF: "f"}), ("x", C, {}), ("f/jitter-1", B, {JITTER_OF: "f"}), ("y", B, {}))
     assert found[0] == found[2] == found[3] != found[1]
 
 
@@ -61,12 +60,12 @@ def test_a_model_without_identity_tells_nobody_apart_by_it():
 @given(st.permutations(range(6)))
 def test_the_order_of_samples_changes_nothing(order):
     samples = [
-        ("f/jitter-0", A, {"jitter_of": "f"}),
-        ("f/jitter-1", B, {"jitter_of": "f"}),
+        ("f/jitter-0", A, {JITTER_OF: "f"}),
+        ("f/jitter-1", B, {JITTER_OF: "f"}),
         ("x", C, {}),
         ("y", B, {}),
-        ("AFW/AFW_1_1_0", C, {"picture": "photograph"}),
-        ("AFW/AFW_1_1_1", A * 7, {"picture": "photograph"}),
+        ("AFW/AFW_1_1_0", C, {PICTURE: PictureKind.PHOTOGRAPH}),
+        ("AFW/AFW_1_1_1", A * 7, {PICTURE: PictureKind.PHOTOGRAPH}),
     ]
     found = hashes(*(samples[place] for place in order))
     assert dict(zip(order, found, strict=True)) == dict(enumerate(hashes(*samples)))

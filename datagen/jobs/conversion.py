@@ -1,13 +1,15 @@
-"""A folder of coefficient files or annotated photographs becomes one table: in streaming, on any number of processes.
+"""Converts a folder of coefficient files or annotated photographs into one table, on any number of processes.
 
-What a face becomes depends on its files and the model alone, and faces are written in the order of the source, so the
-table is the same for any number of workers. A face that cannot be used is listed with its reason; the rest is done.
+Each face depends on its files and the model alone, and faces are written in the order of the source as they come. So
+the table is the same for any number of workers, and memory does not grow with the number of faces. Faces that cannot
+be used are listed with the reason.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -18,15 +20,15 @@ import numpy as np
 
 from datagen.faces.fit_landmark_folder import AnnotatedFolder
 from datagen.faces.sources import FaceSource, W300LPFolder, is_text
-from datagen.faces.text_files import write_rejected
 from pix2face import __version__
+from pix2face.command_line import write_rejected
 from pix2face.errors import SampleRejectedError, UsageError
 from pix2face.face_files.coefficient_writing import CoefficientWriter, TableHeader
 from pix2face.face_files.coefficients import Face, configuration_to_json
 from pix2face.models.morphable_model import MorphableModel, open_model
 
 FACES_PER_TASK = 64
-# Tasks that are under way or wait to be written: what bounds memory.
+# Tasks that run or wait to be written; this bounds the memory.
 TASKS_AT_ONCE = 16
 
 Outcome = Face | tuple[str, str]
@@ -39,7 +41,7 @@ class ConversionJob:
 
     Attributes:
         folder: The source.
-        kind: 300W-LP's or AFLW2000-3D's coefficient files, or photographs with annotated points.
+        kind: Coefficient files of 300W-LP or AFLW2000-3D, or photographs with annotated points.
         model: ``builtin`` or the path of a model file.
     """
 
@@ -51,12 +53,7 @@ class ConversionJob:
 @final
 @dataclass(frozen=True)
 class ConversionSummary:
-    """What a job did.
-
-    Attributes:
-        n_faces: Rows of the table.
-        rejected: Id and reason of each face that could not be used.
-    """
+    """The result of a job: the number of faces in the table, and id and reason of each rejected face."""
 
     n_faces: int
     rejected: tuple[tuple[str, str], ...]
@@ -64,7 +61,7 @@ class ConversionSummary:
 
 @lru_cache(maxsize=1)
 def open_job(job: ConversionJob) -> tuple[MorphableModel, FaceSource]:
-    """The model and the source of a job, kept until ``convert`` is done: listing a large folder takes seconds.
+    """Opens model and source of a job. They are kept until ``convert`` is done: listing a large folder takes seconds.
 
     Raises:
         UsageError: The folder is not there, or holds nothing of the kind.
@@ -81,26 +78,17 @@ def open_job(job: ConversionJob) -> tuple[MorphableModel, FaceSource]:
 def convert(
     job: ConversionJob, out: Path, executor: Executor | None, on_progress: Callable[[int], None]
 ) -> ConversionSummary:
-    """Writes the table of a job, and the list of what was rejected beside it.
+    """Writes the table of a job, and the list of rejected faces beside it.
 
     Args:
         job: What to read.
         out: The table to write.
-        executor: Where faces are read and fitted; None is here.
+        executor: Where faces are read and fitted; None for this process.
         on_progress: Called with the number of faces that have just been finished.
 
     Raises:
-        UsageError: The source holds nothing, no face of it can be used, or a worker died.
+        UsageError: The source is empty, none of its faces can be used, or a worker died.
     """
-    try:
-        return _convert(job, out, executor, on_progress)
-    finally:
-        open_job.cache_clear()  # the folder may change before the next call
-
-
-def _convert(
-    job: ConversionJob, out: Path, executor: Executor | None, on_progress: Callable[[int], None]
-) -> ConversionSummary:
     model, source = open_job(job)
     configuration = {"source": job.folder.name, "source_sha256": source.sha256, "kind": job.kind}
     header = TableHeader(
@@ -113,7 +101,9 @@ def _convert(
         configuration=configuration_to_json({**configuration, "generator": f"pix2face {__version__}"}),
     )
     rejected: list[tuple[str, str]] = []
-    with CoefficientWriter(out, header) as writer:
+    with ExitStack() as stack:
+        stack.callback(open_job.cache_clear)  # the folder may change before the next call
+        writer = stack.enter_context(CoefficientWriter(out, header))
         for outcomes in _outcomes(job, len(source.sample_ids), executor):
             for outcome in outcomes:
                 if isinstance(outcome, Face):
@@ -129,7 +119,7 @@ def _convert(
 
 
 def read_faces(job: ConversionJob, start: int, stop: int) -> list[Outcome]:
-    """Reads some faces of a source: what a worker runs."""
+    """Reads some faces of a source, in a worker."""
     _, source = open_job(job)
     outcomes: list[Outcome] = []
     for index in range(start, stop):
@@ -141,7 +131,7 @@ def read_faces(job: ConversionJob, start: int, stop: int) -> list[Outcome]:
 
 
 def _checked(face: Face) -> Face:
-    """Refuses what a table cannot hold."""
+    """Refuses faces that a table cannot hold."""
     if not all(np.isfinite(values).all() for values in (face.identity, face.expression, face.camera.matrix)):
         raise SampleRejectedError(f"{face.sample_id}: expected finite coefficients, found NaN or infinity")
     if not is_text(str(face.image_path)):
@@ -150,7 +140,7 @@ def _checked(face: Face) -> Face:
 
 
 def _outcomes(job: ConversionJob, n: int, executor: Executor | None) -> Iterator[list[Outcome]]:
-    """The faces of the source in its order, a task at a time."""
+    """The faces of the source in order, one task at a time."""
     tasks = ((job, start, min(start + FACES_PER_TASK, n)) for start in range(0, n, FACES_PER_TASK))
     if executor is None:
         for task in tasks:
@@ -164,11 +154,8 @@ def _outcomes(job: ConversionJob, n: int, executor: Executor | None) -> Iterator
             running.extend(executor.submit(read_faces, *task) for task in islice(tasks, 1))
     except BrokenProcessPool as error:
         raise UsageError("a worker died (out of memory?); run the same command again with fewer --workers") from error
-    finally:
-        for future in running:
-            future.cancel()
 
 
 def _as_text(text: str) -> str:
-    """A text that UTF-8 can hold: bytes of file names that are none appear as their escapes."""
+    """A text that UTF-8 can hold: other bytes of file names become escapes."""
     return text.encode("utf-8", "backslashreplace").decode()

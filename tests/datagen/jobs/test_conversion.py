@@ -1,8 +1,6 @@
 """Folders become tables: complete, the same for any number of workers, hard to break."""
 
 import json
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +10,10 @@ import pytest
 import scipy.io
 
 from datagen.cli import main
-from datagen.faces.coefficient_summary import group_reasons, summarise_table
-from datagen.faces.conversion import FACES_PER_TASK, ConversionJob, ConversionSummary, convert
 from datagen.faces.sources import TableSource, W300LPFolder
+from datagen.inspection.coefficient_summary import group_reasons, summarise_table
+from datagen.jobs.conversion import FACES_PER_TASK, ConversionJob, ConversionSummary, convert
+from datagen.process_pool import process_pool
 from pix2face.errors import UsageError
 from pix2face.face_files.coefficients import load_coefficients
 from pix2face.model_formats.bfm2009 import PUBLISHED_BASIS
@@ -109,7 +108,7 @@ def test_more_workers_give_the_same_bytes(
 ) -> None:
     # As deep as the other table, so that pictures have the same relative paths.
     out = converted[0].parent.with_name("workers") / "faces.h5"
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+    with process_pool(2) as executor:
         convert(ConversionJob(folder, "300wlp", str(model_path)), out, executor, lambda n: None)
     assert out.read_bytes() == converted[0].read_bytes()
 
@@ -164,14 +163,14 @@ def test_the_command_says_what_it_did(
     for expected in (
         "133 (133 with a photograph)",
         "small synthetic head",
-        "identity RMS",
-        "60 x 60 px",
+        "beyond 3 sd",
+        "60 x 60",
         "10 numbers a face",
     ):
         assert expected in shown
     assert main(["coeffs", "info", str(folder)]) == 0
     shown = capsys.readouterr().out
-    for expected in ("133 with a picture, 2 that", "pt3d_68 in 133", "1 x ... expected its picture"):
+    for expected in ("133 with a picture, 2 that", "pt3d_68 in 133", "1 x ... expected its picture", "0 to 15 °"):
         assert expected in shown
 
 
@@ -217,7 +216,7 @@ def test_reasons_are_grouped_whatever_file_they_name() -> None:
 
 
 def test_rare_poses_are_named(converted: tuple[Path, ConversionSummary]) -> None:
-    summary = summarise_table(load_coefficients(converted[0]))
-    assert summary.shares["yaw"]["-30..30°"] > 0.9
-    assert any(name.startswith("yaw 60..90°") for name in summary.rare)
-    assert sum(summary.shares["yaw"].values()) == pytest.approx(1)
+    found = summarise_table(load_coefficients(converted[0])).statistics
+    yaw = next(one for one in found.histograms if one.name == "yaw")
+    assert yaw.counts.sum() == found.n_samples == 133
+    assert "yaw 15 to 180 °: 0 of 133 (0.00 %)" in found.rare()

@@ -11,14 +11,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from datagen.faces.coefficient_summary import CoefficientSummary, group_reasons, summarise_folder, summarise_table
-from datagen.faces.conversion import ConversionJob, ConversionSummary, convert, open_job
 from datagen.faces.model_transfer import Through, transfer_table
 from datagen.faces.sources import coefficient_paths
-from datagen.faces.text_files import REJECTED_FILE
+from datagen.inspection.coefficient_summary import CoefficientSummary, group_reasons, summarise_folder, summarise_table
+from datagen.inspection.statistics_tables import print_statistics
+from datagen.jobs.conversion import ConversionJob, ConversionSummary, convert, open_job
 from datagen.process_pool import process_pool
 from pix2face.command_line import (
     EXIT_REJECTED,
+    REJECTED_FILE,
     check_max_rejected,
     check_output_file,
     counted,
@@ -34,29 +35,41 @@ console = Console(stderr=True)
 SHOWN_REASONS = 10
 
 
-@dataclass(frozen=True)
-class CoeffsConvertConfig:
-    """Read a folder of 300W-LP or AFLW2000-3D files into one table.
-
-    With an imported BFM 2009 their coefficients are taken (in standard deviations); any other model is fitted to their
-    landmarks.
-    """
-
-    source: Annotated[Path, tyro.conf.arg(name="from")]
-    """Folder of .mat files with their pictures, with its subfolders."""
+@dataclass(frozen=True, kw_only=True)
+class _ConversionConfig:
     out: Path
     """Table to write (.h5). Faces that cannot be used are listed in rejected.jsonl beside it."""
     model: str = BUILTIN_MODEL
-    """``builtin``, or a model file made by ``datagen model import``."""
+    """`builtin`, or a model file made by `datagen model import`."""
     workers: int = os.cpu_count() or 1
-    """Processes that read and fit."""
+    """Number of processes that read and fit."""
     max_rejected: int = 0
-    """How many faces may be rejected before the exit status says so (3)."""
+    """Number of rejected faces that is accepted; with more, the exit status is 3."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoeffsConvertConfig(_ConversionConfig):
+    """Read a folder of 300W-LP or AFLW2000-3D files into one table.
+
+    With an imported BFM 2009, the table takes over the coefficients of the files (in standard deviations). Any other
+    model is fitted to their landmarks.
+    """
+
+    source: Annotated[Path, tyro.conf.arg(name="from")]
+    """Folder of .mat files with their pictures, including subfolders."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitConfig(_ConversionConfig):
+    """Configuration of ``datagen fit``."""
+
+    landmarks: Path
+    """Folder of photographs with 68 points each, in iBUG's .pts, in .mat files with pt3d_68, or in dlib's .xml."""
 
 
 @dataclass(frozen=True)
 class CoeffsInfoConfig:
-    """Print counts, model, poses, spread of the coefficients, what is rare and what was rejected."""
+    """Print the model, poses, coefficients and attributes of the faces, what is rare and what was rejected."""
 
     source: Annotated[Path, tyro.conf.Positional]
     """A table (.h5), or a folder of 300W-LP or AFLW2000-3D files."""
@@ -64,34 +77,18 @@ class CoeffsInfoConfig:
 
 @dataclass(frozen=True)
 class CoeffsRetargetConfig:
-    """Bring a table of one model to another model. The residual is printed."""
+    """Convert a table of one model to another model, and print the residual."""
 
     source: Annotated[Path, tyro.conf.arg(name="from")]
     """Table of coefficients (.h5)."""
     to: str
-    """The other model: ``builtin``, or a model file."""
+    """The other model: `builtin`, or a model file."""
     out: Path
     """Table to write (.h5)."""
     from_model: str = BUILTIN_MODEL
     """The model of the table."""
     through: Through = "dense"
-    """``dense``: nearest points of the two mean faces; ``landmarks``: the 68 landmarks alone."""
-
-
-@dataclass(frozen=True)
-class FitConfig:
-    """Configuration of ``datagen fit``."""
-
-    landmarks: Path
-    """Folder of photographs with 68 points each: .pts (iBUG) or .mat with pt3d_68 beside the picture, dlib's .xml."""
-    out: Path
-    """Table to write (.h5). Faces that cannot be used are listed in rejected.jsonl beside it."""
-    model: str = BUILTIN_MODEL
-    """``builtin``, or a model file made by ``datagen model import``."""
-    workers: int = os.cpu_count() or 1
-    """Processes that fit."""
-    max_rejected: int = 0
-    """How many faces may be rejected before the exit status says so (3)."""
+    """What is compared: `dense` takes nearest points of the two mean faces, `landmarks` the 68 landmarks alone."""
 
 
 def coeffs(
@@ -102,7 +99,7 @@ def coeffs(
         tyro.conf.arg(name=""),
     ],
 ) -> int:
-    """Convert coefficient files into a table, describe one, or bring one to another model."""
+    """Convert coefficient files into a table, describe a table, or convert it to another model."""
     if isinstance(command, CoeffsConvertConfig):
         return _run(ConversionJob(command.source, "300wlp", command.model), command)
     return _info(command) if isinstance(command, CoeffsInfoConfig) else _retarget(command)
@@ -113,7 +110,7 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
     return _run(ConversionJob(config.landmarks, "annotated", config.model), config)
 
 
-def _run(job: ConversionJob, config: CoeffsConvertConfig | FitConfig) -> int:
+def _run(job: ConversionJob, config: _ConversionConfig) -> int:
     check_max_rejected(config.max_rejected)
     if config.workers < 1:
         raise UsageError(f"expected at least one worker (--workers), found {config.workers}")
@@ -127,7 +124,7 @@ def _run(job: ConversionJob, config: CoeffsConvertConfig | FitConfig) -> int:
     return _report(summary, config)
 
 
-def _report(summary: ConversionSummary, config: CoeffsConvertConfig | FitConfig) -> int:
+def _report(summary: ConversionSummary, config: _ConversionConfig) -> int:
     say(console, f"{counted(summary.n_faces, 'face')} -> {config.out}")
     if summary.rejected:
         say(console, f"{len(summary.rejected)} rejected, listed in {config.out.parent / REJECTED_FILE}:")
@@ -159,16 +156,14 @@ def _print(summary: CoefficientSummary, source: Path) -> None:
     table = Table(show_header=False, title=Text(printable(source.name)))
     table.add_column()
     table.add_column(overflow="fold")
-    rows = dict(summary.facts)
-    for angle, bins in (summary.shares | summary.drawn).items():
-        rows[f"{angle}, share"] = ", ".join(f"{name}: {100 * share:.1f} %" for name, share in bins.items())
-    rows["rare (under 5 %)"] = ", ".join(summary.rare) or "no bin"
-    rows["rejected"] = str(sum(count for _, count in summary.reasons))
-    for name, value in rows.items():
+    for name, value in summary.facts.items():
         table.add_row(name, Text(printable(value)))
+    table.add_row("rejected", str(sum(count for _, count in summary.reasons)))
     for reason, count in summary.reasons[:SHOWN_REASONS]:
         table.add_row("", Text(printable(f"{count} x {reason}")))
-    Console().print(table)
+    out = Console()
+    out.print(table)
+    print_statistics(out, summary.statistics)
 
 
 def _retarget(config: CoeffsRetargetConfig) -> int:
