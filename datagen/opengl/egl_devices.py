@@ -1,4 +1,4 @@
-"""The devices that EGL can draw on, as its loader lists them; asked by ctypes, without making a context."""
+"""Lists the devices that EGL can draw on, by ctypes and without making a context."""
 
 import ctypes
 from collections.abc import Callable
@@ -19,10 +19,10 @@ class EGLDevice:
     """One device.
 
     Attributes:
-        index: What ``--device`` takes.
-        vendor: Whose driver it is, its name where known, and its version; "" where it does not start.
-        extensions: What it says of itself, such as EGL_MESA_device_software.
-        render_node: Its file, such as /dev/dri/renderD128; None where it has none.
+        index: Its number, for ``--device``.
+        vendor: Vendor, name (if known) and version of its driver; empty if the driver does not start.
+        extensions: Its EGL extensions, such as EGL_MESA_device_software.
+        render_node: Its file, such as /dev/dri/renderD128, or None.
     """
 
     index: int
@@ -37,7 +37,7 @@ class EGLDevice:
 
     @property
     def description(self) -> str:
-        """In words."""
+        """A description for messages."""
         name = self.vendor or "a driver that does not start"
         if "EGL_NV_device_cuda" in self.extensions:
             name += ", CUDA"
@@ -45,10 +45,10 @@ class EGLDevice:
 
 
 def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
-    """Lists the devices; the order is that of ``--device``. The driver of each is started to ask for its name.
+    """Lists the devices in the order of ``--device``. Starts the driver of each to ask for its name.
 
     Args:
-        library: EGL's, as the system's loader names it.
+        library: Name of EGL's library.
 
     Raises:
         OSError: There is no such library, or it cannot list devices.
@@ -58,7 +58,7 @@ def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
 
 
 def count_egl_devices(library: str = EGL_LIBRARY) -> int:
-    """How many devices there are; starts no driver.
+    """Counts the devices without starting their drivers.
 
     Raises:
         OSError: As ``egl_devices``.
@@ -93,7 +93,7 @@ def _describe(egl: ctypes.CDLL, index: int, handle: int | None) -> EGLDevice:
 
 
 def _vendor(egl: ctypes.CDLL, handle: int | None) -> str:
-    """Vendor, driver and version; needs the display started, which stays: another context may be using it."""
+    """Vendor, driver and version. The display stays initialised, because another context may be using it."""
     get_display = _function(egl, "eglGetPlatformDisplayEXT", _POINTER, [ctypes.c_uint, _POINTER, _POINTER])
     display = get_display(_EGL_PLATFORM_DEVICE, handle, None)
     initialise = _function(egl, "eglInitialize", ctypes.c_uint, [_POINTER, _POINTER, _POINTER])
@@ -109,7 +109,7 @@ def _vendor(egl: ctypes.CDLL, handle: int | None) -> str:
 
 
 def _function(egl: ctypes.CDLL, name: str, result: Any, arguments: list[Any]) -> Callable[..., Any]:
-    """A function of EGL or of one of its extensions."""
+    """Finds a function of EGL or of one of its extensions."""
     find = egl.eglGetProcAddress
     find.restype, find.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
     address = find(name.encode())

@@ -1,4 +1,4 @@
-"""An OpenGL context without a window: EGL first, OSMesa second, a clear error third."""
+"""Makes an OpenGL context without a window, by EGL or by OSMesa."""
 
 import os
 import threading
@@ -34,12 +34,12 @@ REMEDY = (
 @final
 @dataclass(frozen=True)
 class GLSettings:
-    """Which OpenGL to use, and how. Plain values: it travels to worker processes.
+    """Which OpenGL to use, and how. Plain values, which can be sent to worker processes.
 
     Attributes:
         backend: ``egl`` or ``osmesa``; None tries EGL, then OSMesa.
-        device: Which of the devices that EGL lists, from 0 (``datagen doctor`` names them); None takes the first.
-        rasteriser: ``compute`` (needs OpenGL 4.3), ``fragment``, or ``auto``: compute where it can be had.
+        device: Number of the device in EGL's list, from 0 (``datagen doctor`` shows the list); None takes the first.
+        rasteriser: ``compute`` (needs OpenGL 4.3), ``fragment``, or ``auto``: compute if possible.
     """
 
     backend: str | None = None
@@ -54,10 +54,10 @@ class GLSettings:
         return BACKENDS if self.device is None else ("egl",)
 
     def resolved(self, environment: Mapping[str, str] = os.environ) -> "GLSettings":
-        """What is left open here, filled in from PIX2FACE_GL, PIX2FACE_GL_DEVICE and PIX2FACE_RASTERISER.
+        """These settings, completed from PIX2FACE_GL, PIX2FACE_GL_DEVICE and PIX2FACE_RASTERISER.
 
         Raises:
-            UsageError: A value is none of those known, or two of them exclude each other.
+            UsageError: A value is unknown, or two values exclude each other.
         """
         settings = self
         if settings.backend is None and environment.get(ENVIRONMENT_VARIABLE):
@@ -92,15 +92,15 @@ class GLSettings:
 @final
 @dataclass(frozen=True, eq=False)
 class GLContext:
-    """An OpenGL context and where it comes from. It belongs to the thread that made it.
+    """An OpenGL context and its origin. It belongs to the thread that made it.
 
     Attributes:
-        context: What draws.
+        context: The context.
         backend: ``egl`` or ``osmesa``.
-        renderer: What the driver calls itself.
+        renderer: The driver's name for itself.
         version_code: 450 for OpenGL 4.5; at least 330.
-        rasteriser: What was asked for; ``choose_rasteriser`` says what that comes to.
-        device: Number of the EGL device that was asked for.
+        rasteriser: The requested rasteriser; ``choose_rasteriser`` turns ``auto`` into one of the others.
+        device: The requested number of the EGL device.
     """
 
     context: moderngl.Context
@@ -122,10 +122,9 @@ class GLContext:
             raise GLUnavailableError(f"expected {self.renderer} to draw, found {error}; is its memory full?")
 
     def release(self) -> None:
-        """Gives the context back; nothing made from it can be used afterwards.
+        """Destroys the context. Nothing made from it can be used afterwards.
 
-        Releasing leaves no context current. Of the others of this thread the youngest takes over, so that whoever
-        works on with it need not know that this one was there.
+        The youngest other context of this thread becomes current, so that its user need not know of this one.
         """
         others = [other for other in _living() if other is not self]
         if not isinstance(self.context.mglo, moderngl.InvalidObject):
@@ -148,12 +147,12 @@ def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
     """Makes an OpenGL context that needs no display, of the newest version that the driver has.
 
     Args:
-        settings: What to use; a name stands for a backend alone, None leaves everything open. What is open is taken
-            from the environment. Both backends bring Mesa's dispatch tables: use one of them in a process.
+        settings: What to use. A name chooses a backend alone. What is left open is taken from the environment. Both
+            backends bring Mesa's dispatch tables: use one of them in a process.
 
     Raises:
         UsageError: There is no such backend or device.
-        GLUnavailableError: None could be made; the message says what each backend complained about.
+        GLUnavailableError: No context could be made. The message has the complaint of each backend.
     """
     chosen = (settings if isinstance(settings, GLSettings) else GLSettings(settings)).resolved()
     failures = []
@@ -176,10 +175,10 @@ def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
 
 
 def choose_rasteriser(rasteriser: Rasteriser, version_code: int) -> Literal["compute", "fragment"]:
-    """The path that a setting comes to on a version of OpenGL.
+    """The rasteriser that a setting means for a version of OpenGL.
 
     Raises:
-        GLUnavailableError: Compute shaders were asked for, and there are none.
+        GLUnavailableError: Compute shaders were requested, and this version has none.
     """
     if rasteriser == "fragment" or (rasteriser == "auto" and version_code < COMPUTE_VERSION):
         return "fragment"

@@ -1,11 +1,11 @@
-"""OSMesa: OpenGL into plain memory, for machines without EGL; moderngl has no backend for it."""
+"""OSMesa draws into plain memory, for machines without EGL. moderngl has no backend for it."""
 
 import ctypes
 from collections.abc import Sequence
 from typing import Any, final
 
 OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
-# The newest first: OSMesa gives what was asked for and not one version more.
+# The newest first: OSMesa gives exactly the version that is requested.
 VERSIONS = ((4, 5), (4, 3), (3, 3))
 
 # From GL/osmesa.h and GL/gl.h.
@@ -14,10 +14,10 @@ _OSMESA_MAJOR, _OSMESA_MINOR, _GL_RGBA, _GL_UNSIGNED_BYTE = 0x36, 0x37, 0x1908, 
 
 
 def load_osmesa(names: Sequence[str] = OSMESA_LIBRARIES) -> ctypes.CDLL:
-    """The library, by the first of its names that the system knows.
+    """Loads the library by the first name that the system knows.
 
     Raises:
-        OSError: None of them can be loaded; the message is the complaint about the first.
+        OSError: No name can be loaded. The message is the complaint about the first.
     """
     complaints = []
     for name in names:
@@ -30,7 +30,7 @@ def load_osmesa(names: Sequence[str] = OSMESA_LIBRARIES) -> ctypes.CDLL:
 
 @final
 class OSMesaContext:
-    """The protocol by which moderngl takes a context of somebody else's: load, enter, exit, release.
+    """A context with the methods that moderngl needs of a foreign context: load, enter, exit, release.
 
     Args:
         library: From ``load_osmesa``.

@@ -1,4 +1,4 @@
-"""A model in the driver: textures of its pairs and of the face that is being drawn, and the programs over them."""
+"""A model on the GPU: textures of its triangle pairs and of the current face, and the programs that read them."""
 
 from importlib.resources import files
 from typing import final

@@ -1,4 +1,4 @@
-"""From the triangle that each pixel sees to maps and layers: both rasterisers share this pass."""
+"""Turns the triangle that each pixel sees into maps and layers, for both rasterisers."""
 
 import math
 from dataclasses import dataclass
@@ -47,11 +47,11 @@ class MapDrawer:
     """Draws the maps and further layers of one model.
 
     Args:
-        mesh: The model in the driver.
+        mesh: The model on the GPU.
         model: The model.
 
     Attributes:
-        seen_per_pixel: What the rasteriser said of the texture that is bound.
+        seen_per_pixel: Texels per pixel and direction of the bound texture, as the rasteriser returned it.
     """
 
     seen_per_pixel: int
@@ -68,7 +68,7 @@ class MapDrawer:
         self._values: dict[str, moderngl.Texture] = {}
 
     def draw(self, projection: ScreenProjection, height: int, width: int, with_regions: bool) -> RenderedMaps:
-        """Draws what every rendering has; the rasteriser must have seen the projection.
+        """Draws the maps that every rendering has, after the rasteriser has seen the projection.
 
         Args:
             projection: Of the face.
@@ -112,7 +112,7 @@ class MapDrawer:
         """Draws one of ``ATTRIBUTES``, after ``draw``.
 
         Raises:
-            UsageError: The model has not what it needs.
+            UsageError: The model lacks what the attribute needs.
         """
         attribute = ATTRIBUTES[name]
         self._bind(name, attribute, vertices, camera)

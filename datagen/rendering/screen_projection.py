@@ -1,4 +1,4 @@
-"""A posed face in the terms of the rasterisers: float32 on the screen, from float64, and the way back."""
+"""Projects a posed face for the rasterisers (float64 to float32 on the screen), and describes the way back."""
 
 from dataclasses import dataclass
 from typing import final
@@ -27,7 +27,7 @@ class ScreenProjection:
     (row - middle[1]) along_row. All these numbers are of the size of the face, which float32 needs.
 
     Attributes:
-        screen: Column, row (px), order (mm) of each vertex, and a fourth number of no meaning.
+        screen: Column, row (px) and order (mm) of each vertex; the fourth number has no meaning.
         box_px: Left, top, right, bottom of the pixels that the face may cover; right and bottom are excluded.
         order_range_mm: Smallest and largest order.
         reference_mm: Depth of order 0.

@@ -1,7 +1,7 @@
-"""The mesh as the rasterisers take it: triangles in pairs that share an edge, neighbours near each other in memory.
+"""Arranges a mesh for the rasterisers: triangles in pairs that share an edge, and neighbours close in memory.
 
-A pair has four corners instead of six, and one bounding box: a third of the work of two triangles. Worked out once for
-a model.
+A pair has four corners instead of six, and one bounding box, which saves a third of the work. It is computed once for
+each model.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class TrianglePairs:
         return np.ascontiguousarray(self.corners[:, [0, 1, 2, 0, 2, 3]]).reshape(-1, 3)
 
     def at_corners(self, numbers: Int32[ndarray, "m 3"]) -> Int32[ndarray, "t 3"]:
-        """Something that the mesh gives for the corners of its triangles, for the corners of these."""
+        """Rearranges values at the corners of the mesh's triangles for the corners of these."""
         return np.ascontiguousarray(np.take_along_axis(numbers[self.source], self.source_corner, axis=1))
 
 

@@ -1,4 +1,4 @@
-"""What shaders need to know of the camera of a scene."""
+"""The camera of a scene as the shaders need it."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -48,7 +48,7 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> tuple[C
 
 
 def depth_range(scene: Scene, camera: Camera) -> tuple[float, float]:
-    """Nearest depth and extent of all that is drawn, mm; of a pinhole, of what is before it."""
+    """Nearest depth and extent of everything that is drawn, mm. A pinhole counts only what is before it."""
     parts = [scene.head.vertices, *(mesh.vertices for mesh in scene.meshes if len(mesh.vertices))]
     depths = [camera.depth(points) for points in parts]
     low, high = min(float(depth.min()) for depth in depths), max(float(depth.max()) for depth in depths)

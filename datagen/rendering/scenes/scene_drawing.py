@@ -1,7 +1,7 @@
 """Draws a scene: a head and everything around it, lit, with shadows, and what each pixel shows.
 
-Steps, in the order that costs least where the processor draws. There the set-up of triangles is dear, those of a face
-are smaller than a pixel, and every triangle in a block of pixels would shade the whole block.
+The order of the steps costs least where the processor draws. There the set-up of triangles is expensive, triangles of
+a face are smaller than a pixel, and each triangle in a block of pixels would shade the whole block.
 
 1. A depth map from each light, of a coarser head and of the objects.
 2. What is seen: which triangle of the head, or which kind of object, at three samples a pixel in each direction.
@@ -59,9 +59,9 @@ class SceneDrawer:
     Args:
         model: Triangles and texture coordinates.
         gl: Where to draw. It is made current whenever something is drawn.
-        textures: Of all parts, by the sampler's name.
+        textures: Textures of all parts, by the name of the sampler.
         head_paint: Eight numbers for each vertex, for ``skin.glsl``.
-        occlusion: How much ambient light arrives at each vertex, 0..1.
+        occlusion: Share of the ambient light that arrives at each vertex, 0 to 1.
 
     Raises:
         UsageError: Paint or a texture has the wrong size or kind.
@@ -105,10 +105,10 @@ class SceneDrawer:
         """Draws a scene.
 
         Args:
-            scene: What stands before the camera.
+            scene: The head, the objects and the light.
             camera: From the model frame to the picture.
             height: Rows of the picture.
-            width: Its columns.
+            width: Columns of the picture.
 
         Raises:
             DegenerateGeometryError: The camera flattens space.
@@ -137,7 +137,7 @@ class SceneDrawer:
         return ScenePicture(radiance=colours[..., :3], coverage=np.clip(colours[..., 3], 0, 1), labels=labels)
 
     def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
-        """Step 1; what the shaders need to know of it."""
+        """Step 1. Returns the uniforms of the shadow maps."""
         shadowing = [program for name, program in used.items() if name == "bare" or name.endswith(" object_shadow")]
         # What lies around the neck and lower takes the sky from little but itself.
         chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
@@ -164,7 +164,7 @@ class SceneDrawer:
     def _draw_seen(
         self, scene: Scene, view: ClipTransform, target: SceneTarget, inside: tuple[int, int, int, int] | None
     ) -> None:
-        """Step 2; ``inside`` is where backs of the head's triangles may be seen."""
+        """Step 2. ``inside`` is the box in which the backs of the head's triangles may be seen."""
         context, framebuffer = self._context, target.seen
         width, height = framebuffer.size
         framebuffer.use()
@@ -210,7 +210,7 @@ class SceneDrawer:
         self._context.depth_func = "<"
 
     def _draw_head(self, target: SceneTarget) -> None:
-        """Step 3: nothing but a test of depth spares pixels that show something else."""
+        """Step 3. Only a depth test skips pixels that show something else."""
         kinds = target.kinds
         kinds.color_mask, kinds.depth_mask = (False, False, False, False), True
         kinds.use()

@@ -1,4 +1,4 @@
-"""The head of a scene in the driver: vertices to draw what is seen, textures to shade pixels from."""
+"""The head of a scene on the GPU: vertices that show what is seen, and textures for shading."""
 
 from typing import Any, final
 
@@ -27,7 +27,7 @@ class SceneHead:
         model: Triangles and texture coordinates; without these, uv is 0.
         context: Where.
         paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
-        occlusion: How much ambient light arrives at each vertex, 0..1.
+        occlusion: Share of the ambient light that arrives at each vertex, 0 to 1.
         programs: The one that draws depth alone, and the one that draws which triangle a sample sees.
     """
 
@@ -65,7 +65,7 @@ class SceneHead:
         self._coarse = context.vertex_array(bare.program, content, context.buffer(coarse))
 
     def load(self, head: PosedHead) -> None:
-        """Uploads a face, and binds what shades it."""
+        """Uploads a face, and binds the textures that shade it."""
         for (name, moving), values in zip(self._moving.items(), (head.vertices, head.normals), strict=True):
             moving[: len(self._source), :3] = values.take(self._source, axis=0)  # three times as fast as by brackets
             self._textures[f"head_{name}"].write(moving)

@@ -1,4 +1,4 @@
-"""What is in a scene beside the head, in the driver."""
+"""The objects of a scene, all but the head, on the GPU."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,9 +24,9 @@ class Run:
     """Triangles of one mesh that are drawn at once.
 
     Attributes:
-        mesh: Which of the scene's meshes.
-        first: Where they begin, in corners.
-        count: How many corners.
+        mesh: Number of the mesh in the scene.
+        first: The first corner.
+        count: Number of corners.
     """
 
     mesh: int
@@ -40,12 +40,12 @@ class ObjectMeshes:
 
     Args:
         context: Where.
-        programs: What may draw them, by name.
+        programs: The programs that may draw them, by name.
 
     Attributes:
-        opaque: Runs of meshes that hide what is behind.
-        blended: Runs of the others, far to near.
-        soft: The same triangles mesh by mesh, which takes fewer draws, for what asks for no order.
+        opaque: Runs of opaque meshes.
+        blended: Runs of transparent meshes, far to near.
+        soft: The same triangles mesh by mesh, for passes that need no order: fewer draws.
     """
 
     def __init__(self, context: moderngl.Context, programs: Mapping[str, SceneProgram]) -> None:
@@ -117,7 +117,7 @@ class ObjectMeshes:
 
 
 def joined(runs: Sequence[Run]) -> list[Run]:
-    """Runs that lie one behind the other as one, for what does not ask whose triangles they are: fewer draws."""
+    """Joins runs that follow each other, for passes that treat all meshes alike: fewer draws."""
     found: list[Run] = []
     for run in runs:
         if found and run.first == found[-1].first + found[-1].count:

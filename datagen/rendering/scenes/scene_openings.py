@@ -1,7 +1,6 @@
-"""Where the inside of a head may be seen: backs of triangles show themselves through openings of the mesh alone.
+"""Finds where the inside of a head may be seen: only openings of the mesh show the backs of its triangles.
 
-Triangles that turn their back are half of all, and drawing them costs half of the time. A mesh that is closed but for
-some openings shows them nowhere else.
+Half of all triangles turn their back to the camera, and drawing them takes half of the time.
 """
 
 from typing import final
@@ -38,7 +37,7 @@ class Openings:
     def box(
         self, vertices: Float32[ndarray, "v 3"], camera: Camera, height: int, width: int
     ) -> tuple[int, int, int, int] | None:
-        """The part of an image in which the inside of the head may be seen: left, top, right, bottom; None: nowhere."""
+        """The box (left, top, right, bottom) in which the inside of the head may be seen; None if nowhere."""
         lids = np.concatenate([_lid(vertices[loop]) for loop in self._loops] or [np.zeros((0, 3, 3))])
         points = lids.reshape(-1, 3)
         if (points @ camera.matrix[3, :3] + camera.matrix[3, 3] <= 0).any():
@@ -52,7 +51,7 @@ class Openings:
 
 
 def _open_edges(model: MorphableModel) -> Int64[ndarray, "e 2"]:
-    """Edges of one triangle alone, as that triangle runs through them."""
+    """Edges that belong to a single triangle, in its direction."""
     outer = ~np.isin(np.array(model.region_names)[model.triangle_regions], WITHIN)
     triangles = model.triangles.astype(np.int64)
     edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)

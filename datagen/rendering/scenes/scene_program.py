@@ -1,4 +1,4 @@
-"""Programs that draw scenes: which shaders they are made of, their uniforms by name, and the textures they read."""
+"""The programs that draw scenes: their shaders, their uniforms by name, and the textures that they read."""
 
 import struct
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from pix2face.errors import UsageError
 
 MaterialKind = Literal["object", "hair", "glass"]
 KINDS: tuple[MaterialKind, ...] = ("object", "hair", "glass")
-# What each kind is drawn for, by a program of its own: what hides, what is transparent, and the shadow of that.
+# Each kind has a program for each purpose: opaque objects, transparent objects, and their shadows.
 PURPOSES = ("object", "blended", "object_shadow")
 # How the head is painted; where one is seen, those before it are painted first, and painted over.
 HEAD_KINDS = ("OUTSIDE", "EYES", "MOUTH")
@@ -51,7 +51,7 @@ _PAINT = {"object": "material", "hair": "hair", "glass": "material"}
 
 @final
 class SceneProgram:
-    """A program whose uniforms are set by name, as far as it has them.
+    """A program whose uniforms are set by name. Names that it does not have are ignored.
 
     Args:
         context: Where.
@@ -76,21 +76,21 @@ class SceneProgram:
         self.set(dict.fromkeys(arrays, UNITS["no_texture"]))
 
     def set(self, values: Mapping[str, UniformValue]) -> None:
-        """Sets those that the program has; the others are of other programs.
+        """Sets the uniforms that the program has; the others belong to other programs.
 
         Arrays may be shorter than the shader's; matrices are given row by row.
 
         Raises:
-            UsageError: A value has not the size of its uniform.
+            UsageError: A value has another size than its uniform.
         """
         set_uniforms([self], values)
 
 
 def set_uniforms(programs: Sequence[SceneProgram], values: Mapping[str, UniformValue]) -> None:
-    """Sets what each of several programs has, as ``SceneProgram.set``; a value becomes bytes once for all of them.
+    """As ``SceneProgram.set`` for several programs; each value is converted to bytes once for all of them.
 
     Raises:
-        UsageError: A value has not the size of its uniform.
+        UsageError: A value has another size than its uniform.
     """
     for name, value in values.items():
         made: dict[tuple[Any, int], bytes] = {}
@@ -106,14 +106,14 @@ def set_uniforms(programs: Sequence[SceneProgram], values: Mapping[str, UniformV
 def used_programs(
     programs: Mapping[str, SceneProgram], kinds: Mapping[str, set[MaterialKind]]
 ) -> dict[str, SceneProgram]:
-    """Without those for kinds of objects that a scene has none of, by purpose: they need not know of it."""
+    """The programs that a scene uses: all but those for kinds of objects that it does not have."""
     idle = {f"{kind} {purpose}" for purpose in PURPOSES for kind in KINDS if kind not in kinds[purpose]}
     return {name: program for name, program in programs.items() if name not in idle}
 
 
 @final
 class SceneTextures:
-    """The textures of all parts, in the driver for good: each under its sampler's name, at a unit of its own.
+    """The textures of all parts on the GPU, each with the name of its sampler and a unit of its own.
 
     Args:
         textures: By the sampler's name.
@@ -160,14 +160,14 @@ def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) 
 
 @final
 class _Slot:
-    """A uniform, and how its bytes are made.
+    """A uniform and the conversion of values to its bytes.
 
     Args:
-        name: Its name.
-        found: It.
+        name: Name of the uniform.
+        found: The uniform.
 
     Attributes:
-        form: Uniforms of one form and name take the same bytes.
+        form: Uniforms of the same form and name take the same bytes.
     """
 
     def __init__(self, name: str, found: Any) -> None:

@@ -1,4 +1,4 @@
-"""What a scene is drawn into, step by step."""
+"""The framebuffers of each step of drawing a scene."""
 
 from dataclasses import dataclass
 from typing import final
@@ -17,14 +17,14 @@ class SceneTarget:
     """Framebuffers for one size of picture.
 
     Attributes:
-        seen: What the samples see: twice as fine and one more, so that one lies at the centre of each pixel and the
-            others are shared by neighbours.
-        colours: What is opaque, at the centre of each pixel.
-        kinds: The same colours; its depth says how the head is painted.
-        edges: Where two surfaces share a pixel; its depth is that of the farther.
-        blended: What is transparent, over the nearer and over the farther surface, and its label. Depth as edges.
-        picture: The result, and the labels.
-        textures: Those among the attachments that are read by the following steps, by the sampler's name.
+        seen: What each sample sees. Twice as fine plus one: a sample lies at the centre of each pixel, and neighbours
+            share the others.
+        colours: The opaque surfaces at the centre of each pixel.
+        kinds: The same colours; the depth says how the head is painted.
+        edges: Where two surfaces share a pixel; the depth is that of the farther one.
+        blended: The transparent surfaces over the nearer and over the farther surface, and their label. Depth of edges.
+        picture: The result and the labels.
+        textures: The attachments that later steps read, by the name of the sampler.
     """
 
     seen: moderngl.Framebuffer
@@ -41,7 +41,7 @@ class SceneTarget:
             texture.use(UNITS[name])
 
     def read(self) -> tuple[Float32[ndarray, "h w 4"], UInt8[ndarray, "h w"]]:
-        """Radiance multiplied by coverage, and coverage; labels."""
+        """Reads radiance times coverage (three channels) and coverage (one), and the labels."""
         width, height = self.picture.size
         colours = np.frombuffer(self.picture.read(components=4, dtype="f4"), dtype=np.float32)
         labels = np.frombuffer(self.picture.read(components=1, attachment=1, alignment=1), dtype=np.uint8)
