@@ -1,1 +1,1 @@
-"""What finds faces in a picture, each calibrated to ``FaceBox``: one file a detector."""
+"""Face detectors, one in each file. All return boxes that are calibrated to `FaceBox`."""

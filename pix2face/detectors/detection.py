@@ -1,4 +1,4 @@
-"""Detectors by name. What one is: ``pix2face.detectors.protocol``; one file each in ``pix2face/detectors/``.
+"""The detectors by name. `pix2face.detectors.protocol` defines what a detector is.
 
 Deviation from the paper: it uses dlib's max-margin CNN ("dlib" here, an extra); the default is the packed LBP cascade
 that scikit-image ships, which needs no download. Profiles escape it.
@@ -25,14 +25,14 @@ DEFAULT_DETECTOR: Final = "lbp"
 
 @cache
 def open_detector(name: str = DEFAULT_DETECTOR) -> Detector:
-    """A detector by its name; the same one for the same name.
+    """Opens a detector. The same name always returns the same object.
 
     Args:
         name: "lbp" (the default), "lbp-quick" (a fifth of its time, fewer faces), or "dlib" (the paper's; extra
             ``dlib``).
 
     Raises:
-        UsageError: There is none of this name, or what it needs is not installed.
+        UsageError: The name is unknown, or what the detector needs is not installed.
     """
     if name not in DETECTORS:
         raise UsageError(f"expected a detector of {', '.join(DETECTORS)}, found {name!r}")

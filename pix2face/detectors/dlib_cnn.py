@@ -42,7 +42,7 @@ class DlibCnnDetector:
     """dlib's max-margin CNN, calibrated to ``FaceBox``.
 
     Args:
-        longest_side_px: See above.
+        longest_side_px: Pictures are scaled so that their longer side has this length.
 
     Raises:
         UsageError: dlib or its weights are not installed.
@@ -57,7 +57,7 @@ class DlibCnnDetector:
         return sure_boxes(self.candidates(image))
 
     def candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
-        """The same with their scores, surest first: dlib tells of none that it does not stand by."""
+        """The same faces with their scores, surest first. dlib reports no doubtful ones."""
         scale = min(self._longest_side_px / max(image.shape[:2]), LARGEST_ENLARGEMENT)
         size = (max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1))
         if min(size) < LEAST_SIDE_PX:

@@ -95,7 +95,7 @@ class LbpCascadeDetector:
 
 
 def _look_size(width: int, height: int, turn_deg: float) -> tuple[int, int]:
-    """Width and height of the picture that holds all of a turned one."""
+    """Width and height of a picture that holds all of the turned one."""
     cos, sin = abs(np.cos(np.deg2rad(turn_deg))), abs(np.sin(np.deg2rad(turn_deg)))
     return round(width * cos + height * sin), round(width * sin + height * cos)
 
@@ -112,7 +112,7 @@ def _look_matrix(width: int, height: int, turn_deg: float, mirror: bool) -> Floa
 
 
 def _groups(windows: Float64[ndarray, "n 3"], at_least: int) -> list[tuple[tuple[float, float, float], int]]:
-    """Windows gathered around the one that overlaps most others, again and again: median and count of each group."""
+    """Groups windows around the one that overlaps most others, repeatedly: median and size of each group."""
     groups = []
     similar = _overlaps(windows) > SAME_FACE_OVERLAP
     left = np.ones(len(windows), dtype=bool)

@@ -1,4 +1,4 @@
-"""What a detector is, and what it says of a face."""
+"""The interface of detectors, and helpers for the boxes that they return."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from pix2face.geometry.crops import FaceBox
 @final
 @dataclass(frozen=True)
 class DetectedFace:
-    """A place that looks like a face.
+    """A detected face, or a candidate for one.
 
     Attributes:
         box: The tight box of its 68 landmarks, as far as the detector can tell; pixels.
-        score: Larger is surer. From 1 on the detector stands by it; below, it is a candidate for somebody else to
-            confirm (``refined_detection``).
+        score: Larger means surer. The detector is sure of faces with at least 1; lower scores are candidates that
+            `refined_detection` may confirm.
     """
 
     box: FaceBox
@@ -31,25 +31,25 @@ class Detector(Protocol):
     """Finds faces."""
 
     def detect(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
-        """The faces of an RGB picture that the detector stands by, largest first, in its pixels; empty if none."""
+        """The boxes of the faces that the detector is sure of, in pixels of the RGB picture, largest first."""
 
     def candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
-        """The same and the doubtful ones, surest first."""
+        """The sure and the doubtful faces, surest first."""
 
 
 def sure_boxes(candidates: Sequence[DetectedFace]) -> list[FaceBox]:
-    """The boxes of those that their detector stands by, largest first."""
+    """The boxes of the faces with a score of at least 1, largest first."""
     boxes = [face.box for face in candidates if face.score >= 1]
     return sorted(boxes, key=lambda box: -box.longer_side)
 
 
 def box_of_window(centre_px: tuple[float, float], side_px: float, calibration: "WindowCalibration") -> FaceBox:
-    """From a detector's square window to the box of the landmarks.
+    """Converts a detector's square window to the box of the landmarks.
 
     Args:
-        centre_px: Of the window, (x, y), pixel centres at +0.5.
-        side_px: Of the window.
-        calibration: Of the detector.
+        centre_px: Centre (x, y) of the window, pixel centres at +0.5.
+        side_px: Side of the window.
+        calibration: The detector's calibration.
     """
     right, below = calibration.shift
     x, y = centre_px[0] + right * side_px, centre_px[1] + below * side_px
@@ -60,12 +60,12 @@ def box_of_window(centre_px: tuple[float, float], side_px: float, calibration: "
 @final
 @dataclass(frozen=True)
 class WindowCalibration:
-    """Where the tight box of the 68 landmarks lies in a detector's square window; all as shares of its side.
+    """Where the tight box of the 68 landmarks lies in a detector's square window; all values are fractions of its side.
 
     Attributes:
-        shift: From the middle of the window to that of the box, (right, down).
-        width: Of the box.
-        height: Of the box.
+        shift: From the centre of the window to the centre of the box, (right, down).
+        width: Width of the box.
+        height: Height of the box.
     """
 
     shift: tuple[float, float]

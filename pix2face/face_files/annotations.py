@@ -33,7 +33,7 @@ SISTER_FOLDERS = {"annot": "imgs"}
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AnnotatedFace:
-    """The annotation of one face.
+    """An annotated face.
 
     Attributes:
         image_path: The photograph.
@@ -52,10 +52,10 @@ class AnnotatedFace:
 @final
 @dataclass(frozen=True)
 class Annotation:
-    """A face that was found, and is read when asked for.
+    """A face that was found in a folder. It is read on request.
 
     Attributes:
-        name: Unique in its folder.
+        name: Unique in the folder.
         load: Reads it; raises InputFileError where its files are damaged or missing.
         path: The file that its points are in.
         image_path: Its picture as the file names it; None where the picture is the one beside the file.
@@ -118,7 +118,7 @@ def read_dlib_xml(path: Path) -> list[tuple[str, Float64[ndarray, "_ 2"] | Input
 
 
 def picture_beside(path: Path) -> Path:
-    """The picture of an annotation: of the same name, beside it or in its sister folder.
+    """Finds the picture of an annotation: a file of the same name, beside it or in its sister folder.
 
     Raises:
         InputFileError: There is none.
@@ -213,7 +213,7 @@ def _fail(error: InputFileError) -> AnnotatedFace:
 
 
 class _FacesOfXml:
-    """Collects faces while the XML goes by."""
+    """Collects the faces while the XML is parsed."""
 
     def __init__(self, path: Path) -> None:
         self.found: list[tuple[str, Float64[ndarray, "_ 2"] | InputFileError]] = []

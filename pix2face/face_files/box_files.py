@@ -26,7 +26,7 @@ LARGEST_BOX_PX = 1e6
 @final
 @dataclass(frozen=True)
 class BoxFile:
-    """Boxes by the name of their picture.
+    """Face boxes by the name of their picture.
 
     Attributes:
         path: The file, for messages.

@@ -1,4 +1,4 @@
-"""Writes a table of coefficients face by face: a hundred thousand of them need no more memory than a thousand."""
+"""Writes a table of coefficients face by face, so that memory does not grow with the number of faces."""
 
 import os
 from contextlib import ExitStack
@@ -49,7 +49,7 @@ class TableHeader:
 class CoefficientWriter:
     """Writes faces in the order in which they come.
 
-    On leaving the context the file appears under its name; after an exception there is none, and an older one stays.
+    The file appears under its name when the context ends. After an exception, an older file of that name stays.
 
     Args:
         path: The table. Paths of photographs are stored relative to its folder.
@@ -91,14 +91,14 @@ class CoefficientWriter:
             self._append("rejected", json_lines(self._rejected))
 
     def add(self, face: Face) -> None:
-        """Adds a row."""
+        """Adds a face."""
         self._waiting.append(face)
         self.n_faces += 1
         if len(self._waiting) >= FACES_AT_ONCE:
             self._flush()
 
     def reject(self, sample_id: str, reason: str) -> None:
-        """Notes what the source held and cannot be used."""
+        """Records a face of the source that cannot be used."""
         self._rejected.append((sample_id, reason))
         if len(self._rejected) >= REJECTED_AT_ONCE:
             self._append("rejected", json_lines(self._rejected))

@@ -1,4 +1,4 @@
-"""Coefficients of faces: what a renderer needs to know of each, as a table with a file of its own."""
+"""Coefficients of faces: everything that a renderer needs of each face, as a table with its own file format."""
 
 import json
 import os
@@ -115,7 +115,7 @@ class FaceCoefficients:
 
 
 def save_coefficients(table: FaceCoefficients, path: Path) -> None:
-    """Writes a table; a file appears under its name only when it is complete."""
+    """Writes a table. The file appears under its name only when it is complete."""
     with written_in_one_step(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
         write_table_header(file, table)
         for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
@@ -134,8 +134,8 @@ def load_coefficients(path: Path) -> FaceCoefficients:
     """Reads a table.
 
     Raises:
-        InputFileError: The file is missing, no table, truncated, of a newer schema, or holds columns of other shapes,
-            values that are not finite, or sizes that no picture has.
+        InputFileError: The file is missing, truncated, not a table, or of a newer schema; or it holds columns of other
+            shapes, values that are not finite, or impossible picture sizes.
     """
     try:
         with h5py.File(path, "r") as file:
@@ -173,7 +173,7 @@ def write_table_header(file: h5py.File, table: Any) -> None:
 
 
 def moved_path(image_path: str, old_folder: Path, new_folder: Path) -> str:
-    """A photograph's path relative to another folder than before; empty stays empty."""
+    """Makes a photograph's path relative to another folder; an empty path stays empty."""
     return os.path.relpath(old_folder / image_path, new_folder) if image_path else ""
 
 

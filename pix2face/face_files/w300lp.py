@@ -61,7 +61,7 @@ class PoseParameters:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CoefficientFile:
-    """What a ``.mat`` file says, cast to float64 and otherwise untouched.
+    """The content of a ``.mat`` file, cast to float64 and otherwise unchanged.
 
     Attributes:
         path: The file.
@@ -206,7 +206,7 @@ def points_of_pose(
 
 
 def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:
-    """1-based coordinates with integer centres to the project's pixels (centres at +0.5)."""
+    """Converts 1-based coordinates with integer centres to the project's pixels (centres at +0.5)."""
     return points + ONE_BASED_TO_CENTRES_PX
 
 
@@ -228,7 +228,7 @@ def _read_small_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
 
 
 def _numbers(path: Path, fields: Mapping[str, ndarray]) -> dict[str, Float64[ndarray, " _"]]:
-    """Casts the fields; several rows one behind the other."""
+    """Casts the fields and flattens them row by row."""
     numbers = {name: values.ravel().astype(np.float64) for name, values in fields.items()}
     for name, values in numbers.items():
         if len(values) != _LENGTHS[name]:

@@ -1,4 +1,4 @@
-"""Reading HDF5 files that strangers made: no links out of the file, no declared size that the file cannot hold.
+"""Reads HDF5 files from untrusted sources: no links out of the file, no declared size that the file cannot hold.
 
 HDF5 can point at other files (external links, external storage, virtual datasets) and can declare arrays far larger
 than what it stores. A model file needs neither.
@@ -26,7 +26,7 @@ _LIBRARY_ERRORS = (OSError, KeyError, RuntimeError, ValueError, SystemError)
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[h5py.File]:
-    """Opens a file for reading, after checking that everything in it is in it.
+    """Opens a file for reading, after checking that it holds all of its data.
 
     Raises:
         InputFileError: No HDF5, damaged, or with links, external storage, virtual data or sizes beyond the file's.
@@ -74,7 +74,7 @@ def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
     """Reads a dataset of numbers as it is stored.
 
     Raises:
-        InputFileError: There is none of that name, or it does not hold numbers.
+        InputFileError: The dataset is missing, or does not hold numbers.
     """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu":
@@ -85,8 +85,8 @@ def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
 def read_text(item: h5py.AttributeManager | h5py.Dataset, path: Path, name: str = "") -> str:
     """Reads text of fixed length: an attribute by its name, or the only text of a dataset.
 
-    Text of variable length is refused: its length stands apart from it, the library believes it, and a damaged one
-    makes it read memory that is not the file's.
+    Text of variable length is refused: its length is stored apart from it, and a damaged length makes the library read
+    memory outside the file.
 
     Raises:
         InputFileError: No such text, or text of variable length.
@@ -106,7 +106,7 @@ def read_text(item: h5py.AttributeManager | h5py.Dataset, path: Path, name: str 
 
 
 def fixed_text(text: str) -> ndarray:
-    """Text as files hold it (``read_text``); HDF5 knows no text without length, so an empty one takes a byte."""
+    """Text as files hold it (see `read_text`). HDF5 has no text of length 0, so an empty text takes one byte."""
     content = text.encode("utf-8")
     return np.array(content, dtype=f"S{max(1, len(content))}")
 

@@ -1,4 +1,4 @@
-"""Pictures in and out of files: what OpenCV leaves open is settled here (RGB, 8 bit, orientation, size, errors)."""
+"""Reads and writes pictures, and defines what OpenCV leaves open: RGB, 8 bit, orientation, size limit and errors."""
 
 import stat
 from collections.abc import Callable, Mapping

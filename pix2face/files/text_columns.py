@@ -1,4 +1,4 @@
-"""Columns of text in HDF5 files: mostly one JSON value a line, UTF-8, in one dataset of bytes.
+"""Columns of text in HDF5 files: one dataset of UTF-8 bytes, usually with one JSON value in each line.
 
 HDF5's own text of variable length keeps lengths apart from texts, and a damaged length makes the library read memory
 that is not the file's. Text of fixed length needs the longest before the first is written. Lines need neither, and any
@@ -19,16 +19,16 @@ from pix2face.errors import InputFileError
 
 
 def json_lines(values: Iterable[object]) -> UInt8[ndarray, " n"]:
-    """Values as a column holds them."""
+    """Encodes values as a column."""
     text = "".join(f"{json.dumps(value, sort_keys=True)}\n" for value in values)
     return np.frombuffer(text.encode("ascii"), dtype=np.uint8)
 
 
 def read_json_lines(file: h5py.File, name: str, path: Path) -> list[Any]:
-    """The values of a column.
+    """Reads the values of a column.
 
     Raises:
-        InputFileError: There is no such column, or it holds something else.
+        InputFileError: The column is missing, or holds something else.
     """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset) or item.dtype != np.uint8 or item.ndim != 1:
@@ -44,10 +44,10 @@ def read_json_lines(file: h5py.File, name: str, path: Path) -> list[Any]:
 
 
 def read_attributes(text: str | bytes) -> dict[str, str | float]:
-    """The attributes of a sample.
+    """Parses the attributes of a sample.
 
     Raises:
-        ValueError: They are no JSON object of texts and numbers.
+        ValueError: The text is not a JSON object of texts and numbers.
     """
     found = json.loads(text)
     if not isinstance(found, dict) or not all(isinstance(value, str | int | float) for value in found.values()):
@@ -56,10 +56,10 @@ def read_attributes(text: str | bytes) -> dict[str, str | float]:
 
 
 def bounded_utf8(text: str, name: str, largest: int) -> bytes:
-    """Text for a column of fixed length, where the longest text decides what each takes.
+    """Encodes text for a column of fixed length, where the longest text sets the length of all.
 
     Raises:
-        InputFileError: It is longer than ``largest`` bytes, or holds what such a column cannot.
+        InputFileError: The text is longer than `largest` bytes, or cannot be stored in such a column.
     """
     try:
         content, found = text.encode("utf-8"), "a NUL character" if "\0" in text else ""

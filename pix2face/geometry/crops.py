@@ -1,4 +1,4 @@
-"""Face boxes, square crops, and the way between pixels of an image and pixels of a crop."""
+"""Face boxes, square crops, and conversions between the pixels of an image and of a crop."""
 
 from dataclasses import dataclass
 from typing import final
@@ -173,7 +173,7 @@ def centres_to_integers(matrix: Float64[ndarray, "2 3"]) -> Float64[ndarray, "2 
 
 
 def crop_camera(camera: Camera, crop: Crop) -> Camera:
-    """The camera that sees in the crop what ``camera`` sees in the image."""
+    """The camera of the crop that shows what ``camera`` shows in the image."""
     return camera.transformed(crop.crop_from_image)
 
 

@@ -1,6 +1,6 @@
 """Random variation of a training sample: crop, gamma, contrast and colour balance, the same for picture and maps.
 
-One implementation for render time and training time. The turned or enlarged crop moves pixels only: PNCC and offset
+Rendering and training share this implementation. The turned or enlarged crop moves pixels only: PNCC and offset
 are in the model frame and keep their values. Only a mirrored crop changes them: it shows the mirrored face.
 
 Source: Crispell and Bazik 2017, Sec. 3.2; ranges of the authors' code.
@@ -105,7 +105,7 @@ def draw_jitter(rng: np.random.Generator, limits: JitterRange) -> JitterParamete
 
 
 def jitter_crop(box: FaceBox, jitter: JitterParameters, size_px: int) -> Crop:
-    """The crop that a draw takes of a face."""
+    """The crop of a face for one draw."""
     return square_crop(box, jitter.scale, size_px, shift=jitter.shift, rotation=jitter.rotation, mirror=jitter.mirror)
 
 

@@ -35,7 +35,7 @@ PARTS = IBUG68_PARTS
 @final
 @dataclass(frozen=True)
 class ErrorSummary:
-    """What a table says about a set of faces; fractions, not per cent.
+    """Summary of the errors of a set of faces, in fractions (not per cent).
 
     Attributes:
         n_images: Faces evaluated, failed ones included.
@@ -133,7 +133,7 @@ def failure_rate(errors: Float[ndarray, " n"], threshold: float) -> float:
 
 
 def summarise(errors: Float[ndarray, " n"], threshold: float) -> ErrorSummary:
-    """Everything that a table says about a set of faces."""
+    """Summarises the errors of a set of faces."""
     fitted = errors[np.isfinite(errors)]
     return ErrorSummary(
         n_images=len(errors),
@@ -148,7 +148,7 @@ def summarise(errors: Float[ndarray, " n"], threshold: float) -> ErrorSummary:
 def aligned(
     points: Float[ndarray, "n 3"], truth: Float[ndarray, "n 3"], alignment: Alignment
 ) -> Float64[ndarray, "n 3"]:
-    """Points laid onto true ones.
+    """Aligns points with the true ones.
 
     Raises:
         DegenerateGeometryError: Fewer than 3 points, all on one line, or not finite.

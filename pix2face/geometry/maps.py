@@ -1,4 +1,4 @@
-"""The maps that the network learns: PNCC, offset and where they hold."""
+"""The maps that the network learns: PNCC (projected normalised coordinate code), offset, and their mask."""
 
 from dataclasses import dataclass
 from typing import final
@@ -19,10 +19,10 @@ class FaceMaps:
 
     Attributes:
         pncc: For each pixel the matching point of the mean face, mm, model frame; 0 outside the mask.
-        offset: What leads from there to the same point of this face, mm, model frame; 0 outside the mask.
-        mask: Where both hold.
-        seen: The part of the mask where the picture shows the face itself and not what stands before it; None where
-            nobody knows.
+        offset: Displacement from there to the same point of this face, mm, model frame; 0 outside the mask.
+        mask: Where both are valid.
+        seen: The part of the mask where the picture shows the face itself and not something in front of it; None if
+            unknown.
         in_photograph: Where the picture that they belong to shows the photograph that it is a crop of, and is not empty
             beside it; None where all of it does.
     """
@@ -35,11 +35,11 @@ class FaceMaps:
 
     @property
     def seen_share(self) -> float | None:
-        """How much of the face the picture shows; None where nobody knows."""
+        """The visible fraction of the face; None if unknown."""
         return None if self.seen is None or not self.mask.any() else float(self.seen[self.mask].mean())
 
     def layers(self) -> dict[str, ndarray]:
-        """By the names that a shard knows them by."""
+        """The maps by the names of a shard's layers."""
         return {"pncc": self.pncc, "offset": self.offset, "mask": self.mask}
 
 

@@ -1,4 +1,4 @@
-"""Rigid alignment of point sets: with known partners in closed form, without by iterated closest points.
+"""Rigid alignment of point sets: in closed form for known correspondences, otherwise by iterated closest points.
 
 Source: Umeyama 1991, Least-squares estimation of transformation parameters; Besl and McKay 1992 and Chen and Medioni
 1992 (closest points), trimmed as in Chetverikov et al. 2005.
@@ -49,7 +49,7 @@ class RigidTransform:
         return np.asarray(points @ self.rotation.T + self.translation, dtype=np.float64)
 
     def turn(self, directions: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:
-        """Turns displacements (mm), which have no place."""
+        """Rotates displacements (mm)."""
         return np.asarray(directions @ self.rotation.T, dtype=np.float64)
 
     @property

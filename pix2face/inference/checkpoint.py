@@ -71,7 +71,7 @@ class CheckpointHeader:
 
     @classmethod
     def from_json(cls, fields: Mapping[str, Any]) -> "CheckpointHeader":
-        """What ``asdict`` made, of this schema or an earlier one, after a way through JSON.
+        """Restores a header from the JSON form of ``asdict``, of this schema or an earlier one.
 
         Raises:
             TypeError: A field is missing, unknown, or of another type.
@@ -86,7 +86,7 @@ class CheckpointHeader:
         return cls(**known)
 
     def check_model(self, name: str, sha256: str) -> None:
-        """Makes sure that a model is the one whose maps the network predicts.
+        """Checks that a model is the one whose maps the network predicts.
 
         Raises:
             ModelMismatchError: It is another one.
@@ -136,7 +136,7 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
 
 
 def _in_precision(tensors: Mapping[str, Tensor], precision: torch.dtype) -> dict[str, Tensor]:
-    """Numbers in another precision; counts stay counts."""
+    """Converts floating-point tensors to another precision; integers stay as they are."""
     return {name: tensor.to(precision) if tensor.is_floating_point() else tensor for name, tensor in tensors.items()}
 
 

@@ -1,4 +1,4 @@
-"""The network as ONNX, for programs without torch, and back (layout: docs/reference/file_formats.md)."""
+"""Exports networks to ONNX, for programs without torch, and loads them (layout: docs/reference/file_formats.md)."""
 
 import json
 import warnings

@@ -1,4 +1,4 @@
-"""Pictures in, maps out: NumPy on both sides, torch in between."""
+"""Predicts maps from pictures: NumPy arrays in and out, torch in between."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ FACES_AT_A_TIME = 16
 @final
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What the network sees in one face.
+    """The prediction for one face.
 
     Attributes:
         maps: In the pixels of the crop.
@@ -38,10 +38,10 @@ class Prediction:
     n_undefined: int = 0
 
     def check_finite(self) -> None:
-        """Makes sure that the network's output was finite.
+        """Checks that the network's output was finite.
 
         Raises:
-            DegenerateGeometryError: It was not: the weights are of no use.
+            DegenerateGeometryError: It was not, so the weights are unusable.
         """
         if self.n_undefined:
             n_pixels = self.maps.mask.size
@@ -53,7 +53,7 @@ class Prediction:
 
 @final
 class Predictor:
-    """A network with what is needed around it. It keeps nothing between calls.
+    """A network with its pre- and postprocessing. It keeps no state between calls.
 
     Args:
         network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits.
@@ -140,14 +140,14 @@ class Predictor:
 @final
 @dataclass(frozen=True, eq=False)
 class ReadPlanes:
-    """What the network's planes say, in millimetres; the fields are those of Prediction."""
+    """The network's planes in millimetres. The fields are those of `Prediction`."""
 
     maps: FaceMaps
     n_undefined: int
 
 
 def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> ReadPlanes:
-    """From a network's output to maps in millimetres, 0 where they do not hold.
+    """Converts a network's output to maps in millimetres, 0 outside the mask.
 
     Args:
         planes: Maps in units of the header's scales, then logits of masks, where there are any. Is overwritten.
@@ -168,7 +168,7 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
 
 
 def _device(name: str | None) -> torch.device:
-    """The device of a name; None takes a GPU where there is one."""
+    """The device with a name; None selects a GPU if there is one."""
     try:
         device = torch.device(name or ("cuda" if torch.cuda.is_available() else "cpu"))
         torch.empty(1, device=device)

@@ -29,7 +29,7 @@ class LandmarkChoice:
         scheme: One of ``landmarks.SCHEMES``.
         vertices: One for each landmark.
         model_name: The model.
-        model_sha256: Its hash: vertices of another mesh mean nothing.
+        model_sha256: Its hash. Vertices of one mesh mean nothing on another.
     """
 
     scheme: str
@@ -41,10 +41,10 @@ class LandmarkChoice:
 def save_landmarks(
     path: Path, model: MorphableModel, scheme: str, selection: LandmarkSelection, origin: dict[str, Any]
 ) -> None:
-    """Writes a choice with its errors.
+    """Writes chosen landmarks with their errors.
 
     Args:
-        path: Where to.
+        path: The file to write.
         model: Whose vertices were chosen.
         scheme: Of the landmarks.
         selection: The vertices and their errors.
@@ -66,10 +66,10 @@ def save_landmarks(
 
 
 def load_landmarks(path: Path) -> LandmarkChoice:
-    """Reads a choice.
+    """Reads chosen landmarks.
 
     Raises:
-        InputFileError: The file is missing, no such file, of a newer schema, or has another number of landmarks.
+        InputFileError: The file is missing, of another format or a newer schema, or has another number of landmarks.
     """
     try:
         content = json.loads(read_bytes(path))

@@ -1,9 +1,9 @@
-"""Which vertex of a model is which landmark: the one that annotated frames say.
+"""Chooses the vertex of a model for each landmark from annotated frames.
 
 Each frame has a fitted face (camera and mesh) and annotated points. Of all vertices of the face the one whose
-projections lie nearest to a landmark's annotations, on average over the frames, becomes that landmark. How good the
-choice is, frames say that had no part in it: the frames are split into folds, and each fold is measured with the
-vertices that the other folds choose.
+projections lie nearest to a landmark's annotations, on average over the frames, becomes that landmark. The choice is
+cross-validated: the frames are split into folds, and each fold is measured with the vertices that the other folds
+choose.
 
 Source: Crispell and Bazik 2017, Section 4 ("Landmark Localization").
 
@@ -31,8 +31,8 @@ class LandmarkSelection:
 
     Attributes:
         vertices: Of the model, one for each landmark.
-        error: Mean error of each over all frames: those that chose it. Too good to be believed.
-        held_out_error: Mean error of each over frames that had no part in the choice.
+        error: Mean error of each over all frames, which chose the vertices: too optimistic.
+        held_out_error: Mean error of each over frames that were not used for the choice.
         n_frames: How many frames have each landmark.
     """
 
@@ -63,7 +63,7 @@ class ReprojectionErrors:
         self._counts = np.zeros((n_folds, n_landmarks), dtype=np.int64)
 
     def add(self, fold: int, projected: Float[ndarray, "v 2"], annotated: Float64[ndarray, "m 2"]) -> None:
-        """Counts one frame.
+        """Adds the errors of one frame.
 
         Args:
             fold: Which part of the frames it belongs to.
@@ -96,7 +96,7 @@ class ReprojectionErrors:
         return np.array([mean[row, place[int(v)]] if int(v) in place else np.nan for row, v in enumerate(vertices)])
 
     def select(self) -> LandmarkSelection:
-        """Chooses.
+        """Chooses the vertices.
 
         Raises:
             UsageError: A landmark is annotated in too few frames to be chosen and checked.

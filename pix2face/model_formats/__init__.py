@@ -27,7 +27,7 @@ _PICKLE_STARTS = (b"\x80", b"(d", b"}")
 
 
 def read_model(path: Path) -> StoredModel:
-    """Reads a published model; which one, its content tells (not its name).
+    """Reads a published model. Its format is recognised by content, not by name.
 
     Args:
         path: A file, or the folder of a model that comes as several files.
@@ -36,7 +36,7 @@ def read_model(path: Path) -> StoredModel:
         The model in mm, in its published frame and winding. A landmark is -1 where the published list lacks it.
 
     Raises:
-        InputFileError: Nothing there, no supported model, or a damaged or hostile one.
+        InputFileError: The path is missing, or holds no supported model, or a damaged or hostile one.
     """
     if path.is_dir():
         return _read_folder(path)

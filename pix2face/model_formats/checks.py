@@ -1,4 +1,4 @@
-"""What all readers check: coordinates are finite, bases fit their mesh, polygons name vertices that exist."""
+"""Checks that all readers share: finite coordinates, bases that fit their mesh, polygons of existing vertices."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ def coordinates(where: str, values: Any) -> Float64[ndarray, "v 3"]:
     """Interleaved xyz as points.
 
     Raises:
-        InputFileError: There are none, their number is no multiple of 3, or some are not finite or absurdly large.
+        InputFileError: There are none, their number is not a multiple of 3, or some are not finite or absurdly large.
     """
     with np.errstate(invalid="ignore"):  # a signalling NaN; it is found below
         flat = np.asarray(values, dtype=np.float64).ravel()
@@ -31,7 +31,7 @@ def coordinates(where: str, values: Any) -> Float64[ndarray, "v 3"]:
 def basis_of_columns(
     where: str, columns: Any, deviations: Any, n_vertices: int, mm_per_unit: float
 ) -> Float32[ndarray, "k v 3"]:
-    """Turns a matrix with one column a component into mm for one standard deviation each.
+    """Converts a matrix with one column for each component to a basis in mm for one standard deviation.
 
     Args:
         where: File and names, for messages.
@@ -97,7 +97,7 @@ def turned_round(polygons: Int32[ndarray, "p 4"]) -> Int32[ndarray, "p 4"]:
 
 
 def existing(folder: Path, *names: str) -> Path | None:
-    """The first of some files that a folder has."""
+    """The first of several files that exists in a folder."""
     return next((folder / name for name in names if (folder / name).is_file()), None)
 
 

@@ -47,7 +47,7 @@ def read_gnm(path: Path) -> StoredModel:
 
 
 def array_names(path: Path) -> tuple[str, ...]:
-    """Names of the arrays in an ``.npz``; none where it is no such file."""
+    """Names of the arrays in an ``.npz`` file; empty for other files."""
     try:
         with zipfile.ZipFile(path) as archive:
             return tuple(name.removesuffix(".npy") for name in archive.namelist())
@@ -74,7 +74,7 @@ def _read_arrays(path: Path, needed: tuple[str, ...], optional: tuple[str, ...])
 
 
 def _read_array(archive: zipfile.ZipFile, name: str, path: Path) -> ndarray:
-    """One array, after its declared size was held against what the archive holds."""
+    """Reads one array, after comparing its declared size with what the archive holds."""
     entry = archive.getinfo(name)
     holds = min(LARGEST_COMPRESSION * entry.compress_size, entry.file_size, LARGEST_ARRAY_BYTES)
     if entry.compress_size > path.stat().st_size:

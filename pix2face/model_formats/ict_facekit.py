@@ -98,7 +98,7 @@ class _Mesh:
 
 
 def _differences(neutral: Float64[ndarray, "v 3"], paths: list[Path]) -> Float32[ndarray, "k v 3"]:
-    """What each file adds to the neutral mesh, in mm."""
+    """The difference of each file from the neutral mesh, in mm."""
     basis = np.zeros((len(paths), len(neutral), 3), dtype=np.float32)
     for row, path in zip(basis, paths, strict=True):
         vertices = _numbers(path, [line for line in _lines(path) if line.startswith(b"v ")], 3)

@@ -55,11 +55,11 @@ _OTHER_REGION = "other"
 @final
 @dataclass(frozen=True, eq=False)
 class ImportedModel:
-    """What an import made.
+    """The result of an import.
 
     Attributes:
         model: In the project's frame, or in the published one where no face was found in it.
-        notes: What a person should know, one line each.
+        notes: Remarks for the user, one line each.
     """
 
     model: StoredModel

@@ -57,7 +57,7 @@ class Record:
 
 
 class _RefusedError(Exception):
-    """The pickle asks for something outside the allow-list."""
+    """The pickle asks for something that is not on the allow-list."""
 
 
 @final
@@ -98,7 +98,7 @@ class _Reader(pickle._Unpickler):
         stack.append(content)
 
     def refuse(self) -> None:
-        """Any opcode that no file of arrays needs."""
+        """Refuses an opcode that files of arrays do not need."""
         raise _RefusedError("an opcode that pickles of arrays do not need")
 
     dispatch[pickle.BYTEARRAY8[0]] = load_bytearray8
@@ -113,7 +113,7 @@ def read_pickle(path: Path) -> dict[str, Any]:
     """Reads a pickled dictionary; values stay records until ``as_array`` looks at them.
 
     Raises:
-        InputFileError: No pickle, a damaged one, none of a dictionary, or one that asks for a name outside the list.
+        InputFileError: Not a pickle of a dictionary, a damaged one, or one that asks for a name outside the list.
     """
     try:
         content = io.BytesIO(path.read_bytes())
@@ -141,7 +141,7 @@ def as_array(value: Any, where: str) -> ndarray:
         where: File and key, for messages.
 
     Raises:
-        InputFileError: It is no array of numbers, or its size does not fit its data.
+        InputFileError: The record is not an array of numbers, or its size does not fit its data.
     """
     try:
         return _as_array(value, depth=0)

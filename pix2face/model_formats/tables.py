@@ -1,4 +1,4 @@
-"""Landmark tables of published topologies: commented text files, one row a landmark."""
+"""Landmark tables of published topologies: commented text files with one row for each landmark."""
 
 from importlib.resources import files
 

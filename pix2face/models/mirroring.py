@@ -1,4 +1,4 @@
-"""The mirrored face: whether a model has one, and what of a sample changes with it.
+"""Mirrored faces: which models have them, and what changes in a sample.
 
 A mirrored picture of a face is a picture of the mirrored face. Its PNCC and offsets are those of the picture with
 left and right exchanged and the sign of x changed, if the model's mean is its own mirror image.
@@ -22,7 +22,7 @@ LARGEST_LANDMARK_ASYMMETRY_MM = 3.0
 
 
 def mirror_obstacle(model: MorphableModel) -> str | None:
-    """Why samples of a model cannot be mirrored; None where they can.
+    """The reason why samples of a model cannot be mirrored; None if they can.
 
     They can where the model knows the mirror image of each vertex, where its mean face is symmetric (otherwise the
     mirrored PNCC is that of no vertex), and where the landmarks of left and right lie opposite each other.

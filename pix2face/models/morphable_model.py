@@ -19,8 +19,6 @@ from pix2face.models.subdivision import refine
 
 BUILTIN_MODEL = "builtin"
 
-# Vertices of some hundred faces: matrix products are as fast as they get, and memory stays small.
-
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)

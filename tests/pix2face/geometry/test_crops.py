@@ -103,3 +103,11 @@ def test_pixels_in_the_image() -> None:
     beside = pixels_in_image(square_crop(FaceBox(100, 100, 120, 120), 1.0, 32), (40, 60))
     assert beside is not None
     assert not beside.any()
+
+
+def test_a_much_coarser_crop_of_a_picture_that_is_not_square_stays_in_place() -> None:
+    """Blocks are averaged first; neither side of the picture is a multiple of their size."""
+    ramp = np.stack(np.meshgrid(np.arange(181) + 0.5, np.arange(75) + 0.5), axis=-1).astype(np.float32)
+    crop = square_crop(FaceBox(20, 10, 80, 60), 1.0, 14)
+    centres = np.stack(np.meshgrid(np.arange(14) + 0.5, np.arange(14) + 0.5), axis=-1)
+    np.testing.assert_allclose(crop_image(ramp, crop), crop.to_image(centres), atol=0.15)

@@ -2,13 +2,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy import ndarray
 
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
 from pix2face.geometry.jitter import (
     STEP_MM,
+    STEP_RATIO,
     JitterParameters,
     JitterRange,
+    cells_over_steps,
     crop_maps,
     draw_jitter,
     jitter_crop,
@@ -194,3 +197,31 @@ def test_cropped_values_stay_within_those_of_the_maps_and_background_is_zero(sca
         if cropped.mask.any():
             assert (ours[cropped.mask].min(axis=0) >= source[maps.mask].min(axis=0) - 1e-3).all()
             assert (ours[cropped.mask].max(axis=0) <= source[maps.mask].max(axis=0) + 1e-3).all()
+
+
+def jumps_naively(points: ndarray, mask: ndarray, index: int) -> bool:
+    """Whether a line of points jumps between one point and the next."""
+
+    def distance(start: int) -> float:
+        is_pair = 0 <= start < len(points) - 1 and bool(mask[start] and mask[start + 1])
+        return float(np.linalg.norm(points[start + 1] - points[start])) if is_pair else 0.0
+
+    beside = max(distance(index - 1), distance(index + 1))
+    return distance(index) > STEP_MM and distance(index) > STEP_RATIO * beside
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_cell_is_over_a_step_if_any_of_its_four_sides_is(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pncc = (rng.integers(0, 2, (9, 13, 1)) * 5 + rng.normal(0, 0.1, (9, 13, 3))).astype(np.float32)
+    mask = rng.random((9, 13)) < 0.7
+    expected = np.zeros((9, 13), np.uint8)
+    for i in range(9):
+        for j in range(13):
+            across = [jumps_naively(pncc[row], mask[row], j) for row in (i, i + 1) if row < 9 and j < 12]
+            down = [
+                jumps_naively(pncc[:, column], mask[:, column], i) for column in (j, j + 1) if column < 13 and i < 8
+            ]
+            expected[i, j] = any(across + down)
+    assert 0 < expected.sum() < expected.size
+    np.testing.assert_array_equal(cells_over_steps(pncc, mask), expected)

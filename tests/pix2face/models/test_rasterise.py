@@ -123,3 +123,13 @@ def test_points_behind_a_pinhole_are_an_error() -> None:
         rasterise(inside.matrix, model.mean, model.triangles, SIZE, SIZE)
     with pytest.raises(DegenerateGeometryError, match="finite"):
         rasterise(AFFINE.matrix * np.nan, model.mean, model.triangles, SIZE, SIZE)
+
+
+@pytest.mark.parametrize(("height", "width"), [(4, 9), (9, 4)])
+def test_a_picture_that_is_not_square_is_filled_to_its_corners(height: int, width: int) -> None:
+    vertices = np.array([[-50.0, -50, 1], [150, -50, 1], [-50, 150, 1]])
+    fragments = rasterise(np.eye(4), vertices, np.array([[0, 1, 2]], dtype=np.int32), height, width)
+    assert fragments.triangle.shape == (height, width)
+    assert (fragments.triangle == 0).all()
+    places = interpolate(fragments, vertices, np.array([[0, 1, 2]], dtype=np.int32))
+    np.testing.assert_allclose(places[-1, -1], [width - 0.5, height - 0.5, 1])
