@@ -10,11 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from pix2face.evaluation.subjects.tracks_as_predictions import read_tracks
 
 from pix2face.commands import track_cli
 from pix2face.commands.cli import main
 from pix2face.detectors import detection
+from pix2face.evaluation.subjects.predictions_file import read_tracks
 from pix2face.files.images import encode_image
 from pix2face.geometry.landmarks import read_pts
 from pix2face.inference.predictor import Predictor
