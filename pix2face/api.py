@@ -1,6 +1,7 @@
 """The whole of inference behind one object: photographs in; maps, cameras, meshes and landmarks out."""
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import final
 
@@ -280,8 +281,9 @@ def check_box(box: FaceBox) -> None:
     Raises:
         DegenerateGeometryError: It has no extent, or is not finite.
     """
-    sides = np.array([box.left, box.top, box.right, box.bottom])
-    if not (np.isfinite(sides).all() and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX):
+    if not (
+        np.isfinite(astuple(box)).all() and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX
+    ):
         raise DegenerateGeometryError(
             f"expected a face box (left, top, right, bottom) of at least {SMALLEST_BOX_PX:g} pixel, found {box}"
         )

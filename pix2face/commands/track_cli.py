@@ -39,7 +39,7 @@ from pix2face.tracking.face_tracks import (
     main_face,
 )
 from pix2face.tracking.smoothing import Smoothing, open_smoother
-from pix2face.tracking.track_files import ClipConstants, TrackFiles, TrackFormat, draw_frame
+from pix2face.tracking.track_files import TrackFiles, TrackFormat, draw_frame
 from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
 from pix2face.tracking.video import FrameSource, OverlayVideo, open_frames
 
@@ -212,8 +212,7 @@ def _follow(
     n_frames = max(own.frames.stop for own in faces)
 
     def open_files(index: int) -> TrackFiles:
-        constants = ClipConstants(source.fps, followers[index].identity, model.name, model.sha256)
-        return TrackFiles(faces[index].folder, formats, constants)
+        return TrackFiles(faces[index].folder, formats, source.fps, followers[index].identity, model)
 
     for index in range(len(faces)):
         open_files(index).close()  # whatever an earlier run left there

@@ -22,7 +22,7 @@ from pix2face.geometry.crops import crop_image
 from pix2face.geometry.maps import point_cloud
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_files import read_fit
-from pix2face.photographs.view_page import FaceData, ViewedFace, face_data, view_page
+from pix2face.photographs.view_page import ViewedFace, face_data, view_page
 
 
 @final
@@ -47,7 +47,7 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
     config.faces.check()
     config.how.check()
     check_output_file(config.out, (".html",))
-    console, shown = Console(stderr=True), list[FaceData]()
+    console, shown = Console(stderr=True), list[str]()
     fits = [path for path in config.inputs if path.suffix.lower() == ".json"]
     photographs = [path for path in config.inputs if path.suffix.lower() != ".json"]
     if fits and config.faces.faces.network.landmarks is not None:
@@ -75,7 +75,7 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
 
 
 def _fit_photographs(
-    config: ViewConfig, photographs: list[Path], console: Console, show: Callable[[FaceData], None]
+    config: ViewConfig, photographs: list[Path], console: Console, show: Callable[[str], None]
 ) -> Tally:
     finder = config.faces.open()
     pix2face = finder.pix2face
@@ -95,9 +95,9 @@ def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:
         InputFileError: The file or the photograph it names cannot be read.
         ModelMismatchError: It is the fit of another model.
     """
-    stored = read_fit(path, model)
+    fit, photograph = read_fit(path, model)
     points, colours = _stored_points(path.with_name(f"{path.stem}-points.ply"))
-    return ViewedFace(path.stem, read_photograph(stored.photograph), stored.fit, points, colours)
+    return ViewedFace(path.stem, read_photograph(photograph), fit, points, colours)
 
 
 def _stored_points(path: Path) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:

@@ -3,9 +3,9 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -27,20 +27,6 @@ from pix2face.photographs.landmark_visibility import visible_landmarks
 
 # A fit of some thousand coefficients has some ten thousand characters; nothing of this size is one.
 LARGEST_FILE_BYTES = 32 << 20
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class StoredFit:
-    """What a fit's file holds.
-
-    Attributes:
-        fit: In the pixels of the photograph.
-        photograph: Where the photograph was.
-    """
-
-    fit: FaceFit
-    photograph: Path
 
 
 def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_height_px: int) -> str:
@@ -81,8 +67,11 @@ def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Pa
     path.write_text(fit_to_json(fitted, model, way, image_height_px))
 
 
-def read_fit(path: Path, model: MorphableModel) -> StoredFit:
+def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
     """Reads what ``write_fit`` wrote.
+
+    Returns:
+        The fit, in the pixels of the photograph, and where the photograph was.
 
     Raises:
         InputFileError: The file is missing, or no fit.
@@ -108,7 +97,7 @@ def read_fit(path: Path, model: MorphableModel) -> StoredFit:
         raise InputFileError(
             f"{path}: expected a fit that `pix2face fit` wrote, found one without a valid {error}; fit again"
         ) from error
-    return StoredFit(FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d), photograph)
+    return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d), photograph
 
 
 def _camera_kind(camera: Camera) -> str:

@@ -82,29 +82,21 @@ class RefinedBox:
         return self.residual_mm > REFUTED_MM and self.overlap < PLAUSIBLE_OVERLAP
 
 
-def refine_box(image: UInt8[ndarray, "h w 3"], box: FaceBox, predictor: Predictor, model: MorphableModel) -> FaceBox:
-    """The box of the landmarks of a first prediction, or the given box where that is not plausible.
-
-    Args:
-        image: RGB.
-        box: Of a face, by a detector; pixels of the image.
-        predictor: The network.
-        model: The one that it was trained for.
-    """
-    return refine_boxes([(image, box)], predictor, model)[0]
-
-
 def refine_boxes(
     faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]], predictor: Predictor, model: MorphableModel
 ) -> list[FaceBox]:
-    """As ``refine_box``, for several faces of one picture or of many at once."""
-    predictions = predictor.predict_many(faces)
-    return [
-        better.box if better is not None and better.is_plausible else box
-        for better, box in (
-            (refined_box(own, box, model), box) for own, (_, box) in zip(predictions, faces, strict=True)
-        )
-    ]
+    """The boxes of the landmarks of first predictions, or the given boxes where those are not plausible.
+
+    Args:
+        faces: Pictures, RGB, and in each the box of a face by a detector, in its pixels.
+        predictor: The network.
+        model: The one that it was trained for.
+    """
+    boxes = []
+    for prediction, (_, box) in zip(predictor.predict_many(faces), faces, strict=True):
+        better = refined_box(prediction, box, model)
+        boxes.append(better.box if better is not None and better.is_plausible else box)
+    return boxes
 
 
 def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:

@@ -51,16 +51,8 @@ class ViewedFace:
     point_colours: UInt8[ndarray, "n 3"]
 
 
-@final
-@dataclass(frozen=True)
-class FaceData:
-    """A face as the page holds it, some megabytes of text."""
-
-    json: str
-
-
-def face_data(face: ViewedFace, model: MorphableModel) -> FaceData:
-    """What the page needs of one face.
+def face_data(face: ViewedFace, model: MorphableModel) -> str:
+    """What the page needs of one face, some megabytes of JSON.
 
     Raises:
         DegenerateGeometryError: The face has no extent in the photograph.
@@ -81,15 +73,15 @@ def face_data(face: ViewedFace, model: MorphableModel) -> FaceData:
         "point_colours": _base64(linear_colours(face.point_colours), "u1"),
         **_mesh_fields(face, model),
     }
-    return FaceData(json.dumps(fields))
+    return json.dumps(fields)
 
 
-def view_page(faces: Sequence[FaceData], title: str) -> str:
-    """The page of some faces; whatever their names are, they are shown and never obeyed."""
+def view_page(faces: Sequence[str], title: str) -> str:
+    """The page of some faces (of ``face_data``); whatever their names are, they are shown and never obeyed."""
     script = _viewer()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     # In a script element "<" could end it, and nothing else is special.
-    data = "[" + ",\n".join(face.json for face in faces).replace("<", "\\u003c") + "]"
+    data = "[" + ",\n".join(faces).replace("<", "\\u003c") + "]"
     policy = f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:"
     return _PAGE.format(title=escape(printable(title)), policy=policy, style=_STYLE, data=data, script=script)
 

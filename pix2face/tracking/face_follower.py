@@ -82,7 +82,7 @@ def find_boxes(
         source: The clip.
         find: From the number of a frame and the frame to the boxes of its faces; None where nobody has looked.
         tracker: Gets every detection.
-        every: Look at each so-manieth frame only; boxes between are interpolated like gaps.
+        every: Look at every n-th frame only; boxes in between are interpolated.
         advance: Called after each frame.
 
     Returns:
@@ -147,7 +147,7 @@ def find_identities(
 
 
 def identity_step(n_detected: int, at_most: int) -> int:
-    """Every so-manieth detection of a face is one that its identity comes from."""
+    """The identity of a face comes from every n-th of its detections; this is n."""
     return max(1, -(-n_detected // at_most))
 
 

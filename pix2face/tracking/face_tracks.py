@@ -10,14 +10,12 @@ adjacent". Deviation from the paper: before the first and after the last detecti
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from io import TextIOBase
 from pathlib import Path
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float64
-from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
 from pix2face.detectors.protocol import overlap
@@ -117,7 +115,7 @@ class FaceTracker:
                 track, before.first, frame, before.n_detected + 1, before.weight + box.longer_side
             )
             self._live[track] = box
-            sides = (f"{side:.3f}" for side in (box.left, box.top, box.right, box.bottom))
+            sides = (f"{side:.3f}" for side in astuple(box))
             self._rows.writerow([frame, track, *sides])
 
     def _match(self, frame: int, boxes: Sequence[FaceBox]) -> dict[int, int]:
@@ -214,10 +212,5 @@ def _between(before: FrameBox, after: FrameBox, frame: int) -> FrameBox:
         nearest = after if abs(after.frame - frame) < abs(frame - before.frame) else before
         return FrameBox(frame, nearest.box, "held", nearest.track)
     share = (frame - before.frame) / (after.frame - before.frame)
-    sides = (1 - share) * _sides(before.box) + share * _sides(after.box)
-    left, top, right, bottom = sides.tolist()
-    return FrameBox(frame, FaceBox(left, top, right, bottom), "interpolated", before.track)
-
-
-def _sides(box: FaceBox) -> Float64[ndarray, "4"]:
-    return np.array([box.left, box.top, box.right, box.bottom])
+    sides = (1 - share) * np.array(astuple(before.box)) + share * np.array(astuple(after.box))
+    return FrameBox(frame, FaceBox(*sides.tolist()), "interpolated", before.track)

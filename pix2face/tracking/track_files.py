@@ -7,7 +7,7 @@ comes.
 import csv
 import zipfile
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import astuple
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Final, Literal, final
@@ -20,6 +20,7 @@ from numpy import ndarray
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
+from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_pictures import draw_landmarks
 from pix2face.photographs.landmark_visibility import visible_landmarks
 from pix2face.tracking.face_follower import TrackedFace, TrackedFrame
@@ -40,35 +41,21 @@ COPY_BYTES = 1 << 20
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class ClipConstants:
-    """What is the same in all frames of a face.
-
-    Attributes:
-        fps: Frames a second.
-        identity: Coefficients in standard deviations.
-        model_name: Of the morphable model.
-        model_sha256: Its hash.
-    """
-
-    fps: float
-    identity: ndarray
-    model_name: str
-    model_sha256: str
-
-
-@final
 class TrackFiles:
     """The files of one face of a clip; a context manager. On leaving, also by an exception, the NPZ is put together.
 
     Args:
         folder: To write to; must be there.
         formats: Of "csv" (``landmarks.csv``), "npz" (``track.npz``) and "pts" (``pts/000000.pts``, ...).
-        constants: What all frames share.
+        fps: Frames a second.
+        identity: Coefficients of the face in standard deviations.
+        model: The morphable model that they are of.
     """
 
-    def __init__(self, folder: Path, formats: tuple[TrackFormat, ...], constants: ClipConstants) -> None:
-        self._folder, self._constants = folder, constants
+    def __init__(
+        self, folder: Path, formats: tuple[TrackFormat, ...], fps: float, identity: ndarray, model: MorphableModel
+    ) -> None:
+        self._folder, self._fps = folder, fps
         self._files = ExitStack()
         self._csv = self._npz = self._pts = None
         if "csv" in formats:
@@ -76,7 +63,9 @@ class TrackFiles:
             self._csv = csv.writer(file, lineterminator="\n")
             self._csv.writerow(CSV_COLUMNS)
         if "npz" in formats:
-            self._npz = self._files.enter_context(GrowingNpz(folder / "track.npz", _constant_arrays(constants)))
+            self._npz = self._files.enter_context(
+                GrowingNpz(folder / "track.npz", _constant_arrays(fps, identity, model))
+            )
         if "pts" in formats:
             self._pts = folder / "pts"
             self._pts.mkdir(exist_ok=True)
@@ -107,11 +96,11 @@ class TrackFiles:
 
     def _csv_row(self, face: TrackedFace) -> list[object]:
         box, pose = face.box.box, head_pose(face.fit.camera)
-        sides = (f"{side:.2f}" for side in (box.left, box.top, box.right, box.bottom))
-        angles = (f"{angle:.3f}" for angle in (pose.pitch_deg, pose.yaw_deg, pose.roll_deg))
+        sides = (f"{side:.2f}" for side in astuple(box))
+        angles = (f"{angle:.3f}" for angle in astuple(pose))
         scale = nearest_weak_perspective(face.fit.camera).scale
         return [
-            *(face.box.frame, f"{face.box.frame / self._constants.fps:.4f}"),
+            *(face.box.frame, f"{face.box.frame / self._fps:.4f}"),
             *(face.box.source, "fitted" if face.is_fitted else "carried"),
             *(*sides, *angles, f"{scale:.6g}"),
             *(f"{value:.3f}" for value in face.landmarks2d.reshape(-1)),
@@ -188,8 +177,7 @@ def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
         is_seen = face.is_fitted and face.box.source == "detected"
         colour = SEEN_COLOUR if is_seen else FILLED_COLOUR
         picture = draw_landmarks(picture, face.landmarks2d, colour)
-        corners = np.clip([face.box.box.left, face.box.box.top, face.box.box.right, face.box.box.bottom], -1e6, 1e6)
-        left, top, right, bottom = (int(value) for value in corners)
+        left, top, right, bottom = (int(side) for side in np.clip(astuple(face.box.box), -1e6, 1e6))
         cv2.rectangle(picture, (left, top), (right, bottom), colour, 1, cv2.LINE_AA)
     return picture
 
@@ -200,12 +188,12 @@ def pts_text(landmarks2d: ndarray) -> str:
     return f"version: 1\nn_points: {len(landmarks2d)}\n{{\n{rows}\n}}\n"
 
 
-def _constant_arrays(constants: ClipConstants) -> dict[str, ndarray]:
+def _constant_arrays(fps: float, identity: ndarray, model: MorphableModel) -> dict[str, ndarray]:
     return {
-        "identity": constants.identity,
-        "fps": np.array(constants.fps),
-        "model_name": np.array(constants.model_name),
-        "model_sha256": np.array(constants.model_sha256),
+        "identity": identity,
+        "fps": np.array(fps),
+        "model_name": np.array(model.name),
+        "model_sha256": np.array(model.sha256),
         "box_sources": np.array(BOX_SOURCES),
     }
 
@@ -214,7 +202,7 @@ def _frame_arrays(face: TrackedFace) -> dict[str, ndarray]:
     box, pose = face.box.box, head_pose(face.fit.camera)
     return {
         "frame": np.array(face.box.frame, dtype=np.int64),
-        "box": np.array([box.left, box.top, box.right, box.bottom], dtype=np.float32),
+        "box": np.array(astuple(box), dtype=np.float32),
         "box_source": np.array(BOX_SOURCES.index(face.box.source), dtype=np.uint8),
         "is_fitted": np.array(face.is_fitted),
         "landmarks2d": face.landmarks2d.astype(np.float32),
@@ -224,5 +212,5 @@ def _frame_arrays(face: TrackedFace) -> dict[str, ndarray]:
         "eye_px": np.array(face.eye_px, dtype=np.float32),
         "camera": face.fit.camera.matrix,
         "expression": face.fit.expression.astype(np.float32),
-        "pose_deg": np.array([pose.pitch_deg, pose.yaw_deg, pose.roll_deg], dtype=np.float32),
+        "pose_deg": np.array(astuple(pose), dtype=np.float32),
     }

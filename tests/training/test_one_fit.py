@@ -16,7 +16,7 @@ from pix2face.fitting import face_fit, joint_fit
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import load_model
-from pix2face.photographs.refined_detection import refine_box
+from pix2face.photographs.refined_detection import refine_boxes
 from pix2face.tracking import clip_fit
 from tests.model_files import write_small_head
 from tests.pix2face.benchmark_files import write_pts
@@ -107,7 +107,7 @@ def select_landmarks(folder: Path) -> None:
 
 def refine(folder: Path) -> None:
     model = load_model(folder / "head.h5")
-    refine_box(read_photograph(photograph(folder)), true_box(model, CAMERA), colour_predictor(model), model)
+    refine_boxes([(read_photograph(photograph(folder)), true_box(model, CAMERA))], colour_predictor(model), model)
 
 
 class Nothing(nn.Module):

@@ -24,7 +24,7 @@ from pix2face.evaluation.figures.bootstrap import (
     weighted_mean_of,
 )
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
-from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_of_coefficients, mean_of_maps
+from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_errors
 from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS, Alignment, ErrorSummary, Normaliser, summarise
 
 NORMALISERS: dict[Normaliser, str] = {
@@ -123,6 +123,11 @@ class Report:
         return self.settings.method, BASELINE
 
     @property
+    def normaliser(self) -> str:
+        """What errors are divided by, in words."""
+        return f"the {NORMALISERS[self.manifest.normaliser]}"
+
+    @property
     def n_failed(self) -> int:
         """Faces that were not found."""
         return sum(result.failure is not None for result in self.results)
@@ -181,10 +186,8 @@ def make_report(
             errors_by_attribute(own, errors_by_name, manifest.threshold, settings.bootstrap) for own in settings.by
         ),
         poses=summarise_poses([own.yaw_deg for own in results], [own.pose_errors_deg for own in results]),
-        maps=mean_of_maps([result.maps for result in results if result.maps is not None]),
-        coefficients=mean_of_coefficients(
-            [result.coefficients for result in results if result.coefficients is not None]
-        ),
+        maps=mean_errors([result.maps for result in results]),
+        coefficients=mean_errors([result.coefficients for result in results]),
         results=tuple(results),
         missing=tuple(missing),
         unreadable=tuple(unreadable),

@@ -16,7 +16,7 @@ from numpy import ndarray
 from pix2face.errors import UsageError
 from pix2face.evaluation.evaluator import BASELINE, FaceResult
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE
-from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, NORMALISERS, Report
+from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, Report
 from pix2face.evaluation.report.report_pictures import Cases, cases_sheet, curve3d_png, curve_png, face_svg
 from pix2face.evaluation.report.report_text import ReportTable, all_tables, report_notes
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
@@ -54,7 +54,7 @@ def write_report(
     Raises:
         UsageError: The folder cannot be written to.
     """
-    errors_of = f"{report.manifest.title}: mean errors in % of the {NORMALISERS[report.manifest.normaliser]}"
+    errors_of = f"{report.manifest.title}: mean errors in % of {report.normaliser}"
     contents = {
         "report.json": json.dumps(report_as_json(report), indent=1, allow_nan=False).encode(),
         "curve.png": curve_png(report),
@@ -183,13 +183,12 @@ def _page(report: Report, contents: Mapping[str, bytes], frontal_face: Float64[n
     written = f"{measured}Evaluated on {datetime.now(UTC):%Y-%m-%d at %H:%M} UTC."
     tables = "\n".join(table_html(table) for table in all_tables(report))
     notes = "\n".join(f"<li>{escape(note)}</li>" for note in report_notes(report))
-    unit = f"% of the {NORMALISERS[report.manifest.normaliser]}"
     sections = [
         ("Error curve", _picture(contents["curve.png"], "png", "Cumulative error distribution")),
         (
             f"Mean error of each landmark (row {escape(method)})",
             "<p>The area and the colour of a disc follow the error; point at a disc for its number (from 1) and its "
-            f"error.</p>{face_svg(report.mean_of_landmarks(method), frontal_face, unit)}",
+            f"error.</p>{face_svg(report.mean_of_landmarks(method), frontal_face, f'% of {report.normaliser}')}",
         ),
         ("Worst cases", _picture(contents["worst.jpg"], "jpeg", "Worst cases")),
         ("Best cases", _picture(contents["best.jpg"], "jpeg", "Best cases")),

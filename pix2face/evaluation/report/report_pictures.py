@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.evaluator import FaceResult
-from pix2face.evaluation.report.evaluation_report import NORMALISERS, Report
+from pix2face.evaluation.report.evaluation_report import Report
 from pix2face.geometry.crops import FaceBox, crop_image, square_crop
 from pix2face.geometry.landmark_metrics import POINT_SETS, error_curve
 from pix2face.geometry.landmarks import CLOSED_GROUPS, IBUG68_GROUPS
@@ -41,8 +41,9 @@ def curve_png(report: Report) -> bytes:
         for method in report.methods
         for points in POINT_SETS
     }
-    unit = f"% of the {NORMALISERS[report.manifest.normaliser]}"
-    return _curves_png(curves, report.manifest.title, f"mean error of a face, {unit}", len(report.results))
+    return _curves_png(
+        curves, report.manifest.title, f"mean error of a face, % of {report.normaliser}", len(report.results)
+    )
 
 
 def curve3d_png(report: Report) -> bytes | None:

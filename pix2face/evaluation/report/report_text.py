@@ -49,16 +49,12 @@ def main_table(report: Report) -> ReportTable:
     counts += [NO_FIGURE] * is_binned + [str(len(report.results)), *[NO_FIGURE] * 4]
     own_columns = "mean in each bin of |yaw|, unweighted mean of the bins" if is_binned else "mean in each part"
     caption = (
-        f"Mean error of the landmarks, {_unit(report)}, over all 68 points or the 51 inside the face. Columns: "
-        f"{own_columns if headings else ''}{', ' if headings else ''}mean and median over all {counted_on}, area under "
+        f"Mean error of the landmarks, in % of {report.normaliser}, over all 68 points or the 51 inside the face. "
+        f"Columns: {f'{own_columns}, ' if headings else ''}mean and median over all {counted_on}, area under "
         f"the error curve (AUC) up to {threshold}, share of {counted_on} with a larger error, number of faces that "
         "were not found."
     )
     return ReportTable(caption, columns, [*lines, counts])
-
-
-def _unit(report: Report) -> str:
-    return f"in % of the {NORMALISERS[report.manifest.normaliser]}"
 
 
 def _interval_table(report: Report) -> ReportTable | None:
@@ -70,14 +66,14 @@ def _interval_table(report: Report) -> ReportTable | None:
         del names["mean_of_groups"]
     lines = [[row.method, row.points, *(_interval(row.intervals.get(name)) for name in names)] for row in report.rows]
     interval = f"{100 * CONFIDENCE:g} % interval"
-    caption = f"{interval}s (bootstrap) of the figures above, {_unit(report)}; AUC and failures in %."
+    caption = f"{interval}s (bootstrap) of the figures above, in % of {report.normaliser}; AUC and failures in %."
     return ReportTable(caption, [f"{interval}, in %", "points", *names.values()], lines)
 
 
 def _part_table(report: Report) -> ReportTable:
     parts = {method: report.mean_of_parts(method) for method in report.methods}
     lines = [[method, *(_number(value) for value in own.values())] for method, own in parts.items()]
-    caption = f"Mean error of the landmarks of each part of the face, {_unit(report)}, over the faces that were found."
+    caption = f"Mean error of each part of the face, in % of {report.normaliser}, over the faces that were found."
     return ReportTable(caption, ["in %", *next(iter(parts.values()))], lines)
 
 
@@ -122,7 +118,7 @@ def _attribute_table(own: ErrorsByAttribute, report: Report) -> ReportTable:
         found = row.errors
         line = [row.name, str(found.n_images), _number(found.mean), _interval(row.interval), _number(found.median)]
         lines.append([*line, _number(found.failure_rate, digits=1), str(found.n_failed)])
-    caption = f"Mean error over 68 points by {own.attribute}, {_unit(report)}."
+    caption = f"Mean error over 68 points by {own.attribute}, in % of {report.normaliser}."
     return ReportTable(caption, [*columns, above, "not found"], lines)
 
 
@@ -157,16 +153,11 @@ def terminal_table(title: str, columns: Sequence[str], lines: Sequence[Sequence[
             escape(cells[0]),
             justify="right" if index else "left",
             vertical="bottom",
-            width=_width(cells[0], cells[1:]),
+            width=max(len(word) for word in (*cells[0].split(), *cells[1:])),
         )
     for line in shown[1:]:
         table.add_row(*(escape(cell) for cell in line))
     return table
-
-
-def _width(column: str, cells: Sequence[str]) -> int:
-    """Columns of a terminal without which a heading's word or a figure would be cut."""
-    return max(len(word) for word in (*column.split(), *cells))
 
 
 def report_notes(report: Report) -> list[str]:

@@ -1,8 +1,8 @@
 """Errors that only renders can tell, since nobody can annotate them in a photograph: of maps, and of coefficients."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import final
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar, final
 
 import numpy as np
 from jaxtyping import Float
@@ -56,6 +56,9 @@ class CoefficientErrors:
     shape_baseline_mm: float
 
 
+Errors = TypeVar("Errors", MapErrors, CoefficientErrors)
+
+
 def compare_maps(found: FoundFace, face: BenchmarkFace) -> MapErrors | None:
     """Errors of the maps that were predicted for a face, in the pixels of the crop; None where either has none."""
     if face.maps is None or found.maps is None or found.crop is None:
@@ -96,30 +99,15 @@ def compare_coefficients(model: MorphableModel, found: FoundFace, face: Benchmar
     )
 
 
-def mean_of_maps(errors: Sequence[MapErrors]) -> MapErrors | None:
-    """Means over images; those without a common pixel count in the overlap only. None without any."""
-    if not errors:
+def mean_errors(errors: Sequence[Errors | None]) -> Errors | None:
+    """Means over the images whose errors are known, each figure over those that have it; None without any."""
+    known = [error for error in errors if error is not None]
+    if not known:
         return None
-    return MapErrors(
-        pncc_mm=_mean_of_known([error.pncc_mm for error in errors]),
-        offset_mm=_mean_of_known([error.offset_mm for error in errors]),
-        offset_baseline_mm=_mean_of_known([error.offset_baseline_mm for error in errors]),
-        mask_iou=float(np.mean([error.mask_iou for error in errors])),
-    )
-
-
-def mean_of_coefficients(errors: Sequence[CoefficientErrors]) -> CoefficientErrors | None:
-    """Means over images; None without any."""
-    if not errors:
-        return None
-    return CoefficientErrors(
-        identity_rms=_mean_of_known([error.identity_rms for error in errors]),
-        identity_baseline_rms=_mean_of_known([error.identity_baseline_rms for error in errors]),
-        expression_rms=_mean_of_known([error.expression_rms for error in errors]),
-        expression_baseline_rms=_mean_of_known([error.expression_baseline_rms for error in errors]),
-        shape_mm=float(np.mean([error.shape_mm for error in errors])),
-        shape_baseline_mm=float(np.mean([error.shape_baseline_mm for error in errors])),
-    )
+    means: dict[str, Any] = {
+        own.name: _mean_of_known([getattr(error, own.name) for error in known]) for own in fields(known[0])
+    }
+    return replace(known[0], **means)
 
 
 def _mean_of_known(values: Sequence[float | None]) -> float | None:

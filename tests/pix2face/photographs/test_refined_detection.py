@@ -10,7 +10,6 @@ from pix2face.photographs.refined_detection import (
     RefinedBox,
     confirm_faces,
     find_faces,
-    refine_box,
     refine_boxes,
     refined_box,
 )
@@ -38,7 +37,7 @@ def moved(box: FaceBox, share: float, larger: float = 1.0) -> FaceBox:
 def test_a_box_that_is_a_little_off_is_brought_back(scene, share, larger):
     model, image, boxes = scene
     for box in boxes:
-        better = refine_box(image, moved(box, share, larger), colour_predictor(model), model)
+        better = refine_boxes([(image, moved(box, share, larger))], colour_predictor(model), model)[0]
         assert overlap(better, box) > 0.9
 
 
@@ -58,9 +57,9 @@ def test_exact_maps_give_the_box_of_the_landmarks_to_a_fraction_of_a_pixel():
 def test_a_box_beside_every_face_stays_as_it_is(scene):
     model, image, _ = scene
     beside = FaceBox(60, 1, 75, 12)
-    assert refine_box(image, beside, colour_predictor(model), model) == beside
+    assert refine_boxes([(image, beside)], colour_predictor(model), model) == [beside]
     noise = np.random.default_rng(0).integers(0, 256, image.shape).astype(np.uint8)
-    assert refine_box(noise, beside, colour_predictor(model), model) == beside
+    assert refine_boxes([(noise, beside)], colour_predictor(model), model) == [beside]
 
 
 def test_many_boxes_at_once_are_refined_like_each_alone(scene):
@@ -68,7 +67,7 @@ def test_many_boxes_at_once_are_refined_like_each_alone(scene):
     predictor = colour_predictor(model)
     wrong = [moved(box, 0.1) for box in boxes]
     together = refine_boxes([(image, box) for box in wrong], predictor, model)
-    assert together == [refine_box(image, box, predictor, model) for box in wrong]
+    assert together == [refine_boxes([(image, box)], predictor, model)[0] for box in wrong]
     assert refine_boxes([], predictor, model) == []
 
 
