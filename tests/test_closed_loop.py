@@ -9,7 +9,7 @@ import pytest
 from datagen.faces.sources import open_source
 from datagen.jobs.render_job import RenderJob, shard_header
 from datagen.opengl.gl_context import create_gl_context
-from datagen.samples.triplets import TripletMaker
+from datagen.samples.sample_making import SampleMaker
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError
 from pix2face.face_files.coefficients import save_coefficients
@@ -42,7 +42,7 @@ def shard_of(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         pytest.skip(str(error))
     paths = {}
     with gl:
-        maker = TripletMaker(model, gl, seed=0)
+        maker = SampleMaker(model, gl, seed=0)
         for kind in ("pinhole", "affine"):
             seen = [face if kind == "pinhole" else replace(face, camera=linearised(face.camera)) for face in faces]
             paths[kind] = folder / kind / "shard-00000.h5"
@@ -54,20 +54,20 @@ def shard_of(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.mark.parametrize("kind", ["pinhole", "affine"])
 def test_shards_give_camera_and_landmarks_back(shard_of: dict[str, Path], kind: CameraKind) -> None:
     model = builtin_model()
-    with ShardReader(shard_of[kind]) as reader:
-        for index in range(len(reader)):
-            truth = reader.triplet(index)
-            found = fit_face(truth.maps, model, paper_fit(camera=kind, regularisation=EXACT_MAPS_REGULARISATION))
-            corners = truth.landmarks3d[[36, 45]]
-            flat = linearised(truth.camera)
-            scale = np.sqrt(np.linalg.norm(np.cross(flat.matrix[0, :3], flat.matrix[1, :3])))  # px per mm
-            eye_distance = float(np.linalg.norm(corners[0] - corners[1]) * scale)
-            face = model.mean[model.is_face_vertex][::50]
-            camera_error = np.linalg.norm(found.camera.project(face) - truth.camera.project(face), axis=1)
-            landmark_error = np.linalg.norm(found.landmarks2d - truth.landmarks2d, axis=1)
-            assert camera_error.max() < LIMIT * eye_distance
-            assert landmark_error.mean() < LIMIT * eye_distance
-            assert landmark_error[truth.visible].mean() < LIMIT * eye_distance
-            np.testing.assert_allclose(
-                found.vertices[model.landmarks[IBUG68]][truth.visible], truth.landmarks3d[truth.visible], atol=0.3
-            )
+    reader = ShardReader(shard_of[kind])
+    for index in range(len(reader)):
+        truth = reader.read(index)
+        found = fit_face(truth.maps, model, paper_fit(camera=kind, regularisation=EXACT_MAPS_REGULARISATION))
+        corners = truth.landmarks3d[[36, 45]]
+        flat = linearised(truth.camera)
+        scale = np.sqrt(np.linalg.norm(np.cross(flat.matrix[0, :3], flat.matrix[1, :3])))  # px per mm
+        eye_distance = float(np.linalg.norm(corners[0] - corners[1]) * scale)
+        face = model.mean[model.is_face_vertex][::50]
+        camera_error = np.linalg.norm(found.camera.project(face) - truth.camera.project(face), axis=1)
+        landmark_error = np.linalg.norm(found.landmarks2d - truth.landmarks2d, axis=1)
+        assert camera_error.max() < LIMIT * eye_distance
+        assert landmark_error.mean() < LIMIT * eye_distance
+        assert landmark_error[truth.visible].mean() < LIMIT * eye_distance
+        np.testing.assert_allclose(
+            found.vertices[model.landmarks[IBUG68]][truth.visible], truth.landmarks3d[truth.visible], atol=0.3
+        )

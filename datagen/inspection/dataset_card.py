@@ -19,11 +19,10 @@ from pix2face.command_line import REJECTED_FILE, counted, printable
 from pix2face.errors import UsageError
 from pix2face.files.writing import written_in_one_step
 from pix2face.models.morphable_model import builtin_model
-from pix2face.shards.compressions import has_foreign_filter
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS
-from pix2face.shards.shard_layout import is_predicted
+from pix2face.shards.sample import PICTURE, PictureKind
+from pix2face.shards.shard_layout import has_foreign_filter, is_predicted
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
-from pix2face.shards.triplet import PICTURE, PictureKind
 
 CARD_FILE = "dataset_card.md"
 N_KINDS_SHOWN = 20
@@ -74,8 +73,8 @@ def summarise(folder: Path) -> DatasetSummary:
         InputFileError: A shard cannot be read.
     """
     paths = shard_paths(folder)
-    with ShardReader(paths[0]) as reader:
-        header = replace(reader.header, rejected="[]")
+    reader = ShardReader(paths[0])
+    header = replace(reader.header, rejected="[]")
     summary = DatasetSummary(
         header=header,
         n_shards=len(paths),
@@ -83,19 +82,19 @@ def summarise(folder: Path) -> DatasetSummary:
         hdf5_example=_hdf5_example(paths[0], header),
     )
     for path in paths:
-        with ShardReader(path) as reader:
-            if replace(reader.header, rejected="[]") != header:
-                raise UsageError(
-                    f"{folder}: expected shards of one job, found that {paths[0].name} and {path.name} differ in "
-                    "model, layers or configuration; give each job a folder of its own"
-                )
-            summary.n_rejected += len(json.loads(reader.header.rejected))
-            for index, attributes in enumerate(reader.attributes()):
-                height, width = reader.size_px(index)
-                summary.sizes[f"{width} x {height} px" if height else "unknown"] += 1
-                summary.pictures[str(attributes.get(PICTURE, _NOT_RECORDED))] += 1
-                summary.geometries[str(attributes.get("geometry", _NOT_RECORDED))] += 1
-                summary.n_own_backdrops += bool(attributes.get("backdrop.file"))  # "" for every other backdrop
+        reader = ShardReader(path)
+        if replace(reader.header, rejected="[]") != header:
+            raise UsageError(
+                f"{folder}: expected shards of one job, found that {paths[0].name} and {path.name} differ in "
+                "model, layers or configuration; give each job a folder of its own"
+            )
+        summary.n_rejected += len(json.loads(reader.header.rejected))
+        for index, attributes in enumerate(reader.attributes()):
+            height, width = reader.size_px(index)
+            summary.sizes[f"{width} x {height} px" if height else "unknown"] += 1
+            summary.pictures[str(attributes.get(PICTURE, _NOT_RECORDED))] += 1
+            summary.geometries[str(attributes.get("geometry", _NOT_RECORDED))] += 1
+            summary.n_own_backdrops += bool(attributes.get("backdrop.file"))  # "" for every other backdrop
     return summary
 
 

@@ -13,7 +13,8 @@ from datagen.inspection.layer_pictures import GREY, LEGENDS, layer_picture, laye
 from pix2face.errors import UsageError
 from pix2face.files.images import decode_image
 from pix2face.shards.layers import LANDMARKS, LAYERS
-from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet, shard_paths
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
 TILE_PX, HEADING_PX = 180, 40
 VISIBLE_COLOUR, HIDDEN_COLOUR = (60, 255, 60), (255, 80, 80)
@@ -34,7 +35,7 @@ def contact_sheet(shards: Path, n: int) -> UInt8[ndarray, "h w 3"]:
     return np.hstack([np.vstack([heading, *rows[:half]]), np.vstack([heading, *rows[half:]])])
 
 
-def sample_tiles(triplet: Triplet, layers: tuple[str, ...]) -> list[tuple[str, str, UInt8[ndarray, "t t 3"]]]:
+def sample_tiles(triplet: Sample, layers: tuple[str, ...]) -> list[tuple[str, str, UInt8[ndarray, "t t 3"]]]:
     """Draws one sample: picture, PNCC over the picture, the other layers, landmarks (green: visible, red: hidden).
 
     Args:
@@ -45,12 +46,12 @@ def sample_tiles(triplet: Triplet, layers: tuple[str, ...]) -> list[tuple[str, s
         Title, legend and picture of each tile.
     """
     image = sample_picture(triplet)
-    tiles = [] if triplet.image is None else [("picture", "", image)]
+    tiles = [] if triplet.image_bytes is None else [("picture", "", image)]
     if "pncc" in layers:
         pncc, mask = layer_picture("pncc", triplet.layers), triplet.layers.get("mask")
         blend = (0.45 * image + 0.55 * pncc).astype(np.uint8)
         shown = pncc if mask is None else np.where(mask[..., None], blend, image)
-        tiles.append(("PNCC over the picture" if triplet.image else "PNCC", LEGENDS["pncc"], shown))
+        tiles.append(("PNCC over the picture" if triplet.image_bytes else "PNCC", LEGENDS["pncc"], shown))
     # PNCC already shows the mask.
     others = [name for name in LAYERS if name in layers and name not in ("pncc", "mask" if "pncc" in layers else "")]
     tiles += [(layer_title(name), LEGENDS[name], layer_picture(name, triplet.layers)) for name in others]
@@ -59,14 +60,14 @@ def sample_tiles(triplet: Triplet, layers: tuple[str, ...]) -> list[tuple[str, s
     return [(title, legend, _tile(picture)) for title, legend, picture in tiles]
 
 
-def sample_picture(triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
+def sample_picture(triplet: Sample) -> UInt8[ndarray, "h w 3"]:
     """The picture of a sample; grey if it has none.
 
     Raises:
         InputFileError: It cannot be decoded.
     """
-    if triplet.image is not None:
-        return decode_image(triplet.image, triplet.sample_id)
+    if triplet.image_bytes is not None:
+        return decode_image(triplet.image_bytes, triplet.sample_id)
     height, width = next((values.shape[:2] for values in triplet.layers.values()), (TILE_PX, TILE_PX))
     return np.full((height, width, 3), GREY, dtype=np.uint8)
 
@@ -80,7 +81,7 @@ def scaled(
     return cv2.resize(picture, size, interpolation=method)
 
 
-def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Triplet]]:
+def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Sample]]:
     """Reads n samples one by one, evenly spread over a folder of shards.
 
     Raises:
@@ -88,8 +89,8 @@ def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Triplet
     """
     paths, lengths = shard_paths(shards), []
     for path in paths:
-        with ShardReader(path) as reader:
-            lengths.append(len(reader))
+        reader = ShardReader(path)
+        lengths.append(len(reader))
     starts = np.concatenate([[0], np.cumsum(lengths)])
     total = int(starts[-1])
     if not total:
@@ -97,9 +98,9 @@ def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Triplet
     positions = np.unique(np.linspace(0, total - 1, min(n, total)).astype(int))
     which = np.searchsorted(starts, positions, side="right") - 1
     for shard in np.unique(which):
-        with ShardReader(paths[shard]) as reader:
-            for position in positions[which == shard]:
-                yield reader.header, reader.triplet(int(position - starts[shard]))
+        reader = ShardReader(paths[shard])
+        for position in positions[which == shard]:
+            yield reader.header, reader.read(int(position - starts[shard]))
 
 
 def _heading(titles: Sequence[tuple[str, str]]) -> UInt8[ndarray, "h w 3"]:
@@ -112,7 +113,7 @@ def _heading(titles: Sequence[tuple[str, str]]) -> UInt8[ndarray, "h w 3"]:
     return np.asarray(heading)
 
 
-def _with_landmarks(image: UInt8[ndarray, "h w 3"], triplet: Triplet) -> UInt8[ndarray, "h w 3"]:
+def _with_landmarks(image: UInt8[ndarray, "h w 3"], triplet: Sample) -> UInt8[ndarray, "h w 3"]:
     picture = image.copy()
     radius = max(1, image.shape[0] // 150)
     for (x, y), visible in zip(triplet.landmarks2d, triplet.visible, strict=True):

@@ -22,7 +22,8 @@ from datagen.inspection.preview import sample_picture, scaled
 from datagen.inspection.statistics_tables import data_url, own_file
 from pix2face.files.images import encode_image, encode_photograph
 from pix2face.shards.layers import LAYERS, SEEN_REGIONS
-from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader
 
 # Larger pictures are scaled down: 24 samples of a camera's size would make a page of hundreds of megabytes.
 LARGEST_SIDE_PX = 720
@@ -32,7 +33,7 @@ FAR_PX = 1e5
 _UNITS = {"mm": " mm", "px": " px", "deg": "°", "percent": " %", "years": " years", "ev": " EV"}
 
 
-def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Triplet]]) -> str:
+def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Sample]]) -> str:
     """Writes the page.
 
     Args:
@@ -65,7 +66,7 @@ def _page(title: str, data: Any) -> str:
     return Template(own_file("preview.html")).substitute(texts)
 
 
-def _entry(triplet: Triplet) -> dict[str, Any]:
+def _entry(triplet: Sample) -> dict[str, Any]:
     """The data of a sample for the script."""
     picture = sample_picture(triplet)
     height, width = picture.shape[:2]
@@ -78,7 +79,7 @@ def _entry(triplet: Triplet) -> dict[str, Any]:
         "id": triplet.sample_id,
         "width": width,
         "height": height,
-        "image": None if triplet.image is None else _picture_url(triplet.image, picture),
+        "image": None if triplet.image_bytes is None else _picture_url(triplet.image_bytes, picture),
         "layers": {name: _layer_url(name, triplet.layers) for name in LAYERS if name in triplet.layers},
         "landmarks": landmarks,
         "attributes": _attribute_groups(triplet.attributes),

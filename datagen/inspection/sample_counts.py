@@ -152,15 +152,13 @@ def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None, whe
     paths, counter = shard_paths(shards), SampleCounter()
     chosen = SampleFilter(where, "--where") if where.strip() else None
     for path in paths:
-        with ShardReader(path) as reader:
-            for index in range(len(reader)):
-                sample = reader.triplet(index, with_pixels=False)
-                if chosen is None or chosen.passes(sample.sample_id, sample.attributes):
-                    counter.add_size(*reader.size_px(index))
-                    counter.add_face(
-                        sample.sample_id, sample.camera, sample.identity, sample.expression, sample.attributes
-                    )
-                    counter.add_landmarks(sample.sample_id, sample.landmarks2d, sample.visible)
+        reader = ShardReader(path)
+        for index in range(len(reader)):
+            sample = reader.read(index, ())
+            if chosen is None or chosen.passes(sample.sample_id, sample.attributes):
+                counter.add_size(*reader.size_px(index))
+                counter.add_face(sample.sample_id, sample.camera, sample.identity, sample.expression, sample.attributes)
+                counter.add_landmarks(sample.sample_id, sample.landmarks2d, sample.visible)
         on_shard()
     if chosen is not None:
         chosen.check_names()

@@ -22,8 +22,8 @@ from datagen.jobs.render_job import RenderJob, look_into, shard_header, shard_pa
 from datagen.jobs.render_unit import Unit, UnitReport, render_unit
 from datagen.jobs.work_units import finish_units
 from datagen.opengl.gl_context import GLSettings
+from datagen.samples.sample_making import check_appearance
 from datagen.samples.stage_times import StageTimes
-from datagen.samples.triplets import check_appearance
 from pix2face.command_line import write_rejected
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.models.surface_attributes import check_layers
@@ -165,7 +165,7 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
 def _count(out: Path, n_units: int) -> tuple[int, list[tuple[str, str]]]:
     n_triplets, rejected = 0, []
     for unit in range(n_units):
-        with ShardReader(shard_path(out, unit)) as reader:
-            n_triplets += len(reader)
-            rejected += [(sample_id, reason) for sample_id, reason in json.loads(reader.header.rejected)]
+        reader = ShardReader(shard_path(out, unit))
+        n_triplets += len(reader)
+        rejected += [(sample_id, reason) for sample_id, reason in json.loads(reader.header.rejected)]
     return n_triplets, rejected

@@ -30,7 +30,6 @@ from pix2face.command_line import (
 from pix2face.errors import UsageError
 from pix2face.geometry.jitter import JitterRange
 from pix2face.models.morphable_model import BUILTIN_MODEL
-from pix2face.shards.compressions import DEFAULT_COMPRESSION, find_compression
 from pix2face.shards.layers import ALL_LAYERS, DEFAULT_LAYERS, SCENE_LAYERS, SEEN, order_layers, parse_layers
 
 console = Console(stderr=True)
@@ -61,9 +60,6 @@ class RenderConfig:
     """Layers of each sample: `all`, or some of image, pncc, offset, mask, depth, normals, uv, regions and landmarks,
     separated by commas. Synthetic photographs also have seen and seen_regions: what is seen of the face, and what
     stands before it. Default: image, pncc, offset, mask, landmarks, and seen for synthetic photographs."""
-    compression: str = DEFAULT_COMPRESSION
-    """How layers are stored: `deflate`, `plain`, or `zstd`, which needs hdf5plugin wherever the shards are read.
-    docs/explanation/storage.md compares them."""
     seed: int = 0
     """Seed of light, colours and background of rendered pictures, and of the jitter."""
     shard_size: int = 100
@@ -120,7 +116,6 @@ def _render(config: RenderConfig) -> int:
     gl = GLSettings(config.gl, config.device, config.rasteriser)
     gl.resolved()  # contradictions are found here, not by every worker
     place: WorkPlace = ProcessPool(config.workers) if config.scheduler is None else DaskCluster(config.scheduler)
-    find_compression(config.compression)
     jitter = JitterBake(config.jitter, config.jitter_size, JitterRange(mirror=config.jitter_mirror))
     jitter.check()
     opened = _open(config, jitter)
@@ -142,7 +137,7 @@ def _open(config: RenderConfig, jitter: JitterBake) -> OpenedJob:
     given = None if config.appearance is None else load_configuration(config.appearance)
     # A layer that there is not is found before long files are read.
     parse_layers(ALL_LAYERS if config.layers is None else config.layers)
-    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, (), config.compression, jitter)
+    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, (), jitter)
     opened = open_job(job)
     has_photographs = opened.source.has_photographs
     if has_photographs and given is not None:

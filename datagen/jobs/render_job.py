@@ -21,9 +21,11 @@ from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.coefficients import configuration_to_json
 from pix2face.models.mirroring import mirror_obstacle
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.shards.compressions import DEFAULT_COMPRESSION
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import ShardHeader, ShardReader
+
+# Earlier versions offered others. The name stays in the configuration, so that their jobs are recognised.
+COMPRESSION = "deflate"
 
 
 @final
@@ -37,7 +39,6 @@ class RenderJob:
         seed: Seed of everything random in rendered pictures.
         shard_size: Faces in a shard.
         layers: Layers of each sample, of ``pix2face.shards.layers.LAYER_NAMES``.
-        compression: Compression of the layers, a name of ``pix2face.shards.compressions.COMPRESSIONS``.
         jitter: The variants of each sample that take its place.
         appearance: How faces without a photograph are drawn.
     """
@@ -47,7 +48,6 @@ class RenderJob:
     seed: int
     shard_size: int
     layers: tuple[str, ...] = DEFAULT_LAYERS
-    compression: str = DEFAULT_COMPRESSION
     jitter: JitterBake = NO_JITTER
     appearance: AppearanceConfig = PRESETS[PLAIN]
 
@@ -88,7 +88,7 @@ def shard_header(
         "n_faces": len(source.sample_ids),
         "seed": job.seed,
         "shard_size": job.shard_size,
-        "compression": job.compression,
+        "compression": COMPRESSION,
         **job.jitter.described(),
         **job.appearance.described(),
     }
@@ -151,9 +151,8 @@ def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHead
                 raise
             damaged.append(path)
             continue
-        with reader:
-            _check_header(path, reader.header, expected)
-            _check_samples(path, reader, job.sample_ids_of(source, units[path]))
+        _check_header(path, reader.header, expected)
+        _check_samples(path, reader, job.sample_ids_of(source, units[path]))
     missing = tuple(unit for path, unit in units.items() if path in set(damaged) or not path.exists())
     return FolderState(missing, tuple(damaged))
 

@@ -22,11 +22,11 @@ from datagen.jobs.render_job import RenderJob, shard_header, shard_path
 from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
 from datagen.process_pool import limit_threads
 from datagen.samples.baked_jitter import View, ViewMaker
+from datagen.samples.sample_making import SampleMaker
 from datagen.samples.stage_times import StageTimes
-from datagen.samples.triplets import TripletMaker
 from pix2face.errors import InputFileError, SampleRejectedError, UsageError
 from pix2face.models.morphable_model import MorphableModel, open_model
-from pix2face.shards.shard_writing import PackedTriplet, pack_triplet, write_packed
+from pix2face.shards.shard_writing import ShardWriter
 
 # The vertices of at most so many views come from one matrix product: it reads the basis once for all of them (a face of
 # BFM's size takes 2.9 ms of 8, 1.9 of 16, 1.2 of 64), and they take 41 MB.
@@ -92,7 +92,7 @@ class _Worker:
     source: FaceSource
     gl: GLContext
     views: ViewMaker
-    maker: TripletMaker
+    maker: SampleMaker
 
 
 # A context of OpenGL belongs to one thread; the workers of a cluster may call from several.
@@ -110,17 +110,20 @@ def _render_unit(unit: Unit) -> UnitReport:
             worker = _worker(unit)
         order = {name: place for place, name in enumerate(unit.job.sample_ids_of(worker.source, unit.number))}
         rejected: list[tuple[str, str]] = []
-        packed = list(_packed(unit, worker, rejected, times))
+        writer = ShardWriter(unit.job.layers)
+        _add_samples(writer, unit, worker, rejected, times)
         rejected.sort(key=lambda entry: order[entry[0]])
         with times.stage("write, check"):
             header = shard_header(unit.job, worker.source, worker.model, _without_place(unit.job, rejected))
-            write_packed(shard_path(unit.out, unit.number), header, packed, unit.job.compression)
+            writer.write(shard_path(unit.out, unit.number), header)
     n_faces = len(unit.job.faces_of(worker.source, unit.number))
     return UnitReport(n_faces, times.seconds, times.cpu_seconds, _peak_memory_bytes())
 
 
-def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times: StageTimes) -> Iterator[PackedTriplet]:
-    """The samples of a unit in the order of the source; those that cannot be used are added to ``rejected``."""
+def _add_samples(
+    writer: ShardWriter, unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times: StageTimes
+) -> None:
+    """Makes the samples of a unit in the order of the source; those that cannot be used are added to ``rejected``."""
     most_faces = max(VIEWS_AT_A_TIME // max(unit.job.jitter.n, 1), 1)
     for indices in _even_parts(unit.job.faces_of(worker.source, unit.number), most_faces):
         with times.stage("read coefficients"):
@@ -132,11 +135,9 @@ def _packed(unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times:
                 continue
             try:
                 with times.stage("encode"):
-                    packed = pack_triplet(made, unit.job.layers)
+                    writer.add(made)
             except InputFileError as error:  # a value that the format cannot hold would cost the whole shard
                 rejected.append((sample_id, f"{sample_id}: {error}"))
-                continue
-            yield packed
 
 
 def _without_place(job: RenderJob, rejected: list[tuple[str, str]]) -> list[tuple[str, str]]:
@@ -181,7 +182,7 @@ def _open_worker(unit: Unit) -> _Worker:
     _check_same("faces", str(job.coefficients), source.sha256, unit.source_sha256)
     gl = create_gl_context(unit.gl)
     views = ViewMaker(model, job.jitter, job.seed)
-    return _Worker(model, source, gl, views, TripletMaker(model, gl, job.seed, job.layers, job.appearance))
+    return _Worker(model, source, gl, views, SampleMaker(model, gl, job.seed, job.layers, job.appearance))
 
 
 def _check_same(what: str, place: str, found: str, expected: str) -> None:

@@ -23,7 +23,7 @@ from pix2face.geometry.jitter import JitterParameters, JitterRange, draw_jitter,
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.mirroring import MirroredCoefficients, mirrored_coefficients
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.shards.triplet import JITTER_OF
+from pix2face.shards.sample import JITTER_OF
 
 MOST_VARIANTS = 1000
 # What a mirrored photograph and its mirrored face may be apart: a fraction of a pixel.

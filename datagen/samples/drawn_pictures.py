@@ -1,8 +1,6 @@
 """Pictures for faces that have no photograph: plain ones, or synthetic photographs of people."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -30,46 +28,13 @@ from datagen.samples.bystanders import Bystanders
 from datagen.samples.stage_times import StageTimes
 from pix2face.files.images import encode_photograph
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.rasterise import RenderedMaps
+from pix2face.models.surface_attributes import REGIONS
 from pix2face.shards.layers import SEEN, SEEN_REGIONS
-from pix2face.shards.triplet import PICTURE, PictureKind
+from pix2face.shards.sample import MASK, PICTURE, PictureKind, Sample
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class DrawnPicture:
-    """A picture of a face.
-
-    Attributes:
-        content: Of the file; None where no picture is wanted.
-        attributes: What it was drawn from.
-        layers: What stands before the face, by the layers' names.
-    """
-
-    content: bytes | None
-    attributes: Mapping[str, str | float]
-    layers: Mapping[str, ndarray] = field(default_factory=dict)
-
-
-class PictureSource(ABC):
-    """Draws pictures."""
-
-    @abstractmethod
-    def draw(
-        self, view: View, vertices: Float32[ndarray, "v 3"], rendered: RenderedMaps, times: StageTimes
-    ) -> DrawnPicture:
-        """Draws one.
-
-        Args:
-            view: The face, and what its appearance hangs on.
-            vertices: Of this face, mm, model frame.
-            rendered: Its maps, with the layer ``regions`` where what is seen is asked for.
-            times: Counts the stages.
-        """
-
-
-@final
-class PlainPictures(PictureSource):
+class PlainPictures:
     """Heads painted region by region, for any model.
 
     Args:
@@ -80,10 +45,15 @@ class PlainPictures(PictureSource):
     def __init__(self, renderer: Renderer, seed: int) -> None:
         self._renderer, self._seed = renderer, seed
 
-    def draw(
-        self, view: View, vertices: Float32[ndarray, "v 3"], rendered: RenderedMaps, times: StageTimes
-    ) -> DrawnPicture:
-        """Draws one; nothing stands before its face."""
+    def draw(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
+        """Adds the picture of a face that nothing stands in front of.
+
+        Args:
+            sample: Without a picture.
+            view: The face, and what decides its appearance.
+            vertices: The vertices of the face, mm, model frame.
+            times: Counts the stages.
+        """
         face = view.face
         with times.stage("draw picture"):
             rng = generator_for(self._seed, view.appearance_id)
@@ -92,11 +62,12 @@ class PlainPictures(PictureSource):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
             picture = renderer.render_image(vertices, face.camera, appearance, background)
             shown = view.jittered_colours(develop_plain(picture, appearance))
-            return DrawnPicture(encode_photograph(shown), {PICTURE: PictureKind.PLAIN})
+            attributes = {**sample.attributes, PICTURE: PictureKind.PLAIN}
+            return replace(sample, image_bytes=encode_photograph(shown), attributes=attributes)
 
 
 @final
-class ScenePictures(PictureSource):
+class ScenePictures:
     """Synthetic photographs of people with the built-in model's heads.
 
     Args:
@@ -112,10 +83,15 @@ class ScenePictures(PictureSource):
         self._drawer = SceneDrawer(model, gl, appearance_textures(), head_paint(model), head_occlusion(model))
         self._bystanders = Bystanders(self._scenes, self._drawer, seed, config)
 
-    def draw(
-        self, view: View, vertices: Float32[ndarray, "v 3"], rendered: RenderedMaps, times: StageTimes
-    ) -> DrawnPicture:
-        """Draws one, with what stands before its face."""
+    def draw(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
+        """Adds the picture, and the layers that say what stands in front of the face.
+
+        Args:
+            sample: Without a picture, with its mask, and with ``regions`` where ``seen_regions`` is wanted.
+            view: The face, and what decides its appearance.
+            vertices: The vertices of the face, mm, model frame.
+            times: Counts the stages.
+        """
         face = view.face
         size = (face.height_px, face.width_px)
         with times.stage("appearance, meshes"):
@@ -132,21 +108,22 @@ class ScenePictures(PictureSource):
         with times.stage("develop, encode"):
             shown = view.jittered_colours(develop(backdrop, appearance.photograph, picture.labels == HEAD))
             content = encode(shown, appearance.photograph)
-        layers = self._seen(picture, rendered, appearance)
-        n_face = max(int(rendered.mask.sum()), 1)
+        layers = self._seen(picture, sample, appearance)
+        n_face = max(int(sample.layers[MASK].sum()), 1)
         attributes = {
+            **sample.attributes,
             PICTURE: PictureKind.SYNTHETIC,
             "seen_share": round(float(layers[SEEN].sum() / n_face), 4),
             **appearance_attributes(appearance),
         }
-        return DrawnPicture(content, attributes, layers)
+        return replace(sample, image_bytes=content, attributes=attributes, layers={**sample.layers, **layers})
 
-    def _seen(self, picture: ScenePicture, rendered: RenderedMaps, appearance: Appearance) -> dict[str, ndarray]:
-        """Heads are where the exact rasteriser has them; the scene says what is before them."""
-        is_before = picture.labels > HEAD
-        beyond = beyond_border(appearance.photograph.border, *rendered.mask.shape)
-        layers = {SEEN: rendered.mask & ~is_before & ~beyond}
-        regions = rendered.extra.get("regions")
+    def _seen(self, picture: ScenePicture, sample: Sample, appearance: Appearance) -> dict[str, ndarray]:
+        """The head is where the exact rasteriser has it; the scene says what stands in front of it."""
+        mask, is_before = sample.layers[MASK], picture.labels > HEAD
+        beyond = beyond_border(appearance.photograph.border, *mask.shape)
+        layers = {SEEN: mask & ~is_before & ~beyond}
+        regions = sample.layers.get(REGIONS)
         if regions is not None:
             n_model = len(self._model.region_names)
             seen = np.where(is_before, picture.labels.astype(np.uint8) + np.uint8(n_model - HEAD), regions)

@@ -12,7 +12,9 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.geometry.maps import face_box
-from pix2face.shards.layers import LAYERS, SEEN_REGIONS, WHOLE_PICTURE_LAYERS, from_stored
+from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, SEEN_REGIONS, WHOLE_PICTURE_LAYERS, from_stored
+from pix2face.shards.sample import MASK
+from pix2face.shards.shard_layout import CONTENT_COLUMNS, content_checksum
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
 # A normal is rounded to steps in each coordinate.
@@ -55,11 +57,11 @@ def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> 
     for path in shard_paths(folder):
         found = verify_shard(path)
         if not found:
-            with ShardReader(path) as reader:
-                headers[path] = reader.header
-                twice = sorted({name for name in reader.sample_ids if name in shard_of})
-                found += [f"id {name!r} occurs twice, first in {shard_of[name]}" for name in twice]
-                shard_of |= dict.fromkeys(reader.sample_ids, path.name)
+            reader = ShardReader(path)
+            headers[path] = reader.header
+            twice = sorted({name for name in reader.sample_ids if name in shard_of})
+            found += [f"id {name!r} occurs twice, first in {shard_of[name]}" for name in twice]
+            shard_of |= dict.fromkeys(reader.sample_ids, path.name)
         if found:
             damaged.append(path)
             problems += [text if str(path) in text else f"{path.name}: {text}" for text in found]
@@ -75,26 +77,23 @@ def verify_shard(path: Path) -> list[str]:
     Returns:
         What is wrong with it, in words; empty where nothing is.
     """
-    problems = []
+    problems: list[str] = []
     try:
-        with ShardReader(path) as reader:
-            problems += _header_problems(reader)
-            if len(set(reader.sample_ids)) < len(reader):
-                problems.append("sample ids are not unique")
-            for index in range(len(reader)):
-                found = _guarded(reader, index)
-                problems += [f"sample {reader.sample_ids[index]!r}: {text}" for text in found]
-    except InputFileError as error:
-        problems.append(str(error))
-    return problems
-
-
-def _guarded(reader: ShardReader, index: int) -> list[str]:
-    """One unreadable sample does not hide what is wrong with the others."""
-    try:
-        return _sample_problems(reader, index)
+        reader = ShardReader(path)
+        problems += _header_problems(reader)
+        sample_ids = reader.sample_ids
+        limits_mm = reader.column("offset_limit_mm")
     except InputFileError as error:
         return [str(error)]
+    if len(set(sample_ids)) < len(sample_ids):
+        problems.append("sample ids are not unique")
+    for index, sample_id in enumerate(sample_ids):
+        try:
+            found = _sample_problems(reader, index, float(limits_mm[index]))
+        except InputFileError as error:  # it does not hide what is wrong with other samples
+            found = [str(error)]
+        problems += [f"sample {sample_id!r}: {text}" for text in found]
+    return problems
 
 
 def _header_problems(reader: ShardReader) -> list[str]:
@@ -114,23 +113,27 @@ def _header_problems(reader: ShardReader) -> list[str]:
     ]
 
 
-def _sample_problems(reader: ShardReader, index: int) -> list[str]:
+def _sample_problems(reader: ShardReader, index: int, offset_limit_mm: float) -> list[str]:
+    content = [name for name in reader.header.layers if name != LANDMARKS]
+    sample = reader.read(index, {*content[:2], IMAGE} & {*content})
+    if IMAGE in content:
+        sample.image  # noqa: B018 - decodes it, and compares its size with that of a layer
+    # Layers are read whole: damage may also lie outside the box that is said to hold all of them.
+    stored = reader.stored(index, (*content, *CONTENT_COLUMNS, "attributes", "box_px", "checksum"), is_whole=True)
+    layers, size_px = {name: stored[name] for name in content if name in LAYERS}, reader.size_px(index)
+    everywhere = slice(0, size_px[0]), slice(0, size_px[1])
     problems = []
-    triplet = reader.triplet(index, with_pixels=False)
-    layers = {name: reader.stored_layer(index, name) for name in reader.header.layers if name in LAYERS}
-    if "image" in reader.header.layers:
-        reader.image(index)
-    stored, computed = reader.checksum_pair(index)
-    if stored != computed:
+    if stored["checksum"] != content_checksum(stored, dict.fromkeys(layers, everywhere), size_px):
         problems.append("the checksum differs: the content has changed since it was written")
-    if "mask" in layers:
-        problems += _mask_problems(layers, reader.box_px(index))
+    if MASK in layers:
+        top, left, bottom, right = stored["box_px"].tolist()
+        problems += _mask_problems(layers, (top, left, bottom, right))
     problems += _range_problems(reader, layers)
     largest = np.abs(layers["offset"].astype(np.int32)).max(initial=0) if "offset" in layers else 0
-    if abs(largest / LAYERS["offset"].steps_per_unit - reader.offset_limits_mm[index]) > 1e-3:
+    if abs(largest / LAYERS["offset"].steps_per_unit - offset_limit_mm) > 1e-3:
         problems.append("offset_limit_mm is not the largest offset")
     arrays = ("identity", "expression", "landmarks2d", "landmarks3d")
-    return problems + [f"{name} is not finite" for name in arrays if not np.isfinite(getattr(triplet, name)).all()]
+    return problems + [f"{name} is not finite" for name in arrays if not np.isfinite(stored[name]).all()]
 
 
 def _mask_problems(layers: dict[str, ndarray], box_px: tuple[int, int, int, int]) -> list[str]:

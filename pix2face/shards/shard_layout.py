@@ -1,8 +1,8 @@
-"""What stands where in a shard's file; reading it without believing it."""
+"""What a shard's file holds, and the checks that a file is laid out so (docs/reference/file_formats.md)."""
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -14,12 +14,62 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.face_files.coefficients import LARGEST_SIDE_PX
 from pix2face.files.checked_hdf5 import check_contained, read_text
-from pix2face.shards.compressions import PLAIN, PREDICTED
-from pix2face.shards.layers import IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS, Layer
+from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS, Layer
 from pix2face.shards.map_storage import Box
 
 FORMAT = "pix2face-shard"
 SCHEMA_VERSION = 2
+# HDF5 keeps the numbers up to this for its own filters.
+LARGEST_OWN_FILTER = 255
+# The attribute "predictor" of a layer. Earlier versions also stored smooth layers as they are.
+PREDICTED, PLAIN = "planar", "none"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ShardHeader:
+    """What holds for every sample of a shard.
+
+    Attributes:
+        model_name: The morphable model that the maps refer to.
+        model_sha256: Its hash.
+        pncc_limit_mm: Largest coordinate of the mean face: PNCC divided by it stays within ±1.
+        smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
+        licence: Terms of the pictures and of the model.
+        configuration: The resolved configuration of the job, as JSON.
+        generator: Program and version.
+        rejected: The samples of this unit of work that could not be used, as JSON: id and reason of each.
+        layers: What each sample has, of ``pix2face.shards.layers.LAYER_NAMES``.
+        region_names: Names of the regions that the layer ``regions`` counts.
+        mirror_obstacle: Why samples cannot be mirrored; empty where they can (``mirroring.mirror_obstacle``).
+    """
+
+    model_name: str
+    model_sha256: str
+    pncc_limit_mm: float
+    smallest_radius_mm: float
+    licence: str
+    configuration: str
+    generator: str
+    rejected: str = "[]"
+    layers: tuple[str, ...] = DEFAULT_LAYERS
+    region_names: tuple[str, ...] = ()
+    mirror_obstacle: str = "nobody said whether the model is symmetric"
+
+    def to_json(self) -> str:
+        """The text that a shard stores."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> "ShardHeader":
+        """Reads the text of a shard.
+
+        Raises:
+            ValueError: It is not a header of this format.
+        """
+        fields = json.loads(text)
+        _check_header(fields)
+        return cls(**{**fields, "layers": tuple(fields["layers"]), "region_names": tuple(fields["region_names"])})
 
 
 @final
@@ -55,17 +105,9 @@ COLUMNS: Mapping[str, Column] = {
 IMAGE_COLUMNS: Mapping[str, Column] = {"image_end": Column(np.dtype("<i8"), ())}
 TEXTS = ("sample_id", "attributes")
 _HEADER_TYPES: Mapping[str, type | tuple[type, ...]] = {
-    "model_name": str,
-    "model_sha256": str,
-    "pncc_limit_mm": (int, float),
-    "smallest_radius_mm": (int, float),
-    "licence": str,
-    "configuration": str,
-    "generator": str,
-    "rejected": str,
-    "layers": list,
-    "region_names": list,
-    "mirror_obstacle": str,
+    **dict.fromkeys(ShardHeader.__dataclass_fields__, str),
+    **dict.fromkeys(("pncc_limit_mm", "smallest_radius_mm"), (int, float)),
+    **dict.fromkeys(("layers", "region_names"), list),
 }
 
 
@@ -77,23 +119,26 @@ def layer_box(layer: Layer, box_px: ndarray, size_px: tuple[int, int]) -> Box:
     return slice(top, bottom), slice(left, right)
 
 
-def layer_checksum(layer: Layer, steps: ndarray, box: Box, size_px: tuple[int, int], before: int) -> int:
-    """CRC-32 over a whole layer in steps, of which the box is given, continued from the layer before."""
-    whole = np.zeros(layer.shape(*size_px), dtype=layer.stored)
-    whole[box] = steps
-    checksum: int = isal_zlib.crc32(whole, before)
-    return checksum
+def content_checksum(stored: Mapping[str, Any], boxes: Mapping[str, Box], size_px: tuple[int, int]) -> int:
+    """CRC-32 (as ``zlib.crc32``) of a sample's content: layers in steps, picture, columns and attributes.
 
+    It does not depend on how the content is compressed, nor on the size that a shard pads its layers to.
 
-def content_checksum(layers: int, image: bytes, columns: Mapping[str, ndarray], attributes: bytes) -> int:
-    """CRC-32 (as ``zlib.crc32``) over the layers in steps, the picture, the columns and the attributes of a sample.
-
-    It covers the content, not the compressed bytes: the same sample has the same checksum however it is stored.
+    Args:
+        stored: Layers in the order of the header, each in its box; the bytes of picture (if any) and attributes; the
+            rows of ``CONTENT_COLUMNS``.
+        boxes: Rows and columns of each layer outside which it is 0.
+        size_px: Height and width of the sample.
     """
-    checksum: int = isal_zlib.crc32(image, layers)
+    checksum = 0
+    for name, box in boxes.items():
+        whole = np.zeros(LAYERS[name].shape(*size_px), dtype=LAYERS[name].stored)
+        whole[box] = stored[name]
+        checksum = isal_zlib.crc32(whole, checksum)
+    checksum = isal_zlib.crc32(stored.get(IMAGE, b""), checksum)
     for name, column in CONTENT_COLUMNS.items():
-        checksum = isal_zlib.crc32(np.ascontiguousarray(columns[name], dtype=column.dtype).tobytes(), checksum)
-    return isal_zlib.crc32(attributes, checksum)
+        checksum = isal_zlib.crc32(np.ascontiguousarray(stored[name], dtype=column.dtype).tobytes(), checksum)
+    return isal_zlib.crc32(stored["attributes"], checksum)
 
 
 def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
@@ -124,18 +169,6 @@ def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
     if strange:
         raise ValueError(f"{strange[0]} is no dataset")
     return datasets
-
-
-def read_header_fields(datasets: Mapping[str, h5py.Dataset], path: Path) -> dict[str, Any]:
-    """The fields of the header.
-
-    Raises:
-        InputFileError: There is no header.
-        ValueError: It is none of this format.
-    """
-    fields = json.loads(read_text(datasets["header"], path))
-    _check_header(fields)
-    return {**fields, "layers": tuple(fields["layers"]), "region_names": tuple(fields["region_names"])}
 
 
 def check_layout(datasets: Mapping[str, h5py.Dataset], layers: Sequence[str]) -> None:
@@ -192,6 +225,17 @@ def is_predicted(dataset: h5py.Dataset) -> bool:
     if found not in (PREDICTED.encode(), PLAIN.encode()):
         raise ValueError(f"{dataset.name} has the predictor {found!r}, expected {PREDICTED} or {PLAIN}")
     return found == PREDICTED.encode()
+
+
+def filters_of(dataset: h5py.Dataset) -> list[int]:
+    """Numbers of the HDF5 filters that compress a dataset."""
+    properties = dataset.id.get_create_plist()
+    return [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
+
+
+def has_foreign_filter(dataset: h5py.Dataset) -> bool:
+    """Whether a dataset needs a filter that is not one of HDF5's own."""
+    return any(code > LARGEST_OWN_FILTER for code in filters_of(dataset))
 
 
 def _check_header(fields: Any) -> None:

@@ -1,267 +1,290 @@
-"""The shard: one HDF5 file of triplets (layout: docs/reference/file_formats.md).
+"""Reading shards: each is one HDF5 file of samples (layout: docs/reference/file_formats.md).
 
-Reading needs only HDF5's built-in filters. A shard appears under its name when it is complete and read back; until
-then it has a temporary name, so an interrupted job leaves no half shard.
+The HDF5 library finds out once where everything stands in the file. Samples are then read from their places: to open a
+file with HDF5 takes milliseconds and memory, and a training reads samples of thousands of shards in random order.
 """
 
-from collections.abc import Iterator, Mapping
+import importlib
+import math
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import final
+from typing import Any, final
 
 import h5py
 import numpy as np
-from isal.isal_zlib import crc32
-from jaxtyping import Float32, Shaped, UInt8
+from jaxtyping import Int64, Shaped
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.images import declared_size_px, decode_image
+from pix2face.files.checked_hdf5 import read_text
 from pix2face.files.text_columns import read_attributes
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.maps import FaceCut, FaceMaps
-from pix2face.shards.compressions import is_shuffle_deflate, load_filters, needs_plugin
-from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYERS, from_stored
+from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, from_stored
 from pix2face.shards.map_storage import Box, undo_prediction, unpack_layer
+from pix2face.shards.sample import Sample
 from pix2face.shards.shard_layout import (
+    COLUMNS,
     CONTENT_COLUMNS,
+    TEXTS,
+    ShardHeader,
     check_layout,
     content_checksum,
+    filters_of,
     is_predicted,
     layer_box,
     open_datasets,
-    read_header_fields,
 )
-from pix2face.shards.triplet import MAP_LAYERS, Triplet, check_has_layers
 
-__all__ = ["ShardHeader", "ShardReader", "Triplet", "shard_paths"]
+__all__ = ["ShardHeader", "ShardReader", "shard_paths"]
+
+# What reading a foreign, truncated or damaged file raises.
+_DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError)
+PLUGIN_EXTRA = "pip install 'pix2face[storage]'"
 
 
 @final
-@dataclass(frozen=True, kw_only=True)
-class ShardHeader:
-    """What holds for every sample of a shard.
+@dataclass(frozen=True)
+class _Column:
+    """A dataset that has one row for each sample; ``start`` in the file is None where the rows are not contiguous."""
 
-    Attributes:
-        model_name: The morphable model that the maps refer to.
-        model_sha256: Its hash.
-        pncc_limit_mm: Largest coordinate of the mean face: PNCC divided by it stays within ±1.
-        smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
-        licence: Terms of the pictures and of the model.
-        configuration: The resolved configuration of the job, as JSON.
-        generator: Program and version.
-        rejected: The samples of this unit of work that could not be used, as JSON: id and reason of each.
-        layers: What each sample has, of ``pix2face.shards.layers.LAYER_NAMES``.
-        region_names: Of the model: what the layer ``regions`` counts.
-        mirror_obstacle: Why samples cannot be mirrored; empty where they can (``mirroring.mirror_obstacle``).
-    """
-
-    model_name: str
-    model_sha256: str
-    pncc_limit_mm: float
-    smallest_radius_mm: float
-    licence: str
-    configuration: str
-    generator: str
-    rejected: str = "[]"
-    layers: tuple[str, ...] = DEFAULT_LAYERS
-    region_names: tuple[str, ...] = ()
-    mirror_obstacle: str = "nobody said whether the model is symmetric"
+    start: int | None
+    dtype: Any
+    shape: tuple[int, ...]
 
 
 @final
 class ShardReader:
-    """Reads one shard; a sample at a time, nothing of its pictures and layers kept.
+    """Reads the samples of one shard in any order.
+
+    It keeps no file open: it can be pickled, may be used after a fork, and takes about 200 bytes for each sample.
 
     Raises:
         InputFileError: The file is missing, no shard, truncated, damaged, or of another schema.
+        UsageError: It needs a filter of hdf5plugin, as shards of earlier versions may, and that is not installed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with _reading(path):
-            self._file = h5py.File(path, "r")
-        try:
-            with _reading(path):
-                self._datasets = open_datasets(self._file, path)
-                self._columns: dict[str, ndarray] = {}
-                self.header = ShardHeader(**read_header_fields(self._datasets, path))
-                check_layout(self._datasets, self.header.layers)
-                self._layers = {name: self._datasets[name] for name in self.header.layers if name in LAYERS}
-                self.sample_ids: list[str] = [text.decode("utf-8") for text in self._datasets["sample_id"][()].tolist()]
-                self.offset_limits_mm: Float32[ndarray, " n"] = self._column("offset_limit_mm")
-                self._is_predicted = {name: is_predicted(dataset) for name, dataset in self._layers.items()}
-                self._is_deflate = {name: is_shuffle_deflate(dataset) for name, dataset in self._layers.items()}
-                if any(needs_plugin(dataset) for dataset in self._layers.values()):
-                    load_filters()
-        except BaseException:
-            self._file.close()
-            raise
+        with _reading(path), h5py.File(path, "r") as file:
+            datasets = open_datasets(file, path)
+            self.header = ShardHeader.from_json(read_text(datasets["header"], path))
+            check_layout(datasets, self.header.layers)
+            layers = {name: datasets[name] for name in self.header.layers if name in LAYERS}
+            if not all(h5py.h5z.filter_avail(code) for dataset in layers.values() for code in filters_of(dataset)):
+                _load_filters()
+            self._columns = {name: _column(datasets[name]) for name in (*COLUMNS, *TEXTS)}
+            self._images = _image_places(datasets) if IMAGE in self.header.layers else None
+            self._chunks = {name: _chunk_places(dataset) for name, dataset in layers.items()}
+            self._padded_px = {name: dataset.shape[1:3] for name, dataset in layers.items()}
+            self._predicted = {name for name, dataset in layers.items() if is_predicted(dataset)}
+            self._kept = {name: datasets[name][()] for name in ("size_px", "box_px", "checksum")}
 
     def __len__(self) -> int:
-        return len(self.sample_ids)
-
-    def __enter__(self) -> "ShardReader":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Closes the file; reading afterwards fails."""
-        self._file.close()
+        return len(self._kept["checksum"])
 
     @property
-    def datasets(self) -> Mapping[str, h5py.Dataset]:
-        """What the file holds, checked for its layout; of use until the file is closed."""
-        return self._datasets
-
-    def image_bytes(self, index: int) -> bytes:
-        """The encoded picture of a sample.
-
-        Raises:
-            UsageError: The shard has none.
-        """
-        if IMAGE not in self.header.layers:
-            raise UsageError(f"{self.path}: expected pictures, found layers {','.join(self.header.layers)}")
+    def sample_ids(self) -> list[str]:
+        """The id of each sample."""
         with _reading(self.path):
-            ends = self._column("image_end")
-            start = int(ends[index - 1]) if index else 0
-            return bytes(self._datasets["image_bytes"][start : int(ends[index])].tobytes())
-
-    def image(self, index: int) -> UInt8[ndarray, "h w 3"]:
-        """The picture of a sample, RGB; of the size of its layers, if it has any.
-
-        Raises:
-            UsageError: The shard has none.
-            InputFileError: It cannot be decoded, or is of another size.
-        """
-        content, where = self.image_bytes(index), f"{self.path}, sample {index}"
-        size_px, declared = self.size_px(index), declared_size_px(content, where)
-        if declared not in (None, size_px) and size_px != (0, 0):
-            raise InputFileError(f"{where}: expected a picture like its layers, {size_px}, found one of {declared}")
-        return decode_image(content, where)
-
-    def layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
-        """A layer of a sample in its unit.
-
-        Raises:
-            UsageError: The shard has no such layer.
-            InputFileError: What is stored is damaged.
-        """
-        steps, box = self._box_steps(index, name)
-        whole = np.zeros(LAYERS[name].shape(*self.size_px(index)), dtype=LAYERS[name].dtype)
-        whole[box] = from_stored(LAYERS[name], steps)
-        return whole
-
-    def stored_layer(self, index: int, name: str) -> Shaped[ndarray, "h w *c"]:
-        """A layer in steps (the layer's stored dtype), read without trust in where it says that it is 0."""
-        height, width = self.size_px(index)
-        return self._steps(index, name, (slice(0, height), slice(0, width)))
-
-    def size_px(self, index: int) -> tuple[int, int]:
-        """Height and width of a sample's layers; 0 where it has none."""
-        with _reading(self.path):
-            height, width = self._column("size_px")[index].tolist()
-        return height, width
-
-    def box_px(self, index: int) -> tuple[int, int, int, int]:
-        """Top, left, bottom and right of the mask's bounding box; the ends are the first row and column beyond."""
-        with _reading(self.path):
-            top, left, bottom, right = self._column("box_px")[index].tolist()
-        return top, left, bottom, right
-
-    def maps(self, index: int) -> FaceMaps:
-        """PNCC, offset and mask of a sample, mm.
-
-        Raises:
-            UsageError: The shard has not all of them.
-        """
-        check_has_layers(self._layers, MAP_LAYERS, str(self.path))
-        return FaceMaps(*(self.layer(index, name) for name in MAP_LAYERS))
-
-    def face_cut(self, index: int) -> FaceCut:
-        """PNCC, offset and mask of a sample in steps, cut to the mask's bounding box: what a trainer keeps.
-
-        Raises:
-            UsageError: The shard has not all of them.
-        """
-        check_has_layers(self._layers, MAP_LAYERS, str(self.path))
-        (pncc, box), (offset, _), (mask, _) = (self._box_steps(index, name) for name in MAP_LAYERS)
-        return FaceCut(pncc, offset, mask.astype(bool), (int(box[1].start), int(box[0].start)))
-
-    def landmarks2d(self, index: int) -> Float32[ndarray, "m 2"]:
-        """The landmarks of a sample, px."""
-        with _reading(self.path):
-            return self._column("landmarks2d")[index]
+            return [text.decode("utf-8") for text in self.column("sample_id").tolist()]
 
     def attributes(self) -> list[dict[str, str | float]]:
         """What else is known of each sample."""
         with _reading(self.path):
-            return [read_attributes(text) for text in self._datasets["attributes"][()].tolist()]
+            return [read_attributes(text) for text in self.column("attributes").tolist()]
 
-    def stored_checksums(self) -> list[str]:
-        """The checksum that was stored with each sample, in hexadecimal digits; nothing is recomputed."""
+    def column(self, name: str) -> Shaped[ndarray, "n ..."]:
+        """One of the small arrays that every sample has (``shard_layout.COLUMNS``), or a text as bytes."""
+        column = self._columns[name]
+        n_bytes = column.dtype.itemsize * int(np.prod(column.shape))
         with _reading(self.path):
-            return [f"{value:08x}" for value in self._column("checksum").tolist()]
+            if column.start is None and n_bytes:
+                return np.asarray(self._by_hdf5(name, ()))
+            with self.path.open("rb", buffering=0) as file:
+                content = _bytes_at(file.fileno(), column.start or 0, n_bytes)
+            return np.frombuffer(content, column.dtype).reshape(column.shape)
 
-    def checksum_pair(self, index: int) -> tuple[int, int]:
-        """The checksum that was stored with a sample, and that of what is there now."""
-        image = self.image_bytes(index) if IMAGE in self.header.layers else b""
-        found = 0
-        for name in self._layers:
-            found = crc32(np.ascontiguousarray(self.stored_layer(index, name)), found)
-        with _reading(self.path):
-            columns = {name: self._column(name)[index] for name in CONTENT_COLUMNS}
-            found = content_checksum(found, image, columns, bytes(self._datasets["attributes"][index]))
-            return int(self._column("checksum")[index]), found
+    def size_px(self, index: int) -> tuple[int, int]:
+        """Height and width of a sample's layers; 0 where it has none."""
+        height, width = self._kept["size_px"][index].tolist()
+        return height, width
 
-    def triplet(self, index: int, with_pixels: bool = True) -> Triplet:
-        """Everything that is known of a sample; without its pixels (picture, layers) a hundred times as fast."""
-        with _reading(self.path):
-            attributes = read_attributes(bytes(self._datasets["attributes"][index]))
-            return Triplet(
-                sample_id=self.sample_ids[index],
-                image=self.image_bytes(index) if with_pixels and IMAGE in self.header.layers else None,
-                layers={name: self.layer(index, name) for name in self._layers if with_pixels},
-                camera=Camera(self._column("camera")[index]),
-                attributes=attributes,
-                visible=self._column("visible")[index].astype(bool),
-                **{
-                    name: self._column(name)[index] for name in ("identity", "expression", "landmarks2d", "landmarks3d")
-                },
-            )
+    def read(self, index: int, layers: Collection[str] | None = None) -> Sample:
+        """Reads one sample.
 
-    def _box_steps(self, index: int, name: str) -> tuple[Shaped[ndarray, "y x *c"], Box]:
-        """A layer in steps where it is not 0, and where that is."""
-        with _reading(self.path):
-            box = layer_box(LAYERS[name], self._column("box_px")[index], self.size_px(index))
-        return self._steps(index, name, box), box
+        Args:
+            index: Its place in the shard, from 0.
+            layers: Names of the layers to read; ``image`` is the picture. None reads all that the shard has, an empty
+                collection none: a hundred times as fast.
 
-    def _steps(self, index: int, name: str, box: Box) -> Shaped[ndarray, "y x *c"]:
-        """A layer in steps in a box before which there is nothing but 0."""
-        if name not in self._layers:
+        Raises:
+            UsageError: The shard lacks a layer.
+            InputFileError: The sample is damaged.
+        """
+        wanted = [name for name in self.header.layers if layers is None or name in layers]
+        for name in set(layers or ()) - set(wanted):
             raise UsageError(
                 f"{self.path}: expected the layer {name}, found {','.join(self.header.layers)}; render with --layers"
             )
-        with _reading(self.path):
-            dataset, layer = self._layers[name], LAYERS[name]
-            if self._is_deflate[name]:
-                left_out, chunk = dataset.id.read_direct_chunk((index, *(0 for _ in dataset.shape[1:])))
-                if not left_out:  # HDF5 leaves out a filter where it does not shrink a chunk
-                    size_px = dataset.shape[1:3]
-                    return unpack_layer(layer, chunk, box, size_px, is_predicted=self._is_predicted[name])
-            found = np.asarray(dataset[(index, *box)])
-            return undo_prediction(found) if self._is_predicted[name] else found
+        names = [name for name in wanted if name != LANDMARKS]
+        stored = self.stored(index, (*names, *CONTENT_COLUMNS, *TEXTS))
+        with self._naming(index):
+            return Sample(
+                sample_id=stored["sample_id"].decode("utf-8"),
+                image_bytes=stored.get(IMAGE),
+                layers={name: self._whole(index, name, stored[name]) for name in names if name != IMAGE},
+                camera=Camera(stored["camera"]),
+                visible=stored["visible"].astype(bool),
+                attributes=read_attributes(stored["attributes"]),
+                place=f"{self.path}, sample {index}",
+                **{name: stored[name] for name in ("identity", "expression", "landmarks2d", "landmarks3d")},
+            )
 
-    def _column(self, name: str) -> ndarray:
-        if name not in self._columns:
-            self._columns[name] = self._datasets[name][()]
-        return self._columns[name]
+    def stored(
+        self, index: int, names: Sequence[str], *, is_checked: bool = False, is_whole: bool = False
+    ) -> dict[str, Any]:
+        """Reads parts of a sample as they are stored: layers in steps, each in the box outside which it is 0.
+
+        Args:
+            index: Its place in the shard, from 0.
+            names: Layers, ``image`` (the bytes of its file), columns, and texts (as bytes).
+            is_checked: Compare the checksum. This reads all that there is of the sample; where most of it is wanted
+                anyway, it takes a tenth longer.
+            is_whole: Read layers whole, without relying on the box that the file states.
+
+        Raises:
+            IndexError: There is no such place.
+            InputFileError: The sample is damaged.
+        """
+        if not 0 <= index < len(self):
+            raise IndexError(f"{self.path}: expected a place below {len(self)}, found {index}")
+        with self._naming(index):
+            boxes = {name: self._box(index, name, is_whole) for name in self._chunks}
+            images = [IMAGE] if IMAGE in self.header.layers else []
+            content = (*boxes, *images, *CONTENT_COLUMNS, "attributes") if is_checked else ()
+            with self.path.open("rb", buffering=0) as file:
+                found = {
+                    name: self._part(file.fileno(), index, name, boxes) for name in dict.fromkeys((*content, *names))
+                }
+                if is_checked and content_checksum(found, boxes, self.size_px(index)) != self._kept["checksum"][index]:
+                    raise ValueError("the checksum differs: the content has changed since it was written")
+        return {name: found[name] for name in names}
+
+    def _box(self, index: int, name: str, is_whole: bool) -> Box:
+        height, width = self.size_px(index)
+        whole = slice(0, height), slice(0, width)
+        return whole if is_whole else layer_box(LAYERS[name], self._kept["box_px"][index], (height, width))
+
+    def _part(self, file: int, index: int, name: str, boxes: Mapping[str, Box]) -> Any:
+        """A layer in its box, the bytes of a picture or text, or the row of a column."""
+        if name in boxes:
+            return self._steps(file, index, name, boxes[name])
+        if name in self._kept:
+            return self._kept[name][index]
+        if name == IMAGE:
+            if self._images is None:
+                ends = self._by_hdf5("image_end", ())
+                return self._by_hdf5("image_bytes", np.s_[ends[index - 1] if index else 0 : ends[index]]).tobytes()
+            start, length = self._images[index].tolist()
+            return _bytes_at(file, start, length)
+        column = self._columns[name]
+        n_bytes = column.dtype.itemsize * math.prod(column.shape[1:])
+        if column.start is None:
+            row = np.asarray(self._by_hdf5(name, index)) if n_bytes else np.zeros(column.shape[1:], column.dtype)
+        else:
+            # Of a copy, so that it can be written to.
+            content = bytearray(_bytes_at(file, column.start + index * n_bytes, n_bytes))
+            row = np.frombuffer(content, column.dtype).reshape(column.shape[1:])
+        return row.item() if name in TEXTS else row
+
+    def _steps(self, file: int, index: int, name: str, box: Box) -> Shaped[ndarray, "y x *c"]:
+        start, length = self._chunks[name][index].tolist()
+        is_predicted = name in self._predicted
+        if length:
+            packed = _bytes_at(file, start, length)
+            return unpack_layer(LAYERS[name], packed, box, self._padded_px[name], is_predicted=is_predicted)
+        found = np.asarray(self._by_hdf5(name, (index, *box)))
+        return undo_prediction(found) if is_predicted else found
+
+    def _by_hdf5(self, name: str, place: Any) -> Any:
+        """Part of a dataset, read by the HDF5 library."""
+        with h5py.File(self.path, "r") as file:
+            return file[name][place]
+
+    def _whole(self, index: int, name: str, steps: Shaped[ndarray, "y x *c"]) -> Shaped[ndarray, "h w *c"]:
+        """A layer of the whole picture, in its unit."""
+        layer, size_px = LAYERS[name], self.size_px(index)
+        whole = np.zeros(layer.shape(*size_px), dtype=layer.dtype)
+        whole[self._box(index, name, is_whole=False)] = from_stored(layer, steps)
+        return whole
+
+    @contextmanager
+    def _naming(self, index: int) -> Iterator[None]:
+        """Turns what is raised over a damaged sample into one error that names it."""
+        try:
+            yield
+        except _DAMAGE as error:
+            try:
+                name = f"sample {self.sample_ids[index]!r}"
+            except (InputFileError, IndexError):
+                name = f"sample number {index}"
+            raise InputFileError(
+                f"{self.path}: {name} is damaged ({error}); `datagen verify {self.path.parent}` lists all damage: "
+                "delete the shards that it names and run `datagen render` again, it writes what is missing"
+            ) from error
+
+
+def _column(dataset: h5py.Dataset) -> _Column:
+    start = dataset.id.get_offset() if dataset.chunks is None else None
+    return _Column(start, dataset.dtype, dataset.shape)
+
+
+def _image_places(datasets: Mapping[str, h5py.Dataset]) -> Int64[ndarray, "n 2"] | None:
+    """Start and length of each picture in the file; None where they are not one after the other."""
+    start = _column(datasets["image_bytes"]).start
+    ends = datasets["image_end"][()]
+    lengths = np.diff(ends, prepend=0)
+    if start is None and lengths.any():
+        return None
+    return np.stack([ends - lengths + (start or 0), lengths], axis=1)
+
+
+def _chunk_places(dataset: h5py.Dataset) -> Int64[ndarray, "n 2"]:
+    """Start and length in the file of each sample's chunk; length 0 where only the HDF5 library decodes it."""
+    places = np.zeros((len(dataset), 2), dtype=np.int64)
+    shuffle = [h5py.h5z.FILTER_SHUFFLE] if dataset.dtype.itemsize > 1 else []
+    if filters_of(dataset) == [*shuffle, h5py.h5z.FILTER_DEFLATE]:  # as `map_storage.pack_layer` stores it
+
+        def note(chunk: h5py.h5d.StoreInfo) -> None:
+            if not chunk.filter_mask:  # HDF5 leaves out a filter where it does not shrink a chunk
+                places[chunk.chunk_offset[0]] = chunk.byte_offset, chunk.size
+
+        dataset.id.chunk_iter(note)
+    return places
+
+
+def _bytes_at(file: int, start: int, length: int) -> bytes:
+    content = os.pread(file, length, start)
+    if len(content) < length:
+        raise ValueError(f"expected {length} bytes at {start}, found {len(content)}")
+    return content
+
+
+def _load_filters() -> None:
+    """Makes the filters of hdf5plugin known to the HDF5 library.
+
+    Raises:
+        UsageError: It is not installed.
+    """
+    try:
+        importlib.import_module("hdf5plugin")
+    except ImportError as error:
+        raise UsageError(
+            f"expected hdf5plugin for this compression, found that it is not installed; {PLUGIN_EXTRA}"
+        ) from error
 
 
 def shard_paths(folder: Path) -> list[Path]:
@@ -288,7 +311,7 @@ def _reading(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError as error:
         raise InputFileError(f"{path}: no such shard") from error
-    except (OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError, UnicodeDecodeError) as error:
+    except _DAMAGE as error:
         raise InputFileError(
             f"{path}: expected a complete shard, found one that cannot be read ({error}); "
             "delete it and run `datagen render` again: it writes what is missing"

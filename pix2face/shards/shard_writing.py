@@ -1,8 +1,7 @@
 """Writing shards: samples are packed one by one, then written together, read back and renamed."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, final
 
@@ -15,134 +14,154 @@ from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.files.text_columns import bounded_utf8
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.maps import face_box
-from pix2face.shards.compressions import DEFAULT_COMPRESSION, Compression, create_layer_dataset, find_compression
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, to_stored
-from pix2face.shards.map_storage import pack_layer, unpack_layer
+from pix2face.shards.map_storage import DEFLATE_LEVEL, Box, pack_layer, unpack_layer
+from pix2face.shards.sample import MASK, Sample
 from pix2face.shards.shard_layout import (
     COLUMNS,
     CONTENT_COLUMNS,
     FORMAT,
+    PLAIN,
+    PREDICTED,
     SCHEMA_VERSION,
+    TEXTS,
+    ShardHeader,
     content_checksum,
     layer_box,
-    layer_checksum,
 )
-from pix2face.shards.shard_reader import ShardHeader
-from pix2face.shards.triplet import Triplet
 
 # Text has a fixed length for each shard: the longest of its samples decides, so one must not be without bounds.
 LARGEST_TEXT_BYTES = {"sample_id": 4096, "attributes": 16384}
 
 
+def write_shard(path: Path, header: ShardHeader, samples: Iterable[Sample]) -> None:
+    """Writes some samples as a shard: ``ShardWriter`` in one call."""
+    writer = ShardWriter(header.layers)
+    for sample in samples:
+        writer.add(sample)
+    writer.write(path, header)
+
+
 @final
-@dataclass(frozen=True, eq=False)
-class PackedTriplet:
-    """A sample as a shard holds it: a tenth of the memory of a Triplet.
-
-    Attributes:
-        texts: ``sample_id`` and ``attributes``, UTF-8.
-        image: Content of a picture's file; empty where the set has none.
-        chunks: The compressed layers, by name.
-        size_px: Height and width of the layers.
-        columns: The rows that go into ``pix2face.shards.shard_layout.COLUMNS``.
-    """
-
-    texts: Mapping[str, bytes]
-    image: bytes
-    chunks: Mapping[str, bytes]
-    size_px: tuple[int, int]
-    columns: Mapping[str, ndarray]
-
-
-def pack_triplet(triplet: Triplet, layers: Sequence[str]) -> PackedTriplet:
-    """Rounds and compresses one sample.
+class ShardWriter:
+    """Collects the samples of a shard, rounded and compressed, in a tenth of the memory, and writes them together.
 
     Args:
-        triplet: The sample. Where it has a mask, what its layers hold outside the mask's bounding box is taken to be 0
-            (but for layers of the whole head).
-        layers: What to keep of it: names of ``pix2face.shards.layers.LAYER_NAMES``.
-
-    Raises:
-        InputFileError: It lacks a layer, or a value does not fit the format.
+        layers: What to keep of each sample: names of ``pix2face.shards.layers.LAYER_NAMES``.
     """
-    image = _image(triplet) if IMAGE in layers else b""
-    attributes = json.dumps(dict(triplet.attributes), sort_keys=True, separators=(",", ":"))
-    texts = {
-        name: bounded_utf8(text, name, LARGEST_TEXT_BYTES[name])
-        for name, text in (("sample_id", triplet.sample_id), ("attributes", attributes))
-    }
-    chunks, size_px, known = _pack_layers(triplet, [name for name in layers if name in LAYERS])
-    columns = {**_content_columns(triplet, LANDMARKS in layers), **known, "size_px": np.array(size_px)}
-    columns["checksum"] = np.array(content_checksum(known["checksum"], image, columns, texts["attributes"]))
-    return PackedTriplet(texts, image, chunks, size_px, columns)
+
+    def __init__(self, layers: Sequence[str]) -> None:
+        self._has_image, self._has_landmarks = IMAGE in layers, LANDMARKS in layers
+        self._layers = [name for name in layers if name in LAYERS]
+        self._texts: list[dict[str, bytes]] = []
+        self._images: list[bytes] = []
+        self._chunks: list[dict[str, bytes]] = []
+        self._columns: list[dict[str, ndarray]] = []
+
+    def add(self, sample: Sample) -> None:
+        """Rounds and compresses one sample.
+
+        Args:
+            sample: Where it has a mask, its layers are taken to be 0 outside the mask's bounding box (except layers of
+                the whole head).
+
+        Raises:
+            InputFileError: The sample lacks a layer, or a value does not fit the format. The sample is left out.
+        """
+        if self._has_image and not sample.image_bytes:
+            raise InputFileError(f"{sample.sample_id}: expected a picture, since the shard is to have them; found none")
+        image = sample.image_bytes if self._has_image and sample.image_bytes else b""
+        attributes = json.dumps(dict(sample.attributes), sort_keys=True, separators=(",", ":"))
+        texts = {
+            name: bounded_utf8(text, name, LARGEST_TEXT_BYTES[name])
+            for name, text in (("sample_id", sample.sample_id), ("attributes", attributes))
+        }
+        steps, boxes, size_px, columns = _layers_in_steps(sample, self._layers)
+        columns |= _content_columns(sample, self._has_landmarks)
+        stored = {**steps, IMAGE: image, **columns, "attributes": texts["attributes"]}
+        columns["checksum"] = np.array(content_checksum(stored, boxes, size_px))
+        self._chunks.append({name: _packed(name, steps[name], boxes[name], size_px) for name in steps})
+        self._texts.append(texts)
+        self._images.append(image)
+        self._columns.append(columns)
+
+    def write(self, path: Path, header: ShardHeader) -> None:
+        """Writes a shard under a temporary name, reads it back, and renames it.
+
+        The file is put together in memory and written in one go, so a full disk is an ordinary error; inside the HDF5
+        library it is not.
+
+        Args:
+            path: Where it goes; its folder is made.
+            header: What holds for all samples, with the layers that the writer keeps.
+
+        Raises:
+            InputFileError: Ids are not unique, samples do not match, or what was written does not read back.
+            UsageError: The file cannot be written, for instance since the disk is full.
+        """
+        content = self._file_content(header)
+        try:
+            # Two workers may be making the same shard.
+            with written_in_one_step(path, is_contended=True) as temporary:
+                temporary.write_bytes(content)
+                _check_written(temporary, content, path)
+        except OSError as error:
+            raise UsageError(
+                f"{path}: expected to write {len(content) / 1e6:.1f} MB, found that it cannot be ({error.strerror}); "
+                "make room or choose another folder, and run the same command again: finished shards are kept"
+            ) from error
+
+    def _file_content(self, header: ShardHeader) -> bytes:
+        ids = [texts["sample_id"] for texts in self._texts]
+        if len(set(ids)) < len(ids):
+            raise InputFileError("expected unique sample ids in a shard, found that sample ids are not unique")
+        with h5py.File("shard", "w", driver="core", backing_store=False, track_order=False) as file:
+            file.attrs["format"] = fixed_text(FORMAT)
+            file.attrs["schema_version"] = SCHEMA_VERSION
+            file["header"] = fixed_text(header.to_json())
+            for name in TEXTS:
+                _write_texts(file, name, [texts[name] for texts in self._texts])
+            for name in COLUMNS:
+                _write_column(file, name, [columns[name] for columns in self._columns])
+            if self._has_image:
+                _write_images(file, self._images)
+            self._write_layers(file)
+            file.flush()
+            return bytes(file.id.get_file_image())
+
+    def _write_layers(self, file: h5py.File) -> None:
+        """Writes one chunk a sample: random access decodes nothing but the sample asked for."""
+        sizes = [(0, 0), *(tuple(columns["size_px"].tolist()) for columns in self._columns)]
+        # Pictures of several sizes share one shape; what lies beyond a picture's own size compresses to nothing.
+        padded_px = max(height for height, _ in sizes), max(width for _, width in sizes)
+        datasets = {name: _create_dataset(file, name, (len(self._columns), *padded_px)) for name in self._layers}
+        for index, (chunks, columns) in enumerate(zip(self._chunks, self._columns, strict=True)):
+            for name, dataset in datasets.items():
+                if dataset.size:
+                    chunk, size_px = chunks[name], sizes[1 + index]
+                    if size_px != padded_px:
+                        box = layer_box(LAYERS[name], columns["box_px"], size_px)
+                        steps = unpack_layer(LAYERS[name], chunk, box, size_px, is_predicted=LAYERS[name].is_smooth)
+                        chunk = _packed(name, steps, box, padded_px)
+                    dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), chunk)
 
 
-def write_shard(
-    path: Path, header: ShardHeader, triplets: Iterable[Triplet], compression: str = DEFAULT_COMPRESSION
-) -> None:
-    """Writes a shard under a temporary name, reads it back, and renames it.
-
-    Args:
-        path: Where it goes; its folder is made.
-        header: What holds for all samples; its ``layers`` are kept, others are not.
-        triplets: The samples, all of one model. May be empty.
-        compression: Of the layers: a name of ``pix2face.shards.compressions.COMPRESSIONS``.
-
-    Raises:
-        InputFileError: A value does not fit the format, or what was written does not read back.
-        UsageError: The file cannot be written, for instance since the disk is full.
-    """
-    write_packed(path, header, [pack_triplet(triplet, header.layers) for triplet in triplets], compression)
+def _create_dataset(file: h5py.File, name: str, shape: tuple[int, int, int]) -> h5py.Dataset:
+    layer = LAYERS[name]
+    full = (shape[0], *layer.shape(*shape[1:]))
+    dtype = np.dtype(f"<u{layer.stored.itemsize}") if layer.is_smooth else layer.stored
+    options: dict[str, Any] = {}
+    if all(full):
+        options = {"chunks": (1, *full[1:]), "shuffle": dtype.itemsize > 1}
+        options |= {"compression": "gzip", "compression_opts": DEFLATE_LEVEL}
+    dataset = file.create_dataset(name, full, dtype=dtype, track_times=False, **options)
+    dataset.attrs["predictor"] = fixed_text(PREDICTED if layer.is_smooth else PLAIN)
+    dataset.attrs["steps_per_unit"] = layer.steps_per_unit
+    return dataset
 
 
-def write_packed(
-    path: Path, header: ShardHeader, samples: Sequence[PackedTriplet], compression: str = DEFAULT_COMPRESSION
-) -> None:
-    """As ``write_shard``, of samples that were packed as they were made: a whole shard of them fits in memory.
-
-    The file is put together in memory and written in one go, so a full disk is an ordinary error; inside the HDF5
-    library it is not.
-
-    Args:
-        path: Where it goes; its folder is made.
-        header: What holds for all samples.
-        samples: Packed with the layers that ``header`` names.
-        compression: As in ``write_shard``.
-
-    Raises:
-        InputFileError: Ids are not unique, samples do not match, or what was written does not read back.
-        UsageError: The file cannot be written, for instance since the disk is full.
-    """
-    content = _file_content(header, samples, find_compression(compression))
-    try:
-        # Two workers may have the same shard to make.
-        with written_in_one_step(path, is_contended=True) as temporary:
-            temporary.write_bytes(content)
-            _check_written(temporary, content, path)
-    except OSError as error:
-        raise UsageError(
-            f"{path}: expected to write {len(content) / 1e6:.1f} MB, found that it cannot be ({error.strerror}); "
-            "make room or choose another folder, and run the same command again: finished shards are kept"
-        ) from error
-
-
-def _file_content(header: ShardHeader, samples: Sequence[PackedTriplet], compression: Compression) -> bytes:
-    ids = [sample.texts["sample_id"] for sample in samples]
-    if len(set(ids)) < len(ids):
-        raise InputFileError("expected unique sample ids in a shard, found that sample ids are not unique")
-    with h5py.File("shard", "w", driver="core", backing_store=False, track_order=False) as file:
-        file.attrs["format"] = fixed_text(FORMAT)
-        file.attrs["schema_version"] = SCHEMA_VERSION
-        file["header"] = fixed_text(json.dumps(asdict(header), sort_keys=True))
-        for name in ("sample_id", "attributes"):
-            _write_texts(file, name, [sample.texts[name] for sample in samples])
-        for name in COLUMNS:
-            _write_column(file, name, [sample.columns[name] for sample in samples])
-        if IMAGE in header.layers:
-            _write_images(file, [sample.image for sample in samples])
-        _write_layers(file, [name for name in header.layers if name in LAYERS], samples, compression)
-        file.flush()
-        return bytes(file.id.get_file_image())
+def _packed(name: str, steps: ndarray, box: Box, size_px: tuple[int, int]) -> bytes:
+    return pack_layer(LAYERS[name], steps, box, size_px, is_predicted=LAYERS[name].is_smooth)
 
 
 def _write_texts(file: h5py.File, name: str, texts: Sequence[bytes]) -> None:
@@ -167,103 +186,60 @@ def _write_images(file: h5py.File, images: Sequence[bytes]) -> None:
     file.create_dataset("image_end", data=ends, dtype="<i8", track_times=False)
 
 
-def _write_layers(
-    file: h5py.File, names: Sequence[str], samples: Sequence[PackedTriplet], compression: Compression
-) -> None:
-    # Pictures of several sizes share one shape; what lies beyond a picture's own size compresses to nothing.
-    height, width = (
-        max([0, *lengths]) for lengths in zip(*(sample.size_px for sample in samples), (0, 0), strict=True)
-    )
-    datasets = {
-        name: create_layer_dataset(file, LAYERS[name], (len(samples), height, width), compression) for name in names
-    }
-    for index, sample in enumerate(samples):
-        for dataset in datasets.values():
-            if dataset.size:
-                _write_chunk(dataset, index, sample, compression)
-
-
-def _write_chunk(dataset: h5py.Dataset, index: int, sample: PackedTriplet, compression: Compression) -> None:
-    layer = LAYERS[dataset.name.lstrip("/")]
-    packed, size_px, wanted_px = sample.chunks[layer.name], sample.size_px, dataset.shape[1:3]
-    is_as_packed = compression.predicts(layer) == layer.is_smooth and size_px == wanted_px
-    if not (is_as_packed and compression.is_deflate):
-        box = layer_box(layer, sample.columns["box_px"], size_px)
-        steps = unpack_layer(layer, packed, box, size_px, is_predicted=layer.is_smooth)
-        packed = pack_layer(layer, steps, box, wanted_px, is_predicted=compression.predicts(layer))
-    if compression.is_deflate:
-        dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), packed)
-    else:
-        picture = np.s_[0 : wanted_px[0]], np.s_[0 : wanted_px[1]]
-        whole = unpack_layer(layer, packed, picture, wanted_px, is_predicted=False)
-        dataset[index] = whole.view(dataset.dtype)
-
-
-def _pack_layers(triplet: Triplet, names: Sequence[str]) -> tuple[dict[str, bytes], tuple[int, int], dict[str, Any]]:
-    """Compresses the layers of a sample.
-
-    Only the box of the mask is worked on: most of a picture is background.
+def _layers_in_steps(
+    sample: Sample, names: Sequence[str]
+) -> tuple[dict[str, ndarray], dict[str, Box], tuple[int, int], dict[str, ndarray]]:
+    """Rounds the layers of a sample. Only the box of the mask is worked on: most of a picture is background.
 
     Returns:
-        The compressed layers, their size in pixels, and what else is known of them then: the box, the largest offset,
-        and the checksum of the layers.
+        The layers in steps, each in its box; these boxes; height and width; and the columns that follow from them.
     """
     for name in names:
-        _check_shape(triplet, name, names)
-    size_px = triplet.layers[names[0]].shape[:2] if names else (0, 0)
-    mask = triplet.layers.get("mask")
+        _check_shape(sample, name, names)
+    size_px = sample.layers[names[0]].shape[:2] if names else (0, 0)
+    mask = sample.layers.get(MASK)
     face = np.s_[0 : size_px[0]], np.s_[0 : size_px[1]]
     if mask is not None and names:
         face = face_box(mask.astype(bool, copy=False))
     box_px = np.array([face[0].start, face[1].start, face[0].stop, face[1].stop])
-    chunks, checksum, largest = {}, 0, 0
-    for name in names:
-        layer = LAYERS[name]
-        box = layer_box(layer, box_px, size_px)
-        steps = to_stored(layer, triplet.layers[name][box])
-        checksum = layer_checksum(layer, steps, box, size_px, checksum)
-        chunks[name] = pack_layer(layer, steps, box, size_px, is_predicted=layer.is_smooth)
-        if name == "offset":
-            largest = max(int(steps.max(initial=0)), -int(steps.min(initial=0)))
-    limit_mm = largest / LAYERS["offset"].steps_per_unit
-    return chunks, size_px, {"box_px": box_px, "offset_limit_mm": np.array(limit_mm), "checksum": checksum}
+    boxes = {name: layer_box(LAYERS[name], box_px, size_px) for name in names}
+    steps = {name: to_stored(LAYERS[name], sample.layers[name][box]) for name, box in boxes.items()}
+    largest = 0
+    if "offset" in steps:
+        largest = max(int(steps["offset"].max(initial=0)), -int(steps["offset"].min(initial=0)))
+    limit_mm = np.array(largest / LAYERS["offset"].steps_per_unit)
+    return steps, boxes, size_px, {"box_px": box_px, "size_px": np.array(size_px), "offset_limit_mm": limit_mm}
 
 
-def _check_shape(triplet: Triplet, name: str, names: Sequence[str]) -> None:
-    if name not in triplet.layers:
+def _check_shape(sample: Sample, name: str, names: Sequence[str]) -> None:
+    if name not in sample.layers:
         raise InputFileError(
-            f"{triplet.sample_id}: expected the layer {name}, found {','.join(triplet.layers) or 'none'}"
+            f"{sample.sample_id}: expected the layer {name}, found {','.join(sample.layers) or 'none'}"
         )
-    found, first = triplet.layers[name].shape, triplet.layers[names[0]].shape
+    found, first = sample.layers[name].shape, sample.layers[names[0]].shape
     if found != LAYERS[name].shape(*first[:2]):
         raise InputFileError(
-            f"{triplet.sample_id}: expected {name} of shape {LAYERS[name].shape(*first[:2])}, found {found}"
+            f"{sample.sample_id}: expected {name} of shape {LAYERS[name].shape(*first[:2])}, found {found}"
         )
 
 
-def _content_columns(triplet: Triplet, has_landmarks: bool) -> dict[str, Any]:
+def _content_columns(sample: Sample, has_landmarks: bool) -> dict[str, Any]:
     kept = np.s_[:] if has_landmarks else np.s_[:0]
     values = {
-        "camera": triplet.camera.matrix,
-        "identity": triplet.identity,
-        "expression": triplet.expression,
-        "landmarks2d": triplet.landmarks2d[kept],
-        "landmarks3d": triplet.landmarks3d[kept],
-        "visible": triplet.visible[kept],
+        "camera": sample.camera.matrix,
+        "identity": sample.identity,
+        "expression": sample.expression,
+        "landmarks2d": sample.landmarks2d[kept],
+        "landmarks3d": sample.landmarks3d[kept],
+        "visible": sample.visible[kept],
     }
     columns = {}
     for name, value in values.items():
         with np.errstate(over="ignore"):
             columns[name] = np.asarray(value).astype(CONTENT_COLUMNS[name].dtype)
         if not np.isfinite(columns[name]).all():
-            raise InputFileError(f"{triplet.sample_id}: expected finite {name}, found others; are they sound?")
+            raise InputFileError(f"{sample.sample_id}: expected finite {name}, found others; are they sound?")
     return columns
-
-
-def _image(triplet: Triplet) -> bytes:
-    if not triplet.image:
-        raise InputFileError(f"{triplet.sample_id}: expected a picture, since the shard is to have them; found none")
-    return triplet.image
 
 
 def _check_written(temporary: Path, content: bytes, path: Path) -> None:

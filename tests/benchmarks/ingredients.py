@@ -78,11 +78,11 @@ def equal_conditions(shards: Path) -> tuple[dict[str, str], int]:
     passing: dict[str, list[str]] = {name: [] for name in INGREDIENTS}
     filters = {name: SampleFilter(text or "1 == 1", "INGREDIENTS") for name, text in INGREDIENTS.items()}
     for path in shard_paths(shards):
-        with ShardReader(path) as reader:
-            for sample_id, attributes in zip(reader.sample_ids, reader.attributes(), strict=True):
-                for name, condition in filters.items():
-                    if condition.passes(sample_id, attributes):
-                        passing[name].append(sample_id)
+        reader = ShardReader(path)
+        for sample_id, attributes in zip(reader.sample_ids, reader.attributes(), strict=True):
+            for name, condition in filters.items():
+                if condition.passes(sample_id, attributes):
+                    passing[name].append(sample_id)
     fewest = min(map(len, passing.values()))
     if not fewest:
         raise UsageError(f"{shards}: expected samples without each ingredient, found none without one of them")

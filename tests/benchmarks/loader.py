@@ -24,14 +24,14 @@ import torch
 
 from pix2face.files.images import decode_image
 from pix2face.geometry.jitter import JitterRange, draw_jitter
+from pix2face.shards.layers import IMAGE
 from tests.benchmarks.surroundings import surroundings
-from training.data.batch_rows import cut, resample, vary_colours
-from training.data.box_cut import cut_around_box
-from training.data.dataset import batch_row, empty_batch, middle_corner
+from training.data.batches import batch_row, empty_batch
+from training.data.cropping import cut, cut_around_box, resample, vary_colours
+from training.data.dataset import middle_corner
 from training.data.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
 from training.data.halving import halved
 from training.data.loader import BatchLoader
-from training.data.sample_files import SampleFiles
 from training.data.shard_index import ShardIndex, index_shards
 from training.loop.loss_log import memory_mb
 from training.loop.validation_set import inference_crop
@@ -71,19 +71,19 @@ def rate_of_workers(shards: ShardIndex, recipe: Recipe, workers: int, rounds: in
 def stages(shards: ShardIndex, recipe: Recipe, rounds: int) -> dict[str, float]:
     """Milliseconds of processor time that each step takes for a sample."""
     size_px = recipe.size_px
-    files = SampleFiles(shards.paths, shards.spans, TRAINED_LAYERS)
-    places = list(zip(shards.shard.tolist(), shards.position.tolist(), strict=True))
+    names = [*(name for name in TRAINED_LAYERS if name in shards.readers[0].header.layers), IMAGE, "landmarks2d"]
+    places = [(shards.readers[shard], k) for shard, k in zip(shards.shard, shards.position.tolist(), strict=True)]
     n = len(places)
     began = process_time()
-    stored = [files.read(*place) for place in places]
+    stored = [reader.stored(k, names, is_checked=True) for reader, k in places]
     first_ms = 1e3 * (process_time() - began) / n
-    decoded = [decode_sample(sample, "") for sample in stored]
+    decoded = [decode_sample(*place, is_checked=False) for place in places]
     ready = [_ready(sample, size_px) for sample in decoded]
     row = batch_row(empty_batch(1, size_px, has_seen=shards.knows_seen), 0)
     jitter = draw_jitter(np.random.default_rng(0), JitterRange())
     steps: dict[str, Callable[[int], object]] = {
-        "read, inflate, undo the predictor": lambda k: files.read(*places[k]),
-        "decode the picture": lambda k: decode_image(stored[k].image, ""),
+        "read, inflate, undo the predictor": lambda k: places[k][0].stored(places[k][1], names),
+        "decode the picture": lambda k: decode_image(stored[k][IMAGE], ""),
         "halve (where twice as large or more)": lambda k: halved(decoded[k]),
         "to the cache": lambda k: ready[k].to_bytes(),
         "cut": lambda k: cut(ready[k], middle_corner(ready[k], size_px), row, mirror=False),

@@ -31,18 +31,18 @@ def face_colours(folder: Path, where: str, most: int) -> Float64[ndarray, "n 4"]
     """Mean red, green and blue of each face, and the deviation of its pixels (the mean over the channels), bytes."""
     chosen, found = SampleFilter(where, "--where") if where else None, []
     for path in shard_paths(folder):
-        with ShardReader(path) as reader:
-            for index, attributes in enumerate(reader.attributes()):
-                if chosen is not None and not chosen.passes(reader.sample_ids[index], attributes):
-                    continue
-                layers = reader.triplet(index).layers
-                face = layers["mask"].astype(bool) & (layers.get("seen", layers["mask"]) > 0)
-                if np.count_nonzero(face) < LEAST_PIXELS:
-                    continue
-                pixels = reader.image(index)[face].astype(np.float64)
-                found.append([*pixels.mean(axis=0), pixels.std(axis=0).mean()])
-                if len(found) == most:
-                    return np.array(found)
+        reader = ShardReader(path)
+        for index, attributes in enumerate(reader.attributes()):
+            if chosen is not None and not chosen.passes(reader.sample_ids[index], attributes):
+                continue
+            layers = reader.read(index).layers
+            face = layers["mask"].astype(bool) & (layers.get("seen", layers["mask"]) > 0)
+            if np.count_nonzero(face) < LEAST_PIXELS:
+                continue
+            pixels = reader.read(index).image[face].astype(np.float64)
+            found.append([*pixels.mean(axis=0), pixels.std(axis=0).mean()])
+            if len(found) == most:
+                return np.array(found)
     return np.array(found).reshape(-1, 4)
 
 

@@ -25,12 +25,11 @@ import hdf5plugin
 import numpy as np
 from isal import isal_zlib
 
-from pix2face.files.images import decode_image
-from pix2face.shards.compressions import COMPRESSIONS
 from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.map_storage import predict, undo_prediction
-from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet, shard_paths
-from pix2face.shards.shard_writing import pack_triplet, write_packed, write_shard
+from pix2face.shards.sample import MAP_LAYERS, Sample
+from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
+from pix2face.shards.shard_writing import ShardWriter, write_shard
 from tests.benchmarks.surroundings import surroundings
 
 Change = Callable[[np.ndarray], np.ndarray]
@@ -203,27 +202,35 @@ def measure_pictures(images: Sequence[np.ndarray], rounds: int) -> dict[str, dic
     return rows
 
 
-def measure_shards(header: ShardHeader, triplets: Sequence[Triplet], folder: Path, rounds: int) -> dict[str, Any]:
-    """The project's own writing and reading, in every compression that it offers."""
-    rows: dict[str, Any] = {}
-    n, path = len(triplets), folder / "shard-00000.h5"
-    packed = [pack_triplet(triplet, header.layers) for triplet in triplets]
-    pack_ms = best_ms(lambda: [pack_triplet(triplet, header.layers) for triplet in triplets], n, rounds)
-    for name in COMPRESSIONS:
-        write_ms = best_ms(lambda name=name: write_packed(path, header, packed, name), n, rounds)
-        with ShardReader(path) as reader:
-            rows[name] = {
-                "kB": round(path.stat().st_size / n / 1e3, 1),
-                "pack_ms": pack_ms,
-                "write_and_check_ms": write_ms,
-                "read_maps_ms": best_ms(lambda r=reader: [r.maps(index) for index in range(n)], n, rounds),
-                "read_cut_ms": best_ms(lambda r=reader: [r.face_cut(index) for index in range(n)], n, rounds),
-                "decode_picture_ms": best_ms(lambda r=reader: [r.image(index) for index in range(n)], n, rounds),
-            }
-    content = b"".join(values.tobytes() for values in triplets[0].layers.values())[::2]  # as many bytes as in steps
+def measure_shards(header: ShardHeader, samples: Sequence[Sample], folder: Path, rounds: int) -> dict[str, Any]:
+    """The project's own writing and reading."""
+    n, path = len(samples), folder / "shard-00000.h5"
+
+    def packed() -> ShardWriter:
+        writer = ShardWriter(header.layers)
+        for sample in samples:
+            writer.add(sample)
+        return writer
+
+    def read(*layers: str) -> list[Sample]:
+        return [reader.read(index, layers) for index in range(n)]
+
+    writer = packed()
+    write_ms = best_ms(lambda: writer.write(path, header), n, rounds)
+    reader = ShardReader(path)
+    rows: dict[str, Any] = {
+        "deflate": {
+            "kB": round(path.stat().st_size / n / 1e3, 1),
+            "pack_ms": best_ms(packed, n, rounds),
+            "write_and_check_ms": write_ms,
+            "read_maps_ms": best_ms(lambda: read(*MAP_LAYERS), n, rounds),
+            "read_cut_ms": best_ms(lambda: [reader.stored(index, MAP_LAYERS) for index in range(n)], n, rounds),
+            "decode_picture_ms": best_ms(lambda: [sample.image for sample in read("image")], n, rounds),
+        }
+    }
+    content = b"".join(values.tobytes() for values in samples[0].layers.values())[::2]  # as many bytes as in steps
     checksums = {"CRC-32 of ISA-L": isal_zlib.crc32, "CRC-32 of zlib": zlib.crc32, "SHA-256": hashlib.sha256}
     rows["checksum_ms"] = {name: best_ms(lambda c=check: c(content), 1, 9) for name, check in checksums.items()}
-    write_packed(path, header, packed)
     with multiprocessing.get_context("fork").Pool(2) as pool:
         pool.map(read_all, [(path, 1)] * 2)  # the processes are there and the file is in memory
         start = perf_counter()
@@ -239,20 +246,21 @@ def read_all(task: tuple[Path, int]) -> float:
     """Reads each sample some times: its picture decoded, its maps in mm. Returns the processor's seconds."""
     path, times = task
     start = process_time()
-    with ShardReader(path) as reader:
-        for index in [*range(len(reader))] * times:
-            reader.image(index)
-            reader.maps(index)
+    reader = ShardReader(path)
+    for index in [*range(len(reader))] * times:
+        sample = reader.read(index, DEFAULT_LAYERS)
+        _ = sample.image, sample.maps
     return process_time() - start
 
 
 def measure_folder(shards: Path, n: int, rounds: int) -> dict[str, Any]:
     """Everything, on the first samples of a folder."""
-    with ShardReader(shard_paths(shards)[0]) as reader:
-        header = replace(reader.header, layers=DEFAULT_LAYERS, rejected="[]")
-        triplets = [reader.triplet(index) for index in range(min(n, len(reader)))]
-        maps = [reader.stored_layer(i, name) for i in range(len(triplets)) for name in ("pncc", "offset")]
-    images = [decode_image(triplet.image or b"", triplet.sample_id) for triplet in triplets]
+    reader = ShardReader(shard_paths(shards)[0])
+    header = replace(reader.header, layers=DEFAULT_LAYERS, rejected="[]")
+    triplets = [reader.read(index) for index in range(min(n, len(reader)))]
+    stored = [reader.stored(index, ("pncc", "offset"), is_whole=True) for index in range(len(triplets))]
+    maps = [steps for layers in stored for steps in layers.values()]
+    images = [triplet.image_bytes for triplet in triplets]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         write_shard(folder / "shard-00000.h5", header, triplets)
@@ -265,7 +273,7 @@ def measure_folder(shards: Path, n: int, rounds: int) -> dict[str, Any]:
         "samples": len(triplets),
         "size_px": list(images[0].shape[:2]),
         "face_px": round(float(np.mean([triplet.maps.mask.sum() for triplet in triplets]))),
-        "picture_kB": round(float(np.mean([len(triplet.image or b"") for triplet in triplets])) / 1e3, 1),
+        "picture_kB": round(float(np.mean([len(triplet.image_bytes or b"") for triplet in triplets])) / 1e3, 1),
         "maps": ways,
         "pictures": measure_pictures(images, rounds),
         "shards": project,

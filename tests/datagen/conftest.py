@@ -7,7 +7,8 @@ import pytest
 
 from datagen.opengl.gl_context import GLContext, create_gl_context
 from pix2face.errors import GLUnavailableError
-from pix2face.shards.shard_reader import ShardHeader, ShardReader, Triplet
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader, ShardReader
 from tests.pix2face.benchmark_files import write_heldout
 from tests.synthetic_models import small_head_model
 
@@ -32,8 +33,8 @@ def gl(gl_session: GLContext) -> Iterator[GLContext]:
 
 
 @pytest.fixture
-def base(tmp_path: Path) -> tuple[ShardHeader, Triplet]:
+def base(tmp_path: Path) -> tuple[ShardHeader, Sample]:
     """A sample of a shard, and the header."""
     write_heldout(tmp_path / "base", small_head_model(), n=1)
-    with ShardReader(tmp_path / "base" / "shard-00000.h5") as reader:
-        return reader.header, reader.triplet(0)
+    reader = ShardReader(tmp_path / "base" / "shard-00000.h5")
+    return reader.header, reader.read(0)

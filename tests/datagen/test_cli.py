@@ -40,8 +40,8 @@ def model_path(tmp_path: Path) -> Path:
 def shards(tmp_path: Path) -> Path:
     """Three samples in two shards."""
     write_heldout(tmp_path / "shards", small_head_model(), n=2)
-    with ShardReader(tmp_path / "shards" / "shard-00000.h5") as reader:
-        header, triplet = reader.header, reader.triplet(1)
+    reader = ShardReader(tmp_path / "shards" / "shard-00000.h5")
+    header, triplet = reader.header, reader.read(1)
     write_shard(tmp_path / "shards" / "shard-00001.h5", header, [replace(triplet, sample_id="third")])
     return tmp_path / "shards"
 
@@ -162,13 +162,13 @@ def test_a_contact_sheet_has_two_columns_of_samples(shards: Path, n: int, rows: 
 
 def test_a_contact_sheet_survives_pictures_of_other_shapes_and_far_landmarks(tmp_path: Path) -> None:
     write_heldout(tmp_path, small_head_model(), n=1)
-    with ShardReader(tmp_path / "shard-00000.h5") as reader:
-        header, triplet = reader.header, reader.triplet(0)
+    reader = ShardReader(tmp_path / "shard-00000.h5")
+    header, triplet = reader.header, reader.read(0)
     layers = {name: value[:, :150] for name, value in triplet.layers.items()}
     landmarks2d = triplet.landmarks2d.copy()
     landmarks2d[:2] = [[1e30, 0], [-1e5, 20]]
     image = encode_image(np.zeros((200, 150, 3), np.uint8))
-    narrow = replace(triplet, layers=layers, image=image, landmarks2d=landmarks2d)
+    narrow = replace(triplet, layers=layers, image_bytes=image, landmarks2d=landmarks2d)
     write_shard(tmp_path / "shard-00001.h5", header, [replace(narrow, sample_id="narrow")])
     assert call("preview", tmp_path) == 0
     assert cv2.imread(str(tmp_path / "preview.jpg")).shape == (HEADING_PX + 180, 1800, 3)
@@ -181,8 +181,8 @@ def test_previews_that_cannot_be_made_are_one_line(
     assert_one_line(capsys, "at least one sample to show (--n), found 0")
     assert call("preview", shards, "--out", tmp_path / "sheet.gif") == 2
     assert_one_line(capsys, "sheet.gif: expected a file ending in .jpg, .jpeg, .png or .html as --out, found '.gif'")
-    with ShardReader(shard_paths(shards)[0]) as reader:
-        header = ShardHeader(**asdict(reader.header))
+    reader = ShardReader(shard_paths(shards)[0])
+    header = ShardHeader(**asdict(reader.header))
     write_shard(tmp_path / "empty" / "shard-00000.h5", header, [])
     assert call("preview", tmp_path / "empty") == 2
     assert_one_line(capsys, "found empty shards; see rejected.jsonl")

@@ -7,7 +7,7 @@ import pytest
 
 from datagen.appearance.appearance_config import DEFAULT, PRESETS
 from datagen.opengl.gl_context import GLContext
-from datagen.samples.triplets import TripletMaker
+from datagen.samples.sample_making import SampleMaker
 from datagen.sampling.faces import sample_faces
 from pix2face.files.images import decode_image
 from pix2face.geometry.camera import head_pose
@@ -26,13 +26,13 @@ def test_profiles_to_either_side_have_the_same_mask(gl_session: GLContext, tmp_p
     """Networks have failed on profiles to one side while all means looked well."""
     predictor = Predictor.load(PACKAGED, "cpu")
     table = sample_faces(builtin_model(), N, SEED, SIZE, PRESETS[DEFAULT].geometry)
-    maker = TripletMaker(builtin_model(), gl_session, SEED, (*DEFAULT_LAYERS, *SCENE_LAYERS), PRESETS[DEFAULT])
+    maker = SampleMaker(builtin_model(), gl_session, SEED, (*DEFAULT_LAYERS, *SCENE_LAYERS), PRESETS[DEFAULT])
     ratios = {}
     for index in range(N):
         sample = maker.make(table.face(index, tmp_path))
         if abs(head_pose(sample.camera).yaw_deg) < 65:
             continue
-        image, box = decode_image(sample.image, sample.sample_id), FaceBox.around(sample.landmarks2d)
+        image, box = decode_image(sample.image_bytes, sample.sample_id), FaceBox.around(sample.landmarks2d)
         mirrored = FaceBox(image.shape[1] - box.right, box.top, image.shape[1] - box.left, box.bottom)
         one, other = predictor.predict_batch([(image, box), (np.ascontiguousarray(image[:, ::-1]), mirrored)])
         ratios[sample.sample_id] = one.maps.mask.sum() / other.maps.mask.sum()

@@ -19,7 +19,8 @@ from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.predictor import Prediction
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.shards.layers import DEFAULT_LAYERS
-from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.shard_writing import write_shard
 
 
@@ -90,11 +91,11 @@ def square_maps(pncc_mm: float = 80.0, offset_mm: float = 2.0) -> FaceMaps:
     return FaceMaps(np.float32(pncc_mm) * along_x, np.float32(offset_mm) * along_x, mask)
 
 
-def _triplet(model: MorphableModel, index: int, seed: int) -> Triplet:
+def _triplet(model: MorphableModel, index: int, seed: int) -> Sample:
     camera, maps = frontal_camera(), square_maps()
-    return Triplet(
+    return Sample(
         sample_id=f"seed{seed}/{index:07d}",
-        image=encode_image(np.full((200, 200, 3), 30 * index, dtype=np.uint8)),
+        image_bytes=encode_image(np.full((200, 200, 3), 30 * index, dtype=np.uint8)),
         layers={**maps.layers(), "depth": maps.pncc[..., 0]},
         camera=camera,
         identity=np.zeros(model.n_identity),

@@ -1,11 +1,16 @@
 """Small samples for tests of shards."""
 
+from pathlib import Path
+
+import h5py
+import hdf5plugin
 import numpy as np
 
 from pix2face.files.images import encode_image
 from pix2face.geometry.camera import Camera
-from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES
-from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader, ShardReader
 
 HEADER = ShardHeader(
     model_name="synthetic",
@@ -20,14 +25,14 @@ HEADER = ShardHeader(
 )
 
 
-def make_triplet(seed: int, size: int = 24) -> Triplet:
+def make_triplet(seed: int, size: int = 24) -> Sample:
     """Noise within a rectangle: nothing about it is easy to predict."""
     rng = np.random.default_rng(seed)
     mask = np.zeros((size, size), dtype=bool)
     mask[4:-4, 6:-5] = True
-    return Triplet(
+    return Sample(
         sample_id=f"face/{seed}",
-        image=encode_image(rng.integers(0, 256, (size, size, 3), dtype=np.uint8)),
+        image_bytes=encode_image(rng.integers(0, 256, (size, size, 3), dtype=np.uint8)),
         layers={
             "pncc": (rng.uniform(-119, 119, (size, size, 3)) * mask[..., None]).astype(np.float32),
             "offset": (rng.normal(0, 5, (size, size, 3)) * mask[..., None]).astype(np.float32),
@@ -44,7 +49,7 @@ def make_triplet(seed: int, size: int = 24) -> Triplet:
     )
 
 
-def every_layer(n: int) -> tuple[ShardHeader, list[Triplet]]:
+def every_layer(n: int) -> tuple[ShardHeader, list[Sample]]:
     """Samples of all layers that there are; regions reach beyond the mask, as a head does."""
     triplets = []
     for seed in range(n):
@@ -61,8 +66,33 @@ def every_layer(n: int) -> tuple[ShardHeader, list[Triplet]]:
             "seen": mask & (rng.random(mask.shape) > 0.3),
             "seen_regions": rng.integers(0, 4, mask.shape).astype(np.uint8),
         }
-        triplets.append(Triplet(**{**vars(triplet), "layers": {**triplet.layers, **extra}}))
+        triplets.append(Sample(**{**vars(triplet), "layers": {**triplet.layers, **extra}}))
     return ShardHeader(**{**vars(HEADER), "layers": LAYER_NAMES}), triplets
+
+
+def stored_layer(reader: ShardReader, index: int, name: str) -> np.ndarray:
+    """A layer of the whole picture in steps."""
+    return reader.stored(index, [name], is_whole=True)[name]
+
+
+def as_earlier_versions_stored(path: Path, compression: str) -> None:
+    """Stores the layers of a shard anew, plain (values as they are) or compressed by zstd, as was an option once."""
+    filters = {"compression": "gzip"} if compression == "plain" else hdf5plugin.Zstd(clevel=3)
+    with h5py.File(path, "r+") as file:
+        for name in LAYERS:
+            if name in file:
+                values = file[name][()]
+                attributes = dict(file[name].attrs)
+                if compression == "plain":
+                    if attributes["predictor"] == b"planar":
+                        signed = ((values >> 1) ^ -(values & 1)).view(LAYERS[name].stored)
+                        values = signed.cumsum(1, dtype=signed.dtype).cumsum(2, dtype=signed.dtype)
+                    attributes["predictor"] = np.bytes_("none")
+                del file[name]
+                chunks, shuffle = (1, *values.shape[1:]), values.dtype.itemsize > 1
+                file.create_dataset(name, data=values, chunks=chunks, shuffle=shuffle, **filters).attrs.update(
+                    attributes
+                )
 
 
 assert set(DEFAULT_LAYERS) < set(HEADER.layers)

@@ -9,14 +9,15 @@ from pix2face.files.images import encode_image
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
-from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 
 PICTURE_PX = 72
 
 
-def head_triplet(model: MorphableModel, seed: int) -> Triplet:
+def head_triplet(model: MorphableModel, seed: int) -> Sample:
     """One random face, grey by its depth on a noisy background."""
     rng = np.random.default_rng(seed)
     identity, expression = rng.normal(size=(1, model.n_identity)), rng.normal(size=(1, model.n_expression))
@@ -28,9 +29,9 @@ def head_triplet(model: MorphableModel, seed: int) -> Triplet:
     image = rng.integers(0, 60, size=(PICTURE_PX, PICTURE_PX, 3)).astype(np.uint8)
     image[rendered.mask] = np.clip(150 - rendered.depth[rendered.mask], 0, 255).astype(np.uint8)[:, None]
     landmarks3d = vertices[model.landmarks["ibug68"]]
-    return Triplet(
+    return Sample(
         sample_id=f"head-{seed:03d}",
-        image=encode_image(image),
+        image_bytes=encode_image(image),
         layers={"pncc": rendered.pncc, "offset": rendered.offset, "mask": rendered.mask},
         camera=camera,
         identity=identity[0],

@@ -14,6 +14,7 @@ from jaxtyping import Float32, Int16, UInt8
 from torch import Tensor
 
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
+from training.data.decoded_sample import DecodedSample
 
 LARGEST_BYTE = 255
 
@@ -72,3 +73,29 @@ def target_planes(batch: Batch, pncc_scale_mm: float, offset_scale_mm: float) ->
     planes = torch.cat([batch.pncc, batch.offset], dim=1).float()
     scales_mm = torch.tensor([pncc_scale_mm] * 3 + [offset_scale_mm] * 3, device=planes.device)
     return planes.div_((scales_mm * FIXED_POINT_STEPS_PER_MM)[:, None, None])
+
+
+def empty_batch(n_samples: int, size_px: int, *, has_seen: bool) -> Batch:
+    """A batch full of 0, channels last in memory."""
+
+    def planes(dtype: torch.dtype) -> Tensor:
+        return torch.zeros(n_samples, size_px, size_px, 3, dtype=dtype).permute(0, 3, 1, 2)
+
+    return Batch(
+        image=planes(torch.uint8),
+        pncc=planes(torch.int16),
+        offset=planes(torch.int16),
+        mask=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8),
+        seen=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8) if has_seen else None,
+    )
+
+
+def batch_row(batch: Batch, place: int) -> DecodedSample:
+    """The row of one sample in a batch, to be written to."""
+    return DecodedSample(
+        image=batch.image[place].permute(1, 2, 0).numpy(),
+        pncc=batch.pncc[place].permute(1, 2, 0).numpy(),
+        offset=batch.offset[place].permute(1, 2, 0).numpy(),
+        mask=batch.mask[place].numpy(),
+        seen=None if batch.seen is None else batch.seen[place].numpy(),
+    )

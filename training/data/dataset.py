@@ -8,24 +8,23 @@ from collections.abc import Sequence
 from typing import final
 
 import numpy as np
-import torch
-from torch import Tensor
 from torch.utils.data import Dataset
 
+from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.jitter import draw_jitter, jitter_crop
-from training.data.batch_rows import BatchRow, cut, resample, vary_colours
-from training.data.batches import Batch
-from training.data.decoded_sample import DecodedSample
+from training.data.batches import Batch, batch_row, empty_batch
+from training.data.cropping import cut, cut_around_box, resample, vary_colours
+from training.data.decoded_sample import DecodedSample, decode_sample
 from training.data.draw_order import JITTER_STREAM, DrawOrder
-from training.data.sample_store import SampleStore
+from training.data.halving import halved
 from training.data.shard_index import ShardIndex
 from training.data.shared_cache import SharedCache
 from training.recipe.recipe import Recipe
 
 
 @final
-class TripletDataset(Dataset[Batch]):
+class DrawDataset(Dataset[Batch]):
     """Numbered draws from shards, a batch at a time.
 
     Args:
@@ -60,19 +59,19 @@ class TripletDataset(Dataset[Batch]):
             self._fill(batch_row(batch, place), draw)
         return batch
 
-    def _fill(self, row: BatchRow, draw: int) -> None:
+    def _fill(self, row: DecodedSample, draw: int) -> None:
         recipe = self._recipe
         sample = self._samples.get(self._order.sample_of(draw))
         rng = np.random.default_rng([JITTER_STREAM, recipe.seed, draw])
         jitter = draw_jitter(rng, recipe.jitter)
         if recipe.cropping == "full":
-            crop = jitter_crop(FaceBox.around(sample.landmarks2d), jitter, row.size_px)
+            crop = jitter_crop(FaceBox.around(sample.landmarks2d), jitter, len(row.image))
             resample(sample, crop, row)
         else:
-            corner = middle_corner(sample, row.size_px)
+            corner = middle_corner(sample, len(row.image))
             if recipe.cropping != "none":
                 height, width = sample.image.shape[:2]
-                corner = int(rng.integers(width - row.size_px + 1)), int(rng.integers(height - row.size_px + 1))
+                corner = int(rng.integers(width - len(row.image) + 1)), int(rng.integers(height - len(row.image) + 1))
             cut(sample, corner, row, mirror=jitter.mirror)
         if recipe.cropping != "none":
             vary_colours(row.image, jitter)
@@ -84,27 +83,63 @@ def middle_corner(sample: DecodedSample, size_px: int) -> tuple[int, int]:
     return (width - size_px) // 2, (height - size_px) // 2
 
 
-def empty_batch(n_samples: int, size_px: int, *, has_seen: bool) -> Batch:
-    """A batch full of 0, channels last in memory."""
+@final
+class SampleStore:
+    """Decoded samples by number.
 
-    def planes(dtype: torch.dtype) -> Tensor:
-        return torch.zeros(n_samples, size_px, size_px, 3, dtype=dtype).permute(0, 3, 1, 2)
+    Args:
+        shards: Where they are.
+        recipe: What is done with them: ``cropping`` full wants them as they are, box a square around each face; the
+            others cut squares of ``size_px`` from them, so they are halved while they are twice as large, or more.
+        cache: Keeps what was decoded, for this process and others; None keeps nothing.
+    """
 
-    return Batch(
-        image=planes(torch.uint8),
-        pncc=planes(torch.int16),
-        offset=planes(torch.int16),
-        mask=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8),
-        seen=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8) if has_seen else None,
-    )
+    def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
+        self._shards = shards
+        self._recipe = recipe
+        self._cache = cache
+        self._checked: set[int] = set()
+
+    def get(self, number: int) -> DecodedSample:
+        """A sample, from the cache where it is there.
+
+        Raises:
+            InputFileError: It is damaged, or crops go by a box that its landmarks have not.
+            UsageError: Its picture is smaller than what is to be cut from it.
+        """
+        piece = None if self._cache is None else self._cache.get(number)
+        if piece is not None:
+            return DecodedSample.from_bytes(piece)
+        sample = self._decode(number)
+        if self._cache is not None:
+            self._cache.put(number, sample.to_bytes())
+        return sample
+
+    def _decode(self, number: int) -> DecodedSample:
+        reader, position = self._shards.readers[self._shards.shard[number]], int(self._shards.position[number])
+        where, size_px = f"{reader.path}, sample {position}", self._recipe.size_px
+        # The checksum is compared when a sample is read for the first time.
+        sample = decode_sample(reader, position, is_checked=number not in self._checked)
+        self._checked.add(number)
+        if self._recipe.cropping in ("full", "box"):
+            _check_has_box(sample, where)
+            is_whole = self._recipe.cropping == "full"
+            return sample if is_whole else cut_around_box(sample, number, size_px, self._recipe.crop_scale)
+        height, width = sample.image.shape[:2]
+        if min(height, width) < size_px:
+            raise UsageError(
+                f"{where}: expected a picture of at least {size_px} x {size_px} pixels to cut from, found "
+                f"{width} x {height}; give --cropping full or box, which scale, or a smaller --size-px"
+            )
+        while min(sample.image.shape[:2]) >= 2 * size_px:
+            sample = halved(sample)
+        return sample
 
 
-def batch_row(batch: Batch, place: int) -> BatchRow:
-    """The place of one sample in a batch, to be written to."""
-    return BatchRow(
-        image=batch.image[place].permute(1, 2, 0).numpy(),
-        pncc=batch.pncc[place].permute(1, 2, 0).numpy(),
-        offset=batch.offset[place].permute(1, 2, 0).numpy(),
-        mask=batch.mask[place].numpy(),
-        seen=None if batch.seen is None else batch.seen[place].numpy(),
-    )
+def _check_has_box(sample: DecodedSample, where: str) -> None:
+    try:
+        FaceBox.around(sample.landmarks2d)
+    except DegenerateGeometryError as error:
+        raise InputFileError(
+            f"{where}: {error}; leave it out with --where, or give --cropping shift, which goes by no landmarks"
+        ) from error

@@ -1,6 +1,6 @@
-"""A sample in memory, and as the bytes of a cache that several processes share."""
+"""A sample as the trainer handles it, and as bytes in the cache that its processes share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
@@ -8,9 +8,9 @@ from jaxtyping import Float32, Int16, UInt8
 from numpy import ndarray
 
 from pix2face.files.images import decode_image
-from pix2face.shards.sample_spans import StoredSample
+from pix2face.shards.layers import IMAGE
+from pix2face.shards.shard_reader import ShardReader
 
-# Of what is wanted of a sample, in the order of the cache.
 TRAINED_LAYERS = ("pncc", "offset", "mask", "seen")
 _N_COUNTS = 8
 
@@ -18,14 +18,14 @@ _N_COUNTS = 8
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DecodedSample:
-    """A picture, and the maps where there is a face.
+    """A picture, and its maps where there is a face. A row of a batch has maps as large as the picture.
 
     Attributes:
         image: RGB.
-        pncc: Steps, cut to the mask's bounding box; so are the next three.
-        offset: Steps.
+        pncc: Steps of 1/128 mm, cut to the mask's bounding box, as the following maps are.
+        offset: Steps of 1/128 mm.
         mask: 1 where both hold, else 0.
-        seen: 1 where the picture shows it; None where the set does not know.
+        seen: 1 where the picture shows the face; None where the set does not say.
         corner: Top left corner (x, y) of the cut in the picture, px.
         landmarks2d: px.
     """
@@ -35,8 +35,8 @@ class DecodedSample:
     offset: Int16[ndarray, "y x 3"]
     mask: UInt8[ndarray, "y x"]
     seen: UInt8[ndarray, "y x"] | None
-    corner: tuple[int, int]
-    landmarks2d: Float32[ndarray, "m 2"]
+    corner: tuple[int, int] = (0, 0)
+    landmarks2d: Float32[ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.float32))
 
     def to_bytes(self) -> bytes:
         """As one piece, for ``from_bytes``."""
@@ -74,22 +74,41 @@ class DecodedSample:
         )
 
 
-def decode_sample(stored: StoredSample, where: str) -> DecodedSample:
-    """Decodes a sample as it was read.
+def decode_sample(reader: ShardReader, index: int, *, is_checked: bool) -> DecodedSample:
+    """Reads and decodes a sample.
 
     Args:
-        stored: With a picture, PNCC, offset and mask.
-        where: Named in errors.
+        reader: Of its shard, which has pictures, PNCC, offset and mask.
+        index: Its place in the shard.
+        is_checked: Compare its checksum.
 
     Raises:
-        InputFileError: The picture cannot be decoded.
+        InputFileError: The sample is damaged.
     """
+    layers = [name for name in TRAINED_LAYERS if name in reader.header.layers]
+    stored = reader.stored(index, (*layers, IMAGE, "box_px", "landmarks2d"), is_checked=is_checked)
+    top, left = stored["box_px"][:2].tolist()
     return DecodedSample(
-        image=decode_image(stored.image, where),
-        pncc=stored.steps["pncc"],
-        offset=stored.steps["offset"],
-        mask=stored.steps["mask"],
-        seen=stored.steps.get("seen"),
-        corner=stored.corner,
-        landmarks2d=stored.landmarks2d,
+        image=decode_image(stored[IMAGE], f"{reader.path}, sample {index}"),
+        pncc=stored["pncc"],
+        offset=stored["offset"],
+        mask=stored["mask"],
+        seen=stored.get("seen"),
+        corner=(left, top),
+        landmarks2d=stored["landmarks2d"],
+    )
+
+
+def empty_row(side_px: int, *, has_seen: bool) -> DecodedSample:
+    """A square sample full of 0, to be written to."""
+
+    def plane(dtype: type, *channels: int) -> ndarray:
+        return np.zeros((side_px, side_px, *channels), dtype)
+
+    return DecodedSample(
+        image=plane(np.uint8, 3),
+        pncc=plane(np.int16, 3),
+        offset=plane(np.int16, 3),
+        mask=plane(np.uint8),
+        seen=plane(np.uint8) if has_seen else None,
     )

@@ -10,7 +10,7 @@ from torch.utils.data import DataLoader
 
 from pix2face.errors import Pix2FaceError
 from training.data.batches import Batch
-from training.data.dataset import TripletDataset
+from training.data.dataset import DrawDataset
 from training.data.draw_order import DrawBatches
 from training.data.shard_index import ShardIndex
 from training.data.shared_cache import SharedCache
@@ -55,7 +55,7 @@ class BatchLoader:
         self._draws = DrawBatches(recipe.batch_size, rank, n_ranks)
         cache = SharedCache(len(shards.shard), cache_bytes) if cache_bytes else None
         self._loader: DataLoader[Batch] = DataLoader(
-            TripletDataset(shards, recipe, cache),
+            DrawDataset(shards, recipe, cache),
             batch_sampler=self._draws,
             num_workers=workers,
             collate_fn=_as_it_is,  # the data set makes whole batches

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32, UInt64
 from numpy import ndarray
 
-from pix2face.shards.triplet import JITTER_OF, PICTURE, PictureKind
+from pix2face.shards.sample import JITTER_OF, PICTURE, PictureKind
 
 # Such as AFW/AFW_134212_1_0, AFW_Flip/AFW_134212_1_0, LFPW/LFPW_image_train_0001_3: the last number is of the turn.
 _300W_LP_NAME = re.compile(r"(?:.*/)?((?:AFW|HELEN|IBUG|LFPW)_.+)_\d+")

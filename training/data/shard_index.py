@@ -16,10 +16,9 @@ from numpy import ndarray
 from pix2face.command_line import counted
 from pix2face.errors import ModelMismatchError, UsageError
 from pix2face.shards.layers import DEFAULT_LAYERS
+from pix2face.shards.sample import check_has_layers
 from pix2face.shards.sample_filter import SampleFilter
-from pix2face.shards.sample_spans import ShardSpans, find_spans
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
-from pix2face.shards.triplet import check_has_layers
 from training.data.persons import PersonGroups
 from training.data.shard_folders import ShardFolder
 
@@ -47,8 +46,7 @@ class ShardIndex:
     """All samples of a training.
 
     Attributes:
-        paths: The shards.
-        spans: For each where its samples stand in the file; None where only the HDF5 library can read them.
+        readers: Of the shards.
         shard: For each sample its shard.
         position: For each sample its place there.
         person: For each sample a hash of whom it shows.
@@ -69,8 +67,7 @@ class ShardIndex:
             when samples of the same ids were rendered anew with another seed.
     """
 
-    paths: tuple[Path, ...]
-    spans: tuple[ShardSpans | None, ...]
+    readers: tuple[ShardReader, ...]
     shard: Int32[ndarray, " n"]
     position: Int32[ndarray, " n"]
     person: UInt64[ndarray, " n"]
@@ -96,7 +93,7 @@ class ShardIndex:
     @property
     def description(self) -> str:
         """How many samples are drawn, of how many, and what became of the others."""
-        found = f"{len(self)} in {counted(len(self.paths), 'shard')}"
+        found = f"{len(self)} in {counted(len(self.readers), 'shard')}"
         if len(self) == self.n_samples:
             return found
         n_passing = len(self) + self.n_held_out
@@ -149,8 +146,7 @@ def index_shards(folders: Sequence[Path | ShardFolder], where: str = "") -> Shar
     if chosen is not None:
         chosen.check_names()
     return ShardIndex(
-        paths=tuple(facts.path for facts in found),
-        spans=tuple(facts.spans for facts in found),
+        readers=tuple(facts.reader for facts in found),
         shard=np.repeat(np.arange(len(counts), dtype=np.int32), counts),
         position=np.concatenate([np.arange(count, dtype=np.int32) for count in counts]),
         person=persons.hashes(),
@@ -159,7 +155,7 @@ def index_shards(folders: Sequence[Path | ShardFolder], where: str = "") -> Shar
         where=where.strip(),
         samples_sha256=hashlib.sha256(b"".join(facts.digest for facts in found)).hexdigest(),
         offset_scale_mm=_offset_scale_mm(found),
-        **_common([facts.header for facts in found]),
+        **_common([facts.reader.header for facts in found]),
     )
 
 
@@ -194,26 +190,22 @@ def split_off(index: ShardIndex, fraction: float) -> tuple[ShardIndex, ShardInde
 class _ShardFacts:
     """What is noted of one shard; ``passes`` says for each sample whether it is chosen."""
 
-    path: Path
-    header: ShardHeader
-    spans: ShardSpans | None
+    reader: ShardReader
     passes: list[bool]
     offset_limit_mm: float
     digest: bytes
 
 
 def _read_facts(path: Path, persons: PersonGroups, chosen: SampleFilter | None) -> _ShardFacts:
-    with ShardReader(path) as reader:
-        check_has_layers(reader.header.layers, DEFAULT_LAYERS, str(path))
-        passes = []
-        for sample_id, identity, attributes in zip(
-            reader.sample_ids, reader.datasets["identity"][()], reader.attributes(), strict=True
-        ):
-            persons.add(sample_id, identity, attributes)
-            passes.append(chosen is None or chosen.passes(sample_id, attributes))
-        content = json.dumps([reader.sample_ids, reader.stored_checksums()]).encode()
-        limit_mm = float(reader.offset_limits_mm.max(initial=0))
-        return _ShardFacts(path, reader.header, find_spans(reader), passes, limit_mm, hashlib.sha256(content).digest())
+    reader = ShardReader(path)
+    check_has_layers(reader.header.layers, DEFAULT_LAYERS, str(path))
+    sample_ids, passes = reader.sample_ids, []
+    for sample_id, identity, attributes in zip(sample_ids, reader.column("identity"), reader.attributes(), strict=True):
+        persons.add(sample_id, identity, attributes)
+        passes.append(chosen is None or chosen.passes(sample_id, attributes))
+    content = json.dumps([sample_ids, [f"{value:08x}" for value in reader.column("checksum").tolist()]]).encode()
+    limit_mm = float(reader.column("offset_limit_mm").max(initial=0))
+    return _ShardFacts(reader, passes, limit_mm, hashlib.sha256(content).digest())
 
 
 def _sets(
@@ -258,11 +250,11 @@ def _offset_scale_mm(found: Sequence[_ShardFacts]) -> float:
 def _check_same_model(found: Sequence[_ShardFacts]) -> None:
     first = found[0]
     for facts in found:
-        if facts.header.model_sha256 != first.header.model_sha256:
+        if facts.reader.header.model_sha256 != first.reader.header.model_sha256:
             raise ModelMismatchError(
-                f"{facts.path} is of the morphable model {facts.header.model_name!r} "
-                f"({facts.header.model_sha256[:12]}), {first.path} of {first.header.model_name!r} "
-                f"({first.header.model_sha256[:12]}); train on shards of one model"
+                f"{facts.reader.path} is of the morphable model {facts.reader.header.model_name!r} "
+                f"({facts.reader.header.model_sha256[:12]}), {first.reader.path} of {first.reader.header.model_name!r} "
+                f"({first.reader.header.model_sha256[:12]}); train on shards of one model"
             )
 
 

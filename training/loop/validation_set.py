@@ -9,10 +9,9 @@ from jaxtyping import Float32, Int64
 from numpy import ndarray
 
 from pix2face.geometry.crops import Crop, FaceBox, square_crop
-from training.data.batch_rows import cut, resample
-from training.data.batches import Batch
-from training.data.dataset import batch_row, empty_batch, middle_corner
-from training.data.sample_store import SampleStore
+from training.data.batches import Batch, batch_row, empty_batch
+from training.data.cropping import cut, resample
+from training.data.dataset import SampleStore, middle_corner
 from training.data.shard_index import ShardIndex
 from training.recipe.recipe import Recipe
 
@@ -25,7 +24,7 @@ class ValidationSet:
     """Samples of persons that are not trained on (``shard_index.split_off``).
 
     They are cut as at inference where the recipe crops in full, else from the middle: of the square around their boxes
-    (``box_cut``), or of the picture.
+    (``cropping.cut_around_box``), or of the picture.
 
     Args:
         shards: The samples held out.
@@ -57,7 +56,7 @@ class ValidationSet:
                 if self._recipe.cropping == "full":
                     resample(sample, inference_crop(sample.landmarks2d, self._recipe), row)
                 else:
-                    cut(sample, middle_corner(sample, row.size_px), row, mirror=False)
+                    cut(sample, middle_corner(sample, len(row.image)), row, mirror=False)
             yield batch
 
     @cached_property

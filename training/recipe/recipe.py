@@ -65,8 +65,8 @@ class Recipe:
         seed: Of the initial weights, the order of the samples and the jitter.
         jitter: How far samples are varied.
         cropping: full: crops are turned, scaled and shifted by ``jitter``. box: squares of ``crop_scale`` around the
-            face's box, a few percent off (``box_cut``). shift: squares of whole pixels are cut at random places, for
-            pictures that were made as crops. none: the middle is cut, and colours stay.
+            face's box, a few percent off (``cropping.cut_around_box``). shift: squares of whole pixels are cut at
+            random places, for pictures that were made as crops. none: the middle is cut, and colours stay.
         crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
             the face's box. What it is trained on is the jitter's, except by ``cropping`` box.
     """

@@ -31,11 +31,11 @@ def find_shards(manifest: Manifest, data: Path, model: MorphableModel) -> Benchm
     unreadable: list[Unreadable] = []
     for path in shard_paths(folders[0]) if folders else []:
         try:
-            with ShardReader(path) as reader:
-                _check_model(path, reader, model)
-                sample_ids = list(reader.sample_ids)
-                # Where nobody asks for them, damaged ones of a sample are that sample's alone, when it is read.
-                attributes = reader.attributes() if manifest.by else [{} for _ in sample_ids]
+            reader = ShardReader(path)
+            _check_model(path, reader, model)
+            sample_ids = list(reader.sample_ids)
+            # Where nobody asks for them, damaged ones of a sample are that sample's alone, when it is read.
+            attributes = reader.attributes() if manifest.by else [{} for _ in sample_ids]
         except InputFileError as error:
             unreadable.append(Unreadable(path.name, str(error)))
             continue
@@ -74,17 +74,18 @@ def read_shard_face(path: Path, index: int) -> BenchmarkFace:
     Raises:
         InputFileError: It is damaged, or has no picture.
     """
-    with ShardReader(path) as reader:
-        triplet, image = reader.triplet(index), reader.image(index)
-    pose = head_pose(triplet.camera)
+    reader = ShardReader(path)
+    sample = reader.read(index)
+    image = sample.image
+    pose = head_pose(sample.camera)
     return BenchmarkFace(
-        name=triplet.sample_id,
+        name=sample.sample_id,
         group=yaw_bin(pose.yaw_deg),
-        landmarks2d=triplet.landmarks2d.astype(np.float64),
+        landmarks2d=sample.landmarks2d.astype(np.float64),
         read_image=lambda: image,
         yaw_deg=pose.yaw_deg,
         pose=pose,
-        maps=triplet.maps,
-        identity=triplet.identity,
-        expression=triplet.expression,
+        maps=sample.maps,
+        identity=sample.identity,
+        expression=sample.expression,
     )

@@ -25,18 +25,19 @@ from datagen.inspection.statistics_tables import (
 )
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.shard_writing import write_shard
 
 HOSTILE = "</td><script>alert(1)</script>[red]\x1b[2J"
-Writer = Callable[[list[Triplet]], Path]
+Writer = Callable[[list[Sample]], Path]
 
 
 @pytest.fixture
-def write(tmp_path: Path, base: tuple[ShardHeader, Triplet]) -> Writer:
+def write(tmp_path: Path, base: tuple[ShardHeader, Sample]) -> Writer:
     """Writes samples as shards of 100."""
 
-    def write(triplets: list[Triplet]) -> Path:
+    def write(triplets: list[Sample]) -> Path:
         for shard, start in enumerate(range(0, max(len(triplets), 1), 100)):
             write_shard(tmp_path / "shards" / f"shard-{shard:05d}.h5", base[0], triplets[start : start + 100])
         return tmp_path / "shards"
@@ -54,7 +55,7 @@ def histogram(found: DatasetStatistics, name: str) -> dict[str, int]:
     return {one.range_name(i, i): int(n) for i, n in enumerate(one.counts) if n}
 
 
-def test_what_was_put_in_is_counted(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:
+def test_what_was_put_in_is_counted(write: Writer, base: tuple[ShardHeader, Sample]) -> None:
     rng = np.random.default_rng(0)
     triplets = []
     for i in range(150):
@@ -119,7 +120,7 @@ def test_every_rare_range_is_named_once(counts: list[int]) -> None:
     assert named == [i for i, n in enumerate(counts) if n < 0.01 * n_samples]
 
 
-def test_names_are_no_kinds_and_odd_values_do_not_count(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:
+def test_names_are_no_kinds_and_odd_values_do_not_count(write: Writer, base: tuple[ShardHeader, Sample]) -> None:
     flat = Camera(np.diag([0.0, 0.0, 0.0, 1.0]))
     odd = {"camera": flat, "landmarks2d": np.ones((68, 2))}
     triplets = [
@@ -134,7 +135,7 @@ def test_names_are_no_kinds_and_odd_values_do_not_count(write: Writer, base: tup
     assert any("too many values" in line for table in listings(found) for text in table.lines for line in text)
 
 
-def test_sets_without_landmarks_have_no_size_and_no_table(tmp_path: Path, base: tuple[ShardHeader, Triplet]) -> None:
+def test_sets_without_landmarks_have_no_size_and_no_table(tmp_path: Path, base: tuple[ShardHeader, Sample]) -> None:
     header = replace(base[0], layers=("image", "mask"))
     write_shard(tmp_path / "bare" / "shard-00000.h5", header, [base[1]])
     found = count_samples(tmp_path / "bare")
@@ -144,7 +145,7 @@ def test_sets_without_landmarks_have_no_size_and_no_table(tmp_path: Path, base: 
     assert len(statistics_picture(found).axes) == 5
 
 
-def test_sets_of_two_models_are_refused(write: Writer, base: tuple[ShardHeader, Triplet], tmp_path: Path) -> None:
+def test_sets_of_two_models_are_refused(write: Writer, base: tuple[ShardHeader, Sample], tmp_path: Path) -> None:
     folder = write([base[1]])
     write_shard(folder / "shard-00001.h5", base[0], [replace(base[1], sample_id="x", identity=np.zeros(3))])
     with pytest.raises(UsageError, match=r"x: expected .* coefficients as in the samples before, found 3; count the"):
@@ -176,7 +177,7 @@ class Cells(HTMLParser):
         self.texts.append(data)
 
 
-def test_a_page_has_every_table_and_no_foreign_markup(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:
+def test_a_page_has_every_table_and_no_foreign_markup(write: Writer, base: tuple[ShardHeader, Sample]) -> None:
     triplets = [
         replace(base[1], sample_id=str(i), attributes={HOSTILE: f"{HOSTILE} {i % (N_KINDS_SHOWN + 8)}"})
         for i in range(N_KINDS_SHOWN + 9)
@@ -192,7 +193,7 @@ def test_a_page_has_every_table_and_no_foreign_markup(write: Writer, base: tuple
 
 
 def test_the_command_prints_tables_json_page_and_picture(
-    write: Writer, base: tuple[ShardHeader, Triplet], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    write: Writer, base: tuple[ShardHeader, Sample], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write([replace(base[1], sample_id=str(i), attributes={"kind": HOSTILE}) for i in range(4)])
     assert main(["stats", str(folder), "--out", str(tmp_path / "deep" / "stats.html")]) == 0
@@ -218,12 +219,12 @@ def test_what_cannot_be_written_is_one_line_before_counting(tmp_path: Path, caps
     assert "expected a file ending in .html or .png as --out, found '.gif'" in capsys.readouterr().err
 
 
-def test_the_same_statistics_give_the_same_picture(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:
+def test_the_same_statistics_give_the_same_picture(write: Writer, base: tuple[ShardHeader, Sample]) -> None:
     found = count_samples(write([base[1]]))
     assert picture_png(statistics_picture(found)) == picture_png(statistics_picture(found))
 
 
-def test_only_what_fulfils_a_condition_is_counted(write: Writer, base: tuple[ShardHeader, Triplet]) -> None:
+def test_only_what_fulfils_a_condition_is_counted(write: Writer, base: tuple[ShardHeader, Sample]) -> None:
     triplets = [
         replace(base[1], sample_id=str(i), attributes={"yaw_deg": 10.0 * i, "light": "sun" if i else "night"})
         for i in range(8)

@@ -23,7 +23,8 @@ from datagen.inspection.preview import HEADING_PX, contact_sheet, spread_triplet
 from datagen.inspection.preview_page import LARGEST_SIDE_PX, json_for_html, preview_page
 from pix2face.files.images import encode_image
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
-from pix2face.shards.shard_reader import ShardHeader, Triplet
+from pix2face.shards.sample import Sample
+from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.shard_writing import write_shard
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&lt;\u2028\"'"
@@ -48,11 +49,11 @@ def all_layers(height: int = 60, width: int = 40) -> dict[str, ndarray]:
 
 
 @pytest.fixture
-def shards(tmp_path: Path, base: tuple[ShardHeader, Triplet]) -> Path:
+def shards(tmp_path: Path, base: tuple[ShardHeader, Sample]) -> Path:
     """Four samples with every layer, in two shards, one of them with a name that would rather be markup."""
     header = replace(base[0], layers=LAYER_NAMES, region_names=("skin", HOSTILE))
     picture = encode_image(np.full((60, 40, 3), 77, np.uint8))
-    triplet = replace(base[1], image=picture, layers=all_layers(), landmarks2d=base[1].landmarks2d / 5)
+    triplet = replace(base[1], image_bytes=picture, layers=all_layers(), landmarks2d=base[1].landmarks2d / 5)
     triplets = [replace(triplet, sample_id=name) for name in ("one", "two", "three")]
     hostile = replace(triplet, sample_id=HOSTILE, attributes={HOSTILE: HOSTILE, "yaw_deg": 12.34567})
     write_shard(tmp_path / "shards" / "shard-00000.h5", header, triplets)
@@ -101,9 +102,9 @@ def test_samples_are_spread_over_all_shards(shards: Path) -> None:
     [(LAYER_NAMES, 10), (DEFAULT_LAYERS, 4), (("pncc", "offset", "mask"), 2), (("image", "mask"), 2), (("depth",), 1)],
 )
 def test_a_sheet_shows_what_is_there(
-    layers: tuple[str, ...], n_tiles: int, tmp_path: Path, base: tuple[ShardHeader, Triplet]
+    layers: tuple[str, ...], n_tiles: int, tmp_path: Path, base: tuple[ShardHeader, Sample]
 ) -> None:
-    triplet = replace(base[1], image=encode_image(np.full((60, 40, 3), 77, np.uint8)), layers=all_layers())
+    triplet = replace(base[1], image_bytes=encode_image(np.full((60, 40, 3), 77, np.uint8)), layers=all_layers())
     write_shard(tmp_path / "few" / "shard-00000.h5", replace(base[0], layers=layers), [triplet])
     sheet = contact_sheet(tmp_path / "few", 1)
     assert sheet.shape == (HEADING_PX + 180, 2 * 180 * n_tiles, 3)
@@ -196,12 +197,12 @@ def test_layers_are_transparent_where_they_do_not_hold(shards: Path) -> None:
         assert np.abs(shown).max() <= 8  # fixed point
 
 
-def test_pictures_are_limited_and_landmarks_far_out_left_away(base: tuple[ShardHeader, Triplet]) -> None:
+def test_pictures_are_limited_and_landmarks_far_out_left_away(base: tuple[ShardHeader, Sample]) -> None:
     landmarks2d = base[1].landmarks2d.copy()
     landmarks2d[:3] = [[1e30, 0], [np.nan, 1], [5, 6]]
     image = encode_image(np.zeros((900, 1800, 3), np.uint8))
     layers = {"mask": np.ones((900, 1800), bool)}
-    triplet = replace(base[1], image=image, layers=layers, landmarks2d=landmarks2d)
+    triplet = replace(base[1], image_bytes=image, layers=layers, landmarks2d=landmarks2d)
     sample = read_page(preview_page("t", [(base[0], triplet)])).data["samples"][0]
     assert (sample["width"], sample["height"]) == (1800, 900)  # what landmarks refer to
     assert decoded(sample["image"]).shape == (LARGEST_SIDE_PX // 2, LARGEST_SIDE_PX, 3)

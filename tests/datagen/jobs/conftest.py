@@ -20,7 +20,7 @@ def undisturbed(inputs: Inputs, tmp_path_factory: pytest.TempPathFactory) -> dic
     ids = []
     for path in finished_shards(out):
         assert verify_shard(path) == []
-        with ShardReader(path) as reader:
-            ids += reader.sample_ids
+        reader = ShardReader(path)
+        ids += reader.sample_ids
     assert len(ids) == len(set(ids)) == N_FACES - 1
     return content(out)

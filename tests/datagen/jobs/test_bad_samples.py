@@ -39,8 +39,8 @@ def reasons(table: FaceCoefficients, model_path: Path, folder: Path) -> dict[str
     assert main(["render", *arguments, "--workers", "1", "--layers", layers]) == 3
     (path,) = shard_paths(folder / "out")
     assert verify_shard(path) == []
-    with ShardReader(path) as reader:
-        assert reader.sample_ids == [table.sample_ids[0]]
+    reader = ShardReader(path)
+    assert reader.sample_ids == [table.sample_ids[0]]
     lines = (folder / "out" / "rejected.jsonl").read_text().splitlines()
     found = {entry["sample_id"]: entry["reason"] for entry in map(json.loads, lines)}
     assert set(found) == set(table.sample_ids[1:])
@@ -97,8 +97,8 @@ def test_files_of_a_folder_that_are_none(model_path: Path, tmp_path: Path) -> No
     out = tmp_path / "out"
     arguments = ["--coeffs", str(folder), "--out", str(out), "--model", str(model_path), "--workers", "1"]
     assert main(["render", *arguments]) == 3
-    with ShardReader(shard_paths(out)[0]) as reader:
-        assert reader.sample_ids == ["a good"]
+    reader = ShardReader(shard_paths(out)[0])
+    assert reader.sample_ids == ["a good"]
     lines = (out / "rejected.jsonl").read_text().splitlines()
     found = {entry["sample_id"]: entry["reason"] for entry in map(json.loads, lines)}
     assert list(found) == ["bomb", "cut", "device", "empty", "nowhere", "pipe", "self", "zeros"]
@@ -136,5 +136,5 @@ def test_photographs_that_are_none(model_path: Path, tmp_path: Path) -> None:
     for name in names[1:]:
         assert f"{name}.jpg: expected a picture" in found[name]
     assert "48 x 48 pixels, as the table says, found 49 x 48" in found["larger"]
-    with ShardReader(shard_paths(tmp_path / "out")[0]) as reader:
-        assert reader.image_bytes(0) == jpeg
+    reader = ShardReader(shard_paths(tmp_path / "out")[0])
+    assert reader.read(0).image_bytes == jpeg

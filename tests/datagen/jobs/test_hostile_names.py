@@ -96,8 +96,8 @@ def test_names_of_files_stay_inside_and_lose_no_sample(sandbox: Path, capfd: pyt
     (folder / f"{broken}.mat").write_bytes(b"no MAT file")
     assert render(sandbox, folder, out) == 3
     assert verify_shard(out / "shard-00000.h5") == []
-    with ShardReader(out / "shard-00000.h5") as reader:
-        assert sorted(reader.sample_ids) == sorted(FILE_NAMES)
+    reader = ShardReader(out / "shard-00000.h5")
+    assert sorted(reader.sample_ids) == sorted(FILE_NAMES)
     rejected = [json.loads(line) for line in (out / "rejected.jsonl").read_text().splitlines()]
     assert [entry["sample_id"] for entry in rejected] == [broken, NO_TEXT]
     assert "UTF-8" in rejected[1]["reason"]
@@ -113,8 +113,8 @@ def test_ids_of_a_table_stay_inside(sandbox: Path, capfd: pytest.CaptureFixture[
     table = replace(sample_faces(model, len(IDS), 0, 48), sample_ids=IDS)
     save_coefficients(table, sandbox / "faces.h5")
     assert render(sandbox, sandbox / "faces.h5", out) == 0
-    with ShardReader(shard_paths(out)[0]) as reader:
-        assert tuple(reader.sample_ids) == IDS
+    reader = ShardReader(shard_paths(out)[0])
+    assert tuple(reader.sample_ids) == IDS
     assert main(["verify", str(out)]) == 0
     before = all_files(sandbox.parents[2])
     assert main(["preview", str(out)]) == 0

@@ -45,9 +45,9 @@ def test_faces_are_rendered(tmp_path: Path, path: Path) -> None:
     assert main(["sample", "--n", "2", "--size", "64", "--model", str(path), "--out", str(table)]) == 0
     arguments = ["--coeffs", str(table), "--model", str(path), "--out", str(out), "--workers", "1"]
     assert main(["render", *arguments]) == 0
-    with ShardReader(shard_paths(out)[0]) as reader:
-        assert reader.triplet(1).expression.shape == (0,)
-        assert reader.maps(1).mask.any()
+    reader = ShardReader(shard_paths(out)[0])
+    assert reader.read(1).expression.shape == (0,)
+    assert reader.read(1).maps.mask.any()
 
 
 def test_maps_are_fitted(model: MorphableModel) -> None:

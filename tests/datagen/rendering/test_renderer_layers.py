@@ -9,7 +9,7 @@ from numpy import ndarray
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering import map_drawing
 from datagen.rendering.renderer import Renderer
-from datagen.samples.triplets import TripletMaker
+from datagen.samples.sample_making import SampleMaker
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import (
     Camera,
@@ -115,7 +115,7 @@ def test_a_model_without_texture_coordinates_is_named(gl: GLContext) -> None:
     with pytest.raises(UsageError, match="texture coordinates for the layer uv, found a mesh without; leave uv out"):
         render_maps(model, model.mean, AFFINE, 32, 32, ("uv",))
     with pytest.raises(UsageError, match="texture coordinates for the layer uv"):
-        TripletMaker(model, gl, 0, ("uv",))  # before any sample is tried
+        SampleMaker(model, gl, 0, ("uv",))  # before any sample is tried
 
 
 def test_what_was_not_asked_for_is_not_there(gl: GLContext) -> None:

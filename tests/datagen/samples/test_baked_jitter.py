@@ -14,9 +14,9 @@ from pix2face.geometry.landmarks import IBUG68, MIRROR_IBUG68
 from pix2face.models.model_file import write_stored_model
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
+from pix2face.shards.sample import JITTER_OF
 from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader
-from pix2face.shards.triplet import JITTER_OF
 from tests.model_files import stored_small_head
 
 N_FACES, N_VARIANTS, SIZE_PX = 3, 4, 96
@@ -51,9 +51,10 @@ def render(faces, out, *more):
 def triplets(folder):
     for path in sorted(folder.glob("shard-*.h5")):
         assert verify_shard(path) == []
-        with ShardReader(path) as reader:
-            for index in range(len(reader)):
-                yield reader.triplet(index), reader.image(index)
+        reader = ShardReader(path)
+        for index in range(len(reader)):
+            sample = reader.read(index)
+            yield sample, sample.image
 
 
 @pytest.mark.gl

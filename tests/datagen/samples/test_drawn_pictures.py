@@ -20,17 +20,18 @@ from datagen.opengl.gl_context import GLContext
 from datagen.random_streams import generator_for
 from datagen.rendering.renderer import Renderer
 from datagen.samples import drawn_pictures
-from datagen.samples.triplets import TripletMaker
+from datagen.samples.sample_making import SampleMaker
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.face_files.coefficients import Face, save_coefficients
-from pix2face.files.images import decode_image, encode_photograph
+from pix2face.files.images import encode_photograph
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, SCENE_LAYERS
+from pix2face.shards.sample import Sample
 from pix2face.shards.sample_filter import AttributeExpression
-from pix2face.shards.shard_reader import ShardReader, Triplet
-from pix2face.shards.shard_writing import pack_triplet
+from pix2face.shards.shard_reader import ShardReader
+from pix2face.shards.shard_writing import ShardWriter
 from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl
@@ -49,12 +50,12 @@ def faces(tmp_path_factory: pytest.TempPathFactory) -> list[Face]:
 
 
 @pytest.fixture(scope="module")
-def maker(gl_session: GLContext) -> TripletMaker:
-    return TripletMaker(builtin_model(), gl_session, SEED, LAYERS, PRESETS[DEFAULT])
+def maker(gl_session: GLContext) -> SampleMaker:
+    return SampleMaker(builtin_model(), gl_session, SEED, LAYERS, PRESETS[DEFAULT])
 
 
 @pytest.fixture(scope="module")
-def made(maker: TripletMaker, faces: list[Face]) -> list[Triplet]:
+def made(maker: SampleMaker, faces: list[Face]) -> list[Sample]:
     return [maker.make(face) for face in faces]
 
 
@@ -94,7 +95,7 @@ def label_of(name: str) -> int:
     return len(builtin_model().region_names) + 1 + SCENE_REGIONS.index(name)
 
 
-def check_layers(sample: Triplet) -> None:
+def check_layers(sample: Sample) -> None:
     """What holds for every synthetic photograph."""
     n_model = len(builtin_model().region_names)
     mask, seen = sample.layers["mask"], sample.layers["seen"]
@@ -108,7 +109,7 @@ def check_layers(sample: Triplet) -> None:
     assert sample.attributes["seen_share"] == pytest.approx(seen.sum() / mask.sum(), abs=1e-4)
 
 
-def test_errors_can_be_told_apart_by_what_the_split_of_photographs_names(made: list[Triplet]) -> None:
+def test_errors_can_be_told_apart_by_what_the_split_of_photographs_names(made: list[Sample]) -> None:
     for text in load_manifest("builtin-photographs").by:
         expression = AttributeExpression(text, "--by")
         for sample in made:
@@ -116,34 +117,34 @@ def test_errors_can_be_told_apart_by_what_the_split_of_photographs_names(made: l
             assert isinstance(value, int | float), text
 
 
-def test_what_is_seen_is_of_the_face_and_regions_are_the_heads_where_nothing_is_before_it(made: list[Triplet]) -> None:
+def test_what_is_seen_is_of_the_face_and_regions_are_the_heads_where_nothing_is_before_it(made: list[Sample]) -> None:
     for sample in made:
         check_layers(sample)
         assert sample.attributes["picture"] == "synthetic"
         assert sample.attributes["light.kind"]
-        assert sample.image is not None
-        assert decode_image(sample.image, "it").shape == (SIZE, SIZE, 3)
+        assert sample.image_bytes is not None
+        assert sample.image.shape == (SIZE, SIZE, 3)
     assert any(sample.layers["seen"].sum() > 500 for sample in made)
     assert any((sample.layers["seen_regions"] == label_of("clothes")).any() for sample in made)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_another(
-    maker: TripletMaker, faces: list[Face], made: list[Triplet]
+    maker: SampleMaker, faces: list[Face], made: list[Sample]
 ) -> None:
     for face, first in list(zip(faces, made, strict=True))[::-1]:  # in another order
         again = maker.make(face)
-        assert again.image == first.image
+        assert again.image_bytes == first.image_bytes
         assert again.attributes == first.attributes
         for name, values in first.layers.items():
             np.testing.assert_array_equal(again.layers[name], values, err_msg=name)
         renamed = maker.make(replace(face, sample_id=f"{face.sample_id}-other"))
-        assert renamed.image != first.image
+        assert renamed.image_bytes != first.image_bytes
         for name in ("pncc", "offset", "mask", "regions"):  # geometry is the face's alone
             np.testing.assert_array_equal(renamed.layers[name], first.layers[name], err_msg=name)
 
 
 def test_a_mask_hides_mouth_and_chin(
-    maker: TripletMaker, faces: list[Face], with_change: Callable[[Change], None]
+    maker: SampleMaker, faces: list[Face], with_change: Callable[[Change], None]
 ) -> None:
     with_change(open_face)
     bare = [maker.make(face) for face in faces]
@@ -159,7 +160,7 @@ def test_a_mask_hides_mouth_and_chin(
 
 
 def test_landmarks_behind_a_mask_are_visible_but_not_seen(
-    maker: TripletMaker, faces: list[Face], with_change: Callable[[Change], None]
+    maker: SampleMaker, faces: list[Face], with_change: Callable[[Change], None]
 ) -> None:
     with_change(masked)
     n_hidden = 0
@@ -178,7 +179,7 @@ def test_landmarks_behind_a_mask_are_visible_but_not_seen(
 
 
 def test_nothing_is_seen_beyond_the_border(
-    maker: TripletMaker, faces: list[Face], with_change: Callable[[Change], None]
+    maker: SampleMaker, faces: list[Face], with_change: Callable[[Change], None]
 ) -> None:
     border = Border(left=0.5, bottom=0.3, filling="reflected")
 
@@ -199,7 +200,7 @@ def test_nothing_is_seen_beyond_the_border(
 def test_plain_is_a_head_painted_region_by_region(gl_session: GLContext, faces: list[Face]) -> None:
     model = builtin_model()
     renderer = Renderer(model, SIZE, SIZE, gl_session)
-    plain = TripletMaker(model, gl_session, SEED, DEFAULT_LAYERS, PRESETS[PLAIN])
+    plain = SampleMaker(model, gl_session, SEED, DEFAULT_LAYERS, PRESETS[PLAIN])
     for face in faces[:2]:
         sample = plain.make(face)
         rng = generator_for(SEED, face.sample_id)
@@ -207,7 +208,7 @@ def test_plain_is_a_head_painted_region_by_region(gl_session: GLContext, faces: 
         background = draw_background(rng, SIZE, SIZE)
         vertices = model.vertices(face.identity[None], face.expression[None])[0]
         picture = renderer.render_image(vertices, face.camera, appearance, background)
-        assert sample.image == encode_photograph(develop(picture, appearance))
+        assert sample.image_bytes == encode_photograph(develop(picture, appearance))
         assert sample.attributes["picture"] == "plain"
         assert not any("." in name or name == "seen_share" for name in sample.attributes)
         assert not set(sample.layers) & set(SCENE_LAYERS)
@@ -218,24 +219,24 @@ def test_what_is_seen_is_refused_where_nothing_stands_before_faces(gl: GLContext
     with pytest.raises(
         UsageError, match=f"--layers {layer}: expected an appearance .*found plain; leave the layer out"
     ):
-        TripletMaker(builtin_model(), gl, 0, ("image", layer), PRESETS[PLAIN])
+        SampleMaker(builtin_model(), gl, 0, ("image", layer), PRESETS[PLAIN])
 
 
-def test_photographs_have_no_such_layer(maker: TripletMaker, faces: list[Face], tmp_path: Path) -> None:
+def test_photographs_have_no_such_layer(maker: SampleMaker, faces: list[Face], tmp_path: Path) -> None:
     picture = np.full((SIZE, SIZE, 3), 90, np.uint8)
     (tmp_path / "photograph.jpg").write_bytes(encode_photograph(picture))
     sample = maker.make(replace(faces[0], image_path=tmp_path / "photograph.jpg"))
     assert sample.attributes["picture"] == "photograph"
     assert not set(sample.layers) & set(SCENE_LAYERS)
     with pytest.raises(InputFileError, match=r"expected the layers? .*seen"):
-        pack_triplet(sample, LAYERS)
+        ShardWriter(LAYERS).add(sample)
 
 
 def test_other_models_have_no_such_appearance(gl: GLContext) -> None:
     with pytest.raises(
         UsageError, match=r"--appearance default: expected the built-in model, .*; give --appearance plain"
     ):
-        TripletMaker(small_head_model(), gl, 0, DEFAULT_LAYERS, PRESETS[DEFAULT])
+        SampleMaker(small_head_model(), gl, 0, DEFAULT_LAYERS, PRESETS[DEFAULT])
 
 
 @pytest.mark.parametrize("preset", [DEFAULT, PLAIN])
@@ -246,18 +247,18 @@ def test_all_layers_are_those_that_the_appearance_has(gl: GLContext, tmp_path: P
     assert main(["render", "--coeffs", str(tmp_path / "faces.h5"), "--out", str(tmp_path / "out"), *options]) == 0
     expected = [name for name in LAYER_NAMES if preset == DEFAULT or name not in SCENE_LAYERS]
     names = builtin_model().region_names
-    with ShardReader(tmp_path / "out" / "shard-00000.h5") as reader:
-        assert list(reader.header.layers) == expected
-        assert reader.header.region_names == ((*names, *SCENE_REGIONS) if preset == DEFAULT else names)
-        assert len(reader) == 2
-        for index in range(2):
-            sample = reader.triplet(index)
-            if preset == DEFAULT:
-                check_layers(sample)
-                assert sample.seen_landmarks.shape == sample.visible.shape
-            else:
-                with pytest.raises(UsageError, match="found no seen; render with --layers that name it"):
-                    _ = sample.seen_landmarks
+    reader = ShardReader(tmp_path / "out" / "shard-00000.h5")
+    assert list(reader.header.layers) == expected
+    assert reader.header.region_names == ((*names, *SCENE_REGIONS) if preset == DEFAULT else names)
+    assert len(reader) == 2
+    for index in range(2):
+        sample = reader.read(index)
+        if preset == DEFAULT:
+            check_layers(sample)
+            assert sample.seen_landmarks.shape == sample.visible.shape
+        else:
+            with pytest.raises(UsageError, match="found no seen; render with --layers that name it"):
+                _ = sample.seen_landmarks
 
 
 def test_your_own_pictures_stand_behind_faces(
@@ -278,8 +279,8 @@ def test_your_own_pictures_stand_behind_faces(
     assert render("--appearance", "plain") == 2
     assert "--backgrounds: expected synthetic photographs" in capsys.readouterr().err
     assert render() == 0
-    with ShardReader(tmp_path / "out" / "shard-00000.h5") as reader:
-        shown = [attributes.get("backdrop.file") for attributes in reader.attributes()]
-        kinds = [attributes["backdrop.kind"] for attributes in reader.attributes()]
+    reader = ShardReader(tmp_path / "out" / "shard-00000.h5")
+    shown = [attributes.get("backdrop.file") for attributes in reader.attributes()]
+    kinds = [attributes["backdrop.kind"] for attributes in reader.attributes()]
     assert "photograph" in kinds
     assert {file for file, kind in zip(shown, kinds, strict=True) if kind == "photograph"} <= {"wall.jpg", None}

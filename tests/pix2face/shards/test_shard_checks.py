@@ -13,9 +13,9 @@ import pytest
 
 from pix2face.errors import UsageError
 from pix2face.files.checked_hdf5 import fixed_text
+from pix2face.shards.sample import Sample
 from pix2face.shards.shard_checks import verify_folder, verify_shard
 from pix2face.shards.shard_writing import write_shard
-from pix2face.shards.triplet import Triplet
 from tests.pix2face.shard_files import HEADER, every_layer, make_triplet
 
 
@@ -50,7 +50,7 @@ def test_verify_notices_values_outside_the_mask(shard: Path) -> None:
     assert any("pncc is not 0 outside the mask" in problem for problem in verify_shard(shard))
 
 
-def changed_layer(triplet: Triplet, name: str, change: Callable[[np.ndarray], np.ndarray]) -> Triplet:
+def changed_layer(triplet: Sample, name: str, change: Callable[[np.ndarray], np.ndarray]) -> Sample:
     return replace(triplet, layers={**triplet.layers, name: change(triplet.layers[name].copy())})
 
 
@@ -90,7 +90,7 @@ def test_layers_that_contradict_each_other_are_named(
 
 
 def test_a_picture_of_another_size_than_its_layers_is_named(tmp_path: Path) -> None:
-    larger = replace(make_triplet(0), image=make_triplet(0, 30).image)
+    larger = replace(make_triplet(0), image_bytes=make_triplet(0, 30).image_bytes)
     write_shard(tmp_path / "shard-00000.h5", HEADER, [larger, make_triplet(1)])
     (problem,) = verify_shard(tmp_path / "shard-00000.h5")
     assert problem.startswith("sample 'face/0': ")
@@ -99,7 +99,7 @@ def test_a_picture_of_another_size_than_its_layers_is_named(tmp_path: Path) -> N
 
 def test_pictures_that_do_not_decode_are_all_named(tmp_path: Path) -> None:
     """The first does not hide the second."""
-    broken = [replace(make_triplet(seed), image=b"no picture") for seed in (0, 1)]
+    broken = [replace(make_triplet(seed), image_bytes=b"no picture") for seed in (0, 1)]
     write_shard(tmp_path / "shard-00000.h5", HEADER, [*broken, make_triplet(2)])
     problems = verify_shard(tmp_path / "shard-00000.h5")
     assert [problem[:15] for problem in problems] == ["sample 'face/0'", "sample 'face/1'"]
@@ -118,7 +118,7 @@ def test_pictures_that_do_not_decode_are_all_named(tmp_path: Path) -> None:
         ("attributes", 2, b'{"yaw_deg": 9}', "the checksum differs"),
         ("attributes", 2, b'{"yaw_deg": null}', "no object of texts and numbers"),
         ("attributes", 2, b"[1]", "no object of texts and numbers"),
-        ("attributes", 2, b"{", "cannot be read"),
+        ("attributes", 2, b"{", "is damaged"),
     ],
 )
 def test_changed_columns_are_noticed(shard: Path, name: str, place: object, value: object, message: str) -> None:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pix2face.shards.triplet import JITTER_OF, PICTURE, PictureKind
+from pix2face.shards.sample import JITTER_OF, PICTURE, PictureKind
 from training.data.persons import PersonGroups
 
 A, B, C = (np.array([value, 0.5], dtype=np.float32) for value in (1, 2, 3))

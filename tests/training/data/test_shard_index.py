@@ -7,7 +7,6 @@ import pytest
 
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.shards.layers import DEFAULT_LAYERS
-from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
@@ -27,12 +26,11 @@ def test_scales_cover_every_target(shards_dir):
     index = index_shards([shards_dir])
     assert index.offset_scale_mm % 5 == 0
     largest_pncc, largest_offset = 0.0, 0.0
-    for path in index.paths:
-        with ShardReader(path) as reader:
-            for position in range(len(reader)):
-                maps = reader.maps(position)
-                largest_pncc = max(largest_pncc, np.abs(maps.pncc).max())
-                largest_offset = max(largest_offset, np.abs(maps.offset).max())
+    for reader in index.readers:
+        for position in range(len(reader)):
+            maps = reader.read(position).maps
+            largest_pncc = max(largest_pncc, np.abs(maps.pncc).max())
+            largest_offset = max(largest_offset, np.abs(maps.offset).max())
     assert largest_pncc <= index.pncc_scale_mm
     assert index.offset_scale_mm - 5 < largest_offset <= index.offset_scale_mm
 

@@ -173,11 +173,11 @@ def test_other_samples_are_refused(shards, shards_dir, uninterrupted):
 def test_samples_of_the_same_ids_with_other_pictures_are_refused(shards_dir, tmp_path, uninterrupted):
     shutil.copytree(shards_dir, tmp_path / "again")
     path = tmp_path / "again" / "shard-000001.h5"
-    with ShardReader(path) as reader:
-        header, triplets = reader.header, [reader.triplet(index) for index in range(len(reader))]
+    reader = ShardReader(path)
+    header, triplets = reader.header, [reader.read(index) for index in range(len(reader))]
     write_shard(path, header, triplets)
     train(index_shards([tmp_path / "again"]), RECIPE, uninterrupted.parent, HERE)  # the same content goes on
-    repainted = replace(triplets[0], image=encode_image(np.zeros((*triplets[0].maps.mask.shape, 3), np.uint8)))
+    repainted = replace(triplets[0], image_bytes=encode_image(np.zeros((*triplets[0].maps.mask.shape, 3), np.uint8)))
     write_shard(path, header, [repainted, *triplets[1:]])
     with pytest.raises(UsageError, match=r"another configuration \(samples_sha256 "):
         train(index_shards([tmp_path / "again"]), RECIPE, uninterrupted.parent, HERE)

@@ -1,52 +1,33 @@
-"""A sample into its place of a batch: the part of it that is taken, mirrored or not, its colours varied.
+"""From a sample to its row of a batch: what part of the picture is taken, mirrored or not, with which colours.
 
-Two ways. ``resample`` turns and scales as the paper does, a sample at a time with linear interpolation; for sets of
-whole photographs. ``cut`` takes a square of whole pixels out of pictures that were made as crops of faces, or cut to
-one (``box_cut``), and moves bytes only: fifteen times as fast.
+``resample`` turns and scales as the paper does, one sample at a time with linear interpolation. It is for sets of whole
+photographs. ``cut`` takes a square of whole pixels from a picture that was made as a crop of a face, or that
+``cut_around_box`` has cut to one. It only moves bytes and is fifteen times as fast.
 """
 
-from dataclasses import dataclass
-from typing import final
+from dataclasses import replace
 
 import cv2
 import numpy as np
-from jaxtyping import Int16, Shaped, UInt8
+from jaxtyping import Shaped, UInt8
 from numpy import ndarray
 
-from pix2face.geometry.crops import Crop, crop_image
+from pix2face.geometry.crops import Crop, FaceBox, crop_image, square_crop
 from pix2face.geometry.jitter import JitterParameters, crop_maps
-from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM, FaceMaps, fixed_point_to_maps
-from training.data.decoded_sample import DecodedSample
+from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM, FaceMaps, face_box, fixed_point_to_maps
+from training.data.decoded_sample import DecodedSample, empty_row
 
 LARGEST_BYTE = 255
+# Room for the squares: they lie within half of it around the middle, 5 % of the face's box for a crop of 1.5 boxes.
+MARGIN_SHARE = 1 / 16
+# Boxes are larger or smaller by as much, evenly; a sample's own box is always so by the same factor.
+SIZE_SPREAD = 0.08
+# A first box by a detector is farther off: of so many samples by as much in size, and in place in units of the box.
+ROUGH_SHARE, ROUGH_SIZE_SPREAD, ROUGH_SHIFT = 0.25, 0.30, 0.15
+_BOX_STREAM = 0xB0C5
 
 
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BatchRow:
-    """The place of one sample in the arrays of a batch; all 0 before it is filled.
-
-    Attributes:
-        image: RGB.
-        pncc: Steps.
-        offset: Steps.
-        mask: 0 and 1.
-        seen: 0 and 1; None where not all sets know.
-    """
-
-    image: UInt8[ndarray, "s s 3"]
-    pncc: Int16[ndarray, "s s 3"]
-    offset: Int16[ndarray, "s s 3"]
-    mask: UInt8[ndarray, "s s"]
-    seen: UInt8[ndarray, "s s"] | None
-
-    @property
-    def size_px(self) -> int:
-        """Side of the square."""
-        return len(self.image)
-
-
-def cut(sample: DecodedSample, corner: tuple[int, int], row: BatchRow, *, mirror: bool) -> None:
+def cut(sample: DecodedSample, corner: tuple[int, int], row: DecodedSample, *, mirror: bool) -> None:
     """Fills a row with a square of a picture.
 
     Args:
@@ -56,7 +37,7 @@ def cut(sample: DecodedSample, corner: tuple[int, int], row: BatchRow, *, mirror
         mirror: Whether left and right change places.
     """
     left, top = corner
-    picture = sample.image[top : top + row.size_px, left : left + row.size_px]
+    picture = sample.image[top : top + len(row.image), left : left + len(row.image)]
     row.image[:] = cv2.flip(picture, 1) if mirror else picture
     planes = ((sample.pncc, row.pncc), (sample.offset, row.offset), (sample.mask, row.mask), (sample.seen, row.seen))
     for source, target in planes:
@@ -67,7 +48,7 @@ def cut(sample: DecodedSample, corner: tuple[int, int], row: BatchRow, *, mirror
             np.negative(steps[..., 0], out=steps[..., 0])
 
 
-def resample(sample: DecodedSample, crop: Crop, row: BatchRow) -> None:
+def resample(sample: DecodedSample, crop: Crop, row: DecodedSample) -> None:
     """Fills a row with a crop, which may turn, scale and mirror.
 
     Args:
@@ -91,6 +72,37 @@ def vary_colours(image: UInt8[ndarray, "s s 3"], jitter: JitterParameters) -> No
     """Applies the gamma and gains of a draw to a picture in place: a look-up for each byte."""
     table = np.rint(jitter.colour_table * LARGEST_BYTE).astype(np.uint8)
     cv2.LUT(image, table[None], dst=image)
+
+
+def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale: float) -> DecodedSample:
+    """Resamples a sample to a square around its face.
+
+    Args:
+        sample: Of any size; its landmarks have a box.
+        number: Of the sample in its set, which decides by how much its box is changed.
+        size_px: Side of the squares to be cut from it; that of the result is larger by ``MARGIN_SHARE``.
+        crop_scale: Side of those, in units of the longer side of the box.
+    """
+    side_px = size_px + round(size_px * MARGIN_SHARE)
+    rng = np.random.default_rng([_BOX_STREAM, number])
+    is_rough = rng.random() < ROUGH_SHARE
+    spread = ROUGH_SIZE_SPREAD if is_rough else SIZE_SPREAD
+    scale = crop_scale * rng.uniform(1 - spread, 1 + spread) * side_px / size_px
+    right, down = rng.uniform(-ROUGH_SHIFT, ROUGH_SHIFT, 2) if is_rough else (0.0, 0.0)
+    crop = square_crop(FaceBox.around(sample.landmarks2d), scale, side_px, shift=(float(right), float(down)))
+    row = empty_row(side_px, has_seen=sample.seen is not None)
+    resample(sample, crop, row)
+    face = face_box(row.mask.astype(bool))
+    return replace(
+        sample,
+        image=row.image,
+        pncc=np.ascontiguousarray(row.pncc[face]),
+        offset=np.ascontiguousarray(row.offset[face]),
+        mask=np.ascontiguousarray(row.mask[face]),
+        seen=None if row.seen is None else np.ascontiguousarray(row.seen[face]),
+        corner=(face[1].start, face[0].start),
+        landmarks2d=crop.to_crop(sample.landmarks2d).astype(np.float32),
+    )
 
 
 def _paste(

@@ -7,10 +7,10 @@ import pytest
 
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
-from pix2face.shards.sample_spans import StoredSample
+from pix2face.shards.layers import LAYERS, to_stored
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet
-from training.data.box_cut import (
+from training.data.cropping import (
     MARGIN_SHARE,
     ROUGH_SHARE,
     ROUGH_SHIFT,
@@ -18,7 +18,7 @@ from training.data.box_cut import (
     SIZE_SPREAD,
     cut_around_box,
 )
-from training.data.decoded_sample import DecodedSample, decode_sample
+from training.data.decoded_sample import DecodedSample
 
 SIZE_PX, SCALE = 64, 1.5
 SIDE_PX = SIZE_PX + round(SIZE_PX * MARGIN_SHARE)
@@ -26,13 +26,11 @@ SIDE_PX = SIZE_PX + round(SIZE_PX * MARGIN_SHARE)
 
 @pytest.fixture(scope="module")
 def sample() -> DecodedSample:
-    triplet = head_triplet(small_head_model(), 3)
-    steps = {
-        name: np.rint(triplet.layers[name] * FIXED_POINT_STEPS_PER_MM).astype(np.int16) for name in ("pncc", "offset")
-    }
-    steps["mask"] = triplet.layers["mask"].astype(np.uint8)
-    stored = StoredSample(triplet.image, steps, (0, 0), triplet.landmarks2d.astype(np.float32))
-    return decode_sample(stored, "here")
+    made = head_triplet(small_head_model(), 3)
+    steps = {name: to_stored(LAYERS[name], made.layers[name]) for name in ("pncc", "offset", "mask")}
+    return DecodedSample(
+        **steps, image=made.image, seen=None, corner=(0, 0), landmarks2d=made.landmarks2d.astype(np.float32)
+    )
 
 
 def test_most_faces_are_in_the_middle_and_nearly_of_the_size_asked_for(sample: DecodedSample) -> None:

@@ -1,7 +1,7 @@
-"""Faces to triplets: geometry, layers, picture, landmarks."""
+"""From faces to samples: geometry, layers, landmarks, picture."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import final
 
 import numpy as np
@@ -12,7 +12,7 @@ from datagen.appearance.appearance_config import PLAIN, PRESETS, AppearanceConfi
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.renderer import Renderer, visible_landmarks
 from datagen.samples.baked_jitter import View
-from datagen.samples.drawn_pictures import DrawnPicture, PictureSource, PlainPictures, ScenePictures
+from datagen.samples.drawn_pictures import PlainPictures, ScenePictures
 from datagen.samples.stage_times import StageTimes
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
 from pix2face.face_files.coefficients import Face
@@ -20,21 +20,20 @@ from pix2face.files.images import check_decodes, decode_image, encode_photograph
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from pix2face.models.rasterise import RenderedMaps
 from pix2face.models.surface_attributes import REGIONS, check_layers
 from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LANDMARKS, LAYERS, SCENE_LAYERS, SEEN_REGIONS
-from pix2face.shards.triplet import PICTURE, PictureKind, Triplet
+from pix2face.shards.sample import MASK, PICTURE, PictureKind, Sample
 
 
 @final
-class TripletMaker:
-    """Turns faces of one model into triplets.
+class SampleMaker:
+    """Turns faces of one model into samples.
 
     Args:
         model: The model of the faces.
         gl: Where to render.
         seed: Of everything random in a picture.
-        layers: What triplets have, of ``pix2face.shards.layers.LAYER_NAMES``.
+        layers: What samples have, of ``pix2face.shards.layers.LAYER_NAMES``.
         appearance: Of faces that have no photograph.
 
     Raises:
@@ -58,9 +57,9 @@ class TripletMaker:
         # What is seen of the regions needs the regions.
         self._rendered = (*layers, REGIONS) if SEEN_REGIONS in layers else tuple(layers)
         self._gl, self._seed, self._appearance = gl, seed, appearance
-        self._kept_pictures: PictureSource | None = None
+        self._kept_pictures: PlainPictures | ScenePictures | None = None
 
-    def make(self, face: Face) -> Triplet:
+    def make(self, face: Face) -> Sample:
         """Renders one face as its source has it.
 
         Raises:
@@ -72,7 +71,7 @@ class TripletMaker:
             raise made
         return made
 
-    def make_all(self, views: Sequence[View], times: StageTimes) -> Iterator[Triplet | SampleRejectedError]:
+    def make_all(self, views: Sequence[View], times: StageTimes) -> Iterator[Sample | SampleRejectedError]:
         """Renders views whose geometry is computed together.
 
         Args:
@@ -80,7 +79,7 @@ class TripletMaker:
             times: Counts the stages.
 
         Yields:
-            For each view its triplet, or why there is none, as in ``make``.
+            For each view its sample, or why there is none, as in ``make``.
         """
         if not views:
             return
@@ -100,34 +99,36 @@ class TripletMaker:
                 np.stack([face.identity for face in faces]), np.stack([face.expression for face in faces])
             )
 
-    def _make(self, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Triplet:
+    def _make(self, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
         face = view.face
         with times.stage("rasterise, read back"):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
             rendered = renderer.render(vertices, face.camera, self._rendered)
         if not rendered.mask.any():
             raise SampleRejectedError(f"{face.sample_id}: nothing of the face lies in the picture")
-        picture = self._image(view, vertices, rendered, times)
         with times.stage("landmarks, pose"):
             landmarks = self._model.landmarks.get(IBUG68, np.zeros(0, np.int32))
             if LANDMARKS not in self._layers:
                 landmarks = landmarks[:0]
             landmarks3d = vertices[landmarks]
-            return Triplet(
+            rendered_layers = (MASK, *(name for name in self._rendered if name in LAYERS and name not in SCENE_LAYERS))
+            sample = Sample(
                 sample_id=face.sample_id,
-                image=picture.content,
-                layers=self._chosen_layers(rendered, picture),
+                image_bytes=None,
+                layers={name: rendered.layer(name) for name in rendered_layers},
                 camera=face.camera,
                 identity=face.identity,
                 expression=face.expression,
                 landmarks2d=face.camera.project(landmarks3d),
                 landmarks3d=landmarks3d,
                 visible=visible_landmarks(vertices, landmarks, face.camera, rendered),
-                attributes={**asdict(head_pose(face.camera)), **face.attributes, **picture.attributes},
+                attributes={**asdict(head_pose(face.camera)), **face.attributes},
             )
+        sample = self._with_picture(sample, view, vertices, times)
+        return replace(sample, layers={name: sample.layers[name] for name in self._layers if name in sample.layers})
 
     @property
-    def _pictures(self) -> PictureSource:
+    def _pictures(self) -> PlainPictures | ScenePictures:
         """Made when the first picture is drawn: photographs need none."""
         if self._kept_pictures is None:
             self._kept_pictures = (
@@ -137,28 +138,22 @@ class TripletMaker:
             )
         return self._kept_pictures
 
-    def _chosen_layers(self, rendered: RenderedMaps, picture: DrawnPicture) -> dict[str, ndarray]:
-        made = {name: rendered.layer(name) for name in self._layers if name in LAYERS and name not in SCENE_LAYERS}
-        return {**made, **{name: picture.layers[name] for name in self._layers if name in picture.layers}}
-
-    def _image(
-        self, view: View, vertices: Float32[ndarray, "v 3"], rendered: RenderedMaps, times: StageTimes
-    ) -> DrawnPicture:
-        """The photograph's own bytes, what a variant shows of it, or a picture of the face; no content without need."""
-        face = view.face
-        if face.image_path is not None:
-            # A photograph that is damaged rejects its sample also where pictures are not kept: which samples a set
-            # has does not depend on its layers.
+    def _with_picture(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
+        """Adds the photograph's own bytes, what a variant shows of it, or a picture of the face where one is needed."""
+        path = view.face.image_path
+        if path is not None:
+            # A damaged photograph rejects its sample even where pictures are not kept: which samples a set has does not
+            # depend on its layers.
             with times.stage("read, check photograph"):
-                content = read_bytes(face.image_path)
+                content = read_bytes(path)
                 if view.crop is None:
-                    check_decodes(content, str(face.image_path))
+                    check_decodes(content, str(path))
                 else:
-                    content = encode_photograph(view.jittered_photograph(decode_image(content, str(face.image_path))))
-            return DrawnPicture(content, {PICTURE: PictureKind.PHOTOGRAPH})
-        if not self._is_drawn:
-            return DrawnPicture(None, {})
-        return self._pictures.draw(view, vertices, rendered, times)
+                    content = encode_photograph(view.jittered_photograph(decode_image(content, str(path))))
+            return replace(
+                sample, image_bytes=content, attributes={**sample.attributes, PICTURE: PictureKind.PHOTOGRAPH}
+            )
+        return self._pictures.draw(sample, view, vertices, times) if self._is_drawn else sample
 
 
 def check_appearance(model: MorphableModel, layers: Sequence[str], appearance: AppearanceConfig) -> None:

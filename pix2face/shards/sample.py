@@ -1,0 +1,145 @@
+"""One sample in memory: what a renderer makes, what a shard stores, and what a reader returns."""
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray
+
+from pix2face.errors import InputFileError, UsageError
+from pix2face.files.images import declared_size_px, decode_image
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.maps import FaceMaps
+from pix2face.shards.layers import SEEN
+
+MASK = "mask"
+MAP_LAYERS = ("pncc", "offset", MASK)
+# Attributes that other programs go by: where the picture comes from, and the face that a variant was made of.
+PICTURE, JITTER_OF = "picture", "jitter_of"
+
+
+class PictureKind(StrEnum):
+    """Where the picture of a sample comes from: the values of its attribute `picture`.
+
+    Attributes:
+        PHOTOGRAPH: A photograph of a person.
+        SYNTHETIC: A synthetic photograph, drawn from the built-in assets.
+        PLAIN: A head painted region by region.
+    """
+
+    PHOTOGRAPH = "photograph"
+    SYNTHETIC = "synthetic"
+    PLAIN = "plain"
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sample:
+    """A picture, its layers, and the face that they show.
+
+    Pixels have their centres at +0.5, the origin is the top left corner of the picture. The model frame has x to the
+    subject's left, y up and z out of the face, in mm.
+
+    Attributes:
+        sample_id: Unique in its set of shards.
+        image_bytes: The JPEG or PNG file of the picture, for a photograph that was not resampled its own bytes. None
+            where the sample was stored or read without its picture.
+        layers: Arrays by name, of the shapes, dtypes and units that ``pix2face.shards.layers.LAYERS`` lists: ``pncc``
+            and ``offset`` are (h, w, 3) float32 in mm, ``mask`` is (h, w) bool. On the way into a shard a layer may
+            also be in steps (its stored dtype).
+        camera: Projects points of the model frame into this picture.
+        identity: Coefficients, in standard deviations.
+        expression: Coefficients, in standard deviations.
+        landmarks2d: Pixels. Empty where the set has no landmarks.
+        landmarks3d: mm, model frame.
+        visible: Which landmarks are inside the picture and not hidden by the head itself. ``seen_landmarks`` also
+            accounts for what stands in front of the head.
+        attributes: What else is known of the sample: its pose in degrees, where geometry and picture come from.
+        place: Names the sample in error messages: its file and its place there. Empty for one that was not read.
+    """
+
+    sample_id: str
+    image_bytes: bytes | None
+    layers: Mapping[str, ndarray]
+    camera: Camera
+    identity: Float[ndarray, " k"]
+    expression: Float[ndarray, " e"]
+    landmarks2d: Float[ndarray, "m 2"]
+    landmarks3d: Float[ndarray, "m 3"]
+    visible: Bool[ndarray, " m"]
+    attributes: Mapping[str, str | float]
+    place: str = field(default="", repr=False)
+
+    @property
+    def image(self) -> UInt8[ndarray, "h w 3"]:
+        """The picture, RGB. It is decoded at each access.
+
+        Raises:
+            UsageError: The sample has no picture.
+            InputFileError: The picture cannot be decoded, or its size is not that of the layers.
+        """
+        where = self.place or self.sample_id
+        if self.image_bytes is None:
+            raise UsageError(
+                f"{where}: expected a picture, found layers {','.join(self.layers) or 'none'}; "
+                "name the layer image where samples are rendered and where they are read"
+            )
+        sizes, declared = (
+            {values.shape[:2] for values in self.layers.values()},
+            declared_size_px(self.image_bytes, where),
+        )
+        if sizes and declared is not None and declared not in sizes:
+            raise InputFileError(f"{where}: expected a picture like its layers, {sizes.pop()}, found one of {declared}")
+        return decode_image(self.image_bytes, where)
+
+    @property
+    def maps(self) -> FaceMaps:
+        """PNCC, offset and mask together.
+
+        Raises:
+            UsageError: One of them is missing.
+        """
+        check_has_layers(self.layers, MAP_LAYERS, self.sample_id)
+        return FaceMaps(*(self.layers[name] for name in MAP_LAYERS))
+
+    @property
+    def seen_landmarks(self) -> Bool[ndarray, " m"]:
+        """Which visible landmarks nothing stands in front of: no hair, no hand, no border of the photograph.
+
+        Raises:
+            UsageError: The layer ``mask`` or ``seen`` is missing.
+        """
+        check_has_layers(self.layers, (MASK, SEEN), self.sample_id)
+        mask, seen = (np.pad(self.layers[name], 1) for name in (MASK, SEEN))
+        height, width = self.layers[MASK].shape
+        column, row = np.floor(self.landmarks2d).astype(np.int64).T
+        # Between the lips and at the silhouette a landmark's own pixel may miss the face, so its neighbours count too.
+        places = [
+            (np.clip(row, 0, height - 1) + down, np.clip(column, 0, width - 1) + right)
+            for down in range(3)
+            for right in range(3)
+        ]
+        is_near_face = np.any([mask[place] for place in places], axis=0)
+        is_near_seen = np.any([seen[place] for place in places], axis=0)
+        return np.asarray(self.visible & (is_near_seen | ~is_near_face))
+
+
+def check_has_layers(found: Container[str], wanted: Sequence[str], where: str) -> None:
+    """Checks that all wanted layers are there.
+
+    Args:
+        found: Names of the layers that there are.
+        wanted: Names of the layers that are needed.
+        where: The sample or file that has them, for the message.
+
+    Raises:
+        UsageError: A layer is missing.
+    """
+    missing = [name for name in wanted if name not in found]
+    if missing:
+        raise UsageError(
+            f"{where}: expected the layers {','.join(wanted)}, found no {missing[0]}; render with --layers that name it"
+        )
