@@ -6,7 +6,7 @@ from itertools import accumulate
 from operator import index as whole_number
 from os import PathLike, fspath
 from pathlib import Path
-from typing import final, overload
+from typing import SupportsIndex, final, overload
 
 from pix2face.errors import ModelMismatchError, UsageError
 from pix2face.shards.layers import order_layers
@@ -71,10 +71,10 @@ class ShardDataset(Sequence[Sample]):
         return self._ends[-1]
 
     @overload
-    def __getitem__(self, index: int) -> Sample: ...
+    def __getitem__(self, index: SupportsIndex) -> Sample: ...
     @overload
     def __getitem__(self, index: slice) -> Sequence[Sample]: ...
-    def __getitem__(self, index: int | slice) -> Sample | Sequence[Sample]:
+    def __getitem__(self, index: SupportsIndex | slice) -> Sample | Sequence[Sample]:
         """Reads one sample.
 
         Args:
