@@ -257,23 +257,23 @@ def measure_folder(shards: Path, n: int, rounds: int) -> dict[str, Any]:
     """Everything, on the first samples of a folder."""
     reader = ShardReader(shard_paths(shards)[0])
     header = replace(reader.header, layers=DEFAULT_LAYERS, rejected="[]")
-    triplets = [reader.read(index) for index in range(min(n, len(reader)))]
-    stored = [reader.stored(index, ("pncc", "offset"), is_whole=True) for index in range(len(triplets))]
+    samples = [reader.read(index) for index in range(min(n, len(reader)))]
+    stored = [reader.stored(index, ("pncc", "offset"), is_whole=True) for index in range(len(samples))]
     maps = [steps for layers in stored for steps in layers.values()]
-    images = [triplet.image_bytes for triplet in triplets]
+    images = [sample.image for sample in samples]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        write_shard(folder / "shard-00000.h5", header, triplets)
+        write_shard(folder / "shard-00000.h5", header, samples)
         ways = {name: measure_way(way, maps, folder, rounds) for name, way in WAYS.items()}
-        project = measure_shards(header, triplets, folder, rounds)
+        project = measure_shards(header, samples, folder, rounds)
     reference = ways["values, shuffle, gzip 4 (reference)"]
     for row in ways.values():
         row["write_against_reference"] = round(row["write_ms"] / reference["write_ms"], 3)
     return {
-        "samples": len(triplets),
+        "samples": len(samples),
         "size_px": list(images[0].shape[:2]),
-        "face_px": round(float(np.mean([triplet.maps.mask.sum() for triplet in triplets]))),
-        "picture_kB": round(float(np.mean([len(triplet.image_bytes or b"") for triplet in triplets])) / 1e3, 1),
+        "face_px": round(float(np.mean([sample.maps.mask.sum() for sample in samples]))),
+        "picture_kB": round(float(np.mean([len(sample.image_bytes or b"") for sample in samples])) / 1e3, 1),
         "maps": ways,
         "pictures": measure_pictures(images, rounds),
         "shards": project,
