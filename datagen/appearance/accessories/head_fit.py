@@ -15,20 +15,20 @@ from datagen.appearance.scene import PosedHead
 from datagen.random_streams import Triple
 from pix2face.models.morphable_model import MorphableModel
 
-# The surface that can be touched, without ears: rays that look for it pass the rest.
+# The outer surface of the head without its ears, which rays pass.
 OUTER_REGIONS = ("skin", "brows", "lips", "scalp", "neck")
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Points of the surface of a model, whatever the head."""
+    """Points on the surface of a model that can be found on any of its heads."""
 
     corners: Int32[ndarray, "n 3"]  # vertices of the triangle that each point lies in
     weights: Float32[ndarray, "n 3"]  # of the corners; rows sum to 1
 
     def at(self, values: Float32[ndarray, "v 3"]) -> Float32[ndarray, "n 3"]:
-        """What vertices have (places, normals) at the points."""
+        """Values of the vertices (places, normals) at the points."""
         w, found = self.weights, values[self.corners]
         return w[:, :1] * found[:, 0] + w[:, 1:2] * found[:, 1] + w[:, 2:] * found[:, 2]
 
@@ -38,17 +38,12 @@ def triangles_of(model: MorphableModel, regions: Sequence[str]) -> Bool[ndarray,
     return np.array([name in regions for name in model.region_names])[model.triangle_regions]
 
 
-def anchors_outward(
-    model: MorphableModel,
-    centre: Float[ndarray, "3"],
-    directions: Float[ndarray, "n 3"],
-    regions: Sequence[str] = OUTER_REGIONS,
-) -> Anchors:
+def anchors_outward(model: MorphableModel, centre: Float[ndarray, "3"], directions: Float[ndarray, "n 3"]) -> Anchors:
     """Where rays from inside the mean head leave it: the last of their crossings.
 
     A ray that meets no triangle ends in the triangle whose middle is nearest to it.
     """
-    triangles = model.triangles[triangles_of(model, regions)]
+    triangles = model.triangles[triangles_of(model, OUTER_REGIONS)]
     corners = model.mean[triangles].astype(np.float64) - centre
     middle = corners.mean(axis=1)
     tree = cKDTree(middle / np.linalg.norm(middle, axis=1, keepdims=True))
@@ -60,7 +55,7 @@ def anchors_outward(
     total = scaled.sum(axis=2)
     weights = scaled / np.where(np.abs(total) < 1e-12, 1e-12, total)[..., None]
     distance = np.where((weights.min(axis=2) > -1e-6) & (total > 0), 1 / np.maximum(total, 1e-12), 0)
-    best = distance.argmax(axis=1)  # 0, the nearest, where none is met
+    best = distance.argmax(axis=1)  # 0, the nearest triangle, where the ray meets none
     rows = np.arange(len(rays))
     found = np.clip(weights[rows, best], 0, 1)
     found /= np.maximum(found.sum(axis=1, keepdims=True), 1e-9)
@@ -119,10 +114,10 @@ def bilinear(values: Float32[ndarray, "r c *v"], rows: Float[ndarray, "*n"], col
 
 @lru_cache(maxsize=4)
 def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray, " n"]]:
-    """The border of the neck, from the back over the subject's left side and the front, and a neighbour inside of each.
+    """The border of the neck, from the back over the subject's left side and the front.
 
     Returns:
-        Vertices once around, the first repeated at the end; for each a neighbour that is not on the border.
+        Vertices once around, the first repeated at the end; for each of them a neighbour that is not on the border.
     """
     edges = np.concatenate([model.triangles[:, [0, 1]], model.triangles[:, [1, 2]], model.triangles[:, [2, 0]]])
     keys = np.sort(edges, axis=1) @ np.array([len(model.mean), 1], dtype=np.int64)
@@ -147,7 +142,7 @@ def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray
 
 
 def _straightest(mean: Float32[ndarray, "v 3"], neighbours: dict[int, list[int]], loop: list[int], place: int) -> int:
-    """The neighbour that lies most squarely to the border."""
+    """The neighbour whose direction is the most perpendicular to the border."""
     here = mean[loop[place]]
     along = mean[loop[(place + 1) % len(loop)]] - mean[loop[place - 1]]
     found = neighbours[loop[place]]
@@ -198,7 +193,7 @@ class Skull:
 
 
 def fit_skull(head: PosedHead, *, with_expression: bool = False) -> Skull:
-    """Measures a head; hats are rigid and want it without its expression, scarves with it."""
+    """Measures the skull of a head: without its expression for hats, which are rigid, and with it for scarves."""
     place = head.vertices if with_expression else head.neutral
     points = _skull_anchors(head.model).at(place)
     centre = CENTRE + (points - _skull_anchors(head.model).at(head.model.mean))[: _COLUMNS * 15].mean(axis=0)

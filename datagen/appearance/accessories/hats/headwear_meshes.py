@@ -11,11 +11,11 @@ from datagen.appearance.accessories.head_fit import CENTRE, Skull, fit_skull
 from datagen.appearance.accessories.materials import cloth, smooth
 from datagen.appearance.hair.bound_meshes import bound_mesh, check_model
 from datagen.appearance.hair.shape import CrownPlane
-from datagen.appearance.scene import Material, PosedHead, SceneMesh
+from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, scene_mesh, sheet, tube
 from datagen.random_streams import triple
 
-# How far below the hair line the rim is, degrees about the middle of the skull: front, sides, back.
+# Height of the rim above the horizon of the skull's middle, degrees: front, sides, back.
 _RIMS = {
     "cap": (24.0, 9.0, -8.0),
     "beanie": (26.0, -2.0, -22.0),
@@ -27,6 +27,15 @@ _RIMS = {
     "crown": (38.0, 34.0, 26.0),
     "party": (62.0, 60.0, 58.0),
 }
+FEDORA_CROWN = CrownPlane((0.0, 79.0, 0.0), (0.0, 0.9998, -0.02))
+LARGEST_TILT_DEG = 6.0  # of a fedora: tilted farther, it cuts into the head or floats
+ROOM = 1.035  # factor on the size of a fedora, whose band was modelled on the skin: room for hair
+AXIS_MM = np.array([0.0, 79.0, 5.0], dtype=np.float32)
+_WRAP_COLUMNS = 45  # around the opening of a headscarf or a hood
+# Angle between straight ahead and the opening at the top, the sides and the chin, seen from the skull's middle.
+_TOP_DEG, _SIDE_DEG, _CHIN_DEG = 27.0, 74.0, 62.0
+_BACK_DEG = 172.0
+_EAR_MM = 17.0  # how far ears stand out from the skull
 
 
 def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMesh]:
@@ -79,15 +88,7 @@ def _material(hat: Headwear, piece: HatPiece) -> Material:
     return cloth(hat.weave, hat.colour, hat.second, 0.55 if hat.weave == "leather" else 0.88)
 
 
-FEDORA_CROWN = CrownPlane((0.0, 79.0, 0.0), (0.0, 0.9998, -0.02))
-# Tilted farther, it cuts into the head or floats.
-LARGEST_TILT_DEG = 6.0
-# The band lies upon the skin as it was modelled; hair takes this much room in addition.
-ROOM = 1.035
-AXIS_MM = np.array([0.0, 79.0, 5.0], dtype=np.float32)
-
-
-def fedora_mesh(head: PosedHead, colour: tuple[float, float, float], tilt_deg: float = 0.0) -> SceneMesh:
+def fedora_mesh(head: PosedHead, colour: Colour, tilt_deg: float = 0.0) -> SceneMesh:
     """A felt hat on a head; `FEDORA_CROWN` keeps the hair below it.
 
     Args:
@@ -115,13 +116,6 @@ def fedora_mesh(head: PosedHead, colour: tuple[float, float, float], tilt_deg: f
     )
 
 
-_WRAP_COLUMNS = 45  # around the opening
-# Angle of the opening from straight ahead, degrees, at the top, the sides and the chin, about the skull's middle.
-_TOP_DEG, _SIDE_DEG, _CHIN_DEG = 27.0, 74.0, 62.0
-_BACK_DEG = 172.0
-_EAR_MM = 17.0  # how far ears stand out from the skull
-
-
 def wrap_pieces(skull: Skull, body: Body, look: Headwear) -> list[Piece]:
     """A headscarf or a hood, which hides hair, ears and neck and lies on the shoulders."""
     is_hood = look.kind == "hood"
@@ -134,7 +128,7 @@ def wrap_pieces(skull: Skull, body: Body, look: Headwear) -> list[Piece]:
 
 
 def _opening(look: Headwear, is_hood: bool) -> Float[ndarray, " c"]:
-    """Angle from straight ahead of the edge, radians, from the chin over the right side around."""
+    """Angle between straight ahead and the edge, radians, from the chin over the right side once around."""
     spin = np.linspace(-np.pi, np.pi, _WRAP_COLUMNS)  # 0 the top
     up, aside = np.cos(spin), np.sin(spin) ** 2
     middle = 0.5 * (_TOP_DEG + _CHIN_DEG)
@@ -144,7 +138,7 @@ def _opening(look: Headwear, is_hood: bool) -> Float[ndarray, " c"]:
 
 
 def _shell(skull: Skull, look: Headwear, opening: Float[ndarray, " c"], is_hood: bool) -> Solid:
-    """From the edge of the opening to the back of the head, around the line of sight."""
+    """The cloth from the edge of the opening to the back of the head."""
     share = np.linspace(0, 1, 15)[:, None] ** 1.15
     spin = np.linspace(-np.pi, np.pi, _WRAP_COLUMNS)[None]
     angle = opening + share * (np.deg2rad(_BACK_DEG) - opening)
