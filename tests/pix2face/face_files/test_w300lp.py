@@ -305,3 +305,12 @@ def test_a_file_without_the_21_points_is_refused(shared_dir):
     path = next((shared_dir / "data/300wlp").glob("*.mat"))
     with pytest.raises(InputFileError, match="21 points"):
         read_aflw21_landmarks(path)
+
+
+def test_the_21_points_are_counted_from_1_and_missing_ones_are_undefined(tmp_path: Path) -> None:
+    stored = np.arange(42.0).reshape(2, 21) + 1
+    stored[:, 3], stored[:, 7] = (-1, 452), (-1, -1)
+    scipy.io.savemat(tmp_path / "face.mat", {"pt2d": stored})
+    points = read_aflw21_landmarks(tmp_path / "face.mat")
+    np.testing.assert_array_equal(points[0], [0.5, 21.5])
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(points).any(axis=1)), [3, 7])

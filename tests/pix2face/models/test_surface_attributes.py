@@ -1,6 +1,18 @@
-import numpy as np
+"""Normals of meshes: outward, weighted by area, and turned into the camera's frame."""
 
-from pix2face.models.surface_attributes import vertex_normals
+import numpy as np
+import pytest
+
+from pix2face.geometry.camera import (
+    Camera,
+    HeadPose,
+    Pinhole,
+    WeakPerspective,
+    pinhole_camera,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
+from pix2face.models.surface_attributes import normals_in_camera, vertex_normals
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -20,3 +32,18 @@ def test_larger_triangles_count_more() -> None:
     vertices = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 1]], dtype=np.float32)
     triangles = np.array([[0, 1, 2], [0, 3, 1]])  # areas 8 and 2, facing +z and +y
     np.testing.assert_allclose(vertex_normals(vertices, triangles)[0], np.array([0, 2, 8]) / np.hypot(2, 8))
+
+
+ROTATION = rotation_of_pose(HeadPose(10, 30, -20))
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        weak_perspective_camera(WeakPerspective(0.5, ROTATION, np.array([40.0, 30.0]))),
+        pinhole_camera(Pinhole(200, np.array([40.0, 30.0]), ROTATION, np.array([3.0, -4.0, 500.0]))),
+    ],
+)
+def test_normals_turn_with_the_camera(camera: Camera) -> None:
+    expected = vertex_normals(MODEL.mean, MODEL.triangles) @ ROTATION.T
+    np.testing.assert_allclose(normals_in_camera(MODEL, MODEL.mean, camera), expected, atol=1e-5)
