@@ -26,21 +26,24 @@ console = Console(stderr=True)
 
 @dataclass(frozen=True)
 class SampleConfig:
-    """Configuration of ``datagen sample``."""
+    """Configuration of ``datagen sample``.
+
+    Attributes:
+        out: Table of coefficients to write (.h5).
+        n: Number of faces.
+        seed: Seed of identities, expressions, poses and cameras. 0 is a seed like any other.
+        size: Side of the pictures to be rendered, in pixels.
+        appearance: What is drawn how often: `default`, `hard`, `plain`, or a TOML file, of which the table [geometry]
+            counts here (docs/explanation/sampling.md).
+        model: `builtin`, or a model file made by `datagen model import`.
+    """
 
     out: Path
-    """Table of coefficients to write (.h5)."""
     n: int = 400
-    """Number of faces."""
     seed: int = 0
-    """Seed of identities, expressions, poses and cameras. 0 is a seed like any other."""
     size: int = 256
-    """Side of the pictures to be rendered, in pixels."""
     appearance: str = "default"
-    """What is drawn how often: ``default``, ``hard``, ``plain``, or a TOML file, of which the table [geometry] counts
-    here (docs/explanation/sampling.md)."""
     model: str = BUILTIN_MODEL
-    """``builtin``, or a model file made by ``datagen model import``."""
 
 
 def sample(config: Annotated[SampleConfig, tyro.conf.arg(name="")]) -> int:

@@ -24,6 +24,7 @@ from rich.progress import (
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
+from pix2face import __version__
 from pix2face.errors import Pix2FaceError, UsageError
 from pix2face.files.writing import written_in_one_step
 
@@ -40,29 +41,28 @@ def run_commands(
 
     Args:
         program: Name in messages.
-        description: First line of ``--help``.
-        commands: For each subcommand a function of one configuration dataclass; its docstring is its help. A
-            single command under the name "" has no subcommand.
+        description: First lines of ``--help``.
+        commands: For each subcommand a function of one configuration dataclass; its docstring is its help. A command
+            under the name "" is what the program does where no subcommand is named.
         arguments: Without the program's name; None takes those of the process.
 
     Returns:
         The exit status: what the command returned, 2 on an error of ours, 130 when interrupted.
     """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given[:1] == ["--version"]:
+        sys.stdout.write(f"{program} {__version__}\n")
+        return 0
+    if "" in commands and given and given[0] in commands:
+        chosen = commands[given[0]]
+        return run_commands(f"{program} {given[0]}", _first_line(chosen), {"": chosen}, given[1:])
     try:
         # Fits solve systems of some hundred unknowns: threads of the linear algebra only wait for each other, and
         # beside any other job they make a solve up to a hundred times slower. torch has threads of its own.
         with threadpool_limits(1, user_api="blas"):
-            if list(commands) == [""]:
-                return int(tyro.cli(commands[""], prog=program, description=description, args=arguments))
-            chosen = dict(commands)
-            return int(
-                tyro.extras.subcommand_cli_from_dict(chosen, prog=program, description=description, args=arguments)
-            )
-    except Pix2FaceError as error:
-        sys.stderr.write(f"{program}: error: {printable(str(error))}\n")
-        return EXIT_ERROR
-    except OSError as error:
-        # No such right, no space, a file where a folder should be: what no command can foresee, and nobody's bug.
+            return _run(program, description, commands, given)
+    except (Pix2FaceError, OSError) as error:
+        # OSError: no such right, no space, a file where a folder should be: what no command can foresee.
         sys.stderr.write(f"{program}: error: {printable(str(error))}\n")
         return EXIT_ERROR
     except MemoryError as error:
@@ -72,6 +72,22 @@ def run_commands(
     except KeyboardInterrupt:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
         return EXIT_INTERRUPTED
+
+
+def _run(program: str, description: str, commands: Mapping[str, Callable[..., int]], arguments: list[str]) -> int:
+    named = {name: command for name, command in commands.items() if name}
+    version = "" if " " in program else f"\n\n`{program} --version` prints the version."
+    if "" not in commands:
+        text = f"{description}\n\n`{program} COMMAND --help` explains a command.{version}"
+        return int(tyro.extras.subcommand_cli_from_dict(named, prog=program, description=text, args=arguments))
+    lines = [f"`{program} {name}`: {_first_line(command)}" for name, command in named.items()]
+    subcommands = "\n\n" + "\n".join(["Subcommands, each with a `--help` of its own:", *lines]) if lines else ""
+    text = f"{description}{subcommands}{version}"
+    return int(tyro.cli(commands[""], prog=program, description=text, args=arguments))
+
+
+def _first_line(command: Callable[..., int]) -> str:
+    return (command.__doc__ or "").strip().split("\n")[0]
 
 
 def optional(metavar: str) -> Any:

@@ -3,8 +3,9 @@
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
+from typing import final
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -38,3 +39,25 @@ def first_signal(ask: Callable[[int], None]) -> Iterator[None]:
 def exit_status_of(number: int) -> int:
     """What a shell reports of a process that a signal ended."""
     return 128 + number
+
+
+@final
+class StoppedBySignal(BaseException):
+    """A signal asked the process to stop.
+
+    Attributes:
+        exit_status: What a shell reports of a process that this signal ended.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.exit_status = exit_status_of(number)
+
+
+def stopping_on_signals() -> AbstractContextManager[None]:
+    """Raises StoppedBySignal at the first signal, whatever is under way; the second ends the process at once."""
+
+    def stop(number: int) -> None:
+        raise StoppedBySignal(number)
+
+    return first_signal(stop)

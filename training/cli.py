@@ -15,39 +15,39 @@ from rich.panel import Panel
 
 from pix2face.command_line import prepare_output_folder, progress_bar, run_commands, say
 from pix2face.errors import Pix2FaceError, UsageError
-from pix2face.inference import CHECKPOINT_NAME, RUNS
-from pix2face.inference.checkpoint import load_checkpoint
+from pix2face.inference import CHECKPOINT_NAME
+from pix2face.inference.checkpoint import load_header
 from pix2face.models.morphable_model import builtin_model
+from pix2face.stop_signals import exit_status_of, first_signal
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import ShardIndex, index_shards, split_off
-from training.loop.dry_run import dry_run
 from training.loop.observers import observers_of
+from training.loop.plan_report import dry_run, summary
 from training.loop.processes import joined_processes
 from training.loop.resume import steps_done
 from training.loop.run_configuration import training_configuration, with_scales_of
-from training.loop.stop_request import noted_signals
-from training.loop.summary import summary
 from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, Surroundings, TrainingStopped, train
-from training.loop.validator import Validator, validator_of
+from training.loop.validation import Validator, validator_of
 from training.recipe.recipe import Recipe
 from training.release.export_cli import export
-from training.train_config import TrainConfig, cores
+from training.train_config import TrainConfig, cores, preset_of
 
-DESCRIPTION = """Trains the network on shards that `datagen render` wrote.
+DESCRIPTION = """Train the network on shards that `datagen render` wrote.
 
 Run the same command again to go on after an interruption: it starts from the last state that was written and ends
-exactly where it would have ended without one. `train export CHECKPOINT --out DIR` makes a release of the result;
-`torchrun --nproc-per-node N -m training.cli ...` trains with several processes."""
+exactly where it would have ended without one. `torchrun --nproc-per-node N -m training.cli ...` trains with several
+processes."""
 
 # Of a process that stops because another one was asked to.
-EXIT_STOPPED = 128 + signal.SIGTERM
+EXIT_STOPPED = exit_status_of(signal.SIGTERM)
 
 
-def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
+def run(config: TrainConfig) -> int:
     """Trains, with a summary before, a progress bar meanwhile and the next command afterwards."""
     recipe = config.recipe()
     with ExitStack() as stack:
-        request = stack.enter_context(noted_signals())
+        signals: list[int] = []
+        stack.enter_context(first_signal(signals.append))
         processes = stack.enter_context(joined_processes(config.checked_device()))
         surroundings = config.surroundings(processes)
         _limit_threads(surroundings)
@@ -57,21 +57,23 @@ def run(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> int:
             for line in dry_run(shards, recipe, surroundings):
                 say(console, line)
             return 0
-        out = config.out or RUNS / config.preset
+        out = config.out
         _prepare(out, config.restart and processes.is_first)
         processes.wait_for_all()
         done = steps_done(out / RESUME_NAME, training_configuration(shards, recipe, config.init)) * recipe.batch_size
-        console.print(Panel(summary(config, recipe, shards, surroundings, out, done), title="train", expand=False))
+        console.print(Panel(summary(shards, recipe, config.preset, out, done), title="train", expand=False))
         advance = stack.enter_context(progress_bar(console, "training", recipe.steps * recipe.batch_size))
         advance(done, already_done=True)
-        observers = stack.enter_context(observers_of(config, recipe, out, advance, request, validator))
+        board = out / "tensorboard" if config.tensorboard else None
+        watching = observers_of(advance, recipe.epochs, lambda: bool(signals), board, validator)
+        observers = stack.enter_context(watching)
         try:
             checkpoint = train(
                 shards, recipe, out, surroundings, initial=config.init, validator=validator, observers=observers
             )
         except TrainingStopped as stopped:
             say(console, str(stopped))
-            return request.exit_status or EXIT_STOPPED
+            return exit_status_of(signals[0]) if signals else EXIT_STOPPED
         except RuntimeError as error:  # torch has no narrower one for a partner that is gone
             if processes.count == 1:
                 raise
@@ -96,15 +98,20 @@ def next_command(shards: ShardIndex, checkpoint: Path) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs ``train``; returns the exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    if arguments[:1] == ["export"]:
-        return run_commands("train export", "Makes a release of a checkpoint.", {"": export}, arguments[1:])
-    return run_commands("train", DESCRIPTION, {"": run}, arguments)
+    defaults = TrainConfig.of_preset(preset_of(arguments))
+
+    def train_network(config: Annotated[TrainConfig, tyro.conf.arg(name="")] = defaults) -> int:
+        return run(config)
+
+    return run_commands("train", DESCRIPTION, {"": train_network, "export": export}, arguments)
 
 
 def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | None]:
     """The samples to train on, and what measures on others."""
     if not 0 <= config.validation < 1:
         raise UsageError(f"--validation: expected a share from 0 to less than 1, found {config.validation}")
+    if not config.shards:
+        raise UsageError("--shards: expected folders of shards, found none")
     shards = index_shards(parse_shard_folders(config.shards), config.where)
     if recipe.jitter.mirror and shards.mirror_obstacle:
         raise UsageError(
@@ -112,7 +119,7 @@ def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | 
             "give --mirror no"
         )
     if config.init:
-        shards = with_scales_of(load_checkpoint(config.init)[0], shards, recipe)
+        shards = with_scales_of(load_header(config.init), shards, recipe)
     if not config.validation:
         return shards, None
     shards, held_out = split_off(shards, config.validation)

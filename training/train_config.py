@@ -2,137 +2,90 @@
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Annotated, Literal, final
 
 import torch
+import tyro
 
+from pix2face.command_line import optional
 from pix2face.errors import UsageError
-from pix2face.networks.architectures import ArchitectureName
+from pix2face.inference import RUNS
 from training.loop.processes import Processes, device_of_process
 from training.loop.trainer import Surroundings
 from training.recipe.presets import PRESETS, PresetName
-from training.recipe.recipe import Cropping, LossOver, Precision, Recipe
-from training.recipe.schedule import ScheduleName
-
-# Options that stand in place of the preset's number of the same name.
-_OVERRIDABLE = (
-    *("epochs", "epoch_size", "batch_size", "parts", "architecture", "size_px", "filters", "planes"),
-    *("learning_rate", "schedule", "warm_up", "precision", "loss_over", "clip", "ema", "norm_batches"),
-    *("cropping", "crop_scale", "seed"),
-)
-_WEIGHTS = ("pncc", "offset", "mask", "seen")
+from training.recipe.recipe import Recipe
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """Where an option says so, or its default is None, the preset's value holds.
+    """Configuration of ``train``; its defaults are those of a preset.
 
     Attributes:
         shards: Folders of shards, all of one morphable model. FOLDER:0.7 gives a folder its share of the draws.
-        out: Folder of the checkpoint, the log and the state to resume from; default runs/PRESET.
-        preset: paper: 256 px, 64 filters, 60 epochs of 100,000 pictures; asks for a GPU. tiny: two minutes, two cores.
-            cpu: 128 px, residual network, half an hour on two idle cores. gpu: the same network at 256 px.
-        init: A checkpoint whose weights are started from. Fully convolutional networks (residual) go on at any size:
-            most pictures can be seen small first.
-        epochs: Of --epoch-size pictures each; a checkpoint is written after each.
-        epoch_size: Pictures an epoch, drawn over and over with ever new jitter; whole batches, rounded up.
-        samples: Pictures of the whole training, instead of epochs; rounded up to whole epochs of the same size.
-        batch_size: Pictures a step, over all processes.
-        parts: A batch is computed in so many parts, one after the other, to save memory.
-        architecture: paper or residual.
-        size_px: Side of the network's input: a power of two (paper), a multiple of 64 (residual).
-        filters: Filters of the network's first level.
-        planes: Of the output: 6 maps; 7 with the mask; 8 with its seen part, too (needs shards that know it).
-        learning_rate: Adam's largest.
-        schedule: paper: falls to 0.021 of that from epoch to epoch. cosine, linear: to 0, with each step.
-        warm_up: Pictures over which the rate first rises from 0 (cosine, linear).
-        precision: Arithmetic of the network's layers.
-        weight_pncc: Of PNCC's mean absolute error in the loss.
-        weight_offset: Of the offsets'.
-        weight_mask: Of the mask's cross entropy.
-        weight_seen: Of the cross entropy of its seen part.
-        loss_over: Pixels over which errors of maps are averaged: all of them, the mask, or its seen part.
-        clip: Largest norm of the gradient; 0 for any.
-        ema: Decay of the running mean of the weights that the checkpoint holds; 0 for none.
-        norm_batches: Over so many batches batch norms are measured again after the last step; 0 leaves them.
-        cropping: full: turned, scaled and shifted as the paper does. box: --crop-scale boxes of the face, a few percent
-            off, as when the network is used; much faster. shift: squares of whole pixels out of pictures that are
-            larger than the input, wherever faces are in them; as fast. none: their middle, in their own colours.
-        crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
-            the face's box; stored in the checkpoint.
+        preset: Values of all options that describe the training. paper: 256 px, 60 epochs of 100,000 pictures; wants a
+            GPU. tiny: two minutes on two cores. cpu: 128 px, residual network, half an hour on two idle cores. gpu: the
+            same network at 256 px. `train --preset NAME --help` shows its values.
+        out: Folder for the checkpoint, the log, and the state from which an interrupted training goes on.
+        init: Checkpoint whose weights the training starts from. Fully convolutional networks (residual) go on at any
+            size, so most of a training can run on small pictures.
+        samples: Pictures of the whole training, in place of --epochs; rounded up to whole epochs of the same size.
         mirror: Mirror every other sample. The paper does not; refused where the model is not symmetric.
-        seed: Of the first weights, the order of the samples and their jitter.
-        where: Train on samples whose attributes fulfil this alone.
+        numbers: Network, length, optimisation and crops.
+        where: Train only on samples whose attributes fulfil this condition, such as "abs(yaw_deg) < 60".
         validation: Share of the persons that are held out to measure on; 0 measures nothing.
-        validation_samples: At most so many of their pictures.
-        validate_every: Pictures between two measurements; None measures after each epoch.
-        restart: Replace what the output folder holds of an earlier training.
-        state_minutes: The state to go on from is written so often, beside the ends of epochs and signals.
-        compile: Let torch.compile make the network faster; takes a minute, and a C++ compiler.
-        tensorboard: Write curves and pictures for TensorBoard into the output folder (extra: tensorboard).
-        dry_run: Take one step with one batch, say what it took, and write nothing.
-        workers: Processes that load samples; None takes one for each second core, at most 8.
-        cache_gb: Memory for decoded samples, over all workers.
-        device: cpu, cuda, cuda:1, ...; None takes a GPU where there is one.
+        validation_samples: Largest number of their pictures to measure on.
+        validate_every: Pictures between two measurements; without it each epoch ends with one.
+        restart: Replace the training that the output folder holds.
+        state_minutes: Minutes after which the state to go on from is written again; the end of an epoch and a signal
+            write it too.
+        compile: Let torch.compile make the network faster; takes a minute and needs a C++ compiler.
+        tensorboard: Write curves and pictures for TensorBoard into the output folder (pip
+            install 'pix2face[tensorboard]').
+        dry_run: Take some steps with one batch, say what they took, and write nothing.
+        workers: Processes that load samples; without it one for every second core, at most 8.
+        cache_gb: Memory for decoded samples, in 10^9 bytes, over all workers.
+        device: Torch device, such as cpu, cuda or cuda:1; without it a GPU where there is one.
     """
 
-    shards: tuple[str, ...]
-    out: Path | None = None
+    shards: Annotated[tuple[str, ...], tyro.conf.arg(help_behavior_hint="(required)")] = ()
     preset: PresetName = "paper"
-    init: Path | None = None
-    epochs: int | None = None
-    epoch_size: int | None = None
-    samples: int | None = None
-    batch_size: int | None = None
-    parts: int | None = None
-    architecture: ArchitectureName | None = None
-    size_px: int | None = None
-    filters: int | None = None
-    planes: int | None = None
-    learning_rate: float | None = None
-    schedule: ScheduleName | None = None
-    warm_up: int | None = None
-    precision: Precision | None = None
-    weight_pncc: float | None = None
-    weight_offset: float | None = None
-    weight_mask: float | None = None
-    weight_seen: float | None = None
-    loss_over: LossOver | None = None
-    clip: float | None = None
-    ema: float | None = None
-    norm_batches: int | None = None
-    cropping: Cropping | None = None
-    crop_scale: float | None = None
-    mirror: Literal["yes", "no"] | None = None
-    seed: int | None = None
-    where: str = ""
+    out: Path = RUNS / "paper"
+    init: Annotated[Path | None, optional("PATH")] = None
+    samples: Annotated[int | None, optional("INT")] = None
+    mirror: Literal["yes", "no"] = "no"
+    numbers: Annotated[Recipe, tyro.conf.arg(name="")] = PRESETS["paper"]
+    where: Annotated[str, tyro.conf.arg(help_behavior_hint="")] = ""
     validation: float = 0.0
     validation_samples: int = 200
-    validate_every: int | None = None
+    validate_every: Annotated[int | None, optional("INT")] = None
     restart: bool = False
     state_minutes: float = 10.0
     compile: bool = False
     tensorboard: bool = False
     dry_run: bool = False
-    workers: int | None = None
+    workers: Annotated[int | None, optional("INT")] = None
     cache_gb: float = 1.0
-    device: str | None = None
+    device: Annotated[str | None, optional("STR")] = None
+
+    @classmethod
+    def of_preset(cls, preset: PresetName) -> "TrainConfig":
+        """The defaults of a preset."""
+        recipe = PRESETS[preset]
+        mirror: Literal["yes", "no"] = "yes" if recipe.jitter.mirror else "no"
+        return cls(preset=preset, out=RUNS / preset, mirror=mirror, numbers=recipe)
 
     def recipe(self) -> Recipe:
-        """The preset with what was given in its place.
+        """What to do, checked.
 
         Raises:
             UsageError: A number makes no sense.
         """
-        recipe = replace(PRESETS[self.preset], **self._given(_OVERRIDABLE))
-        weights = {name: getattr(self, f"weight_{name}") for name in _WEIGHTS}
-        given = {name: weight for name, weight in weights.items() if weight is not None}
-        recipe = replace(recipe, weights=replace(recipe.weights, **given))
-        if self.mirror is not None:
-            recipe = replace(recipe, jitter=replace(recipe.jitter, mirror=self.mirror == "yes"))
+        jitter = replace(self.numbers.jitter, mirror=self.mirror == "yes")
+        recipe = replace(self.numbers, jitter=jitter)
         recipe.check()
         return recipe if self.samples is None else self._of_samples(recipe, self.samples)
 
@@ -172,17 +125,23 @@ class TrainConfig:
             ) from error
         return device
 
-    def _given(self, names: tuple[str, ...]) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-
     def _of_samples(self, recipe: Recipe, samples: int) -> Recipe:
         """The recipe for so many pictures, in epochs of about the size that it has."""
-        if self.epochs is not None:
+        if recipe.epochs != PRESETS[self.preset].epochs:
             raise UsageError("--samples: expected it or --epochs, found both")
         if samples <= 0:
             raise UsageError(f"--samples: expected more than 0, found {samples}")
         epochs = math.ceil(samples / recipe.epoch_size)
         return replace(recipe, epochs=epochs, epoch_size=math.ceil(samples / epochs))
+
+
+def preset_of(arguments: Sequence[str]) -> PresetName:
+    """The preset that a command line names; it decides the defaults of all other options."""
+    named = "paper"
+    for option, following in zip(arguments, [*arguments[1:], ""], strict=True):
+        if option.split("=")[0] == "--preset":
+            named = option.partition("=")[2] or following
+    return next((name for name in PRESETS if name == named), "paper")
 
 
 def cores() -> int:

@@ -10,10 +10,13 @@ from datagen.appearance.appearance_config import load_configuration, to_toml
 
 @dataclass(frozen=True)
 class ShowConfig:
-    """Options of `datagen appearance`."""
+    """Options of `datagen appearance`.
+
+    Attributes:
+        appearance: `plain`, `default`, `hard`, or a TOML file.
+    """
 
     appearance: Annotated[str, tyro.conf.Positional] = "default"
-    """`plain`, `default`, `hard`, or a TOML file."""
 
 
 def appearance(config: Annotated[ShowConfig, tyro.conf.arg(name="")]) -> int:

@@ -14,23 +14,26 @@ from datagen.doctor.doctor import Diagnosis, diagnose
 from datagen.doctor.gl_probe import BackendProbe, devices_apart, probe_backend_apart
 from datagen.doctor.gl_surroundings import Surroundings, survey, versions
 from datagen.opengl.gl_context import BACKENDS, GLSettings, Rasteriser
-from pix2face.command_line import EXIT_ERROR, printable, progress_bar
+from pix2face.command_line import EXIT_ERROR, optional, printable, progress_bar
 
 console = Console(stderr=True)
 
 
 @dataclass(frozen=True)
 class DoctorConfig:
-    """Configuration of ``datagen doctor``."""
+    """Configuration of ``datagen doctor``.
 
-    gl: str | None = None
-    """Judge this backend alone: `egl` or `osmesa`. Default: PIX2FACE_GL, or EGL before OSMesa."""
-    device: int | None = None
-    """Judge this one of the devices that EGL lists, from 0. Default: PIX2FACE_GL_DEVICE, or EGL's first."""
+    Attributes:
+        gl: Judge this backend alone: `egl` or `osmesa`. Default: PIX2FACE_GL, or EGL before OSMesa.
+        device: Judge this one of the devices that EGL lists, from 0. Default: PIX2FACE_GL_DEVICE, or EGL's first.
+        rasteriser: Judge this rasteriser. Default: PIX2FACE_RASTERISER, or `compute` where the driver has OpenGL 4.3.
+        json: Print everything as JSON instead of tables.
+    """
+
+    gl: Annotated[str | None, optional("STR")] = None
+    device: Annotated[int | None, optional("INT")] = None
     rasteriser: Rasteriser = "auto"
-    """Judge this rasteriser. Default: PIX2FACE_RASTERISER, or `compute` where the driver has OpenGL 4.3."""
     json: bool = False
-    """Print everything as JSON instead of tables."""
 
 
 def doctor(config: Annotated[DoctorConfig, tyro.conf.arg(name="")]) -> int:

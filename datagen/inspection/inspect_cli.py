@@ -14,7 +14,7 @@ from datagen.inspection.preview import contact_sheet, spread_triplets
 from datagen.inspection.preview_page import preview_page
 from datagen.inspection.sample_counts import count_samples
 from datagen.inspection.statistics_tables import picture_png, print_statistics, statistics_page, statistics_picture
-from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
+from pix2face.command_line import EXIT_ERROR, check_output_file, counted, optional, printable, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.shards.shard_checks import verify_folder
 from pix2face.shards.shard_reader import shard_paths
@@ -50,7 +50,11 @@ def verify(shards: Annotated[Path, tyro.conf.Positional]) -> int:
     return EXIT_ERROR
 
 
-def preview(shards: Annotated[Path, tyro.conf.Positional], out: Path | None = None, n: int | None = None) -> int:
+def preview(
+    shards: Annotated[Path, tyro.conf.Positional],
+    out: Annotated[Path | None, optional("PATH")] = None,
+    n: Annotated[int | None, optional("INT")] = None,
+) -> int:
     """Draw samples and their layers, on a contact sheet or on an HTML page (--out page.html).
 
     The page is one file with all its pictures. Arrow keys change the sample and the layer, and a slider blends layer
@@ -81,7 +85,10 @@ def preview(shards: Annotated[Path, tyro.conf.Positional], out: Path | None = No
 
 
 def stats(
-    shards: Annotated[Path, tyro.conf.Positional], out: Path | None = None, json: bool = False, where: str = ""
+    shards: Annotated[Path, tyro.conf.Positional],
+    out: Annotated[Path | None, optional("PATH")] = None,
+    json: bool = False,
+    where: Annotated[str, tyro.conf.arg(help_behavior_hint="")] = "",
 ) -> int:
     """Count pose, face size, coefficients, landmarks and attributes of a folder of shards, and name what is rare.
 

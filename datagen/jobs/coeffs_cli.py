@@ -37,14 +37,19 @@ SHOWN_REASONS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class _ConversionConfig:
+    """What the commands that write tables of photographs share.
+
+    Attributes:
+        out: Table to write (.h5). Faces that cannot be used are listed in rejected.jsonl beside it.
+        model: `builtin`, or a model file made by `datagen model import`.
+        workers: Number of processes that read and fit.
+        max_rejected: Number of rejected faces that is accepted; with more, the exit status is 3.
+    """
+
     out: Path
-    """Table to write (.h5). Faces that cannot be used are listed in rejected.jsonl beside it."""
     model: str = BUILTIN_MODEL
-    """`builtin`, or a model file made by `datagen model import`."""
     workers: int = os.cpu_count() or 1
-    """Number of processes that read and fit."""
     max_rejected: int = 0
-    """Number of rejected faces that is accepted; with more, the exit status is 3."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,42 +58,55 @@ class CoeffsConvertConfig(_ConversionConfig):
 
     With an imported BFM 2009, the table takes over the coefficients of the files (in standard deviations). Any other
     model is fitted to their landmarks.
+
+    Attributes:
+        source: Folder of .mat files with their pictures, including subfolders.
     """
 
     source: Annotated[Path, tyro.conf.arg(name="from")]
-    """Folder of .mat files with their pictures, including subfolders."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig(_ConversionConfig):
-    """Configuration of ``datagen fit``."""
+    """Configuration of ``datagen fit``.
+
+    Attributes:
+        landmarks: Folder of photographs with 68 points each, in iBUG's .pts, in .mat files with pt3d_68, or in
+            dlib's .xml.
+    """
 
     landmarks: Path
-    """Folder of photographs with 68 points each, in iBUG's .pts, in .mat files with pt3d_68, or in dlib's .xml."""
 
 
 @dataclass(frozen=True)
 class CoeffsInfoConfig:
-    """Print the model, poses, coefficients and attributes of the faces, what is rare and what was rejected."""
+    """Print the model, poses, coefficients and attributes of the faces, what is rare and what was rejected.
+
+    Attributes:
+        source: A table (.h5), or a folder of 300W-LP or AFLW2000-3D files.
+    """
 
     source: Annotated[Path, tyro.conf.Positional]
-    """A table (.h5), or a folder of 300W-LP or AFLW2000-3D files."""
 
 
 @dataclass(frozen=True)
 class CoeffsRetargetConfig:
-    """Convert a table of one model to another model, and print the residual."""
+    """Convert a table of one model to another model, and print the residual.
+
+    Attributes:
+        source: Table of coefficients (.h5).
+        to: The other model: `builtin`, or a model file.
+        out: Table to write (.h5).
+        from_model: The model of the table.
+        through: What is compared: `dense` takes nearest points of the two mean faces, `landmarks` the 68 landmarks
+            alone.
+    """
 
     source: Annotated[Path, tyro.conf.arg(name="from")]
-    """Table of coefficients (.h5)."""
     to: str
-    """The other model: `builtin`, or a model file."""
     out: Path
-    """Table to write (.h5)."""
     from_model: str = BUILTIN_MODEL
-    """The model of the table."""
     through: Through = "dense"
-    """What is compared: `dense` takes nearest points of the two mean faces, `landmarks` the 68 landmarks alone."""
 
 
 def coeffs(

@@ -14,7 +14,6 @@ from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.jobs.folder_lock import UNFINISHED_SHARDS
 from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, reopened, run_job
 from datagen.jobs.render_job import RenderJob
-from datagen.jobs.stopped_by_signal import StoppedBySignal, stopping_on_signals
 from datagen.models.model_cli import describe
 from datagen.opengl.gl_context import GLSettings
 from datagen.samples.baked_jitter import JitterBake, ViewMaker
@@ -23,6 +22,7 @@ from pix2face.command_line import (
     REJECTED_FILE,
     check_max_rejected,
     counted,
+    optional,
     prepare_output_folder,
     progress_bar,
     say,
@@ -31,60 +31,66 @@ from pix2face.errors import UsageError
 from pix2face.geometry.jitter import JitterRange
 from pix2face.models.morphable_model import BUILTIN_MODEL
 from pix2face.shards.layers import ALL_LAYERS, DEFAULT_LAYERS, SCENE_LAYERS, SEEN, order_layers, parse_layers
+from pix2face.stop_signals import StoppedBySignal, stopping_on_signals
 
 console = Console(stderr=True)
 
 
 @dataclass(frozen=True)
 class RenderConfig:
-    """Configuration of ``datagen render``."""
+    """Configuration of ``datagen render``.
+
+    Attributes:
+        coeffs: Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by `datagen
+            sample`, `datagen fit` or `datagen coeffs convert`.
+        out: Folder of the shards. Running the same command again completes it. Other settings are refused, and so are
+            another table and a folder in which a file was added, removed or changed in size; an edit that keeps the
+            size goes unnoticed.
+        model: `builtin`, or a model file made by `datagen model import`. An imported BFM 2009 uses the coefficients
+            of 300W-LP as they are; any other model is fitted to the landmarks of the files.
+        appearance: How faces without photographs are drawn: `plain`, `default`, `hard`, or a TOML file as `datagen
+            appearance` prints it (docs/explanation/synthetic_photographs.md). Default: `default` for the built-in
+            model, and `plain` for other models, which can have no other.
+        backgrounds: Folder of your own pictures (with subfolders) to stand behind faces. `folder_share` of the
+            appearance says in which share of the synthetic photographs.
+        layers: Layers of each sample: `all`, or some of image, pncc, offset, mask, depth, normals, uv, regions and
+            landmarks, separated by commas. Synthetic photographs also have seen and seen_regions: what is seen of the
+            face, and what stands before it. Default: image, pncc, offset, mask, landmarks, and seen for synthetic
+            photographs.
+        seed: Seed of light, colours and background of rendered pictures, and of the jitter.
+        shard_size: Faces in a shard. One process makes a whole shard, so a small set needs small shards to use all
+            processes.
+        jitter: Number of variants of each face that take its place: crops of 1 to 1.8 times its box, shifted, turned,
+            with other gamma and colours. `train` does not need them: it varies every sample anew each time.
+        jitter_size: Side of such variants, in pixels.
+        jitter_mirror: Mirror every other variant. Refused if the model is not symmetric.
+        workers: Number of processes that render on this machine.
+        scheduler: Render on the workers of this Dask scheduler instead, such as
+            tcp://host:8786 (docs/how_to/render_many_samples.md). Its connections are neither encrypted nor
+            authenticated: whoever reaches it can run code on its workers.
+        gl: How to reach OpenGL. Default: EGL, or OSMesa if EGL fails.
+        device: Number of the GPU, as `datagen doctor` lists them.
+        rasteriser: `compute` needs OpenGL 4.3. `auto` takes it where it can, and otherwise `fragment`.
+        max_rejected: With more rejected samples than this the exit status is 3.
+    """
 
     coeffs: Path
-    """Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by `datagen sample`,
-    `datagen fit` or `datagen coeffs convert`."""
     out: Path
-    """Folder of the shards. Running the same command again completes it. Other settings are refused, and so are another
-    table and a folder in which a file was added, removed or changed in size; an edit that keeps the size goes
-    unnoticed."""
     model: str = BUILTIN_MODEL
-    """`builtin`, or a model file made by `datagen model import`. An imported BFM 2009 uses the coefficients of 300W-LP
-    as they are; any other model is fitted to the landmarks of the files."""
-    appearance: str | None = None
-    """How faces without photographs are drawn: `plain`, `default`, `hard`, or a TOML file as `datagen appearance`
-    prints it (docs/explanation/synthetic_photographs.md). Default: `default` for the built-in model, and `plain` for
-    other models, which can have no other."""
-    backgrounds: Path | None = None
-    """Folder of your own pictures (with subfolders) to stand behind faces. `folder_share` of the appearance says in
-    which share of the synthetic photographs."""
-    layers: str | None = None
-    """Layers of each sample: `all`, or some of image, pncc, offset, mask, depth, normals, uv, regions and landmarks,
-    separated by commas. Synthetic photographs also have seen and seen_regions: what is seen of the face, and what
-    stands before it. Default: image, pncc, offset, mask, landmarks, and seen for synthetic photographs."""
+    appearance: Annotated[str | None, optional("STR")] = None
+    backgrounds: Annotated[Path | None, optional("PATH")] = None
+    layers: Annotated[str | None, optional("STR")] = None
     seed: int = 0
-    """Seed of light, colours and background of rendered pictures, and of the jitter."""
     shard_size: int = 100
-    """Faces in a shard. One process makes a whole shard, so a small set needs small shards to use all processes."""
     jitter: int = 0
-    """Number of variants of each face that take its place: crops of 1 to 1.8 times its box, shifted, turned, with other
-    gamma and colours. `train` does not need them: it varies every sample anew each time."""
     jitter_size: int = 256
-    """Side of such variants, in pixels."""
     jitter_mirror: bool = False
-    """Mirror every other variant. Refused if the model is not symmetric."""
     workers: int = os.cpu_count() or 1
-    """Number of processes that render on this machine."""
-    scheduler: str | None = None
-    """Render on the workers of this Dask scheduler instead, such as tcp://host:8786
-    (docs/how_to/render_many_samples.md). Its connections are neither encrypted nor authenticated: whoever reaches it
-    can run code on its workers."""
-    gl: Literal["egl", "osmesa"] | None = None
-    """How to reach OpenGL. Default: EGL, or OSMesa if EGL fails."""
-    device: int | None = None
-    """Number of the GPU, as `datagen doctor` lists them."""
+    scheduler: Annotated[str | None, optional("STR")] = None
+    gl: Annotated[Literal["egl", "osmesa"] | None, optional("{egl,osmesa}")] = None
+    device: Annotated[int | None, optional("INT")] = None
     rasteriser: Literal["auto", "compute", "fragment"] = "auto"
-    """`compute` needs OpenGL 4.3. `auto` takes it where it can, and otherwise `fragment`."""
     max_rejected: int = 0
-    """With more rejected samples than this the exit status is 3."""
 
 
 def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:

@@ -1,7 +1,7 @@
 """The command ``datagen model``: import a published morphable model, describe a model, or show it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -29,36 +29,45 @@ console = Console(stderr=True)
 
 @dataclass(frozen=True)
 class ModelImportConfig:
-    """Convert a published model to the project's own file and frame. The files' content tells which model it is."""
+    """Convert a published model to the project's own file and frame. The files' content tells which model it is.
+
+    Attributes:
+        path: BFM 2009: folder with Model_Shape.mat and Model_Expression.mat (as 300W-LP needs it), or
+            with 01_MorphableModel.mat; BFM 2017 or 2019: the .h5; FLAME: the .pkl; Surrey: the .bin; ICT-FaceKit: the
+            folder; GNM: the .npz.
+        out: Model file to write (.h5).
+        without: Regions to leave out, such as `neck`. `datagen model info` lists the regions of a model.
+    """
 
     path: Annotated[Path, tyro.conf.Positional]
-    """BFM 2009: folder with Model_Shape.mat and Model_Expression.mat (as 300W-LP needs it), or with
-    01_MorphableModel.mat; BFM 2017 or 2019: the .h5; FLAME: the .pkl; Surrey: the .bin; ICT-FaceKit: the folder; GNM:
-    the .npz."""
     out: Path
-    """Model file to write (.h5)."""
-    without: tuple[str, ...] = field(default_factory=tuple)
-    """Regions to leave out, such as `neck`. `datagen model info` lists the regions of a model."""
+    without: Annotated[tuple[str, ...], tyro.conf.arg(help_behavior_hint="")] = ()
 
 
 @dataclass(frozen=True)
 class ModelInfoConfig:
-    """Print sizes, extents, components, variance, landmarks, licence and hash of a model."""
+    """Print sizes, extents, components, variance, landmarks, licence and hash of a model.
+
+    Attributes:
+        model: `builtin`, or a model file.
+    """
 
     model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
-    """`builtin`, or a model file."""
 
 
 @dataclass(frozen=True)
 class ModelViewConfig:
-    """Draw the mean face and ±3 standard deviations of the first components, or write the mean face as a mesh."""
+    """Draw the mean face and ±3 standard deviations of the first components, or write the mean face as a mesh.
+
+    Attributes:
+        model: `builtin`, or a model file.
+        out: File to write: a contact sheet (.jpg or .png), or the mean face (.obj, .glb or .ply).
+        components: How many identity and how many expression components the sheet shows.
+    """
 
     model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
-    """`builtin`, or a model file."""
     out: Path = Path("model.jpg")
-    """File to write: a contact sheet (.jpg or .png), or the mean face (.obj, .glb or .ply)."""
     components: int = 4
-    """How many identity and how many expression components the sheet shows."""
 
 
 ModelCommand = (

@@ -15,12 +15,15 @@ from pix2face.inference import PACKAGED
 @final
 @dataclass(frozen=True)
 class ExportConfig:
-    """Configuration of ``pix2face export``."""
+    """Configuration of ``pix2face export``.
+
+    Attributes:
+        checkpoint: Checkpoint that `train` wrote; without it the one that comes with the package.
+        out: ONNX file to write.
+    """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None
-    """Checkpoint that `train` wrote; without it the one that comes with the package."""
     out: Path = Path("out/network.onnx")
-    """The ONNX file."""
 
 
 def export(config: Annotated[ExportConfig, tyro.conf.arg(name="")]) -> int:

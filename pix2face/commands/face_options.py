@@ -23,17 +23,20 @@ from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel
 @final
 @dataclass(frozen=True)
 class NetworkOptions:
-    """Which network, and the morphable model that it was trained for."""
+    """Which network, and the morphable model that it was trained for.
+
+    Attributes:
+        checkpoint: Checkpoint that `train` wrote; without it the one that comes with the package.
+        model: `builtin`, or the model file that the checkpoint was trained for.
+        landmarks: File that `pix2face landmarks select` wrote, which says which vertices are the landmarks. Without it
+            the checkpoint says so; where it does not, and for renders, the model does.
+        device: Torch device, such as cpu or cuda; without it a GPU where there is one.
+    """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None
-    """Checkpoint that `train` wrote; without it the one that comes with the package."""
     model: str = BUILTIN_MODEL
-    """`builtin`, or the model file that the checkpoint was trained for."""
     landmarks: Annotated[Path | None, optional("PATH")] = None
-    """Which vertices are the landmarks: a file that `pix2face landmarks select` wrote. Without it the choice of the
-    checkpoint; the model's own where the checkpoint makes none, and for renders."""
     device: Annotated[str | None, optional("STR")] = None
-    """Torch device, such as cpu or cuda; without it a GPU where there is one."""
 
     @property
     def path(self) -> Path:
@@ -69,32 +72,37 @@ class NetworkOptions:
 @final
 @dataclass(frozen=True)
 class FaceOptions:
-    """Which network, and where the faces are."""
+    """Which network, and where the faces are.
+
+    Attributes:
+        network: Network and model.
+        boxes: File of face boxes, in place of a detector: CSV with the header image,left,top,right,bottom or JSON. For
+            videos the first column is frame, from 0; the boxes.csv that `pix2face track` wrote is such a file.
+        detector: Detector that finds faces: lbp, lbp-quick (five times as fast, finds fewer) or dlib (as in the paper;
+            pip install 'pix2face[dlib]').
+        refine: Correct each box by a first prediction; in photographs also confirm or refute what the detector found.
+    """
 
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
-    """Network and model."""
     boxes: Annotated[Path | None, optional("PATH")] = None
-    """File of face boxes, in place of a detector: CSV with the header image,left,top,right,bottom (of videos
-    frame,left,top,right,bottom with frames from 0; for a folder of frames either), or JSON. The boxes.csv that
-    `pix2face track` wrote is one."""
     detector: str = DEFAULT_DETECTOR
-    """What finds faces: lbp, lbp-quick (five times as fast, finds fewer), or dlib (the paper's; pip install
-    'pix2face[dlib]')."""
     refine: bool = True
-    """Correct each box by a first prediction; in photographs also confirm or refute what the detector found."""
 
 
 @final
 @dataclass(frozen=True)
 class PhotographOptions:
-    """Which network, and where the faces of photographs are."""
+    """Which network, and where the faces of photographs are.
+
+    Attributes:
+        faces: Network, boxes and detector.
+        box: Face box in pixels (tight around the 68 landmarks), in place of a detector.
+        largest: Take only the largest face of each photograph.
+    """
 
     faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = FaceOptions()
-    """Network, boxes and detector."""
     box: Annotated[tuple[float, float, float, float] | None, optional("LEFT TOP RIGHT BOTTOM")] = None
-    """Face box in pixels (tight around the 68 landmarks), in place of a detector."""
     largest: bool = False
-    """Take only the largest face of each photograph."""
 
     def check(self) -> None:
         """Refuses what can never work, before anything takes time.

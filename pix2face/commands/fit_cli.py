@@ -35,23 +35,27 @@ Colour = Literal["auto", "none", "vertex", "texture"]
 @final
 @dataclass(frozen=True)
 class FitConfig:
-    """Configuration of ``pix2face fit``."""
+    """Configuration of ``pix2face fit``.
 
-    images: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Photographs."""
+    Attributes:
+        images: Photographs.
+        faces: Network, model and face boxes.
+        out: Folder for fits, meshes, point clouds and overlays.
+        how: Camera and coefficients.
+        joint: Fit one identity to all photographs, and an expression to each; they must show one person (the largest
+            face counts).
+        mesh: Formats of the mesh, separated by commas: obj, ply, glb; or none.
+        colour: Colours of the mesh, from the photograph: vertex, texture or none; auto takes a texture where the model
+            has texture coordinates, else vertex colours. A .ply has vertex colours in place of a texture.
+    """
+
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="(required)")]
     faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
-    """Network, model and face boxes."""
     out: Path = Path("out/fit")
-    """Folder for fits, meshes, point clouds and overlays."""
     how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
-    """Camera and coefficients."""
     joint: bool = False
-    """The photographs show one person (the largest face of each): one identity, an expression for each."""
     mesh: str = "obj,glb"
-    """Formats of the mesh, several separated by commas: obj, ply, glb; or none."""
     colour: Colour = "auto"
-    """Colours of the mesh, from the photograph: one a vertex, a texture, or none; auto is a texture where the model has
-    texture coordinates, else vertex. A .ply has vertex colours in place of a texture."""
 
 
 def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:

@@ -39,34 +39,41 @@ FitFrame = Callable[[Annotation, AnnotatedFace], FittedFrame]
 
 @dataclass(frozen=True)
 class LandmarksSelectConfig:
-    """Choose, for each landmark, the vertex with the least mean reprojection error over annotated frames."""
+    """Choose, for each landmark, the vertex with the least mean reprojection error over annotated frames.
+
+    Attributes:
+        data: Folder of annotated photographs, with subfolders: .pts beside the picture, .mat of AFLW2000-3D, or .xml of
+            dlib.
+        out: File to write; --landmarks of other commands takes it.
+        scheme: Scheme of the annotated points.
+        network: The network whose predicted maps are fitted, as in the paper, and the model.
+        coeffs: Take the fits of this table instead (as `datagen fit` writes it), matched by name.
+        folds: Number of parts of the frames; each is held out in turn to measure the choice that the others lead to.
+    """
 
     data: Path
-    """Folder of annotated photographs (.pts beside the picture, .mat of AFLW2000-3D, dlib's .xml), with subfolders."""
     out: Path = Path("landmarks.json")
-    """File to write; --landmarks of other commands takes it."""
     scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = IBUG68
-    """Which points the annotations hold."""
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
-    """The network whose predicted maps are fitted, as in the paper, and the model."""
     coeffs: Annotated[Path | None, optional("PATH")] = None
-    """Take the fits of this table instead (as `datagen fit` writes it), matched by name."""
     folds: int = 5
-    """Parts of the frames that are held out in turn, to measure the choice on frames without a part in it."""
 
 
 @dataclass(frozen=True)
 class LandmarksShowConfig:
-    """Draw the mean face from three sides with its landmarks in green; those of a file in red."""
+    """Draw the mean face from three sides, with its landmarks in green and those of a file in red.
+
+    Attributes:
+        file: File that `pix2face landmarks select` wrote.
+        out: Picture to write (.png or .jpg).
+        scheme: Landmarks of the model to draw where no file is given.
+        model: `builtin`, or a model file.
+    """
 
     file: Annotated[Path | None, tyro.conf.Positional, optional("PATH")] = None
-    """File that `pix2face landmarks select` wrote."""
     out: Path = Path("landmarks.png")
-    """Picture to write (.png or .jpg)."""
     scheme: str = IBUG68
-    """Which landmarks of the model to draw, where no file is given."""
     model: str = BUILTIN_MODEL
-    """`builtin`, or a model file."""
 
 
 LandmarksCommand = (
@@ -76,7 +83,7 @@ LandmarksCommand = (
 
 
 def landmarks(command: Annotated[LandmarksCommand, tyro.conf.arg(name="")]) -> int:
-    """Choose which vertices of a model are its landmarks, from annotated frames; show where they lie."""
+    """Choose the vertices of a model that are its landmarks, from annotated frames, or show where they lie."""
     return _select(command) if isinstance(command, LandmarksSelectConfig) else _show(command)
 
 

@@ -16,16 +16,19 @@ from pix2face.photographs.map_files import MAP_FORMATS, parse_formats
 @final
 @dataclass(frozen=True)
 class PredictConfig:
-    """Configuration of ``pix2face predict``."""
+    """Configuration of ``pix2face predict``.
 
-    images: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Photographs."""
+    Attributes:
+        images: Photographs.
+        faces: Network, model and face boxes.
+        out: Folder for the maps.
+        format: Formats of the maps, separated by commas: npz, png16 (16-bit PNG), exr (32-bit OpenEXR).
+    """
+
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="(required)")]
     faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
-    """Network, model and face boxes."""
     out: Path = Path("out/predict")
-    """Folder for the maps."""
     format: str = "npz"
-    """How to write the maps, several separated by commas: npz, png16 (16-bit PNG), exr (32-bit OpenEXR)."""
 
 
 def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:

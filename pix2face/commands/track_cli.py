@@ -54,27 +54,31 @@ SMALL_FACE_PX = 40.0
 @final
 @dataclass(frozen=True)
 class TrackConfig:
-    """Configuration of ``pix2face track``."""
+    """Configuration of ``pix2face track``.
+
+    Attributes:
+        video: Video file, folder of frames, or pattern such as frames/%05d.png.
+        out: Folder for boxes, landmarks, overlay and summary.
+        faces: Network, model and face boxes.
+        detect_every: Run the detector on every n-th frame only; boxes in between are interpolated.
+        all_faces: Follow every face through the frames that show it; without it the main face through all frames.
+        smoothing: How landmarks and poses are smoothed: none, mean3 (mean of three frames, as in the paper),
+            one-euro (looks at no later frame) or spline (smoothest).
+        how: Camera and coefficients of each frame.
+        identity_frames: Largest number of frames, evenly spread over the clip, that the identity is fitted to.
+        write: What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (a file for each frame) and
+            video (overlay.mp4).
+    """
 
     video: Annotated[Path, tyro.conf.Positional]
-    """Video file, folder of frames, or pattern such as frames/%05d.png."""
     out: Path = Path("out/track")
-    """Folder for boxes, landmarks, overlay and summary."""
     faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = FaceOptions(detector="lbp-quick")
-    """Network, model and face boxes."""
     detect_every: int = 1
-    """Run the detector on every n-th frame only; boxes in between are interpolated."""
     all_faces: bool = False
-    """Follow every face through the frames in which it is; without it, the main face through all frames."""
     smoothing: Smoothing = "mean3"
-    """none, mean3 (mean of three frames, the paper's), one-euro (looks at no frame ahead), spline (smoothest)."""
     how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
-    """Camera and coefficients of each frame."""
     identity_frames: int = IDENTITY_FRAMES
-    """From how many frames the identity comes, evenly spread over the clip."""
     write: Annotated[str, tyro.conf.arg(metavar="csv,npz,pts,video")] = "csv,npz,video"
-    """What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (one file a frame), video
-    (overlay.mp4)."""
 
 
 def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:

@@ -28,16 +28,19 @@ from pix2face.photographs.view_page import ViewedFace, face_data, view_page
 @final
 @dataclass(frozen=True)
 class ViewConfig:
-    """Configuration of ``pix2face view``."""
+    """Configuration of ``pix2face view``.
 
-    inputs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote."""
+    Attributes:
+        inputs: Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote.
+        faces: Network, model and face boxes.
+        out: Page to write; any browser opens it without a network connection.
+        how: Camera and coefficients of photographs.
+    """
+
+    inputs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="(required)")]
     faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
-    """Network, model and face boxes."""
     out: Path = Path("out/view.html")
-    """The page; a file that any browser opens, without a network."""
     how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
-    """Camera and coefficients of photographs."""
 
 
 def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:

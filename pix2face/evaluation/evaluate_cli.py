@@ -1,7 +1,6 @@
 """The command ``evaluate``: a checkpoint, or another system's landmarks, on a benchmark; ``evaluate compare``."""
 
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -38,18 +37,15 @@ from pix2face.geometry.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.models.morphable_model import MorphableModel
 
 DESCRIPTION = (
-    "Measures a checkpoint (or another system's landmarks) on a benchmark: tables with intervals, report.json, a page. "
-    "Another command: evaluate compare A.json B.json (see evaluate compare --help)."
+    "Measure a checkpoint, or the landmarks of another system, on a benchmark: tables with intervals, report.json and "
+    "a page."
 )
 DATA_VARIABLE = "PIX2FACE_DATA"
 N_CASES = 12
 
 
 def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
-    """Measures a checkpoint, or another system's landmarks, on a benchmark.
-
-    Another command: evaluate compare A.json B.json (see evaluate compare --help).
-    """
+    """Measures a checkpoint, or the landmarks of another system, on a benchmark."""
     _check_numbers(config)
     manifest = _as_asked(config, load_manifest(config.split))
     model = config.network.open_model()
@@ -80,10 +76,7 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The program."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    if given[:1] == ["compare"]:
-        return run_commands("evaluate compare", compare.__doc__ or "", {"": compare}, given[1:])
-    return run_commands("evaluate", DESCRIPTION, {"": evaluate}, given)
+    return run_commands("evaluate", DESCRIPTION, {"": evaluate, "compare": compare}, arguments)
 
 
 def _check_numbers(config: EvaluateConfig) -> None:

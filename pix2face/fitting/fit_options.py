@@ -31,22 +31,24 @@ class FitOptions:
     variance.
 
     Source: Crispell and Bazik 2017, Eq. 1 (affine camera) and Eq. 4 (regularisation).
+
+    Attributes:
+        camera: Camera of the fit. The principal point of a pinhole is the centre of the photograph; auto takes a
+            pinhole where perspective shows, else weak-perspective.
+        regularisation: Tikhonov weight of the coefficients, in mm^2; `estimate` derives it from the maps of each face,
+            which takes longer.
+        contour: Where the jaw landmarks lie: off puts them at fixed points of the skin, 2d on the visible outline,
+            where 300-W has them.
+        silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Weak-perspective
+            cameras only.
+        reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
     """
 
     camera: CameraKind = "weak-perspective"
-    """Camera of the fit. The principal point of a pinhole is the centre of the photograph; auto takes a pinhole where
-    perspective shows, else weak-perspective."""
     regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
-    """Tikhonov weight of the coefficients, in mm^2; `estimate` derives it from the maps of each face, which takes
-    longer."""
     contour: Contour = "off"
-    """Where the jaw landmarks lie: off puts them at fixed points of the skin, 2d on the visible outline, where 300-W
-    has them."""
     silhouette: bool = True
-    """Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Weak-perspective cameras
-    only."""
     reprojection_rounds: int = 0
-    """How often the camera is fitted again to the fitted mesh, and the coefficients after it."""
 
     @property
     def is_held(self) -> bool:

@@ -116,23 +116,37 @@ def save_checkpoint(
     write_tensors(path, METADATA_KEY, asdict(header), _in_precision(tensors, precision) | vectors)
 
 
+def load_header(path: Path) -> CheckpointHeader:
+    """Reads what a checkpoint says of itself, without its weights.
+
+    Raises:
+        InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
+    """
+    fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
+    try:
+        return CheckpointHeader.from_json(fields)
+    except (KeyError, TypeError, ValueError) as error:
+        raise _unusable(path, error) from error
+
+
 def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
     """Reads a checkpoint; the network computes in float32, whatever its file is in.
 
     Raises:
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
-    fields, tensors = read_header(path, METADATA_KEY, SCHEMA_VERSION), read_tensors(path)
+    header, tensors = load_header(path), read_tensors(path)
     try:
-        header = CheckpointHeader.from_json(fields)
         network = build_network(header.architecture, header.size_px, header.widths, header.planes)
         network.load_state_dict(_in_precision(tensors, torch.float32))
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputFileError(
-            f"{path}: header and weights do not make a network ({reason}); train or fetch it again"
-        ) from error
+        raise _unusable(path, error) from error
     return header, network.eval()
+
+
+def _unusable(path: Path, error: Exception) -> InputFileError:
+    reason = str(error).splitlines()[0]
+    return InputFileError(f"{path}: header and weights do not make a network ({reason}); train or fetch it again")
 
 
 def _in_precision(tensors: Mapping[str, Tensor], precision: torch.dtype) -> dict[str, Tensor]:

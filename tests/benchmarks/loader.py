@@ -34,7 +34,7 @@ from training.data.halving import halved
 from training.data.loader import BatchLoader
 from training.data.shard_index import ShardIndex, index_shards
 from training.loop.loss_log import memory_mb
-from training.loop.validation_set import inference_crop
+from training.loop.validation import inference_crop
 from training.recipe.presets import PRESETS
 from training.recipe.recipe import Recipe
 

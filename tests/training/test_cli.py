@@ -12,9 +12,7 @@ from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
 from training.cli import main, next_command
 from training.data.shard_index import index_shards
-from training.loop.speed import duration_in_words, seconds_per_image
-from training.recipe.presets import PRESETS
-from training.train_config import TrainConfig
+from training.loop.plan_report import duration_in_words
 
 SMALL = [
     "--preset",
@@ -125,15 +123,10 @@ def test_planes_that_the_shards_do_not_know_are_refused(shards_dir, tmp_path, ca
     assert "--planes 8, --loss-over seen: expected shards with the layer seen" in capsys.readouterr().err
 
 
-def test_the_preset_is_the_papers_unless_told_otherwise(tmp_path):
-    assert TrainConfig(shards=(str(tmp_path),)).recipe() == PRESETS["paper"]
-    changed = TrainConfig(shards=(str(tmp_path),), preset="tiny", filters=8, seed=0).recipe()
-    assert (changed.filters, changed.size_px) == (8, PRESETS["tiny"].size_px)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ([], "--shards: expected folders of shards, found none"),
         (["--shards", "missing"], "missing: expected a folder of shards, found no such folder"),
         (["--shards", "missing", "--size-px", "200"], "--size-px: expected a power of two"),
         (["--shards", "missing", "--workers", "-1"], "--workers: expected 0 or more, found -1"),
@@ -181,10 +174,6 @@ def test_a_shard_cut_in_half_is_one_line(shards_dir, tmp_path, capsys):
     said = capsys.readouterr().err
     assert "shard-000000.h5: expected a complete shard" in said
     assert said.count("\n") == 1
-
-
-def test_the_speed_is_measured():
-    assert 0 < seconds_per_image(TrainConfig(shards=(), preset="tiny", size_px=16, filters=2).recipe(), "cpu") < 10
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,7 @@ from tests.pix2face.benchmark_files import write_pts
 from tests.pix2face.coloured_faces import camera_at, colour_predictor, draw_faces, true_box, true_landmarks
 from training.data.shard_index import index_shards
 from training.loop.run_configuration import checkpoint_header
-from training.loop.validation_set import ValidationSet
-from training.loop.validator import Validator
+from training.loop.validation import ValidationSet, Validator
 from training.recipe.presets import PRESETS
 
 CAMERA = camera_at(80, 60)

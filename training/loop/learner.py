@@ -1,5 +1,6 @@
 """A network that learns: one call, one step."""
 
+import copy
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
@@ -7,11 +8,11 @@ from typing import final
 
 import torch
 from torch import Tensor, nn
+from torch.optim.swa_utils import update_bn
 
 from pix2face.errors import Pix2FaceError
 from pix2face.networks.architectures import build_network
 from training.data.batches import Batch, network_input
-from training.loop.ema import RunningMean
 from training.loop.losses import LossPlan
 from training.loop.processes import Processes
 from training.recipe.recipe import Recipe
@@ -20,7 +21,46 @@ from training.recipe.schedule import learning_rate, smooth_rate
 # Source: Crispell and Bazik 2017, Sec. 3.2.
 ADAM_BETAS = (0.5, 0.9)
 
+# Averaging every fourth step with the fourth power of the decay is as smooth, at a quarter of the time.
+STEPS_BETWEEN = 4
+
 ALONE = Processes()
+
+
+@final
+class RunningMean:
+    """Keeps a second network whose weights follow the first one's, and its norms' statistics, too.
+
+    Args:
+        network: The one that learns.
+        decay: How much of the mean is left after a step; while steps are fewer than 1 / (1 - decay) it is less, so that
+            the first weights do not linger.
+    """
+
+    def __init__(self, network: nn.Module, decay: float) -> None:
+        self.network = copy.deepcopy(network).eval().requires_grad_(False)
+        self._decay = decay
+
+    @torch.no_grad()
+    def follow(self, network: nn.Module, step: int) -> None:
+        """Takes in the weights after a step.
+
+        Args:
+            network: The one that learns.
+            step: Steps done, from 1.
+        """
+        if step % STEPS_BETWEEN:
+            return
+        decay = min(self._decay, (1 + step) / (10 + step)) ** STEPS_BETWEEN
+        pairs = zip(self.network.state_dict().values(), network.state_dict().values(), strict=True)
+        means, presents = [], []
+        for mean, present in pairs:
+            if mean.is_floating_point():
+                means.append(mean)
+                presents.append(present)
+            else:
+                mean.copy_(present)
+        torch._foreach_lerp_(means, presents, 1 - decay)
 
 
 @final
@@ -117,21 +157,16 @@ class Learner:
         Args:
             batches: This process's part of each; without any, nothing changes.
         """
-        left, norms = iter(batches), self._batch_norms()
+        left = iter(batches)
         first = next(left, None)
         if first is None:
             return
-        momenta = [norm.momentum for norm in norms]
-        for norm in norms:
-            norm.reset_running_stats()
-            norm.momentum = None  # a plain mean over all batches
         self.result.train()
-        with torch.no_grad():
-            for batch in chain([first], left):
-                self.result(network_input(batch.to(self._device, non_blocking=True)))
+        update_bn(
+            (network_input(batch.to(self._device, non_blocking=True)) for batch in chain([first], left)), self.result
+        )
         self.result.eval()
-        for norm, momentum in zip(norms, momenta, strict=True):
-            norm.momentum = momentum
+        for norm in self._batch_norms():
             for statistic in (norm.running_mean, norm.running_var):
                 assert statistic is not None
                 self._processes.mean(statistic)

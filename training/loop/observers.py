@@ -1,49 +1,51 @@
-"""Who watches a training from the command line: the progress bar, TensorBoard, the signals."""
+"""Who watches a training from the command line: the progress bar and TensorBoard."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
-from torch import nn
+import torch
+from jaxtyping import Float32
+from torch import Tensor, nn
 
-from training.loop.loss_log import StepReport
-from training.loop.stop_request import StopRequest
-from training.loop.tensorboard_log import TensorboardLog
+from pix2face.errors import UsageError
+from pix2face.networks.architectures import MASK_PLANE
+from pix2face.networks.paper import MAP_PLANES
+from training.data.batches import network_input, target_planes
+from training.loop.loss_log import STEPS_A_LINE, StepReport
 from training.loop.trainer import Observers
-from training.loop.validator import Scores, Validator
-from training.recipe.recipe import Recipe
-from training.train_config import TrainConfig
+from training.loop.validation import Scores, Validator
 
-# Of the past that the numbers behind the bar speak of, the last step counts so much.
+# Weight of the last step in the smoothed loss behind the bar.
 SMOOTHING = 0.05
+# Faces in TensorBoard's pictures.
+N_FACES = 8
 
 
 @contextmanager
 def observers_of(
-    config: TrainConfig,
-    recipe: Recipe,
-    out: Path,
     advance: Callable[..., None],
-    request: StopRequest,
+    n_epochs: int,
+    should_stop: Callable[[], bool],
+    board_folder: Path | None,
     validator: Validator | None,
 ) -> Iterator[Observers]:
     """Puts together who watches.
 
     Args:
-        config: Says whether TensorBoard does.
-        recipe: What is done.
-        out: Where TensorBoard's files go.
         advance: Of the progress bar.
-        request: Ends the training.
-        validator: Has pictures to show.
+        n_epochs: Of the whole training.
+        should_stop: Ends the training.
+        board_folder: Where TensorBoard's files go; None writes none.
+        validator: Has pictures to show in TensorBoard.
 
     Raises:
         UsageError: TensorBoard is asked for and not installed.
     """
-    board = TensorboardLog(out / "tensorboard", validator) if config.tensorboard else None
-    progress = _Progress(advance, recipe)
+    board = TensorboardLog(board_folder, validator) if board_folder else None
+    progress = _Progress(advance, n_epochs)
 
     def on_step(report: StepReport) -> None:
         progress.step(report)
@@ -56,7 +58,7 @@ def observers_of(
             board.scores(samples, scores, network)
 
     try:
-        yield Observers(on_step=on_step, on_scores=on_scores, should_stop=request.is_made)
+        yield Observers(on_step=on_step, on_scores=on_scores, should_stop=should_stop)
     finally:
         if board:
             board.close()
@@ -66,16 +68,17 @@ def observers_of(
 class _Progress:
     """The note behind the bar: loss, validation error, share of the time spent waiting for data."""
 
-    def __init__(self, advance: Callable[..., None], recipe: Recipe) -> None:
-        self._advance, self._recipe = advance, recipe
+    def __init__(self, advance: Callable[..., None], n_epochs: int) -> None:
+        self._advance, self._n_epochs = advance, n_epochs
         self._loss: float | None = None
         self._error = ""
-        self._clock = _WaitShare()
+        self._began, self._waited = time.monotonic(), 0.0
 
     def step(self, report: StepReport) -> None:
         self._loss = report.loss if self._loss is None else self._loss + SMOOTHING * (report.loss - self._loss)
-        waiting = self._clock.share(report.waited_seconds)
-        note = f"epoch {report.epoch + 1}/{self._recipe.epochs}  loss {self._loss:.4f}{self._error}  wait {waiting:.0%}"
+        self._waited += report.waited_seconds
+        waiting = self._waited / max(time.monotonic() - self._began, 1e-9)
+        note = f"epoch {report.epoch + 1}/{self._n_epochs}  loss {self._loss:.4f}{self._error}  wait {waiting:.0%}"
         self._advance(report.images, note=note)
 
     def score(self, scores: Scores) -> None:
@@ -84,14 +87,71 @@ class _Progress:
 
 
 @final
-class _WaitShare:
-    """What part of the time between steps was spent waiting for data."""
+class TensorboardLog:
+    """Losses every 50 steps; scores, and pictures of the same faces, at each validation.
 
-    def __init__(self) -> None:
-        self._began = time.monotonic()
-        self._waited = 0.0
+    Args:
+        folder: Where to.
+        validator: Has faces to show; None shows none.
 
-    def share(self, waited_seconds: float) -> float:
-        """The share since the first step, this one's wait included."""
-        self._waited += waited_seconds
-        return self._waited / max(time.monotonic() - self._began, 1e-9)
+    Raises:
+        UsageError: TensorBoard is not installed.
+    """
+
+    def __init__(self, folder: Path, validator: Validator | None) -> None:
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+        except ImportError as error:
+            raise UsageError(
+                "expected the package tensorboard, which --tensorboard needs; run: pip install 'pix2face[tensorboard]'"
+            ) from error
+        self._writer: Any = SummaryWriter(str(folder))
+        self._validator = validator
+
+    def step(self, report: StepReport) -> None:
+        """Takes a step; every 50th is written."""
+        if report.step % STEPS_A_LINE:
+            return
+        for name, value in {"total": report.loss, **report.parts}.items():
+            self._writer.add_scalar(f"loss/{name}", value, report.samples)
+        self._writer.add_scalar("learning rate", report.learning_rate, report.samples)
+
+    def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
+        """Takes what a validation found, and the network for pictures."""
+        for name, value in scores.as_numbers().items():
+            self._writer.add_scalar(f"validation/{name}", value, samples)
+        if self._validator:
+            pictures = prediction_pictures(network, self._validator)
+            self._writer.add_image("picture, PNCC, truth, offset, truth, mask", pictures, samples)
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Writes what is left."""
+        self._writer.close()
+
+
+def prediction_pictures(network: nn.Module, validator: Validator) -> Float32[Tensor, "3 h w"]:
+    """A row for each face: the picture, PNCC and its truth, offset and its truth, and the mask.
+
+    x, y, z are red, green, blue, from minus one scale to one; grey is 0.
+    """
+    batch = validator.first_batch().rows(0, N_FACES)
+    device = next(network.parameters()).device
+    was_training = network.training
+    network.eval()
+    with torch.inference_mode():
+        planes = network(network_input(batch.to(device))).float().cpu()
+    network.train(was_training)
+    truth = target_planes(batch, *validator.scales_mm)
+    has_mask = planes.shape[1] > MASK_PLANE
+    mask = planes[:, MASK_PLANE].sigmoid() if has_mask else planes[:, :3].norm(dim=1).clamp(max=1)
+    columns = [
+        batch.image / 255,
+        *(_coloured(maps[:, first : first + 3]) for first in range(0, MAP_PLANES, 3) for maps in (planes, truth)),
+        mask[:, None].expand(-1, 3, -1, -1),
+    ]
+    return torch.cat([torch.cat(list(column), dim=1) for column in columns], dim=2)
+
+
+def _coloured(maps: Float32[Tensor, "b 3 s s"]) -> Float32[Tensor, "b 3 s s"]:
+    return (maps / 2 + 0.5).clamp(0, 1)

@@ -26,7 +26,7 @@ from training.loop.losses import LossPlan
 from training.loop.processes import Processes
 from training.loop.resume import load_state, save_state, steps_done
 from training.loop.run_configuration import checkpoint_header, training_configuration, with_scales_of
-from training.loop.validator import Scores, Validator
+from training.loop.validation import Scores, Validator
 from training.recipe.recipe import Recipe
 
 RESUME_NAME = "resume.safetensors"

@@ -2,7 +2,9 @@
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Literal, final
+from typing import Annotated, Literal, final
+
+import tyro
 
 from pix2face.errors import UsageError
 from pix2face.geometry.crops import INFERENCE_SCALE, LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
@@ -23,19 +25,19 @@ LARGEST_SEED = 2**63 - 1
 @final
 @dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """How much each part counts in the mean that is minimised; equal ones for the maps are the paper's.
+    """How much each part counts in the loss, a weighted mean. The paper weighs both maps alike.
 
     Attributes:
-        pncc: Mean absolute error of PNCC, in units of its scale.
-        offset: The same of offsets.
-        mask: Cross entropy of the mask, where the network has a plane for it.
-        seen: Cross entropy of its seen part, where the network has a plane for it.
+        pncc: Weight of the mean absolute error of PNCC, in units of its scale.
+        offset: Weight of the mean absolute error of the offsets, in units of their scale.
+        mask: Weight of the cross entropy of the mask, where the network predicts it.
+        seen: Weight of the cross entropy of the seen part of the mask, where the network predicts it.
     """
 
-    pncc: float = 1.0
-    offset: float = 1.0
-    mask: float = 1.0
-    seen: float = 1.0
+    pncc: Annotated[float, tyro.conf.arg(name="weight-pncc")] = 1.0
+    offset: Annotated[float, tyro.conf.arg(name="weight-offset")] = 1.0
+    mask: Annotated[float, tyro.conf.arg(name="weight-mask")] = 1.0
+    seen: Annotated[float, tyro.conf.arg(name="weight-seen")] = 1.0
 
 
 @final
@@ -44,31 +46,34 @@ class Recipe:
     """Everything that the trained weights depend on, apart from the data.
 
     Attributes:
-        architecture: Of the network.
-        size_px: Side of the network's input.
-        filters: Filters of its first level.
-        planes: Of its output: 6 maps; 7 with a logit for the mask; 8 with one for the part of it that is seen, too.
+        architecture: Architecture of the network.
+        size_px: Side of the network's input: a power of two (paper) or a multiple of 64 (residual).
+        filters: Filters of the network's first level.
+        planes: Planes of the output: 6 for the maps, 7 with the mask, 8 with the seen part of the mask as well (which
+            the shards must know).
         batch_size: Pictures a step, over all parts and processes together.
-        parts: Each batch is computed in so many parts, one after the other, whose gradients are added: less memory.
-        epochs: Epochs; a checkpoint is written after each.
-        epoch_size: Pictures an epoch, drawn from the shards over and over with ever new jitter.
-        learning_rate: Adam's largest.
-        schedule: How it falls; ``paper`` changes it between epochs, the others with each step.
-        warm_up: Pictures over which it first rises from 0, except in the paper's schedule.
+        parts: Compute each batch in this many parts, one after the other, whose gradients are added; saves memory.
+        epochs: Epochs, of --epoch-size pictures each; a checkpoint is written after each.
+        epoch_size: Pictures an epoch, drawn from the shards over and over with new jitter; rounded up to whole batches.
+        learning_rate: Largest learning rate of Adam.
+        schedule: How the learning rate falls: paper to 0.021 of its start, from epoch to epoch; cosine and linear to 0,
+            from step to step.
+        warm_up: Pictures over which the learning rate first rises from 0 (cosine, linear).
         precision: Arithmetic of the network's layers; weights and loss are float32 in any case.
-        weights: Of the parts of the loss.
-        loss_over: Pixels over which the error of the maps is averaged.
-        clip: Largest norm of the gradient, which is shortened to it; 0 leaves it as it is.
-        ema: Decay a step of the running mean of the weights that the checkpoint holds; 0 keeps none.
-        norm_batches: After the last step, batch norms are measured over so many more batches, with the weights that the
-            checkpoint holds; 0 keeps the statistics of the way. Source: Izmailov et al. 2018, Sec. 3.2.
-        seed: Of the initial weights, the order of the samples and the jitter.
+        weights: Weights of the parts of the loss.
+        loss_over: Pixels over which the errors of the maps are averaged: all of them, the mask, or its seen part.
+        clip: Largest norm of the gradient, to which longer ones are shortened; 0 for no limit.
+        ema: Decay, a step, of the running mean of the weights that the checkpoint holds; 0 for no running mean.
+        norm_batches: Batches over which the batch norms are measured again after the last step, with the weights of the
+            checkpoint; 0 keeps the running statistics. Source: Izmailov et al. 2018, Sec. 3.2.
+        seed: Seed of the initial weights, the order of the samples and their jitter.
         jitter: How far samples are varied.
-        cropping: full: crops are turned, scaled and shifted by ``jitter``. box: squares of ``crop_scale`` around the
-            face's box, a few percent off (``cropping.cut_around_box``). shift: squares of whole pixels are cut at
-            random places, for pictures that were made as crops. none: the middle is cut, and colours stay.
+        cropping: full: crops are turned, scaled and shifted, as in the paper. box: squares of --crop-scale around the
+            face's box, a few percent off, as when the network is used; much faster. shift: squares of whole pixels at
+            random places, for pictures that were made as crops; as fast. none: the middle of the picture, in its own
+            colours.
         crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
-            the face's box. What it is trained on is the jitter's, except by ``cropping`` box.
+            the face's box; stored in the checkpoint.
     """
 
     architecture: ArchitectureName = "paper"
@@ -83,13 +88,15 @@ class Recipe:
     schedule: ScheduleName = "paper"
     warm_up: int = 0
     precision: Precision
-    weights: LossWeights = field(default_factory=LossWeights)
+    weights: Annotated[LossWeights, tyro.conf.arg(name=""), tyro.conf.OmitArgPrefixes] = field(
+        default_factory=LossWeights
+    )
     loss_over: LossOver = "all"
     clip: float = 0.0
     ema: float = 0.0
     norm_batches: int = 0
     seed: int = 0
-    jitter: JitterRange = field(default_factory=JitterRange)
+    jitter: tyro.conf.Suppress[JitterRange] = field(default_factory=JitterRange)
     cropping: Cropping = "full"
     crop_scale: float = INFERENCE_SCALE
 

@@ -9,7 +9,7 @@ import torch
 import tyro
 from rich.console import Console
 
-from pix2face.command_line import prepare_output_folder, say
+from pix2face.command_line import optional, prepare_output_folder, say
 from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import load_landmarks
 from training.release.model_card import model_card
@@ -20,18 +20,21 @@ WEIGHTS_NAME, CARD_NAME, ONNX_NAME = "checkpoint.safetensors", "README.md", "net
 @final
 @dataclass(frozen=True)
 class ExportConfig:
-    """Configuration of ``train export``."""
+    """Configuration of ``train export``.
+
+    Attributes:
+        checkpoint: Checkpoint that `train` wrote.
+        out: Folder for the release.
+        report: Reports of `evaluate` (report.json) whose errors the model card quotes.
+        landmarks: Landmarks that `pix2face landmarks select` chose on fits of this network; the release contains them.
+        onnx: Write the network as ONNX as well (pip install 'pix2face[onnx]').
+    """
 
     checkpoint: tyro.conf.Positional[Path]
-    """What training wrote."""
     out: Path
-    """Folder of the release."""
-    report: tuple[Path, ...] = ()
-    """Reports of `evaluate` (JSON), whose errors the model card quotes."""
-    landmarks: Path | None = None
-    """Landmarks that `pix2face landmarks select` chose on this network's fits: the release brings them along."""
+    report: Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="")] = ()
+    landmarks: Annotated[Path | None, optional("PATH")] = None
     onnx: bool = True
-    """Write the network as ONNX, too (extra: onnx)."""
 
 
 def export(config: Annotated[ExportConfig, tyro.conf.arg(name="")]) -> int:

@@ -8,7 +8,7 @@ from typing import Annotated, final
 import tyro
 from rich.console import Console
 
-from pix2face.command_line import check_output_file, counted, say
+from pix2face.command_line import check_output_file, counted, optional, say
 from pix2face.errors import UsageError
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Bootstrap, Interval
 from pix2face.evaluation.report.compare import Comparison, PointComparison, StoredReport, compare_reports, read_report
@@ -18,23 +18,23 @@ from pix2face.evaluation.report.report_text import NO_FIGURE, terminal_table
 @final
 @dataclass(frozen=True)
 class CompareConfig:
-    """Which reports to compare.
+    """Configuration of ``evaluate compare``.
 
     Attributes:
-        reports: Two files report.json (or the folders that hold them) of the same benchmark: A, then B.
-        resamples: Draws of the paired bootstrap.
-        seed: Of the draws.
-        out: JSON file for the figures; none is written without it.
+        reports: Two reports of the same benchmark, A and B: files report.json, or the folders that hold them.
+        resamples: Resamples of the paired bootstrap.
+        seed: Seed of the bootstrap.
+        out: JSON file for the figures; without it none is written.
     """
 
     reports: Annotated[tuple[Path, Path], tyro.conf.Positional]
     resamples: int = 1000
     seed: int = 0
-    out: Path | None = None
+    out: Annotated[Path | None, optional("PATH")] = None
 
 
 def compare(config: Annotated[CompareConfig, tyro.conf.arg(name="")]) -> int:
-    """Compares two reports of the same benchmark face by face: B minus A with 95 % intervals (paired bootstrap)."""
+    """Compare two reports of the same benchmark face by face: B minus A with 95 % intervals (paired bootstrap)."""
     if config.resamples < 1 or config.seed < 0:
         raise UsageError(f"expected --resamples from 1 and --seed from 0, found {config.resamples} and {config.seed}")
     if config.out is not None:

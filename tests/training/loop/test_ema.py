@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from training.loop.ema import STEPS_BETWEEN, RunningMean
+from training.loop.learner import STEPS_BETWEEN, RunningMean
 
 
 def network_of(value: float) -> nn.Module:

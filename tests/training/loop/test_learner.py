@@ -4,10 +4,10 @@ import pytest
 import torch
 
 from pix2face.errors import Pix2FaceError
+from tests.training.random_batches import random_batch
 from training.data.batches import network_input
 from training.loop.learner import Learner
 from training.loop.losses import LossPlan
-from training.loop.speed import random_batch
 from training.recipe.presets import PRESETS
 
 RECIPE = replace(PRESETS["tiny"], size_px=16, filters=4, batch_size=4, precision="float32", epochs=2, epoch_size=16)

@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch.nn import functional
 
+from tests.training.random_batches import random_batch
 from training.data.batches import target_planes
 from training.loop.losses import LossPlan
-from training.loop.speed import random_batch
 from training.recipe.presets import PRESETS
 from training.recipe.recipe import LossWeights
 

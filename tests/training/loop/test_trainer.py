@@ -15,11 +15,11 @@ from pix2face.inference import CHECKPOINT_NAME
 from pix2face.inference.checkpoint import load_checkpoint
 from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
+from tests.training.random_batches import random_batch
 from training.data.shard_index import index_shards
 from training.loop.losses import LossPlan
 from training.loop.resume import save_state, steps_done
 from training.loop.run_configuration import training_configuration
-from training.loop.speed import random_batch
 from training.loop.trainer import LOG_NAME, RESUME_NAME, Observers, Surroundings, TrainingStopped, new_learner, train
 from training.recipe.presets import PRESETS
 from training.recipe.recipe import Recipe

@@ -6,7 +6,7 @@ import torch
 
 from tests.training.data.test_dataset import RECIPE
 from training.data.shard_index import index_shards, split_off
-from training.loop.validation_set import ValidationSet
+from training.loop.validation import ValidationSet
 
 
 @pytest.fixture

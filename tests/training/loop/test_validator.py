@@ -9,10 +9,9 @@ from pix2face.networks.residual import ResidualUNet, residual_widths
 from tests.synthetic_models import small_head_model
 from training.data.batches import Batch, target_planes
 from training.data.shard_index import index_shards
+from training.loop.observers import TensorboardLog, prediction_pictures
 from training.loop.run_configuration import checkpoint_header
-from training.loop.tensorboard_log import TensorboardLog, prediction_pictures
-from training.loop.validation_set import ValidationSet
-from training.loop.validator import Scores, Validator, validator_of
+from training.loop.validation import Scores, ValidationSet, Validator, validator_of
 from training.recipe.presets import PRESETS
 
 RECIPE = replace(PRESETS["cpu"], size_px=64, filters=2, planes=7)

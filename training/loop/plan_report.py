@@ -1,20 +1,46 @@
-"""One batch through everything: whether a training can start, what it takes, how long it will last."""
+"""What a training is going to do, in a few lines; and a dry run, which takes some steps and says what they took."""
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import torch
+from rich.text import Text
 
-from pix2face.command_line import counted
+from pix2face.command_line import counted, printable
+from pix2face.inference import CHECKPOINT_NAME
 from training.data.shard_index import ShardIndex
 from training.loop.learner import Learner
 from training.loop.loss_log import memory_mb
-from training.loop.speed import duration_in_words
 from training.loop.trainer import Surroundings, check_plan, new_learner, new_loader
 from training.recipe.recipe import Recipe
 
-# The first step warms up; some more are timed.
+# Of a dry run. The first step warms up; the others are timed.
 STEPS = 4
+
+
+def summary(shards: ShardIndex, recipe: Recipe, preset: str, out: Path, done: int) -> Text:
+    """Samples, model, plan and output.
+
+    Args:
+        shards: The samples.
+        recipe: What is done with them.
+        preset: What the recipe comes from.
+        out: The output folder.
+        done: Samples seen by an earlier run that this one goes on from.
+    """
+    lines = {
+        "samples": shards.description,
+        "model": f"{shards.model_name} ({shards.model_sha256[:12]})",
+        "terms": shards.licence,
+        "scales": f"PNCC {shards.pncc_scale_mm:.0f} mm, offset {shards.offset_scale_mm:.0f} mm",
+        "preset": f"{preset}: {recipe.architecture}, {recipe.size_px} px, {counted(recipe.filters, 'filter')}, "
+        f"{recipe.planes} planes, batches of {recipe.batch_size}, {recipe.precision}",
+        "plan": f"{counted(recipe.epochs, 'epoch')} of {counted(recipe.epoch_size, 'picture')}"
+        + (f", {done // (recipe.epoch_steps * recipe.batch_size)} done" if done else ""),
+        "writes": str(out / CHECKPOINT_NAME),
+    }
+    return Text("\n".join(f"{name:<8} {printable(text)}" for name, text in lines.items()))
 
 
 def dry_run(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> list[str]:
@@ -64,3 +90,11 @@ def _memory(device: str) -> str:
     if device.startswith("cuda"):
         return f"{torch.cuda.max_memory_allocated(device) / 1e6:.0f} MB of the GPU's, {own} of the machine's"
     return own
+
+
+def duration_in_words(seconds: float) -> str:
+    """Such as "2 minutes" or "12 days": one unit, for an estimate that is no better than that."""
+    for unit, length in (("day", 86_400), ("hour", 3_600), ("minute", 60)):
+        if seconds >= 2 * length:
+            return counted(round(seconds / length), unit)
+    return counted(round(seconds), "second")
