@@ -62,8 +62,7 @@ def preview(
 
     Args:
         shards: Folder of shards.
-        out: File to write: a contact sheet (.jpg or .png), or a page to go through samples and layers (.html). Without
-            this option, it is `preview.jpg` in the folder.
+        out: File to write, a contact sheet (.jpg, .png) or a page (.html); without it `preview.jpg` in the folder.
         n: Number of samples to show, evenly spread. Without this option, a sheet has 16 and a page 24.
     """
     out = out or shards / "preview.jpg"
