@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from training.loop.validation_set import ValidationSet
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import encode_image
@@ -23,6 +22,7 @@ from training.data.dataset import DrawDataset
 from training.data.decoded_sample import decode_sample
 from training.data.shard_index import ShardIndex, index_shards
 from training.data.shared_cache import SharedCache
+from training.loop.validation import ValidationSet
 from training.recipe.presets import PRESETS
 
 RECIPE = replace(PRESETS["tiny"], size_px=32, filters=4, batch_size=2)
