@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, final
 
@@ -138,7 +139,7 @@ class TrainConfig:
 def preset_of(arguments: Sequence[str]) -> PresetName:
     """The preset that a command line names; it decides the defaults of all other options."""
     named = "paper"
-    for option, following in zip(arguments, [*arguments[1:], ""], strict=True):
+    for option, following in pairwise([*arguments, ""]):
         if option.split("=")[0] == "--preset":
             named = option.partition("=")[2] or following
     return next((name for name in PRESETS if name == named), "paper")
