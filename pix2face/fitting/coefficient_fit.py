@@ -3,7 +3,6 @@
 Of one image (Eq. 4), or of several of one person, who keeps the identity and changes the expression (Eq. 5).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import final
 
@@ -90,7 +89,7 @@ def fit_coefficients(
         model: Its bases, in mm per standard deviation, are the a_j and b_j.
         vertex_indices: The localised vertices j.
         offsets: What leads from the mean face to this face there: s_j, in mm.
-        regularisation: lambda in mm^2; ``regularisation`` says how to choose it.
+        regularisation: lambda in mm^2; ``FitOptions`` says how to choose it.
         robust: Solve again with smaller weights for the vertices that disagree.
 
     Returns:
@@ -109,36 +108,3 @@ def fit_coefficients(
     system = image_system(basis, offsets.astype(np.float64), regularisation, robust=robust)
     coefficients = system.solve(regularisation)
     return coefficients[: model.n_identity], coefficients[model.n_identity :]
-
-
-def fit_joint_coefficients(
-    model: MorphableModel,
-    images: Sequence[tuple[Int[ndarray, " _"], Float[ndarray, "_ 3"]]],
-    regularisation: float,
-    *,
-    robust: bool = True,
-) -> tuple[Float64[ndarray, " k"], Float64[ndarray, "n e"]]:
-    """Solves for one identity and for the expression in each of several images of one person.
-
-    Args:
-        model: As in ``fit_coefficients``.
-        images: For each image the localised vertices and their offsets in mm.
-        regularisation: As in ``fit_coefficients``.
-        robust: As in ``fit_coefficients``, for each image by its own solution.
-
-    Returns:
-        Identity and the expressions, in standard deviations.
-
-    Raises:
-        DegenerateGeometryError: No image, one without a vertex, offsets that are not finite, or lambda not positive or
-            too small for the arithmetic.
-
-    Source: Crispell and Bazik 2017, Eq. 5.
-    """
-    if not images:
-        raise DegenerateGeometryError("expected pictures to fit the coefficients to, found none")
-    joint = JointAccumulator(model.n_identity)
-    for vertex_indices, offsets in images:
-        basis = vertex_basis(model, vertex_indices).astype(np.float64)
-        joint.add(image_system(basis, offsets.astype(np.float64), regularisation, robust=robust), regularisation)
-    return joint.solve()
