@@ -1,18 +1,11 @@
 """The command from its arguments to files and exit status, with a network that has learned nothing."""
 
 import json
-import re
-import shlex
-from pathlib import Path
 
 import numpy as np
 import pytest
-import tyro
 
-from pix2face.evaluation.benchmarks.manifest import SPLITS
 from pix2face.evaluation.evaluate_cli import main
-from pix2face.evaluation.evaluate_config import EvaluateConfig
-from pix2face.evaluation.report.compare_cli import CompareConfig
 from pix2face.fitting.face_fit import fit_face
 from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph
 from tests.pix2face.evaluation_calls import (
@@ -277,18 +270,3 @@ def test_calls_that_cannot_be_meant_are_one_line(tmp_path, small_model, capsys, 
 def test_a_contour_is_for_truths_that_follow_it(tmp_path, small_model, capsys):
     assert measure(tmp_path, "--contour", "2d", split="aflw2000-3d") == 2
     assert "--contour 2d: expected a split whose truth follows the visible outline" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/how_to/evaluate.md", "docs/how_to/reproduce_the_paper.md"])
-def test_every_evaluation_in_the_docs_parses(page):
-    text = (Path(__file__).parents[3] / page).read_text(encoding="utf-8")
-    calls = re.findall(r"(?:^    |`|&& )(evaluate (?:--split|compare) [^`#\n]*)", text, re.MULTILINE)
-    assert calls
-    for call in calls:
-        words = shlex.split(call)[1:]
-        if "S" in words:  # evaluate --split S: any of them
-            continue
-        if words[0] == "compare":
-            assert len(tyro.cli(CompareConfig, args=words[1:]).reports) == 2
-        else:
-            assert tyro.cli(EvaluateConfig, args=words).split in SPLITS
