@@ -43,24 +43,6 @@ class FaceMaps:
         return {"pncc": self.pncc, "offset": self.offset, "mask": self.mask}
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class FaceCut:
-    """Maps in steps of 1/128 mm, cut to where there is a face.
-
-    Attributes:
-        pncc: See FaceMaps.
-        offset: See FaceMaps.
-        mask: Where both hold.
-        corner: Top left corner (x, y) of the cut in the picture, px.
-    """
-
-    pncc: Int16[ndarray, "y x 3"]
-    offset: Int16[ndarray, "y x 3"]
-    mask: Bool[ndarray, "y x"]
-    corner: tuple[int, int]
-
-
 def face_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
     """Rows and columns of the mask's bounding box; both empty where the mask is."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

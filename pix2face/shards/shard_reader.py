@@ -131,7 +131,7 @@ class ShardReader:
             )
         names = [name for name in wanted if name != LANDMARKS]
         stored = self.stored(index, (*names, *CONTENT_COLUMNS, *TEXTS))
-        with self._naming(index):
+        try:
             return Sample(
                 sample_id=stored["sample_id"].decode("utf-8"),
                 image_bytes=stored.get(IMAGE),
@@ -142,6 +142,8 @@ class ShardReader:
                 place=f"{self.path}, sample {index}",
                 **{name: stored[name] for name in ("identity", "expression", "landmarks2d", "landmarks3d")},
             )
+        except _DAMAGE as error:
+            raise self._damaged(index, error) from error
 
     def stored(
         self, index: int, names: Sequence[str], *, is_checked: bool = False, is_whole: bool = False
@@ -161,22 +163,26 @@ class ShardReader:
         """
         if not 0 <= index < len(self):
             raise IndexError(f"{self.path}: expected a place below {len(self)}, found {index}")
-        with self._naming(index):
-            boxes = {name: self._box(index, name, is_whole) for name in self._chunks}
+        try:
+            size_px = self.size_px(index)
+            boxes = {name: self._box(index, name, size_px, is_whole) for name in self._chunks}
             images = [IMAGE] if IMAGE in self.header.layers else []
             content = (*boxes, *images, *CONTENT_COLUMNS, "attributes") if is_checked else ()
-            with self.path.open("rb", buffering=0) as file:
-                found = {
-                    name: self._part(file.fileno(), index, name, boxes) for name in dict.fromkeys((*content, *names))
-                }
-                if is_checked and content_checksum(found, boxes, self.size_px(index)) != self._kept["checksum"][index]:
-                    raise ValueError("the checksum differs: the content has changed since it was written")
+            file = os.open(self.path, os.O_RDONLY)
+            try:
+                found = {name: self._part(file, index, name, boxes) for name in dict.fromkeys((*content, *names))}
+            finally:
+                os.close(file)
+            if is_checked and content_checksum(found, boxes, size_px) != self._kept["checksum"][index]:
+                raise ValueError("the checksum differs: the content has changed since it was written")
+        except _DAMAGE as error:
+            raise self._damaged(index, error) from error
         return {name: found[name] for name in names}
 
-    def _box(self, index: int, name: str, is_whole: bool) -> Box:
-        height, width = self.size_px(index)
-        whole = slice(0, height), slice(0, width)
-        return whole if is_whole else layer_box(LAYERS[name], self._kept["box_px"][index], (height, width))
+    def _box(self, index: int, name: str, size_px: tuple[int, int], is_whole: bool = False) -> Box:
+        if is_whole:
+            return slice(0, size_px[0]), slice(0, size_px[1])
+        return layer_box(LAYERS[name], self._kept["box_px"][index], size_px)
 
     def _part(self, file: int, index: int, name: str, boxes: Mapping[str, Box]) -> Any:
         """A layer in its box, the bytes of a picture or text, or the row of a column."""
@@ -218,23 +224,19 @@ class ShardReader:
         """A layer of the whole picture, in its unit."""
         layer, size_px = LAYERS[name], self.size_px(index)
         whole = np.zeros(layer.shape(*size_px), dtype=layer.dtype)
-        whole[self._box(index, name, is_whole=False)] = from_stored(layer, steps)
+        whole[self._box(index, name, size_px)] = from_stored(layer, steps)
         return whole
 
-    @contextmanager
-    def _naming(self, index: int) -> Iterator[None]:
-        """Turns what is raised over a damaged sample into one error that names it."""
+    def _damaged(self, index: int, error: Exception) -> InputFileError:
+        """The error that names a damaged sample."""
         try:
-            yield
-        except _DAMAGE as error:
-            try:
-                name = f"sample {self.sample_ids[index]!r}"
-            except (InputFileError, IndexError):
-                name = f"sample number {index}"
-            raise InputFileError(
-                f"{self.path}: {name} is damaged ({error}); `datagen verify {self.path.parent}` lists all damage: "
-                "delete the shards that it names and run `datagen render` again, it writes what is missing"
-            ) from error
+            name = f"sample {self.sample_ids[index]!r}"
+        except (InputFileError, IndexError):
+            name = f"sample number {index}"
+        return InputFileError(
+            f"{self.path}: {name} is damaged ({error}); `datagen verify {self.path.parent}` lists all damage: "
+            "delete the shards that it names and run `datagen render` again, it writes what is missing"
+        )
 
 
 def _column(dataset: h5py.Dataset) -> _Column:
