@@ -93,7 +93,10 @@ def test_relative_links_lead_somewhere(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_places_in_the_repository_exist(page: Path) -> None:
-    places = re.findall(rf"`((?:{'|'.join(FOLDERS)})/[^\s`]*)`", page.read_text(encoding="utf-8"))
+    text = page.read_text(encoding="utf-8")
+    places = re.findall(rf"`((?:{'|'.join(FOLDERS)})/[^\s`]*)`", text)
+    modules = re.findall(rf"python\s+-m\s+((?:{'|'.join(FOLDERS)})[\w.]+)", text)
+    places += [module.rstrip(".").replace(".", "/") + ".py" for module in modules]
     assert not {place for place in places if not any(ROOT.glob(place.rstrip("/")))}
 
 
