@@ -29,7 +29,7 @@ from training.loop.run_configuration import training_configuration, with_scales_
 from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, Surroundings, TrainingStopped, train
 from training.loop.validation import Validator, validator_of
 from training.recipe.recipe import Recipe
-from training.release.export_cli import export
+from training.release.release_cli import export
 from training.train_config import TrainConfig, cores, preset_of
 
 DESCRIPTION = """Train the network on shards that `datagen render` wrote.

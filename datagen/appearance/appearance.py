@@ -14,8 +14,8 @@ from datagen.appearance.appearance_config import AppearanceConfig
 from datagen.appearance.backdrop.backdrop import Backdrop, draw_backdrop
 from datagen.appearance.hair.hair import Hair, draw_hair, hair_textures
 from datagen.appearance.light.light import draw_light
+from datagen.appearance.light.light_sources import Light
 from datagen.appearance.light.shading import light_textures
-from datagen.appearance.light.sources import Light
 from datagen.appearance.person import Person, Torso, draw_person, draw_torso
 from datagen.appearance.photograph.faults import draw_photograph
 from datagen.appearance.photograph.photograph import Photograph

@@ -16,7 +16,7 @@ from numpy import ndarray
 from datagen.appearance.appearance import Appearance, draw_appearance
 from datagen.appearance.appearance_config import AppearanceConfig
 from datagen.appearance.backdrop.backdrop import PersonPlace
-from datagen.appearance.light.sources import seen_light
+from datagen.appearance.light.light_sources import seen_light
 from datagen.appearance.photograph.lens import defocused
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker

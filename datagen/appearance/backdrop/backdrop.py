@@ -14,7 +14,7 @@ from datagen.appearance.backdrop.picture_folder import list_pictures, read_crop
 from datagen.appearance.light.environment_light import scaled_panorama
 from datagen.appearance.light.environments import environment, environment_names, panorama_view
 from datagen.appearance.light.light_colour import LUMINANCE
-from datagen.appearance.light.sources import Light, PanoramaLight
+from datagen.appearance.light.light_sources import Light, PanoramaLight
 from datagen.appearance.photograph.lens import defocused
 from datagen.random_streams import Triple, rounded, weighted_choice
 from pix2face.errors import UsageError

@@ -10,8 +10,8 @@ from datagen.appearance.light.environments import Environment, environment, envi
 from datagen.appearance.light.harmonics import turned
 from datagen.appearance.light.light_colour import LUMINANCE, balance_matrix, saturation_matrix
 from datagen.appearance.light.light_config import LightConfig
+from datagen.appearance.light.light_sources import PanoramaLight, direction_of, environment_from_camera
 from datagen.appearance.light.setups import Setup
-from datagen.appearance.light.sources import PanoramaLight, direction_of, environment_from_camera
 from datagen.random_streams import Triple, rounded, triple
 
 # Azimuth of the brightest lamp: mean and standard deviation (0 is the camera's side).

@@ -18,7 +18,7 @@ from numpy import ndarray
 
 from datagen.appearance.light.harmonics import project_radiance
 from datagen.appearance.light.light_colour import LUMINANCE
-from datagen.appearance.light.sources import PanoramaLight, environment_from_camera
+from datagen.appearance.light.light_sources import PanoramaLight, environment_from_camera
 from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera, pinhole_of
 

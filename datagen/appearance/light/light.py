@@ -14,8 +14,7 @@ from datagen.appearance.light.environment_light import draw_environment_light, s
 from datagen.appearance.light.harmonics import point_light
 from datagen.appearance.light.light_colour import LUMINANCE
 from datagen.appearance.light.light_config import LightConfig
-from datagen.appearance.light.setups import Colours, Setup, draw_setup, night_setup
-from datagen.appearance.light.sources import (
+from datagen.appearance.light.light_sources import (
     GOBOS,
     Gobo,
     Lamplight,
@@ -24,6 +23,7 @@ from datagen.appearance.light.sources import (
     angles_of,
     seen_illuminance,
 )
+from datagen.appearance.light.setups import Colours, Setup, draw_setup, night_setup
 from datagen.random_streams import rounded, weighted_choice
 
 MAX_LAMPS = 2

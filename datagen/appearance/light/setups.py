@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from datagen.appearance.light.harmonics import N_HARMONICS, point_light
 from datagen.appearance.light.light_colour import lamp_colour
-from datagen.appearance.light.sources import direction_of
+from datagen.appearance.light.light_sources import direction_of
 
 
 @final

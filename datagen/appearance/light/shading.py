@@ -12,7 +12,7 @@ from numpy import ndarray
 from datagen.appearance.light.environments import environment, environment_names, softened_panorama
 from datagen.appearance.light.harmonics import N_HARMONICS, turned
 from datagen.appearance.light.light_colour import LUMINANCE
-from datagen.appearance.light.sources import GOBOS, Light, environment_from_camera
+from datagen.appearance.light.light_sources import GOBOS, Light, environment_from_camera
 from datagen.appearance.scene import Texture, UniformValue
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.models.morphable_model import MorphableModel

@@ -11,8 +11,8 @@ from datagen.appearance.light.environments import environment, environment_names
 from datagen.appearance.light.harmonics import fibonacci_sphere, white_surface
 from datagen.appearance.light.light import draw_light
 from datagen.appearance.light.light_config import LightConfig
+from datagen.appearance.light.light_sources import Gobo, Lamplight, Light, PanoramaLight, environment_from_camera
 from datagen.appearance.light.shading import light_textures, light_uniforms, shadow_lights
-from datagen.appearance.light.sources import Gobo, Lamplight, Light, PanoramaLight, environment_from_camera
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import shader_source
 from datagen.rendering.scenes.scene_program import SceneTextures

@@ -9,8 +9,8 @@ import pytest
 from datagen.appearance.appearance import Appearance, appearance_textures, draw_appearance
 from datagen.appearance.appearance_config import DEFAULT, HARD, PRESETS
 from datagen.appearance.backdrop.backdrop import PersonPlace, draw_backdrop
+from datagen.appearance.light.light_sources import Light, seen_light
 from datagen.appearance.light.shading import head_occlusion
-from datagen.appearance.light.sources import Light, seen_light
 from datagen.appearance.scene import Scene, ScenePicture
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint

@@ -16,7 +16,7 @@ from datagen.appearance.backdrop.picture_folder import list_pictures, read_crop
 from datagen.appearance.light.environments import environment, look_up, panorama_grid, panorama_view, picture_panorama
 from datagen.appearance.light.light import draw_light
 from datagen.appearance.light.light_config import LightConfig
-from datagen.appearance.light.sources import Light, PanoramaLight
+from datagen.appearance.light.light_sources import Light, PanoramaLight
 from datagen.appearance.photograph.lens import defocused, disc
 from pix2face.errors import InputFileError, UsageError
 from pix2face.geometry.camera import (

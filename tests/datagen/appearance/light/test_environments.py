@@ -26,11 +26,11 @@ from datagen.appearance.light.harmonics import (
     white_surface,
 )
 from datagen.appearance.light.light_colour import LUMINANCE, balance_matrix, black_body, saturation_matrix
-from datagen.appearance.light.setups import Setup
-from datagen.appearance.light.sources import (
+from datagen.appearance.light.light_sources import (
     PanoramaLight,
     environment_from_camera,
 )
+from datagen.appearance.light.setups import Setup
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -20,14 +20,14 @@ from datagen.appearance.light.harmonics import (
 from datagen.appearance.light.light import draw_light
 from datagen.appearance.light.light_colour import LUMINANCE
 from datagen.appearance.light.light_config import HARD_LIGHT, LightConfig
-from datagen.appearance.light.setups import GENTLE_SETUPS, HARSH_SETUPS, Colours, build_setup
-from datagen.appearance.light.shading import light_textures, light_uniforms, shadow_lights
-from datagen.appearance.light.sources import (
+from datagen.appearance.light.light_sources import (
     Light,
     angles_of,
     direction_of,
     seen_illuminance,
 )
+from datagen.appearance.light.setups import GENTLE_SETUPS, HARSH_SETUPS, Colours, build_setup
+from datagen.appearance.light.shading import light_textures, light_uniforms, shadow_lights
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 

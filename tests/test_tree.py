@@ -1,0 +1,39 @@
+"""The tree stays readable: few modules in a folder, a name for one thing only, no module of a few lines."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("pix2face", "datagen", "training")
+MOST_MODULES = 12
+LEAST_LINES = 20
+# The commands of each program; what one line of others' code would not be found under.
+SHARED_NAMES = {"cli.py"}
+
+
+def modules() -> list[Path]:
+    found = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+    assert len(found) > 200
+    return [path for path in found if path.name != "__init__.py"]
+
+
+def test_no_folder_has_more_than_a_dozen_modules() -> None:
+    counts = Counter(path.parent.relative_to(ROOT).as_posix() for path in modules())
+    assert {folder: n for folder, n in counts.items() if n > MOST_MODULES} == {}
+
+
+def test_no_name_stands_for_two_modules() -> None:
+    counts = Counter(path.name for path in modules())
+    assert {name for name, n in counts.items() if n > 1} - SHARED_NAMES == set()
+
+
+def test_no_module_is_a_few_lines() -> None:
+    assert [path for path in modules() if path.read_text(encoding="utf-8").count("\n") < LEAST_LINES] == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_folder_says_what_it_holds(package: str) -> None:
+    for init in (ROOT / package).rglob("__init__.py"):
+        assert init.read_text(encoding="utf-8").startswith('"""'), init
