@@ -167,7 +167,7 @@ def test_the_command_prints_a_table_and_writes_its_figures(tmp_path, capsys):
 
 def test_help_shows_both_commands(capsys):
     for call, wanted in (
-        (["--help"], "evaluate compare A.json B.json"),
+        (["--help"], "`evaluate compare`: Compare two reports"),
         (["compare", "--help"], "usage: evaluate compare"),
     ):
         with pytest.raises(SystemExit) as caught:
