@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.geometry.camera import HeadPose, Pinhole, pinhole_camera, rotation_of_pose
-from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, pixels_in_image, square_crop
+from pix2face.geometry.crops import (
+    FaceBox,
+    crop_camera,
+    crop_image,
+    image_centre_in_crop,
+    pixels_in_image,
+    square_crop,
+)
 
 BOX = FaceBox(100, 80, 180, 200)
 
@@ -111,3 +118,28 @@ def test_a_much_coarser_crop_of_a_picture_that_is_not_square_stays_in_place() ->
     crop = square_crop(FaceBox(20, 10, 80, 60), 1.0, 14)
     centres = np.stack(np.meshgrid(np.arange(14) + 0.5, np.arange(14) + 0.5), axis=-1)
     np.testing.assert_allclose(crop_image(ramp, crop), crop.to_image(centres), atol=0.15)
+
+
+def test_the_centre_of_a_wide_image_lies_where_its_width_says() -> None:
+    crop = square_crop(FaceBox(10, 20, 50, 60), 1.0, 40)
+    np.testing.assert_allclose(image_centre_in_crop(crop, (100, 300)), [150 - 10, 50 - 20], atol=1e-9)
+
+
+def test_positive_rotation_turns_what_is_seen_anticlockwise() -> None:
+    crop = square_crop(FaceBox(0, 0, 100, 100), 1.0, 100, rotation=np.deg2rad(30))
+    x, y = crop.to_crop(np.array([90.0, 50.0])) - 50  # right of the centre
+    assert x == pytest.approx(40 * np.cos(np.deg2rad(30)))
+    assert y == pytest.approx(-40 * np.sin(np.deg2rad(30)))  # goes up, and y points down
+
+
+def test_shift_moves_the_crop_right_and_then_down() -> None:
+    crop = square_crop(FaceBox(0, 0, 100, 50), 1.0, 10, shift=(0.2, -0.1))
+    np.testing.assert_allclose(crop.to_image(np.array([5.0, 5.0])), [50 + 20, 25 - 10], atol=1e-9)
+
+
+def test_pixels_right_of_a_wide_image_are_outside_and_those_within_it_are_not() -> None:
+    whole = square_crop(FaceBox(200, 0, 300, 100), 1.0, 10)
+    assert pixels_in_image(whole, (100, 300)) is None
+    inside = pixels_in_image(square_crop(FaceBox(250, 0, 350, 100), 1.0, 10), (100, 300))
+    assert inside is not None
+    np.testing.assert_array_equal(inside, np.tile(np.arange(10) < 5, (10, 1)))
