@@ -130,7 +130,7 @@ MISTAKES = (
     Mistake("mirroring: landmarks keep their order", "pix2face/models",
             "return landmarks[list(MIRROR_IBUG68)]", "return landmarks", MODELS),
     Mistake("Surrey: rows for columns of a matrix", "pix2face/model_formats",
-            ".reshape(columns, rows).T", ".reshape(rows, columns)", "tests/pix2face/model_formats/test_read_model.py"),
+            ".reshape(columns, rows).T", ".reshape(rows, columns)", "tests/pix2face/model_formats/test_our_files.py"),
     # Fitting.
     Mistake("affine camera: the transposed linear part", "pix2face/fitting",
             "(x * share[:, None]).T @ u).T", "(x * share[:, None]).T @ u)[[1, 0, 2]].T", FITTING + "/cameras"),
