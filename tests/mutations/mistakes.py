@@ -181,7 +181,7 @@ MISTAKES = (
             TRAINING + "/data/test_dataset.py"),
     Mistake("loader: a mirrored cut keeps the sign of x", "training/data",
             "np.negative(steps[..., 0], out=steps[..., 0])", "np.negative(steps[..., 1], out=steps[..., 1])",
-            TRAINING + "/data/test_cropping.py"),
+            TRAINING + "/data/test_dataset.py"),
     Mistake("loader: the cut's corner is (row, column)", "training/data",
             "corner=(face[1].start, face[0].start)", "corner=(face[0].start, face[1].start)", TRAINING + "/data/test_cropping.py"),
     Mistake("loader: halved landmarks are half a pixel off", "training/data",

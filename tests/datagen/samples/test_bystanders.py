@@ -16,7 +16,7 @@ from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.scenes.scene_drawing import SceneDrawer
-from datagen.samples.bystanders import DRAWN_PX, N_PEOPLE, UNSEEN, Bystanders, plainer
+from datagen.samples.bystanders import DRAWN_PX, N_PEOPLE, UNSEEN, Bystanders, _placed, plainer
 from datagen.sampling.faces import sample_faces
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import builtin_model
@@ -150,3 +150,13 @@ def test_six_pictures_of_a_hundred_have_somebody_behind() -> None:
     shown = sum(draw_backdrop(rng, config, light).n_people > 0 for _ in range(n))
     assert config.people_share == 0.06
     assert shown / n == pytest.approx(0.06, abs=0.015)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_the_middle_of_a_person_lies_at_its_place_to_the_half_pixel(scale: float) -> None:
+    rgba = np.ones((10, 10, 4), np.float32)
+    place = PersonPlace(x=0.3, y=0.6, scale=0.3, blur=0.0, seed=0)
+    placed = _placed(rgba, place, scale, (100, 200))[..., 3]
+    rows, columns = np.indices(placed.shape) + 0.5
+    assert (placed * columns).sum() / placed.sum() == pytest.approx(0.3 * 200, abs=0.05)
+    assert (placed * rows).sum() / placed.sum() == pytest.approx(0.6 * 100, abs=0.05)
