@@ -65,7 +65,7 @@ class Renderer:
         self._set_size(height, width)
 
     def with_size(self, height: int, width: int) -> "Renderer":
-        """The same renderer for another size of images; cheap."""
+        """Returns this renderer for images of another size; this is cheap."""
         other = copy(self)
         other._set_size(height, width)
         return other

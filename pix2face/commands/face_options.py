@@ -165,7 +165,7 @@ class FaceFinder:
     largest: bool = False
 
     def only_largest(self) -> "FaceFinder":
-        """The same with one face for each photograph."""
+        """Returns a finder that takes the largest face of each photograph."""
         return replace(self, largest=True)
 
     def boxes_of(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:

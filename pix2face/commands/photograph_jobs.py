@@ -42,7 +42,7 @@ class SeenFace:
     size_px: tuple[int, int]
 
     def without_image(self) -> "SeenFace":
-        """The same without its photograph, for when many are kept."""
+        """Returns the face without its photograph, so that many can be kept in memory."""
         return replace(self, image=np.zeros((0, 0, 3), dtype=np.uint8))
 
     def with_image(self) -> "SeenFace":

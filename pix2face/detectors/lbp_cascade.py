@@ -54,7 +54,7 @@ class LbpCascadeDetector:
         return sure_boxes(self.candidates(image))
 
     def candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
-        """The same and those that fewer windows agree on, surest first."""
+        """All faces found, including those that few windows agree on, surest first."""
         px_per_px = max(1.0, max(image.shape[:2]) / LONGEST_SIDE_PX)
         small = _shrunk(image, px_per_px)
         windows = np.concatenate([self._windows(small, *look) for look in self._looks])

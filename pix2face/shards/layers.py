@@ -42,7 +42,7 @@ class Layer:
     meaning: str
 
     def shape(self, height_px: int, width_px: int) -> tuple[int, ...]:
-        """Of the layer's array in a picture of this size."""
+        """Returns the shape of the layer's array for a picture of this size."""
         return (height_px, width_px) if self.n_channels == 1 else (height_px, width_px, self.n_channels)
 
     @property

@@ -42,11 +42,11 @@ class Batch:
         return len(self.image)
 
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "Batch":
-        """The same on a device."""
+        """Returns the batch on another device."""
         return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
     def pin_memory(self) -> "Batch":
-        """The same in memory that a GPU can copy from by itself."""
+        """Returns the batch in pinned memory, from which a GPU copies by itself."""
         return self._each(lambda tensor: tensor.pin_memory())
 
     def rows(self, first: int, end: int) -> "Batch":

@@ -39,7 +39,7 @@ class DecodedSample:
     landmarks2d: Float32[ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.float32))
 
     def to_bytes(self) -> bytes:
-        """As one piece, for ``from_bytes``."""
+        """Returns the sample as one block of bytes, which ``from_bytes`` reads."""
         counts = [
             *self.image.shape[:2],
             *self.mask.shape,

@@ -62,7 +62,7 @@ def add_environment(setup: Setup, source: Environment, panorama: PanoramaLight) 
 
 
 def scaled_panorama(panorama: PanoramaLight, factor: float) -> PanoramaLight:
-    """The same environment, brighter or darker."""
+    """Returns the environment made brighter or darker."""
     return replace(panorama, colour_matrix=_rows(factor * np.array(panorama.colour_matrix)))
 
 

@@ -32,7 +32,7 @@ class Bootstrap:
 
     Attributes:
         n_resamples: How many draws; 0 for no intervals.
-        seed: Of the draws.
+        seed: Seed of the random draws.
     """
 
     n_resamples: int = 1000

@@ -71,7 +71,7 @@ def _landmarks_of_model(config: EvaluateConfig) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of the project and of everything that decides figures."""
+    """Returns the versions of the project and of everything that decides figures."""
     names = ("numpy", "scipy", "torch", "opencv-python-headless", "matplotlib")
     return {
         "pix2face": __version__,

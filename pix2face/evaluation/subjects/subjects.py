@@ -99,7 +99,7 @@ class FittedFace(Protocol):
         """mm, model frame."""
 
     def in_image(self, crop: Crop) -> "FittedFace":
-        """The same in the pixels of the image that the crop was taken from."""
+        """Returns the result in pixels of the image that the crop was taken from."""
 
 
 # From maps, and where the image's centre lies in them (the principal point of a pinhole), to a fitted face.

@@ -132,7 +132,7 @@ def _rings(columns: int, size: float, breadth: float) -> Float64[ndarray, "k c 3
 
 @lru_cache(maxsize=4)
 def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
-    """The same in their own width."""
+    """The rings of a body whose width is not scaled; shared between calls, so copy them before writing."""
     angle = np.linspace(0, 2 * np.pi, columns)
     sine, cosine = np.sin(angle), np.cos(angle)
     place, width, back, front, y_front, y_back, y_side = _RINGS.T[:, :, None]
