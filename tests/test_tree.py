@@ -3,6 +3,7 @@
 from collections import Counter
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -37,3 +38,15 @@ def test_no_module_is_a_few_lines() -> None:
 def test_every_folder_says_what_it_holds(package: str) -> None:
     for init in (ROOT / package).rglob("__init__.py"):
         assert init.read_text(encoding="utf-8").startswith('"""'), init
+
+
+@pytest.mark.parametrize(("package", "most"), [("pix2face", 101), ("training", 55)])
+def test_few_arrows_lead_from_room_to_room(package: str, most: int) -> None:
+    """Rooms are the folders and modules right below a package; circles among them are for the import contracts."""
+    graph = grimp.build_graph(package)
+    for room in graph.find_children(package):
+        if graph.find_children(room):
+            graph.squash_module(room)
+    rooms = graph.find_children(package)
+    arrows = sum(len(graph.find_modules_directly_imported_by(room) - {package}) for room in rooms)
+    assert len(rooms) <= arrows <= most
