@@ -4,7 +4,6 @@ import sys
 
 import torch
 from torch import nn
-from torch.utils.data import DataLoader
 
 from pix2face.shards import Sample, ShardDataset
 
@@ -17,11 +16,12 @@ def to_batch(samples: list[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.T
 
 
 if __name__ == "__main__":
+    torch.manual_seed(0)
     dataset = ShardDataset(sys.argv[1], layers=("image", "pncc", "mask"))
-    loader = DataLoader(dataset, batch_size=4, shuffle=True, num_workers=2, collate_fn=to_batch)
+    loader = torch.utils.data.DataLoader(dataset, batch_size=8, shuffle=True, num_workers=2, collate_fn=to_batch)
     network = nn.Sequential(nn.Conv2d(3, 16, 5, padding=2), nn.ReLU(), nn.Conv2d(16, 3, 5, padding=2))
     optimiser = torch.optim.Adam(network.parameters(), lr=1e-2)
-    for epoch in range(3):
+    for epoch in range(10):
         for images, pncc_mm, mask in loader:
             error = ((network(images) - pncc_mm / 100).abs() * mask).sum() / mask.sum() / 3
             optimiser.zero_grad()
