@@ -1,6 +1,7 @@
 """Reads and writes pictures, and defines what OpenCV leaves open: RGB, 8 bit, orientation, size limit and errors."""
 
 import stat
+import struct
 from collections.abc import Callable, Mapping
 from io import SEEK_END, BufferedReader, BytesIO
 from pathlib import Path
@@ -27,6 +28,9 @@ _HEADS: Mapping[bytes, Callable[[BytesIO | BufferedReader], ImageFile]] = {
     b"BM": BmpImagePlugin.BmpImageFile,
     b"RIFF": WebPImagePlugin.WebPImageFile,
 }
+# JPEG markers of segments that state their length, and of the frames that every decoder knows.
+_JPEG_SEGMENTS = frozenset((0xC4, 0xDB, 0xDD, *range(0xE0, 0xF0), 0xFE))
+_JPEG_FRAMES = frozenset((0xC0, 0xC1, 0xC2))
 _TIFF_STARTS = (b"II*\0", b"MM\0*")
 _TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
 
@@ -113,7 +117,9 @@ def declared_size_px(content: bytes | BufferedReader, where: str) -> tuple[int, 
     open_head = next((head for magic, head in _HEADS.items() if start.startswith(magic)), None)
     file.seek(0)
     try:
-        if start in _TIFF_STARTS:
+        if isinstance(content, bytes) and (size := _size_of_plain_jpeg(content)):
+            width, height = size
+        elif start in _TIFF_STARTS:
             width, height = _size_of_tiff(file)
         elif open_head is not None:
             width, height = open_head(file).size
@@ -162,6 +168,23 @@ def srgb_to_linear(values: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
 def linear_to_srgb(light: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
     """The inverse of `srgb_to_linear`."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def _size_of_plain_jpeg(content: bytes) -> tuple[int, int] | None:
+    """Width and height; None where anything but ordinary segments comes before the frame, or for another format.
+
+    A training decodes a picture for every sample. Pillow takes ten times as long to open one.
+    """
+    place = 2
+    while content.startswith(b"\xff\xd8") and place + 9 <= len(content) and content[place] == 0xFF:
+        marker, length = content[place + 1], int.from_bytes(content[place + 2 : place + 4])
+        if marker in _JPEG_FRAMES:
+            height, width = struct.unpack_from(">HH", content, place + 5)
+            return width, height
+        if marker not in _JPEG_SEGMENTS or length < 2:
+            return None
+        place += 2 + length
+    return None
 
 
 def _size_of_tiff(file: BytesIO | BufferedReader) -> tuple[int, int]:

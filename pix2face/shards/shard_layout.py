@@ -1,7 +1,7 @@
 """What a shard's file holds, and the checks that a file is laid out so (docs/reference/file_formats.md)."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
@@ -9,12 +9,13 @@ from typing import Any, final
 import h5py
 import numpy as np
 from isal import isal_zlib
+from jaxtyping import Int
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.face_files.coefficients import LARGEST_SIDE_PX
 from pix2face.files.checked_hdf5 import check_contained, read_text
-from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS, Layer
+from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
 from pix2face.shards.map_storage import Box
 
 FORMAT = "pix2face-shard"
@@ -111,12 +112,11 @@ _HEADER_TYPES: Mapping[str, type | tuple[type, ...]] = {
 }
 
 
-def layer_box(layer: Layer, box_px: ndarray, size_px: tuple[int, int]) -> Box:
-    """Where a layer is not 0: in the mask's bounding box (top, left, bottom, right), or anywhere in the picture."""
-    if layer.name in WHOLE_PICTURE_LAYERS:
-        return slice(0, size_px[0]), slice(0, size_px[1])
-    top, left, bottom, right = (int(value) for value in box_px)
-    return slice(top, bottom), slice(left, right)
+def layer_boxes(names: Iterable[str], box_px: Int[ndarray, "4"], size_px: tuple[int, int]) -> dict[str, Box]:
+    """Where each layer is not 0: in the mask's bounding box (top, left, bottom, right), or anywhere in the picture."""
+    top, left, bottom, right = box_px.tolist()
+    face, everywhere = np.s_[top:bottom, left:right], np.s_[0 : size_px[0], 0 : size_px[1]]
+    return {name: everywhere if name in WHOLE_PICTURE_LAYERS else face for name in names}
 
 
 def content_checksum(stored: Mapping[str, Any], boxes: Mapping[str, Box], size_px: tuple[int, int]) -> int:

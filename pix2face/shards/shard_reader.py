@@ -34,7 +34,7 @@ from pix2face.shards.shard_layout import (
     content_checksum,
     filters_of,
     is_predicted,
-    layer_box,
+    layer_boxes,
     open_datasets,
 )
 
@@ -165,7 +165,8 @@ class ShardReader:
             raise IndexError(f"{self.path}: expected a place below {len(self)}, found {index}")
         try:
             size_px = self.size_px(index)
-            boxes = {name: self._box(index, name, size_px, is_whole) for name in self._chunks}
+            box_px = np.array([0, 0, *size_px]) if is_whole else self._kept["box_px"][index]
+            boxes = layer_boxes(self._chunks, box_px, size_px)
             images = [IMAGE] if IMAGE in self.header.layers else []
             content = (*boxes, *images, *CONTENT_COLUMNS, "attributes") if is_checked else ()
             file = os.open(self.path, os.O_RDONLY)
@@ -178,11 +179,6 @@ class ShardReader:
         except _DAMAGE as error:
             raise self._damaged(index, error) from error
         return {name: found[name] for name in names}
-
-    def _box(self, index: int, name: str, size_px: tuple[int, int], is_whole: bool = False) -> Box:
-        if is_whole:
-            return slice(0, size_px[0]), slice(0, size_px[1])
-        return layer_box(LAYERS[name], self._kept["box_px"][index], size_px)
 
     def _part(self, file: int, index: int, name: str, boxes: Mapping[str, Box]) -> Any:
         """A layer in its box, the bytes of a picture or text, or the row of a column."""
@@ -224,7 +220,7 @@ class ShardReader:
         """A layer of the whole picture, in its unit."""
         layer, size_px = LAYERS[name], self.size_px(index)
         whole = np.zeros(layer.shape(*size_px), dtype=layer.dtype)
-        whole[self._box(index, name, size_px)] = from_stored(layer, steps)
+        whole[layer_boxes([name], self._kept["box_px"][index], size_px)[name]] = from_stored(layer, steps)
         return whole
 
     def _damaged(self, index: int, error: Exception) -> InputFileError:

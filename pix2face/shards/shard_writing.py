@@ -27,7 +27,7 @@ from pix2face.shards.shard_layout import (
     TEXTS,
     ShardHeader,
     content_checksum,
-    layer_box,
+    layer_boxes,
 )
 
 # Text has a fixed length for each shard: the longest of its samples decides, so one must not be without bounds.
@@ -136,11 +136,12 @@ class ShardWriter:
         padded_px = max(height for height, _ in sizes), max(width for _, width in sizes)
         datasets = {name: _create_dataset(file, name, (len(self._columns), *padded_px)) for name in self._layers}
         for index, (chunks, columns) in enumerate(zip(self._chunks, self._columns, strict=True)):
+            size_px = sizes[1 + index]
+            boxes = layer_boxes(datasets, columns["box_px"], size_px)
             for name, dataset in datasets.items():
                 if dataset.size:
-                    chunk, size_px = chunks[name], sizes[1 + index]
+                    chunk, box = chunks[name], boxes[name]
                     if size_px != padded_px:
-                        box = layer_box(LAYERS[name], columns["box_px"], size_px)
                         steps = unpack_layer(LAYERS[name], chunk, box, size_px, is_predicted=LAYERS[name].is_smooth)
                         chunk = _packed(name, steps, box, padded_px)
                     dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), chunk)
@@ -202,7 +203,7 @@ def _layers_in_steps(
     if mask is not None and names:
         face = face_box(mask.astype(bool, copy=False))
     box_px = np.array([face[0].start, face[1].start, face[0].stop, face[1].stop])
-    boxes = {name: layer_box(LAYERS[name], box_px, size_px) for name in names}
+    boxes = layer_boxes(names, box_px, size_px)
     steps = {name: to_stored(LAYERS[name], sample.layers[name][box]) for name, box in boxes.items()}
     largest = 0
     if "offset" in steps:

@@ -75,6 +75,15 @@ def test_a_bomb_is_refused_without_being_decoded(kind: str, tmp_path: Path) -> N
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # KB
 
 
+@pytest.mark.parametrize(
+    "before", [b"\xff\xe1\0\x0d\xff\xc0\0\x08\x08\0\1\0\1\0\0", b"\xff", b"\xff\xfe\0\2", b"\xff\xd0"]
+)
+def test_nothing_before_its_frame_hides_the_size_of_a_jpeg(before: bytes) -> None:
+    content = jpeg_bomb()
+    with pytest.raises(InputFileError, match="picture: expected a picture"):
+        declared_size_px(content[:2] + before + content[2:], "picture")
+
+
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".bmp", ".webp", ".tif"])
 def test_heads_declare_what_decodes(suffix: str) -> None:
     content = encoded(suffix)
