@@ -72,14 +72,7 @@ def survey(
     environment: Mapping[str, str] = os.environ,
     load: Callable[[str], Any] = ctypes.CDLL,
 ) -> Surroundings:
-    """Finds out what is installed.
-
-    Args:
-        devices: The devices that EGL lists, and why it lists none.
-        root: The root of the file system.
-        environment: The variables of the environment.
-        load: Loads a shared library, or raises OSError.
-    """
+    """Finds out what is installed, given the devices that EGL lists and why it lists none."""
     files, missing = _vendor_files(root, environment)
     return Surroundings(
         complaints={

@@ -29,11 +29,9 @@ DISTRUST = 0.25
 
 @final
 class AnnotatedFolder(FaceSource):
-    """The annotated faces in a folder and its subfolders.
+    """The annotated faces in a folder and its subfolders, to which a model is fitted.
 
-    Args:
-        folder: ``.pts`` or ``.mat`` files beside pictures, or lists in dlib's XML.
-        model: The model to fit.
+    Annotations are ``.pts`` or ``.mat`` files beside pictures, or lists in dlib's XML.
     """
 
     def __init__(self, folder: Path, model: MorphableModel) -> None:

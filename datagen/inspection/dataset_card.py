@@ -50,10 +50,7 @@ class DatasetSummary:
 
 
 def write_card(folder: Path) -> Path:
-    """Writes the card of a folder of shards into that folder, whole or not at all.
-
-    Returns:
-        The path of the card.
+    """Writes the card of a folder of shards into that folder, whole or not at all, and returns its path.
 
     Raises:
         UsageError: There are no shards, or they belong to several jobs.
@@ -73,8 +70,7 @@ def summarise(folder: Path) -> DatasetSummary:
         InputFileError: A shard cannot be read.
     """
     paths = shard_paths(folder)
-    reader = ShardReader(paths[0])
-    header = replace(reader.header, rejected="[]")
+    header = replace(ShardReader(paths[0]).header, rejected="[]")
     summary = DatasetSummary(
         header=header,
         n_shards=len(paths),

@@ -10,7 +10,7 @@ import tyro
 from rich.console import Console
 
 from datagen.inspection.dataset_card import write_card
-from datagen.inspection.preview import contact_sheet, spread_triplets
+from datagen.inspection.preview import contact_sheet, spread_samples
 from datagen.inspection.preview_page import preview_page
 from datagen.inspection.sample_counts import count_samples
 from datagen.inspection.statistics_tables import picture_png, print_statistics, statistics_page, statistics_picture
@@ -70,7 +70,7 @@ def preview(
         raise UsageError(f"expected at least one sample to show (--n), found {n}")
     check_output_file(out, (".jpg", ".jpeg", ".png", ".html"))
     if out.suffix.lower() == ".html":
-        page = preview_page(printable(f"Samples of {shards}"), spread_triplets(shards, n or N_ON_A_PAGE))
+        page = preview_page(printable(f"Samples of {shards}"), spread_samples(shards, n or N_ON_A_PAGE))
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(page, encoding="utf-8")
         say(console, f"page ({len(page) / 1e6:.1f} MB) -> {out}")

@@ -32,14 +32,8 @@ def layer_title(name: str) -> str:
 
 
 def layer_picture(name: str, layers: Mapping[str, ndarray]) -> UInt8[ndarray, "h w 3"]:
-    """Draws one layer of a sample, grey where it has no value.
-
-    Args:
-        name: The layer to draw.
-        layers: All layers of the sample by name, in the units of ``pix2face.shards.layers``.
-    """
-    where = layer_mask(name, layers)
-    return _PAINTERS[name](layers[name], where)
+    """Draws one of the layers of a sample (in the units of ``pix2face.shards.layers``), grey where it has no value."""
+    return _PAINTERS[name](layers[name], layer_mask(name, layers))
 
 
 def layer_mask(name: str, layers: Mapping[str, ndarray]) -> Bool[ndarray, "h w"]:

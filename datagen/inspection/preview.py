@@ -26,49 +26,45 @@ def contact_sheet(shards: Path, n: int) -> UInt8[ndarray, "h w 3"]:
     Raises:
         UsageError: There are no shards, or no samples in them.
     """
-    samples = [sample_tiles(triplet, header.layers) for header, triplet in spread_triplets(shards, n)]
-    heading = _heading([(title, legend) for title, legend, _ in samples[0]])
-    rows = [np.hstack([tile for _, _, tile in sample]) for sample in samples]
+    tiled = [sample_tiles(sample, header.layers) for header, sample in spread_samples(shards, n)]
+    heading = _heading([(title, legend) for title, legend, _ in tiled[0]])
+    rows = [np.hstack([picture for _, _, picture in tiles]) for tiles in tiled]
     if len(rows) % 2:
         rows.append(np.full_like(rows[0], 255))
     half = len(rows) // 2
     return np.hstack([np.vstack([heading, *rows[:half]]), np.vstack([heading, *rows[half:]])])
 
 
-def sample_tiles(triplet: Sample, layers: tuple[str, ...]) -> list[tuple[str, str, UInt8[ndarray, "t t 3"]]]:
-    """Draws one sample: picture, PNCC over the picture, the other layers, landmarks (green: visible, red: hidden).
-
-    Args:
-        triplet: The sample.
-        layers: The layers of the set; every sample has the same tiles.
+def sample_tiles(sample: Sample, layers: tuple[str, ...]) -> list[tuple[str, str, UInt8[ndarray, "t t 3"]]]:
+    """Draws one sample: picture, PNCC over the picture, the other layers of its set, landmarks.
 
     Returns:
-        Title, legend and picture of each tile.
+        Title, legend and picture of each tile; the tiles of all samples of a set are the same.
     """
-    image = sample_picture(triplet)
-    tiles = [] if triplet.image_bytes is None else [("picture", "", image)]
+    image = sample_picture(sample)
+    tiles = [] if sample.image_bytes is None else [("picture", "", image)]
     if "pncc" in layers:
-        pncc, mask = layer_picture("pncc", triplet.layers), triplet.layers.get("mask")
+        pncc, mask = layer_picture("pncc", sample.layers), sample.layers.get("mask")
         blend = (0.45 * image + 0.55 * pncc).astype(np.uint8)
         shown = pncc if mask is None else np.where(mask[..., None], blend, image)
-        tiles.append(("PNCC over the picture" if triplet.image_bytes else "PNCC", LEGENDS["pncc"], shown))
+        tiles.append(("PNCC over the picture" if sample.image_bytes else "PNCC", LEGENDS["pncc"], shown))
     # PNCC already shows the mask.
     others = [name for name in LAYERS if name in layers and name not in ("pncc", "mask" if "pncc" in layers else "")]
-    tiles += [(layer_title(name), LEGENDS[name], layer_picture(name, triplet.layers)) for name in others]
+    tiles += [(layer_title(name), LEGENDS[name], layer_picture(name, sample.layers)) for name in others]
     if LANDMARKS in layers:
-        tiles.append(("landmarks", "green: visible, red: hidden", _with_landmarks(image, triplet)))
+        tiles.append(("landmarks", "green: visible, red: hidden", _with_landmarks(image, sample)))
     return [(title, legend, _tile(picture)) for title, legend, picture in tiles]
 
 
-def sample_picture(triplet: Sample) -> UInt8[ndarray, "h w 3"]:
+def sample_picture(sample: Sample) -> UInt8[ndarray, "h w 3"]:
     """The picture of a sample; grey if it has none.
 
     Raises:
         InputFileError: It cannot be decoded.
     """
-    if triplet.image_bytes is not None:
-        return decode_image(triplet.image_bytes, triplet.sample_id)
-    height, width = next((values.shape[:2] for values in triplet.layers.values()), (TILE_PX, TILE_PX))
+    if sample.image_bytes is not None:
+        return decode_image(sample.image_bytes, sample.sample_id)
+    height, width = next((values.shape[:2] for values in sample.layers.values()), (TILE_PX, TILE_PX))
     return np.full((height, width, 3), GREY, dtype=np.uint8)
 
 
@@ -81,17 +77,14 @@ def scaled(
     return cv2.resize(picture, size, interpolation=method)
 
 
-def spread_triplets(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Sample]]:
+def spread_samples(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Sample]]:
     """Reads n samples one by one, evenly spread over a folder of shards.
 
     Raises:
         UsageError: There are no shards, or no samples in them.
     """
-    paths, lengths = shard_paths(shards), []
-    for path in paths:
-        reader = ShardReader(path)
-        lengths.append(len(reader))
-    starts = np.concatenate([[0], np.cumsum(lengths)])
+    paths = shard_paths(shards)
+    starts = np.cumsum([0, *(len(ShardReader(path)) for path in paths)])
     total = int(starts[-1])
     if not total:
         raise UsageError(f"{shards}: expected samples to show, found empty shards; see rejected.jsonl for the reasons")
@@ -113,10 +106,10 @@ def _heading(titles: Sequence[tuple[str, str]]) -> UInt8[ndarray, "h w 3"]:
     return np.asarray(heading)
 
 
-def _with_landmarks(image: UInt8[ndarray, "h w 3"], triplet: Sample) -> UInt8[ndarray, "h w 3"]:
+def _with_landmarks(image: UInt8[ndarray, "h w 3"], sample: Sample) -> UInt8[ndarray, "h w 3"]:
     picture = image.copy()
     radius = max(1, image.shape[0] // 150)
-    for (x, y), visible in zip(triplet.landmarks2d, triplet.visible, strict=True):
+    for (x, y), visible in zip(sample.landmarks2d, sample.visible, strict=True):
         if abs(x) < 1e4 and abs(y) < 1e4:
             centre = (int(np.floor(x)), int(np.floor(y)))
             cv2.circle(picture, centre, radius, VISIBLE_COLOUR if visible else HIDDEN_COLOUR, -1, cv2.LINE_AA)

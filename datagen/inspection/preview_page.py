@@ -34,19 +34,15 @@ _UNITS = {"mm": " mm", "px": " px", "deg": "°", "percent": " %", "years": " yea
 
 
 def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Sample]]) -> str:
-    """Writes the page.
-
-    Args:
-        title: Shown above the samples.
-        samples: Of one set of shards; read one after the other.
+    """The page of some samples of one set, which are read one after the other.
 
     Raises:
         InputFileError: A picture cannot be decoded.
     """
     entries, layers, regions = [], dict[str, None](), list[tuple[str, str]]()
-    for header, triplet in samples:
-        entries.append(_entry(triplet))
-        layers |= dict.fromkeys(name for name in LAYERS if name in triplet.layers)
+    for header, sample in samples:
+        entries.append(_entry(sample))
+        layers |= dict.fromkeys(name for name in LAYERS if name in sample.layers)
         regions = [(name, _css_colour(i)) for i, name in enumerate(header.region_names)]
     has_regions = not {"regions", SEEN_REGIONS}.isdisjoint(layers)
     titled = [[name, layer_title(name), LEGENDS[name]] for name in layers]
@@ -66,23 +62,23 @@ def _page(title: str, data: Any) -> str:
     return Template(own_file("preview.html")).substitute(texts)
 
 
-def _entry(triplet: Sample) -> dict[str, Any]:
+def _entry(sample: Sample) -> dict[str, Any]:
     """The data of a sample for the script."""
-    picture = sample_picture(triplet)
+    picture = sample_picture(sample)
     height, width = picture.shape[:2]
     landmarks = [
         [round(float(x), 2), round(float(y), 2), bool(visible)]
-        for (x, y), visible in zip(triplet.landmarks2d, triplet.visible, strict=True)
+        for (x, y), visible in zip(sample.landmarks2d, sample.visible, strict=True)
         if abs(x) < FAR_PX and abs(y) < FAR_PX
     ]
     return {
-        "id": triplet.sample_id,
+        "id": sample.sample_id,
         "width": width,
         "height": height,
-        "image": None if triplet.image_bytes is None else _picture_url(triplet.image_bytes, picture),
-        "layers": {name: _layer_url(name, triplet.layers) for name in LAYERS if name in triplet.layers},
+        "image": None if sample.image_bytes is None else _picture_url(sample.image_bytes, picture),
+        "layers": {name: _layer_url(name, sample.layers) for name in LAYERS if name in sample.layers},
         "landmarks": landmarks,
-        "attributes": _attribute_groups(triplet.attributes),
+        "attributes": _attribute_groups(sample.attributes),
     }
 
 

@@ -44,11 +44,7 @@ class WorkPlace(ABC):
 
 @final
 class ProcessPool(WorkPlace):
-    """Processes of this machine.
-
-    Args:
-        workers: How many.
-    """
+    """Processes of this machine."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers

@@ -36,13 +36,7 @@ class LocksUnsupportedError(Exception):
 
 @final
 class FolderLock:
-    """A lock that is held until ``release``.
-
-    Args:
-        path: The locked file.
-        descriptor: Descriptor of the open file.
-        alone: Whether no other process can hold the lock. The file is then removed with it.
-    """
+    """A lock that is held until ``release``. The file of a lock that is held alone is then removed."""
 
     def __init__(self, path: Path, descriptor: int, alone: bool) -> None:
         self._path, self._descriptor, self._alone = path, descriptor, alone
@@ -121,11 +115,7 @@ def worker_lock(folder: Path) -> Iterator[None]:
 
 
 def remove_unfinished(folder: Path, wait_s: float = WORKERS_END_S) -> bool:
-    """Removes the unfinished files of killed workers, once no worker writes any more.
-
-    Args:
-        folder: Folder of a job whose lock the caller holds.
-        wait_s: How long to wait for workers to end.
+    """Removes the unfinished files of killed workers, once no worker writes any more. The caller holds the job's lock.
 
     Returns:
         Whether nothing unfinished is left. Otherwise a worker still writes, or the file system has no locks.

@@ -15,7 +15,7 @@ from datagen.jobs.folder_lock import UNFINISHED_SHARDS
 from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, reopened, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.models.model_cli import describe
-from datagen.opengl.gl_context import GLSettings
+from datagen.opengl.gl_context import GLSettings, Rasteriser
 from datagen.samples.baked_jitter import JitterBake, ViewMaker
 from pix2face.command_line import (
     EXIT_REJECTED,
@@ -89,7 +89,7 @@ class RenderConfig:
     scheduler: Annotated[str | None, optional("STR")] = None
     gl: Annotated[Literal["egl", "osmesa"] | None, optional("{egl,osmesa}")] = None
     device: Annotated[int | None, optional("INT")] = None
-    rasteriser: Literal["auto", "compute", "fragment"] = "auto"
+    rasteriser: Rasteriser = "auto"
     max_rejected: int = 0
 
 

@@ -74,14 +74,7 @@ def shard_path(out: Path, unit: int) -> Path:
 def shard_header(
     job: RenderJob, source: FaceSource, model: MorphableModel, rejected: Sequence[tuple[str, str]]
 ) -> ShardHeader:
-    """The header of a shard of this job.
-
-    Args:
-        job: The job.
-        source: Its faces.
-        model: Its model.
-        rejected: Id and reason of each sample of this unit that could not be used.
-    """
+    """The header of a shard, with id and reason of each of its samples that could not be used."""
     configuration = {
         "coefficients": job.coefficients.name,
         "coefficients_sha256": source.sha256,

@@ -47,9 +47,6 @@ class EGLDevice:
 def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
     """Lists the devices in the order of ``--device``. Starts the driver of each to ask for its name.
 
-    Args:
-        library: Name of EGL's library.
-
     Raises:
         OSError: There is no such library, or it cannot list devices.
     """

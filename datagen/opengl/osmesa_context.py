@@ -32,9 +32,6 @@ def load_osmesa(names: Sequence[str] = OSMESA_LIBRARIES) -> ctypes.CDLL:
 class OSMesaContext:
     """A context with the methods that moderngl needs of a foreign context: load, enter, exit, release.
 
-    Args:
-        library: From ``load_osmesa``.
-
     Raises:
         OSError: The library makes no core profile of OpenGL 3.3 or newer.
     """

@@ -28,10 +28,6 @@ TEXTURE_UNITS = {"screen": 0, "pairs": 1, "seen": 2, "mean": 3, "values": 4, "co
 class GLMesh:
     """The mesh of one model.
 
-    Args:
-        model: Mean, triangles, regions.
-        context: Where.
-
     Raises:
         UsageError: The mesh is too large for the textures.
     """

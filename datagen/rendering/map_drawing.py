@@ -46,15 +46,9 @@ class _Target:
 class MapDrawer:
     """Draws the maps and further layers of one model.
 
-    Args:
-        mesh: The model on the GPU.
-        model: The model.
-
     Attributes:
         seen_per_pixel: Texels per pixel and direction of the bound texture, as the rasteriser returned it.
     """
-
-    seen_per_pixel: int
 
     def __init__(self, mesh: GLMesh, model: MorphableModel) -> None:
         self._mesh, self._model, self._context = mesh, model, mesh.context
@@ -68,14 +62,7 @@ class MapDrawer:
         self._values: dict[str, moderngl.Texture] = {}
 
     def draw(self, projection: ScreenProjection, height: int, width: int, with_regions: bool) -> RenderedMaps:
-        """Draws the maps that every rendering has, after the rasteriser has seen the projection.
-
-        Args:
-            projection: Of the face.
-            height: Rows of the image.
-            width: Columns of the image.
-            with_regions: Whether to add the layer ``regions``.
-        """
+        """Draws the maps that every rendering has, after the rasteriser has seen the projection."""
         left, top, right, bottom = projection.box_px
         inside = slice(top, bottom), slice(left, right)
         pncc, offset = (np.zeros((height, width, 3), dtype=np.float32) for _ in range(2))

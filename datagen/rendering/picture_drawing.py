@@ -23,12 +23,7 @@ PICTURE_OVERSAMPLING = 2
 
 @final
 class PictureDrawer:
-    """Draws pictures of one model.
-
-    Args:
-        model: Mean, triangles and regions.
-        context: Where.
-    """
+    """Draws pictures of one model."""
 
     def __init__(self, model: MorphableModel, context: moderngl.Context) -> None:
         self._context = context

@@ -108,11 +108,6 @@ class View:
 class ViewMaker:
     """Turns faces of one model into the views that a job renders of them.
 
-    Args:
-        model: The model of the faces.
-        bake: How many variants of each, and how far they go.
-        seed: Of the job.
-
     Raises:
         UsageError: Crops have no landmarks to go by, or the model's faces cannot be mirrored.
     """

@@ -44,26 +44,14 @@ _EVEN_LIGHT = (1.0, 0.0, -0.45, -0.25, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @final
 class Bystanders:
-    """Draws people into backdrops.
-
-    Args:
-        scenes: Makes their scenes.
-        drawer: Draws them.
-        seed: Of the job.
-        config: What they are drawn from.
-    """
+    """Draws people into backdrops."""
 
     def __init__(self, scenes: SceneMaker, drawer: SceneDrawer, seed: int, config: AppearanceConfig) -> None:
         self._scenes, self._drawer, self._seed, self._config = scenes, drawer, seed, config
         self._picture = lru_cache(maxsize=N_PEOPLE)(self._drawn)
 
     def draw(self, backdrop: Float32[ndarray, "h w 3"], appearance: Appearance) -> None:
-        """Draws the people of an appearance's backdrop over it, as bright as its light.
-
-        Args:
-            backdrop: Linear light; is drawn into.
-            appearance: Of the picture.
-        """
+        """Draws the people of an appearance into its backdrop (linear light), as bright as its light."""
         if appearance.backdrop.people:
             white = seen_light(appearance.light).astype(np.float32)
             for place in appearance.backdrop.people:

@@ -35,25 +35,13 @@ from pix2face.shards.sample import MASK, PICTURE, PictureKind, Sample
 
 @final
 class PlainPictures:
-    """Heads painted region by region, for any model.
-
-    Args:
-        renderer: Of the model.
-        seed: Of everything random.
-    """
+    """Heads painted region by region, for any model."""
 
     def __init__(self, renderer: Renderer, seed: int) -> None:
         self._renderer, self._seed = renderer, seed
 
     def draw(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
-        """Adds the picture of a face that nothing stands in front of.
-
-        Args:
-            sample: Without a picture.
-            view: The face, and what decides its appearance.
-            vertices: The vertices of the face, mm, model frame.
-            times: Counts the stages.
-        """
+        """Adds the picture of a face that nothing stands in front of; its vertices are in mm, model frame."""
         face = view.face
         with times.stage("draw picture"):
             rng = generator_for(self._seed, view.appearance_id)
@@ -68,14 +56,7 @@ class PlainPictures:
 
 @final
 class ScenePictures:
-    """Synthetic photographs of people with the built-in model's heads.
-
-    Args:
-        model: The built-in model.
-        gl: Where to draw.
-        seed: Of everything random.
-        config: What is drawn from.
-    """
+    """Synthetic photographs of people with the built-in model's heads."""
 
     def __init__(self, model: MorphableModel, gl: GLContext, seed: int, config: AppearanceConfig) -> None:
         self._model, self._seed, self._config = model, seed, config
@@ -90,7 +71,7 @@ class ScenePictures:
             sample: Without a picture, with its mask, and with ``regions`` where ``seen_regions`` is wanted.
             view: The face, and what decides its appearance.
             vertices: The vertices of the face, mm, model frame.
-            times: Counts the stages.
+            times: The seconds of each stage are added to it.
         """
         face = view.face
         size = (face.height_px, face.width_px)

@@ -72,11 +72,7 @@ class SampleMaker:
         return made
 
     def make_all(self, views: Sequence[View], times: StageTimes) -> Iterator[Sample | SampleRejectedError]:
-        """Renders views whose geometry is computed together.
-
-        Args:
-            views: Some; their vertices are in memory at the same time.
-            times: Counts the stages.
+        """Renders views whose geometry is computed together: all their vertices are in memory at the same time.
 
         Yields:
             For each view its sample, or why there is none, as in ``make``.

@@ -156,12 +156,7 @@ _LOWEST_DEG = -75.0
 
 
 def direction(rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Float[ndarray, "*_ 3"]:
-    """Unit vectors.
-
-    Args:
-        rise: Radians above the horizon.
-        around: Radians: 0 the front, positive towards the subject's left.
-    """
+    """Unit vectors at angles in radians above the horizon, and around from the front towards the subject's left."""
     rise, around = np.broadcast_arrays(rise, around)
     level = np.cos(rise)
     return np.stack([level * np.sin(around), np.sin(rise), level * np.cos(around)], axis=-1)

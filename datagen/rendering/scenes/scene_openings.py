@@ -21,11 +21,7 @@ WITHIN = ("mouth_inside", "teeth", "tongue")
 
 @final
 class Openings:
-    """The openings of a model's mesh.
-
-    Args:
-        model: Triangles and regions.
-    """
+    """The openings of a model's mesh."""
 
     def __init__(self, model: MorphableModel) -> None:
         edges = _open_edges(model)

@@ -51,14 +51,7 @@ _PAINT = {"object": "material", "hair": "hair", "glass": "material"}
 
 @final
 class SceneProgram:
-    """A program whose uniforms are set by name. Names that it does not have are ignored.
-
-    Args:
-        context: Where.
-        vertex: Names of the vertex shader's parts.
-        fragment: Names of the fragment shader's parts.
-        defines: What the preprocessor knows.
-    """
+    """A program of named parts of shaders. Its uniforms are set by name; names that it does not have are ignored."""
 
     def __init__(
         self, context: moderngl.Context, vertex: Sequence[str], fragment: Sequence[str], defines: Sequence[str] = ()
@@ -115,10 +108,6 @@ def used_programs(
 class SceneTextures:
     """The textures of all parts on the GPU, each with the name of its sampler and a unit of its own.
 
-    Args:
-        textures: By the sampler's name.
-        context: Where.
-
     Raises:
         UsageError: There are more than the driver binds at once, or one has a kind of numbers that it does not take.
     """
@@ -161,10 +150,6 @@ def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) 
 @final
 class _Slot:
     """A uniform and the conversion of values to its bytes.
-
-    Args:
-        name: Name of the uniform.
-        found: The uniform.
 
     Attributes:
         form: Uniforms of the same form and name take the same bytes.

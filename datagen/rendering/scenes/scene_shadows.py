@@ -36,12 +36,7 @@ class LightView:
 
 @final
 class ShadowMaps:
-    """The depth maps of all lights.
-
-    Args:
-        context: Where.
-        unit: Texture unit of the maps.
-    """
+    """The depth maps of all lights, bound to one texture unit."""
 
     def __init__(self, context: moderngl.Context, unit: int) -> None:
         self._context, self._unit = context, unit

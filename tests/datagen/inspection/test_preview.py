@@ -19,7 +19,7 @@ from numpy import ndarray
 
 from datagen.cli import main
 from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_colour
-from datagen.inspection.preview import HEADING_PX, contact_sheet, spread_triplets
+from datagen.inspection.preview import HEADING_PX, contact_sheet, spread_samples
 from datagen.inspection.preview_page import LARGEST_SIDE_PX, json_for_html, preview_page
 from pix2face.files.images import encode_image
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
@@ -53,9 +53,9 @@ def shards(tmp_path: Path, base: tuple[ShardHeader, Sample]) -> Path:
     """Four samples with every layer, in two shards, one of them with a name that would rather be markup."""
     header = replace(base[0], layers=LAYER_NAMES, region_names=("skin", HOSTILE))
     picture = encode_image(np.full((60, 40, 3), 77, np.uint8))
-    triplet = replace(base[1], image_bytes=picture, layers=all_layers(), landmarks2d=base[1].landmarks2d / 5)
-    triplets = [replace(triplet, sample_id=name) for name in ("one", "two", "three")]
-    hostile = replace(triplet, sample_id=HOSTILE, attributes={HOSTILE: HOSTILE, "yaw_deg": 12.34567})
+    sample = replace(base[1], image_bytes=picture, layers=all_layers(), landmarks2d=base[1].landmarks2d / 5)
+    triplets = [replace(sample, sample_id=name) for name in ("one", "two", "three")]
+    hostile = replace(sample, sample_id=HOSTILE, attributes={HOSTILE: HOSTILE, "yaw_deg": 12.34567})
     write_shard(tmp_path / "shards" / "shard-00000.h5", header, triplets)
     write_shard(tmp_path / "shards" / "shard-00001.h5", header, [hostile])
     return tmp_path / "shards"
@@ -93,8 +93,8 @@ def test_a_depth_without_face_is_grey() -> None:
 
 
 def test_samples_are_spread_over_all_shards(shards: Path) -> None:
-    assert [triplet.sample_id for _, triplet in spread_triplets(shards, 2)] == ["one", HOSTILE]
-    assert [triplet.sample_id for _, triplet in spread_triplets(shards, 99)] == ["one", "two", "three", HOSTILE]
+    assert [sample.sample_id for _, sample in spread_samples(shards, 2)] == ["one", HOSTILE]
+    assert [sample.sample_id for _, sample in spread_samples(shards, 99)] == ["one", "two", "three", HOSTILE]
 
 
 @pytest.mark.parametrize(
@@ -104,14 +104,14 @@ def test_samples_are_spread_over_all_shards(shards: Path) -> None:
 def test_a_sheet_shows_what_is_there(
     layers: tuple[str, ...], n_tiles: int, tmp_path: Path, base: tuple[ShardHeader, Sample]
 ) -> None:
-    triplet = replace(base[1], image_bytes=encode_image(np.full((60, 40, 3), 77, np.uint8)), layers=all_layers())
-    write_shard(tmp_path / "few" / "shard-00000.h5", replace(base[0], layers=layers), [triplet])
+    sample = replace(base[1], image_bytes=encode_image(np.full((60, 40, 3), 77, np.uint8)), layers=all_layers())
+    write_shard(tmp_path / "few" / "shard-00000.h5", replace(base[0], layers=layers), [sample])
     sheet = contact_sheet(tmp_path / "few", 1)
     assert sheet.shape == (HEADING_PX + 180, 2 * 180 * n_tiles, 3)
     headings = np.split(sheet[:HEADING_PX], 2 * n_tiles, axis=1)
     assert all((heading < 128).any() for heading in headings)
     assert len({heading.tobytes() for heading in headings}) == n_tiles  # each column has one of its own
-    page = read_page(preview_page("t", spread_triplets(tmp_path / "few", 1)))
+    page = read_page(preview_page("t", spread_samples(tmp_path / "few", 1)))
     assert [name for name, _, _ in page.data["layers"]] == [name for name in LAYERS if name in layers]
     assert (page.data["samples"][0]["image"] is not None) == ("image" in layers)
 
@@ -148,7 +148,7 @@ def read_page(page: str) -> Page:
 
 
 def test_names_stay_text(shards: Path) -> None:
-    page = preview_page(HOSTILE, spread_triplets(shards, 4))
+    page = preview_page(HOSTILE, spread_samples(shards, 4))
     found = read_page(page)
     assert found.elements.count("script") == 2
     assert found.elements.count("img") == 2
@@ -185,7 +185,7 @@ def decoded(url: str) -> ndarray:
 
 def test_layers_are_transparent_where_they_do_not_hold(shards: Path) -> None:
     layers, expected = (
-        read_page(preview_page("t", spread_triplets(shards, 1))).data["samples"][0]["layers"],
+        read_page(preview_page("t", spread_samples(shards, 1))).data["samples"][0]["layers"],
         all_layers(),
     )
     assert list(layers) == list(LAYERS)
@@ -202,13 +202,13 @@ def test_pictures_are_limited_and_landmarks_far_out_left_away(base: tuple[ShardH
     landmarks2d[:3] = [[1e30, 0], [np.nan, 1], [5, 6]]
     image = encode_image(np.zeros((900, 1800, 3), np.uint8))
     layers = {"mask": np.ones((900, 1800), bool)}
-    triplet = replace(base[1], image_bytes=image, layers=layers, landmarks2d=landmarks2d)
-    sample = read_page(preview_page("t", [(base[0], triplet)])).data["samples"][0]
-    assert (sample["width"], sample["height"]) == (1800, 900)  # what landmarks refer to
-    assert decoded(sample["image"]).shape == (LARGEST_SIDE_PX // 2, LARGEST_SIDE_PX, 3)
-    assert decoded(sample["layers"]["mask"]).shape == (LARGEST_SIDE_PX // 2, LARGEST_SIDE_PX, 4)
-    assert sample["landmarks"][0] == [5, 6, True]
-    assert len(sample["landmarks"]) == 66
+    sample = replace(base[1], image_bytes=image, layers=layers, landmarks2d=landmarks2d)
+    shown = read_page(preview_page("t", [(base[0], sample)])).data["samples"][0]
+    assert (shown["width"], shown["height"]) == (1800, 900)  # what landmarks refer to
+    assert decoded(shown["image"]).shape == (LARGEST_SIDE_PX // 2, LARGEST_SIDE_PX, 3)
+    assert decoded(shown["layers"]["mask"]).shape == (LARGEST_SIDE_PX // 2, LARGEST_SIDE_PX, 4)
+    assert shown["landmarks"][0] == [5, 6, True]
+    assert len(shown["landmarks"]) == 66
 
 
 def test_the_command_writes_a_page(shards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -241,7 +241,7 @@ def in_a_browser(page: str, folder: Path) -> str:
 
 
 def test_a_browser_shows_the_page_without_complaint(shards: Path, tmp_path: Path) -> None:
-    dom = in_a_browser(preview_page(HOSTILE, spread_triplets(shards, 4)), tmp_path)
+    dom = in_a_browser(preview_page(HOSTILE, spread_samples(shards, 4)), tmp_path)
     assert '<p id="name">one</p>' in dom
     assert '<span id="place">1 of 4</span>' in dom
     assert dom.count("<circle ") == 68
@@ -255,7 +255,7 @@ def test_a_browser_shows_the_page_without_complaint(shards: Path, tmp_path: Path
 
 def test_keys_turn_samples_and_layers(shards: Path, tmp_path: Path) -> None:
     """Left from the first sample is the last one, whose name would rather be markup."""
-    page = preview_page("t", spread_triplets(shards, 4))
+    page = preview_page("t", spread_samples(shards, 4))
     press = "".join(
         f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}', cancelable: true}}));"
         for key in ("ArrowLeft", "ArrowUp", "x")
@@ -270,8 +270,6 @@ def test_keys_turn_samples_and_layers(shards: Path, tmp_path: Path) -> None:
 
 
 def test_a_script_that_is_not_the_pages_own_does_not_run(shards: Path, tmp_path: Path) -> None:
-    page = preview_page("t", spread_triplets(shards, 1)).replace(
-        "</body>", "<script>document.title='x'</script></body>"
-    )
+    page = preview_page("t", spread_samples(shards, 1)).replace("</body>", "<script>document.title='x'</script></body>")
     with pytest.raises(AssertionError, match="Executing inline script violates"):
         in_a_browser(page, tmp_path)
