@@ -31,17 +31,11 @@ FROM_MEMORY, FROM_FILES = ("--workers", 0, "--cache-gb", 14), ("--workers", 1, "
 @final
 @dataclass(frozen=True)
 class Pictures:
-    """A set of renders.
+    """A set of renders."""
 
-    Attributes:
-        name: Name of the folder of shards.
-        n_faces: Number of faces.
-        seed: Seed of faces and photographs.
-    """
-
-    name: str
-    n_faces: int
-    seed: int
+    name: str  # name of the folder of shards
+    n_faces: int  # number of faces
+    seed: int  # seed of faces and photographs
 
 
 FIRST, MORE = Pictures("shards", 40_200, 200), Pictures("shards-more", 100_000, 300)
@@ -50,23 +44,14 @@ FIRST, MORE = Pictures("shards", 40_200, 200), Pictures("shards-more", 100_000, 
 @final
 @dataclass(frozen=True)
 class Stage:
-    """One training. Each starts from the weights of the previous one.
+    """One training. Each starts from the weights of the previous one."""
 
-    Attributes:
-        name: Name of its folder.
-        n_samples: Number of samples that it draws.
-        options: Options of `train`, in addition to those that all trainings share.
-        shares: Share of the draws from each set of pictures.
-        loading: Options of `train` for loading samples.
-        validation: Share of the persons that are held out.
-    """
-
-    name: str
-    n_samples: int
-    options: tuple[object, ...]
-    shares: tuple[tuple[Pictures, float], ...] = ((FIRST, 1.0),)
-    loading: tuple[object, ...] = FROM_MEMORY
-    validation: float = 0.01
+    name: str  # name of its folder
+    n_samples: int  # number of samples that it draws
+    options: tuple[object, ...]  # options of `train`, in addition to those that all trainings share
+    shares: tuple[tuple[Pictures, float], ...] = ((FIRST, 1.0),)  # share of the draws from each set of pictures
+    loading: tuple[object, ...] = FROM_MEMORY  # options of `train` for loading samples
+    validation: float = 0.01  # share of the persons that are held out
 
 
 # Only the last training measures its norms again at the end: the option did not exist before.

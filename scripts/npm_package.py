@@ -23,17 +23,11 @@ from typing import final
 @final
 @dataclass(frozen=True)
 class NpmPackage:
-    """One version of a package.
+    """One version of a package."""
 
-    Attributes:
-        name: As npm knows it, such as ``@pmndrs/assets``.
-        version: Exact.
-        integrity: ``sha512-`` and the base64 of the archive's SHA-512, as ``npm view NAME dist.integrity`` prints it.
-    """
-
-    name: str
-    version: str
-    integrity: str
+    name: str  # as npm knows it, such as `@pmndrs/assets`
+    version: str  # exact
+    integrity: str  # `sha512-` and the base64 of the archive's SHA-512, as `npm view NAME dist.integrity` prints it
 
     @property
     def requirement(self) -> str:

@@ -45,19 +45,12 @@ class Finding:
 @final
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the settings come to on this machine.
+    """What the settings come to on this machine."""
 
-    Attributes:
-        backend: The backend that draws; empty where none does.
-        rasteriser: The rasteriser that draws; empty where none does.
-        reason: Why this rasteriser.
-        findings: The worst first.
-    """
-
-    backend: str
-    rasteriser: str
-    reason: str
-    findings: tuple[Finding, ...]
+    backend: str  # that draws; empty where none does
+    rasteriser: str  # that draws; empty where none does
+    reason: str  # for this rasteriser
+    findings: tuple[Finding, ...]  # the worst first
 
     @property
     def is_healthy(self) -> bool:

@@ -78,23 +78,14 @@ class RenderCheck:
 @final
 @dataclass(frozen=True)
 class BackendProbe:
-    """What one backend does on this machine.
+    """What one backend does on this machine."""
 
-    Attributes:
-        backend: ``egl`` or ``osmesa``.
-        error: Why it makes no context; empty where it does.
-        renderer: The driver's name for itself.
-        gl_version: Version of OpenGL and of the driver, in the driver's words.
-        version_code: 450 for OpenGL 4.5.
-        checks: One for each rasteriser that this version has.
-    """
-
-    backend: str
-    error: str = ""
-    renderer: str = ""
-    gl_version: str = ""
-    version_code: int = 0
-    checks: tuple[RenderCheck, ...] = ()
+    backend: str  # `egl` or `osmesa`
+    error: str = ""  # why it makes no context; empty where it does
+    renderer: str = ""  # the driver's name for itself
+    gl_version: str = ""  # version of OpenGL and of the driver, in the driver's words
+    version_code: int = 0  # 450 for OpenGL 4.5
+    checks: tuple[RenderCheck, ...] = ()  # one for each rasteriser that this version has
 
 
 def probe_backend(settings: GLSettings) -> BackendProbe:

@@ -25,17 +25,11 @@ PACKAGES = ("pix2face", "numpy", "moderngl", "glcontext", "h5py", "isal", "openc
 @final
 @dataclass(frozen=True)
 class DeviceFile:
-    """A file by which a graphics card is reached, such as /dev/dri/renderD128.
-
-    Attributes:
-        path: Its path.
-        group: Name or number of the group that may use it.
-        is_open: Whether this process may use it.
-    """
+    """A file by which a graphics card is reached, such as /dev/dri/renderD128."""
 
     path: str
-    group: str
-    is_open: bool
+    group: str  # name or number of the group that may use it
+    is_open: bool  # whether this process may use it
 
 
 @final

@@ -35,23 +35,14 @@ MEASURED_FACES = 200
 @final
 @dataclass(frozen=True)
 class TransferResidual:
-    """How far the faces of the target are from those of the source.
+    """How far the faces of the target are from those of the source."""
 
-    Attributes:
-        through: What was compared: ``dense`` or ``landmarks``.
-        n_points: Number of compared points in each face.
-        alignment_mm: Mean distance between the points of the aligned mean faces.
-        mean_mm: Mean distance between the points of source and target, over points and faces.
-        percentile_95_mm: 95 % of these distances are smaller.
-        rms: RMS of the target's coefficients in standard deviations.
-    """
-
-    through: str
-    n_points: int
-    alignment_mm: float
-    mean_mm: float
-    percentile_95_mm: float
-    rms: float
+    through: str  # what was compared: `dense` or `landmarks`
+    n_points: int  # compared points in each face
+    alignment_mm: float  # mean distance between the points of the aligned mean faces
+    mean_mm: float  # mean distance between the points of source and target, over points and faces
+    percentile_95_mm: float  # 95 % of these distances are smaller
+    rms: float  # RMS of the target's coefficients in standard deviations
 
 
 @final

@@ -25,17 +25,11 @@ USUAL_ANGLE_DEG = 99.0
 @final
 @dataclass(frozen=True, kw_only=True)
 class CoefficientSummary:
-    """A table, or a folder of coefficient files.
+    """A table, or a folder of coefficient files."""
 
-    Attributes:
-        facts: Names and values of what holds for the whole.
-        statistics: What the faces are like; of files, their poses.
-        reasons: Why faces were rejected, and how many faces for each reason.
-    """
-
-    facts: dict[str, str]
-    statistics: DatasetStatistics
-    reasons: tuple[tuple[str, int], ...]
+    facts: dict[str, str]  # names and values of what holds for the whole
+    statistics: DatasetStatistics  # what the faces are like; of files, their poses
+    reasons: tuple[tuple[str, int], ...]  # why faces were rejected, and how many faces for each reason
 
 
 def summarise_table(table: FaceCoefficients) -> CoefficientSummary:

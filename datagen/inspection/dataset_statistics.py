@@ -79,19 +79,12 @@ class Histogram:
 @final
 @dataclass(frozen=True, eq=False)
 class CoefficientStatistics:
-    """The coefficients of one basis, component by component.
+    """The coefficients of one basis, component by component."""
 
-    Attributes:
-        name: ``identity`` or ``expression``.
-        rms: Root mean square in standard deviations: 1 where faces are drawn from the model.
-        far_share: Share of samples beyond 3 standard deviations.
-        largest: Largest magnitude of all components.
-    """
-
-    name: str
-    rms: Float64[ndarray, " k"]
-    far_share: Float64[ndarray, " k"]
-    largest: float
+    name: str  # `identity` or `expression`
+    rms: Float64[ndarray, " k"]  # root mean square in standard deviations: 1 where faces are drawn from the model
+    far_share: Float64[ndarray, " k"]  # share of samples beyond 3 standard deviations
+    largest: float  # largest magnitude of all components
 
 
 @final

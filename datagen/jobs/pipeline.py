@@ -55,15 +55,9 @@ class JobSummary:
 @final
 @dataclass(frozen=True, eq=False)
 class OpenedJob:
-    """A job with its opened model and faces. Listing a large folder takes seconds, and is done once.
+    """A job with its opened model and faces. Listing a large folder takes seconds, and is done once."""
 
-    Attributes:
-        job: The job with absolute paths, because workers of a cluster have other working directories.
-        model: The model.
-        source: The faces.
-    """
-
-    job: RenderJob
+    job: RenderJob  # with absolute paths, because workers of a cluster have other working directories
     model: MorphableModel
     source: FaceSource
 
@@ -141,10 +135,10 @@ def run_job(
 
 def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listener: Listener) -> JobSummary:
     job, source, n_units = opened.job, opened.source, opened.job.n_units(opened.source)
-    found = look_into(out, job, source, shard_header(job, source, opened.model, ()))
-    for path in found.damaged:
+    missing, damaged = look_into(out, job, source, shard_header(job, source, opened.model, ()))
+    for path in damaged:
         listener.on_notice(f"{path} is cut short or damaged: it is made anew")
-    listener.on_kept(len(source.sample_ids) - sum(len(job.faces_of(source, unit)) for unit in found.missing))
+    listener.on_kept(len(source.sample_ids) - sum(len(job.faces_of(source, unit)) for unit in missing))
     times, peaks = StageTimes(), list[int]()
 
     def submit(executor: Executor, number: int) -> Future[UnitReport]:
@@ -155,11 +149,11 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
         peaks.append(report.peak_memory_bytes)
         listener.on_progress(report.n_faces)
 
-    finish_units(found.missing, place, submit, on_finished)
+    finish_units(missing, place, submit, on_finished)
     n_triplets, rejected = _count(out, n_units)
     write_rejected(out, rejected)
     write_card(out)
-    return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(found.missing), times, tuple(peaks))
+    return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(missing), times, tuple(peaks))
 
 
 def _count(out: Path, n_units: int) -> tuple[int, list[tuple[str, str]]]:

@@ -31,25 +31,15 @@ COMPRESSION = "deflate"
 @final
 @dataclass(frozen=True)
 class RenderJob:
-    """All that determines the content of the shards.
+    """All that determines the content of the shards."""
 
-    Attributes:
-        coefficients: A folder of 300W-LP files, or a table.
-        model: ``builtin`` or the path of a model file.
-        seed: Seed of everything random in rendered pictures.
-        shard_size: Faces in a shard.
-        layers: Layers of each sample, of ``pix2face.shards.layers.LAYER_NAMES``.
-        jitter: The variants of each sample that take its place.
-        appearance: How faces without a photograph are drawn.
-    """
-
-    coefficients: Path
-    model: str
-    seed: int
-    shard_size: int
-    layers: tuple[str, ...] = DEFAULT_LAYERS
-    jitter: JitterBake = NO_JITTER
-    appearance: AppearanceConfig = PRESETS[PLAIN]
+    coefficients: Path  # a folder of 300W-LP files, or a table
+    model: str  # `builtin` or the path of a model file
+    seed: int  # seed of everything random in rendered pictures
+    shard_size: int  # faces in a shard
+    layers: tuple[str, ...] = DEFAULT_LAYERS  # layers of each sample, of `pix2face.shards.layers.LAYER_NAMES`
+    jitter: JitterBake = NO_JITTER  # the variants of each sample that take its place
+    appearance: AppearanceConfig = PRESETS[PLAIN]  # how faces without a photograph are drawn
 
     def n_units(self, source: FaceSource) -> int:
         """How many shards the faces of a source make."""
@@ -100,28 +90,13 @@ def shard_header(
     )
 
 
-@final
-@dataclass(frozen=True)
-class FolderState:
-    """What a folder lacks of a job.
+def look_into(
+    out: Path, job: RenderJob, source: FaceSource, expected: ShardHeader
+) -> tuple[tuple[int, ...], tuple[Path, ...]]:
+    """Finds which shards of a job its folder lacks, and which are damaged. The headers of all others must agree.
 
-    Attributes:
-        missing: Units whose shards have to be made, in order.
-        damaged: Shards that cannot be opened. They count as missing, and are replaced.
-    """
-
-    missing: tuple[int, ...]
-    damaged: tuple[Path, ...]
-
-
-def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHeader) -> FolderState:
-    """Finds what is missing in a folder.
-
-    Args:
-        out: The folder.
-        job: The job that the folder belongs to.
-        source: The faces of the job.
-        expected: The header with which each shard has to agree.
+    Returns:
+        The units whose shards have to be made, in order, and the shards that cannot be opened and are replaced.
 
     Raises:
         UsageError: A shard was made by another configuration, or belongs to no unit of this job. Mixing them would go
@@ -147,7 +122,7 @@ def look_into(out: Path, job: RenderJob, source: FaceSource, expected: ShardHead
         _check_header(path, reader.header, expected)
         _check_samples(path, reader, job.sample_ids_of(source, units[path]))
     missing = tuple(unit for path, unit in units.items() if path in set(damaged) or not path.exists())
-    return FolderState(missing, tuple(damaged))
+    return missing, tuple(damaged)
 
 
 def _is_damage(error: InputFileError) -> bool:

@@ -36,41 +36,25 @@ VIEWS_AT_A_TIME = 64
 @final
 @dataclass(frozen=True)
 class Unit:
-    """A shard to be made.
-
-    Attributes:
-        job: Its job.
-        number: Number of the shard.
-        out: The folder of the shards.
-        gl: The OpenGL to draw with.
-        source_sha256: Hash of the faces that the job saw. A worker that saw others would mix them.
-        model_sha256: Hash of the model that the job saw.
-    """
+    """A shard to be made."""
 
     job: RenderJob
     number: int
-    out: Path
-    gl: GLSettings
-    source_sha256: str
-    model_sha256: str
+    out: Path  # the folder of the shards
+    gl: GLSettings  # the OpenGL to draw with
+    source_sha256: str  # hash of the faces that the job saw; a worker that saw others would mix them
+    model_sha256: str  # hash of the model that the job saw
 
 
 @final
 @dataclass(frozen=True)
 class UnitReport:
-    """What a unit cost.
+    """What a unit cost."""
 
-    Attributes:
-        n_faces: Faces that were tried.
-        seconds: Seconds by stage.
-        cpu_seconds: Processor seconds by stage.
-        peak_memory_bytes: The largest memory of the worker so far.
-    """
-
-    n_faces: int
-    seconds: Mapping[str, float]
-    cpu_seconds: Mapping[str, float]
-    peak_memory_bytes: int
+    n_faces: int  # faces that were tried
+    seconds: Mapping[str, float]  # by stage
+    cpu_seconds: Mapping[str, float]  # of the processor, by stage
+    peak_memory_bytes: int  # the largest memory of the worker so far
 
 
 def render_unit(unit: Unit) -> UnitReport:

@@ -16,19 +16,12 @@ _POINTER = ctypes.c_void_p
 @final
 @dataclass(frozen=True)
 class EGLDevice:
-    """One device.
+    """One device."""
 
-    Attributes:
-        index: Its number, for ``--device``.
-        vendor: Vendor, name (if known) and version of its driver; empty if the driver does not start.
-        extensions: Its EGL extensions, such as EGL_MESA_device_software.
-        render_node: Its file, such as /dev/dri/renderD128, or None.
-    """
-
-    index: int
-    vendor: str
-    extensions: tuple[str, ...]
-    render_node: str | None
+    index: int  # its number, for `--device`
+    vendor: str  # vendor, name (if known) and version of its driver; empty if the driver does not start
+    extensions: tuple[str, ...]  # its EGL extensions, such as EGL_MESA_device_software
+    render_node: str | None  # its file, such as /dev/dri/renderD128, or None
 
     @property
     def is_software(self) -> bool:

@@ -92,23 +92,14 @@ class GLSettings:
 @final
 @dataclass(frozen=True, eq=False)
 class GLContext:
-    """An OpenGL context and its origin. It belongs to the thread that made it.
-
-    Attributes:
-        context: The context.
-        backend: ``egl`` or ``osmesa``.
-        renderer: The driver's name for itself.
-        version_code: 450 for OpenGL 4.5; at least 330.
-        rasteriser: The requested rasteriser; ``choose_rasteriser`` turns ``auto`` into one of the others.
-        device: The requested number of the EGL device.
-    """
+    """An OpenGL context and its origin. It belongs to the thread that made it."""
 
     context: moderngl.Context
-    backend: str
-    renderer: str
-    version_code: int = OLDEST_VERSION
-    rasteriser: Rasteriser = "auto"
-    device: int | None = None
+    backend: str  # `egl` or `osmesa`
+    renderer: str  # the driver's name for itself
+    version_code: int = OLDEST_VERSION  # 450 for OpenGL 4.5; at least 330
+    rasteriser: Rasteriser = "auto"  # the requested rasteriser; `choose_rasteriser` turns `auto` into one of the others
+    device: int | None = None  # the requested number of the EGL device
 
     def make_current(self) -> None:
         """Directs the OpenGL calls of this thread to this context, and frees what nothing refers to any longer."""

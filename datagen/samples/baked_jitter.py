@@ -35,17 +35,11 @@ MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 @final
 @dataclass(frozen=True)
 class JitterBake:
-    """How many variants of each sample are made, and how.
+    """How many variants of each sample are made, and how."""
 
-    Attributes:
-        n: Variants of each sample, which take its place; 0 makes none and leaves samples as they are.
-        size_px: Side of the variants.
-        limits: How far they are varied.
-    """
-
-    n: int = 0
-    size_px: int = 256
-    limits: JitterRange = field(default_factory=JitterRange)
+    n: int = 0  # variants of each sample, which take its place; 0 makes none and leaves samples as they are
+    size_px: int = 256  # side of the variants
+    limits: JitterRange = field(default_factory=JitterRange)  # how far they are varied
 
     def check(self) -> None:
         """Makes sure that the numbers make sense.

@@ -13,17 +13,11 @@ MOST_ACTIVE = 5
 
 @dataclass(frozen=True)
 class Components:
-    """A linear model.
+    """A linear model."""
 
-    Attributes:
-        mean: (v, 3).
-        basis: (k, v, 3), per standard deviation.
-        variance_kept: Of the variance over the face's vertices, the share that the components explain.
-    """
-
-    mean: ndarray
-    basis: ndarray
-    variance_kept: float
+    mean: ndarray  # (v, 3)
+    basis: ndarray  # (k, v, 3), per standard deviation
+    variance_kept: float  # of the variance over the face's vertices, the share that the components explain
 
 
 def align_rigidly(heads: ndarray, symmetry: ndarray, weights: ndarray, rounds: int = 3) -> ndarray:

@@ -36,25 +36,15 @@ BROW_HALF_WIDTH_MM = 4.2
 
 @dataclass(frozen=True)
 class Head:
-    """The head as a part of the base mesh, indices its own.
+    """The head as a part of the base mesh, indices its own."""
 
-    Attributes:
-        source: Vertex of the base mesh of each vertex.
-        quads: Polygons.
-        regions: Index into REGION_NAMES for each polygon.
-        uv: Texture coordinates.
-        uv_quads: Texture coordinates of each polygon.
-        symmetry: Mirror vertex of each vertex.
-        landmarks: 68 vertices of the once refined mesh.
-    """
-
-    source: ndarray
+    source: ndarray  # vertex of the base mesh of each vertex
     quads: ndarray
-    regions: ndarray
+    regions: ndarray  # index into REGION_NAMES for each polygon
     uv: ndarray
-    uv_quads: ndarray
-    symmetry: ndarray
-    landmarks: ndarray
+    uv_quads: ndarray  # texture coordinates of each polygon
+    symmetry: ndarray  # mirror vertex of each vertex
+    landmarks: ndarray  # 68 vertices of the once refined mesh
 
     def face_weights(self, elsewhere: float) -> ndarray:
         """1 for each vertex of a face region, ``elsewhere`` for the others."""

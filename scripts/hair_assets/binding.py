@@ -30,23 +30,14 @@ LASH_METRIC = np.array([3.0, 1.0, 0.5])
 
 @dataclass(frozen=True)
 class Binding:
-    """How points move with a head: each by the weighted mean of its neighbours' displacements.
+    """How points move with a head: each by the weighted mean of its neighbours' displacements."""
 
-    Attributes:
-        neighbours: (points, 15) vertices of the model.
-        weights: (points, 15), sum 1.
-        feet: Nearest point of the skin of the unmodified head, mm.
-        heights: Signed distance from it, mm; negative inside.
-        outward: Unit normal of the skin there.
-        foot_regions: Name of the region where the foot is.
-    """
-
-    neighbours: ndarray
-    weights: ndarray
-    feet: ndarray
-    heights: ndarray
-    outward: ndarray
-    foot_regions: ndarray
+    neighbours: ndarray  # (points, 15) vertices of the model
+    weights: ndarray  # (points, 15), sum 1
+    feet: ndarray  # nearest point of the skin of the unmodified head, mm
+    heights: ndarray  # signed distance from it, mm; negative inside
+    outward: ndarray  # unit normal of the skin there
+    foot_regions: ndarray  # name of the region where the foot is
 
     def only(self, points: ndarray) -> "Binding":
         """The binding of some of the points."""

@@ -25,19 +25,12 @@ FOREMOST_REGIONS = ("skin", "brows")
 @final
 @dataclass(frozen=True)
 class BrowPatch:
-    """The left patch; the right one is its mirror image.
+    """The left patch; the right one is its mirror image."""
 
-    Attributes:
-        vertices: Vertices of the model, unordered.
-        triangles: Indices into ``vertices``.
-        uv: Texture coordinates of each vertex.
-        textures: (12, rows, columns, 2) grey and alpha.
-    """
-
-    vertices: ndarray
-    triangles: ndarray
-    uv: ndarray
-    textures: ndarray
+    vertices: ndarray  # vertices of the model, unordered
+    triangles: ndarray  # indices into `vertices`
+    uv: ndarray  # texture coordinates of each vertex
+    textures: ndarray  # (12, rows, columns, 2) grey and alpha
 
 
 def build_brow_patch(base: BaseHead, brows: list[Proxy]) -> BrowPatch:

@@ -20,42 +20,25 @@ QUAD_WITH_UV, NUMBERS_OF_QUAD = 11, 10
 
 @dataclass(frozen=True)
 class BaseHead:
-    """MakeHuman's unmodified head, where the built-in model's mean is, for binding.
+    """MakeHuman's unmodified head, where the built-in model's mean is, for binding."""
 
-    Attributes:
-        base: All vertices of the base mesh, including body and helpers, mm, the built-in model's frame.
-        head: Vertices of the built-in model's control mesh, refined once as on loading.
-        triangles: Triangles of the refined mesh.
-        regions: Name of the region of each triangle.
-        turn: Rotation that was applied to the base mesh (its rows times this matrix).
-    """
-
-    base: ndarray
-    head: ndarray
-    triangles: ndarray
-    regions: ndarray
-    turn: ndarray
+    base: ndarray  # all vertices of the base mesh, including body and helpers, mm, the built-in model's frame
+    head: ndarray  # vertices of the built-in model's control mesh, refined once as on loading
+    triangles: ndarray  # triangles of the refined mesh
+    regions: ndarray  # name of the region of each triangle
+    turn: ndarray  # rotation that was applied to the base mesh (its rows times this matrix)
 
 
 @dataclass(frozen=True)
 class Proxy:
-    """A mesh around the unmodified head.
+    """A mesh around the unmodified head."""
 
-    Attributes:
-        name: Name of its folder.
-        points: Welded vertices, mm, the built-in model's frame.
-        quads: Indices into ``points``.
-        uv: Texture coordinates, the origin at the top left.
-        uv_quads: Indices into ``uv`` for each corner of each quad.
-        texture: Colour and alpha (h, w, 4), RGBA, 0 to 1.
-    """
-
-    name: str
-    points: ndarray
-    quads: ndarray
-    uv: ndarray
-    uv_quads: ndarray
-    texture: ndarray
+    name: str  # name of its folder
+    points: ndarray  # welded vertices, mm, the built-in model's frame
+    quads: ndarray  # indices into `points`
+    uv: ndarray  # texture coordinates, the origin at the top left
+    uv_quads: ndarray  # indices into `uv` for each corner of each quad
+    texture: ndarray  # colour and alpha (h, w, 4), RGBA, 0 to 1
 
 
 def read_base_head(wheel: AnnyWheel, model_file: Path) -> BaseHead:

@@ -21,16 +21,10 @@ LAYOUT = {"vertex": 3, "normal": 3, "uv": 2}  # numbers of each
 @final
 @dataclass(frozen=True)
 class Run:
-    """Triangles of one mesh that are drawn at once.
+    """Triangles of one mesh that are drawn at once."""
 
-    Attributes:
-        mesh: Number of the mesh in the scene.
-        first: The first corner.
-        count: Number of corners.
-    """
-
-    mesh: int
-    first: int
+    mesh: int  # number of the mesh in the scene
+    first: int  # its first corner
     count: int
 
 

@@ -23,15 +23,10 @@ TOWARDS_LIGHT = 3.0
 @final
 @dataclass(frozen=True, eq=False)
 class LightView:
-    """How a light sees the scene.
+    """How a light sees the scene."""
 
-    Attributes:
-        clip_from_model: For drawing its map.
-        shadow_from_model: For looking it up: x, y and depth from 0 to 1.
-    """
-
-    clip_from_model: Float64[ndarray, "4 4"]
-    shadow_from_model: Float64[ndarray, "4 4"]
+    clip_from_model: Float64[ndarray, "4 4"]  # for drawing its map
+    shadow_from_model: Float64[ndarray, "4 4"]  # for looking it up: x, y and depth from 0 to 1
 
 
 @final

@@ -1,4 +1,4 @@
-"""Tables of coefficients are counted by the engine that counts shards: the figures that docs/sampling.md quotes."""
+"""Tables of coefficients are counted by the engine that counts shards (docs/explanation/sampling.md quotes it)."""
 
 from dataclasses import replace
 
