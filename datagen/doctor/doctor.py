@@ -28,18 +28,11 @@ NVIDIA_VENDOR_CONTENT = '{"file_format_version": "1.0.0", "ICD": {"library_path"
 @final
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was noticed.
+    """One thing that was noticed."""
 
-    Attributes:
-        level: ``error``: these settings render nothing, or something wrong. ``warning``: something should be mended.
-            ``note``: good to know.
-        what: What was found.
-        remedy: What to do; empty where nothing needs to be done.
-    """
-
-    level: Level
-    what: str
-    remedy: str = ""
+    level: Level  # an error: these settings render nothing or something wrong; a warning: to be mended
+    what: str  # what was found
+    remedy: str = ""  # what to do; empty where nothing needs to be done
 
 
 @final

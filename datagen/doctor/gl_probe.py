@@ -47,25 +47,15 @@ OUR_VARIABLES = (ENVIRONMENT_VARIABLE, DEVICE_VARIABLE, RASTERISER_VARIABLE)
 @final
 @dataclass(frozen=True)
 class RenderCheck:
-    """The built-in model drawn by one rasteriser, against the oracle.
+    """The built-in model drawn by one rasteriser, against the oracle."""
 
-    Attributes:
-        rasteriser: ``compute`` or ``fragment``.
-        error: Why nothing was drawn; empty where it was.
-        mask_px: Face pixels of the oracle.
-        mask_differs_px: Pixels that are face to only one of the two.
-        off_px: Face pixels of both that differ by more than 0.02 mm. At folds rounding decides which surface is nearer.
-        typical_worst_mm: The largest difference of 99.9 % of the pixels of both.
-        milliseconds: Shortest time of one picture.
-    """
-
-    rasteriser: str
-    error: str = ""
-    mask_px: int = 0
-    mask_differs_px: int = 0
-    off_px: int = 0
-    typical_worst_mm: float = 0.0
-    milliseconds: float = 0.0
+    rasteriser: str  # `compute` or `fragment`
+    error: str = ""  # why nothing was drawn; empty where it was
+    mask_px: int = 0  # face pixels of the oracle
+    mask_differs_px: int = 0  # pixels that are face to only one of the two
+    off_px: int = 0  # face pixels of both, more than 0.02 mm apart: at folds rounding decides which surface is nearer
+    typical_worst_mm: float = 0.0  # the largest difference of 99.9 % of the pixels of both
+    milliseconds: float = 0.0  # shortest time of one picture
 
     @property
     def is_right(self) -> bool:

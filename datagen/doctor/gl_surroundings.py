@@ -35,29 +35,17 @@ class DeviceFile:
 @final
 @dataclass(frozen=True)
 class Surroundings:
-    """What is installed.
+    """What is installed."""
 
-    Attributes:
-        complaints: Why each library cannot be loaded; empty where it can.
-        devices: The devices that EGL lists.
-        devices_error: Why EGL lists none.
-        render_nodes: Files /dev/dri/renderD*.
-        nvidia_nodes: Files /dev/nvidia0 and so on.
-        vendor_files: The files that tell EGL which drivers there are.
-        missing_vendor_files: Files and folders that an environment variable names and that do not exist.
-        is_container: Whether this looks like a container.
-        environment: The variables that are set and change what OpenGL does.
-    """
-
-    complaints: Mapping[str, str]
-    devices: tuple[EGLDevice, ...] = ()
-    devices_error: str = ""
-    render_nodes: tuple[DeviceFile, ...] = ()
-    nvidia_nodes: tuple[DeviceFile, ...] = ()
-    vendor_files: tuple[str, ...] = ()
-    missing_vendor_files: tuple[str, ...] = ()
-    is_container: bool = False
-    environment: Mapping[str, str] = field(default_factory=dict)
+    complaints: Mapping[str, str]  # why each library cannot be loaded; empty where it can
+    devices: tuple[EGLDevice, ...] = ()  # the devices that EGL lists
+    devices_error: str = ""  # why EGL lists none
+    render_nodes: tuple[DeviceFile, ...] = ()  # /dev/dri/renderD*
+    nvidia_nodes: tuple[DeviceFile, ...] = ()  # /dev/nvidia0 and so on
+    vendor_files: tuple[str, ...] = ()  # they tell EGL which drivers there are
+    missing_vendor_files: tuple[str, ...] = ()  # files and folders that a variable names and that do not exist
+    is_container: bool = False  # whether this looks like a container
+    environment: Mapping[str, str] = field(default_factory=dict)  # variables that change what OpenGL does
 
 
 def survey(

@@ -37,17 +37,11 @@ Outcome = Face | tuple[str, str]
 @final
 @dataclass(frozen=True)
 class ConversionJob:
-    """What determines the table.
+    """What determines the table."""
 
-    Attributes:
-        folder: The source.
-        kind: Coefficient files of 300W-LP or AFLW2000-3D, or photographs with annotated points.
-        model: ``builtin`` or the path of a model file.
-    """
-
-    folder: Path
-    kind: Literal["300wlp", "annotated"]
-    model: str
+    folder: Path  # the source
+    kind: Literal["300wlp", "annotated"]  # coefficient files, or photographs with annotated points
+    model: str  # `builtin` or the path of a model file
 
 
 @final

@@ -49,15 +49,10 @@ class FolderLock:
 
 
 def take_lock(path: Path, *, alone: bool, wait_s: float = 0.0) -> FolderLock | None:
-    """Takes a lock.
-
-    Args:
-        path: The file to lock. It is made if it does not exist.
-        alone: Whether to hold the lock alone or to share it.
-        wait_s: How long to try.
+    """Locks a file, which is made if it does not exist, ``alone`` or shared with others.
 
     Returns:
-        The lock, or None if another process holds it.
+        The lock, or None if another process still holds it after the wait.
 
     Raises:
         LocksUnsupportedError: The file system has no locks.

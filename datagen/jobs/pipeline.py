@@ -33,23 +33,14 @@ from pix2face.shards.shard_reader import ShardReader
 @final
 @dataclass(frozen=True)
 class JobSummary:
-    """What a job did.
+    """What a job did."""
 
-    Attributes:
-        n_triplets: Triplets in the folder, including those of earlier runs.
-        rejected: Id and reason of each sample that could not be used, in the order of the source.
-        n_shards: Shards in the folder.
-        n_shards_kept: Shards of earlier runs among them.
-        times: Times of all workers in this run.
-        peaks_bytes: The largest memory of the worker so far, after each unit of this run.
-    """
-
-    n_triplets: int
-    rejected: tuple[tuple[str, str], ...]
-    n_shards: int
-    n_shards_kept: int
-    times: StageTimes = field(default_factory=StageTimes)
-    peaks_bytes: tuple[int, ...] = ()
+    n_triplets: int  # in the folder, including those of earlier runs
+    rejected: tuple[tuple[str, str], ...]  # id and reason of each unusable sample, in the order of the source
+    n_shards: int  # in the folder
+    n_shards_kept: int  # of earlier runs among them
+    times: StageTimes = field(default_factory=StageTimes)  # of all workers in this run
+    peaks_bytes: tuple[int, ...] = ()  # the largest memory of the worker so far, after each unit of this run
 
 
 @final
@@ -92,30 +83,17 @@ def reopened(opened: OpenedJob, appearance: AppearanceConfig, layers: tuple[str,
 @final
 @dataclass(frozen=True)
 class Listener:
-    """Callbacks of a job.
+    """Callbacks of a job."""
 
-    Attributes:
-        on_kept: Called once with the number of samples that earlier runs have finished.
-        on_progress: Called with the number of samples that have just been finished.
-        on_notice: Called with messages for the user that stop nothing.
-    """
-
-    on_kept: Callable[[int], None] = lambda n: None
-    on_progress: Callable[[int], None] = lambda n: None
-    on_notice: Callable[[str], None] = lambda text: None
+    on_kept: Callable[[int], None] = lambda n: None  # once: samples that earlier runs have finished
+    on_progress: Callable[[int], None] = lambda n: None  # samples that have just been finished
+    on_notice: Callable[[str], None] = lambda text: None  # messages for the user that stop nothing
 
 
 def run_job(
     opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings | None = None, listener: Listener | None = None
 ) -> JobSummary:
-    """Makes every shard that is missing.
-
-    Args:
-        opened: The job.
-        out: The folder of the shards.
-        place: Where units run. Its workers must see the same files.
-        gl: The OpenGL that workers draw with.
-        listener: Callbacks.
+    """Makes every shard that is missing in the folder ``out``. Workers at the place must see the same files.
 
     Raises:
         UsageError: The folder holds shards of another configuration, another job writes to it, or workers died.

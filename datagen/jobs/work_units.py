@@ -26,13 +26,7 @@ def finish_units(
     submit: Callable[[Executor, int], "Future[Result]"],
     on_finished: Callable[[int, Result], None],
 ) -> None:
-    """Finishes all units, in any order.
-
-    Args:
-        units: Numbers of the units.
-        place: Where they run.
-        submit: Hands over one unit.
-        on_finished: Called in the caller's thread with the number and the result of each unit.
+    """Finishes all units, in any order, and passes number and result of each to ``on_finished`` in the caller's thread.
 
     Raises:
         UsageError: Workers died with a unit too often, or no worker is left.

@@ -34,17 +34,11 @@ REMEDY = (
 @final
 @dataclass(frozen=True)
 class GLSettings:
-    """Which OpenGL to use, and how. Plain values, which can be sent to worker processes.
+    """Which OpenGL to use, and how. Plain values, which can be sent to worker processes."""
 
-    Attributes:
-        backend: ``egl`` or ``osmesa``; None tries EGL, then OSMesa.
-        device: Number of the device in EGL's list, from 0 (``datagen doctor`` shows the list); None takes the first.
-        rasteriser: ``compute`` (needs OpenGL 4.3), ``fragment``, or ``auto``: compute if possible.
-    """
-
-    backend: str | None = None
-    device: int | None = None
-    rasteriser: Rasteriser = "auto"
+    backend: str | None = None  # None tries `egl`, then `osmesa`
+    device: int | None = None  # number in EGL's list, from 0 (`datagen doctor` shows it); None takes the first
+    rasteriser: Rasteriser = "auto"  # `auto`: `compute` where there is OpenGL 4.3, otherwise `fragment`
 
     @property
     def allowed_backends(self) -> tuple[str, ...]:

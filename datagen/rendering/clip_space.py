@@ -17,15 +17,10 @@ DEPTH_MARGIN = 1e-3
 @final
 @dataclass(frozen=True, eq=False)
 class ClipTransform:
-    """How OpenGL projects a mesh.
+    """How OpenGL projects a mesh."""
 
-    Attributes:
-        clip_from_model: Rows x, y, z, w of the clip coordinates. Row 0 of the image becomes the first of the buffer.
-        outside_is_clockwise: How triangles that show their outside wind in OpenGL's window.
-    """
-
-    clip_from_model: Float64[ndarray, "4 4"]
-    outside_is_clockwise: bool
+    clip_from_model: Float64[ndarray, "4 4"]  # row 0 of the image becomes the first of the buffer
+    outside_is_clockwise: bool  # how triangles that show their outside wind in OpenGL's window
 
 
 def clip_transform(camera: Camera, nearest: float, extent: float, height: int, width: int) -> ClipTransform:

@@ -22,15 +22,10 @@ from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS, Attribute
 @final
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """What one size of image is drawn into.
+    """What one size of image is drawn into."""
 
-    Attributes:
-        framebuffer: Two colours of four floats.
-        copies: Memory that each colour is read into again and again: new memory costs as much as the reading.
-    """
-
-    framebuffer: moderngl.Framebuffer
-    copies: tuple[Float32[ndarray, " n"], ...]
+    framebuffer: moderngl.Framebuffer  # two colours of four floats
+    copies: tuple[Float32[ndarray, " n"], ...]  # read into again and again: new memory costs as much as reading
 
     def read(self, projection: ScreenProjection, attachment: int) -> Float32[ndarray, "h w 4"]:
         """One colour in the projection's box; valid until it is read again."""

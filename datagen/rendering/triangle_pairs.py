@@ -18,17 +18,11 @@ CURVE_BITS = 10
 @final
 @dataclass(frozen=True, eq=False)
 class TrianglePairs:
-    """Triangles 2 i, corners (a, b, c), and 2 i + 1, corners (a, c, d), of each pair.
+    """Triangles 2 i, corners (a, b, c), and 2 i + 1, corners (a, c, d), of each pair."""
 
-    Attributes:
-        corners: a, b, c, d; where a triangle has no partner, d is c and triangle 2 i + 1 is empty.
-        source: For each of the 2 p triangles its number in the mesh; an empty one has that of its partner.
-        source_corner: Which corner (0, 1, 2) of the mesh's triangle each of its corners is.
-    """
-
-    corners: Int32[ndarray, "p 4"]
-    source: Int64[ndarray, " t"]
-    source_corner: Int64[ndarray, "t 3"]
+    corners: Int32[ndarray, "p 4"]  # a, b, c, d; without a partner d is c, and triangle 2 i + 1 is empty
+    source: Int64[ndarray, " t"]  # number in the mesh of each triangle; an empty one has its partner's
+    source_corner: Int64[ndarray, "t 3"]  # which corner (0, 1, 2) of the mesh's triangle each corner is
 
     @property
     def triangles(self) -> Int32[ndarray, "t 3"]:
