@@ -134,7 +134,7 @@ def load_configuration(name: str) -> AppearanceConfig:
 
 T = TypeVar("T")
 
-_ATTRIBUTE = re.compile(r"^ {8}(\w+): (.*(?:\n {12}.*)*)", re.MULTILINE)
+_ATTRIBUTE = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -202,7 +202,5 @@ def _toml_value(value: Any) -> str:
 
 
 def _descriptions(kind: type) -> dict[str, str]:
-    text = inspect.getdoc(kind) or ""
-    section = text.partition("Attributes:")[2]
-    indented = re.sub(r"^", "    ", section, flags=re.MULTILINE)
-    return {name: " ".join(words.split()) for name, words in _ATTRIBUTE.findall(indented)}
+    section = (inspect.getdoc(kind) or "").partition("Attributes:")[2]
+    return {name: " ".join(words.split()) for name, words in _ATTRIBUTE.findall(section)}

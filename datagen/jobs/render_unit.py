@@ -150,8 +150,8 @@ def _views(job: RenderJob, worker: _Worker, indices: range, rejected: list[tuple
 def _worker(unit: Unit) -> _Worker:
     key = replace(unit, number=0)
     if key not in _KEPT:
-        for _, worker in [_KEPT.popitem() for _ in range(len(_KEPT))]:
-            worker.gl.release()
+        while _KEPT:
+            _KEPT.popitem()[1].gl.release()
         _KEPT[key] = _open_worker(unit)
     return _KEPT[key]
 

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Any, Literal, final
+from typing import Any, Literal, final, get_args
 
 import moderngl
 
@@ -16,7 +16,7 @@ from pix2face.errors import GLUnavailableError, UsageError
 Rasteriser = Literal["auto", "compute", "fragment"]
 
 BACKENDS = ("egl", "osmesa")
-RASTERISERS: tuple[Rasteriser, ...] = ("auto", "compute", "fragment")
+RASTERISERS: tuple[Rasteriser, ...] = get_args(Rasteriser)
 ENVIRONMENT_VARIABLE = "PIX2FACE_GL"
 DEVICE_VARIABLE = "PIX2FACE_GL_DEVICE"
 RASTERISER_VARIABLE = "PIX2FACE_RASTERISER"
@@ -149,9 +149,7 @@ def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
         except Exception as error:  # noqa: BLE001 - glcontext raises bare Exception
             failures.append(f"{name}: {str(error).strip() or type(error).__name__}")
             continue
-        context.gc_mode = (
-            "context_gc"  # objects are freed by make_current alone, never while another context is current
-        )
+        context.gc_mode = "context_gc"  # make_current alone frees objects, never while another context is current
         renderer, version = str(context.info["GL_RENDERER"]), int(context.version_code)
         made = GLContext(context, name, renderer, version, chosen.rasteriser, chosen.device)
         _THREAD.living = [*_living(), made]
