@@ -186,9 +186,7 @@ def _facts(config: EvaluateConfig, model: MorphableModel, description: dict[str,
 
 
 def _data_folder(config: EvaluateConfig) -> Path | None:
-    if config.data is not None:
-        return config.data
-    folder = os.environ.get(DATA_VARIABLE)
+    folder = config.data or os.environ.get(DATA_VARIABLE)
     return Path(folder) if folder else None
 
 

@@ -87,11 +87,6 @@ def localise_prepared(maps: FaceMaps, pixels: "ValidPixels", prepared: PreparedM
 
     Each pixel looks up the vertex that its PNCC is near to, and each vertex keeps the nearest of its pixels. Where
     pixels are few, a tree answers instead.
-
-    Args:
-        maps: The maps of one picture.
-        pixels: Their valid pixels.
-        prepared: The vertices to look for.
     """
     if len(pixels.places) < LEAST_PIXELS_A_VERTEX * len(prepared.mean):
         nearest = _nearest_by_tree(pixels.pncc, prepared.mean.astype(np.float64))

@@ -169,12 +169,7 @@ def cells_over_steps(pncc: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]
 
 
 def _jumps(planes: Sequence[Float32[ndarray, "h w"]], mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h n"]:
-    """Whether the surface jumps between a pixel and the next one of its row (n = w - 1); background does not count.
-
-    Args:
-        planes: x, y and z of the surface.
-        mask: Where there is one.
-    """
+    """Whether the surface jumps between a pixel and the next one of its row (n = w - 1); background does not count."""
     squared = np.square(planes[0][:, 1:] - planes[0][:, :-1])
     for plane in planes[1:]:
         squared += np.square(plane[:, 1:] - plane[:, :-1])

@@ -106,11 +106,7 @@ class Surface:
 
 @final
 class SurfaceIndex:
-    """Finds the closest point of a surface that faces the same way: the inside of a mouth is no lip.
-
-    Args:
-        surface: What is searched.
-    """
+    """Finds the closest point of a surface that faces the same way: the inside of a mouth is no lip."""
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface

@@ -121,8 +121,8 @@ class Predictor:
         planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
         found = [read_planes(own, self.header) for own in planes]
         return [
-            Prediction(replace(own.maps, in_photograph=pixels_in_image(crop, image.shape[:2])), crop, own.n_undefined)
-            for own, crop, (image, _) in zip(found, crops, faces, strict=True)
+            Prediction(replace(maps, in_photograph=pixels_in_image(crop, image.shape[:2])), crop, n_undefined)
+            for (maps, n_undefined), crop, (image, _) in zip(found, crops, faces, strict=True)
         ]
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
@@ -137,17 +137,8 @@ class Predictor:
             return np.ascontiguousarray(planes.cpu().numpy())
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class ReadPlanes:
-    """The network's planes in millimetres. The fields are those of `Prediction`."""
-
-    maps: FaceMaps
-    n_undefined: int
-
-
-def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> ReadPlanes:
-    """Converts a network's output to maps in millimetres, 0 outside the mask.
+def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> tuple[FaceMaps, int]:
+    """Converts a network's output to maps in millimetres, 0 outside the mask, and counts the pixels not finite in it.
 
     Args:
         planes: Maps in units of the header's scales, then logits of masks, where there are any. Is overwritten.
@@ -164,7 +155,7 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
     pncc[~mask] = 0
     offset[~mask] = 0
     seen = mask & (planes[..., SEEN_PLANE] > 0) if header.planes > SEEN_PLANE else None
-    return ReadPlanes(FaceMaps(pncc, offset, mask, seen), int(undefined.sum()))
+    return FaceMaps(pncc, offset, mask, seen), int(undefined.sum())
 
 
 def _device(name: str | None) -> torch.device:

@@ -41,15 +41,7 @@ class LandmarkChoice:
 def save_landmarks(
     path: Path, model: MorphableModel, scheme: str, selection: LandmarkSelection, origin: dict[str, Any]
 ) -> None:
-    """Writes chosen landmarks with their errors.
-
-    Args:
-        path: The file to write.
-        model: Whose vertices were chosen.
-        scheme: Of the landmarks.
-        selection: The vertices and their errors.
-        origin: What the choice was made on, for the reader of the file.
-    """
+    """Writes chosen landmarks with their errors, and with what they were chosen on (``origin``), for the reader."""
     content = {
         "format": FORMAT,
         "schema_version": SCHEMA_VERSION,

@@ -134,11 +134,7 @@ def read_pickle(path: Path) -> dict[str, Any]:
 
 
 def as_array(value: Any, where: str) -> ndarray:
-    """Makes an array of numbers from a record.
-
-    Args:
-        value: What ``read_pickle`` has for a key.
-        where: File and key, for messages.
+    """Makes an array of numbers from a record that ``read_pickle`` returned; ``where`` (file and key) is for messages.
 
     Raises:
         InputFileError: The record is not an array of numbers, or its size does not fit its data.

@@ -17,12 +17,7 @@ TOLERANCE_MM = 1.0
 
 
 def visible_landmarks(fit: FaceFit, scheme: str = IBUG68) -> Bool[ndarray, " m"]:
-    """Which landmarks of a fitted face the fitted head itself does not hide.
-
-    Args:
-        fit: The face.
-        scheme: The landmarks that it was fitted with.
-    """
+    """Which landmarks of a fitted face, in the scheme it was fitted with, the head itself does not hide."""
     return visible_vertices(fit.vertices, fit.model.triangles, fit.camera, fit.model.landmarks[scheme])
 
 

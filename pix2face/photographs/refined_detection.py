@@ -143,13 +143,6 @@ def confirm_faces(
 def find_faces(
     image: UInt8[ndarray, "h w 3"], detector: Detector, predictor: Predictor, model: MorphableModel
 ) -> list[FaceBox]:
-    """The faces of a picture, found by a detector, refined and confirmed by the network; largest first.
-
-    Args:
-        image: RGB.
-        detector: Of ``pix2face.detectors.detection``.
-        predictor: The network.
-        model: The one that it was trained for.
-    """
+    """The faces of a picture (RGB), found by a detector, refined and confirmed by the network; largest first."""
     candidates = detector.candidates(image)
     return confirm_faces(image, candidates, predictor, model) if candidates else []

@@ -199,7 +199,7 @@ class Validator:
             true_mm = steps[0] / FIXED_POINT_STEPS_PER_MM
             errors_mm.append(float((predicted * scale_mm - true_mm).norm(dim=0)[mask].sum() / size))
         zero_mm = float((truth.offset[0] / FIXED_POINT_STEPS_PER_MM).norm(dim=0)[mask].sum() / size)
-        found = read_planes(np.ascontiguousarray(planes.permute(1, 2, 0).numpy()), self._header).maps
+        found, _ = read_planes(np.ascontiguousarray(planes.permute(1, 2, 0).numpy()), self._header)
         true_mask = mask.numpy()
         union = (found.mask | true_mask).sum()
         iou = float((found.mask & true_mask).sum() / max(union, 1))

@@ -42,6 +42,7 @@ def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = 
     items: list[BenchmarkItem] = []
     missing: list[str] = []
     absent: list[str] = []
+    suffix = ".mat" if manifest.kind == "w300lp-mat" else ".pts"
     for part in manifest.parts:
         folder = _folder_of_part(manifest, data, part)
         other = None
@@ -53,7 +54,7 @@ def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = 
                 missing.append(name)
                 absent.append(name)
                 continue
-            image, truth = folder / image_name, (folder / image_name).with_suffix(_truth_suffix(manifest))
+            image, truth = folder / image_name, (folder / image_name).with_suffix(suffix)
             lacking = [path.name for path in (image, truth) if not path.is_file()]
             if lacking:
                 missing.append(name if len(lacking) == 2 else f"{name} (no {lacking[0]})")
@@ -63,10 +64,6 @@ def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = 
             else:
                 items.append(BenchmarkItem(name, partial(_read_pts_face, name, part.name, image, truth)))
     return BenchmarkFiles(tuple(items), tuple(missing), absent_names=tuple(absent))
-
-
-def _truth_suffix(manifest: Manifest) -> str:
-    return ".mat" if manifest.kind == "w300lp-mat" else ".pts"
 
 
 def _folder_of_part(manifest: Manifest, data: Path, part: BenchmarkPart) -> Path | None:
