@@ -244,13 +244,10 @@ class Pix2Face:
             image_centre_in_crop(prediction.crop, size)
             for prediction, size in zip(predictions, image_sizes_px, strict=True)
         ]
-        joint = fit_joint(
-            (prediction.maps for prediction in predictions),
-            self.model,
-            options,
-            principal_points_px=principal_points,
+        fits = fit_joint(
+            (prediction.maps for prediction in predictions), self.model, options, principal_points_px=principal_points
         )
-        return [fit.in_image(prediction.crop) for fit, prediction in zip(joint.fits, predictions, strict=True)]
+        return [fit.in_image(prediction.crop) for fit, prediction in zip(fits, predictions, strict=True)]
 
     def _largest_face(self, image: UInt8[ndarray, "h w 3"], index: int) -> FaceBox:
         boxes = self.find_faces(image)

@@ -91,11 +91,7 @@ def _first_line(command: Callable[..., int]) -> str:
 
 
 def optional(metavar: str) -> Any:
-    """For the type of an option that may be left out: its help names the type alone, and no default.
-
-    Args:
-        metavar: What the help shows in place of the type.
-    """
+    """For the type of an option that may be left out: help shows ``metavar`` for its type, and no default."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 

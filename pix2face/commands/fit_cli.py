@@ -101,9 +101,7 @@ def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder
     if not seen:
         return tally
     fits = pix2face.fit_predictions_joint(
-        [face.prediction for face in seen],
-        [face.size_px for face in seen],
-        config.how,
+        [face.prediction for face in seen], [face.size_px for face in seen], config.how
     )
     for face, fitted in zip(seen, fits, strict=True):
         try:

@@ -3,7 +3,6 @@
 Of one image (Eq. 4), or of several of one person, who keeps the identity and changes the expression (Eq. 5).
 """
 
-from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
@@ -18,25 +17,20 @@ from pix2face.models.morphable_model import MorphableModel
 
 
 @final
-@dataclass(eq=False)
 class JointAccumulator:
     """Eq. 5 one picture at a time: its matrix is a block arrow, so each expression is eliminated as its picture comes.
 
     Time is linear in the number of pictures; what is kept of each is its (expressions x identities) block. Each
     picture is divided by its own lambda, so that a noisy one counts less; the penalty is then |c|^2.
 
-    Attributes:
+    Args:
         n_identity: How many of the components are identity.
     """
 
-    n_identity: int
-    _matrix: Float64[ndarray, "k k"] = field(init=False)
-    _right: Float64[ndarray, " k"] = field(init=False)
-    _eliminated: list[tuple[Float64[ndarray, " e"], Float64[ndarray, "e k"]]] = field(init=False, default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._matrix = np.eye(self.n_identity)
-        self._right = np.zeros(self.n_identity)
+    def __init__(self, n_identity: int) -> None:
+        self._n_identity = n_identity
+        self._matrix, self._right = np.eye(n_identity), np.zeros(n_identity)
+        self._eliminated: list[tuple[Float64[ndarray, " e"], Float64[ndarray, "e k"]]] = []
 
     def add(self, system: ImageSystem, regularisation: float) -> None:
         """Takes the normal equations of a further picture in.
@@ -48,7 +42,7 @@ class JointAccumulator:
         Raises:
             DegenerateGeometryError: lambda is too small for the arithmetic.
         """
-        k = self.n_identity
+        k = self._n_identity
         normal, right = system.normal / regularisation, system.right / regularisation
         aa, ab, bb = normal[:k, :k], normal[:k, k:], normal[k:, k:]
         factor = cholesky(bb + np.eye(len(bb)), regularisation)

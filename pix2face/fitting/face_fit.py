@@ -89,12 +89,7 @@ def fit_face(
     """
     check_scheme(model, scheme)
     measured = measure_picture(
-        maps,
-        model,
-        options,
-        principal_point_px=principal_point_px,
-        n_vertices=n_vertices,
-        constraints=constraints,
+        maps, model, options, principal_point_px=principal_point_px, n_vertices=n_vertices, constraints=constraints
     )
     coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]

@@ -1,11 +1,9 @@
 """Several pictures of one person: one identity, and a camera and an expression for each picture (Eq. 5)."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 from numpy import ndarray
 
 from pix2face.errors import UsageError
@@ -18,20 +16,6 @@ from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class JointFit:
-    """One person in several pictures.
-
-    Attributes:
-        identity: Coefficients in standard deviations, the same in all fits.
-        fits: One for each picture, in the pixels of its maps.
-    """
-
-    identity: Float64[ndarray, " k"]
-    fits: tuple[FaceFit, ...]
-
-
 def fit_joint(
     maps: Iterable[FaceMaps],
     model: MorphableModel,
@@ -39,7 +23,7 @@ def fit_joint(
     *,
     principal_points_px: Sequence[Float[ndarray, "2"] | None] | None = None,
     scheme: str = IBUG68,
-) -> JointFit:
+) -> list[FaceFit]:
     """Fits pictures of one person together: the identity is shared, cameras and expressions are not.
 
     Maps are taken one after the other, so they may come from a generator: of each picture only its camera and a block
@@ -53,6 +37,9 @@ def fit_joint(
         principal_points_px: As in ``fit_face``, one for each picture.
         scheme: As in ``fit_face``.
 
+    Returns:
+        A fit for each picture, in the pixels of its maps; all have the same identity.
+
     Raises:
         DegenerateGeometryError: As ``fit_face``, or there is no picture.
         UsageError: As ``fit_face``, or rounds of reprojection are asked for.
@@ -65,16 +52,12 @@ def fit_joint(
     joint, cameras = JointAccumulator(model.n_identity), []
     for index, own in enumerate(maps):
         measured = measure_picture(
-            own,
-            model,
-            options,
-            principal_point_px=None if principal_points_px is None else principal_points_px[index],
+            own, model, options, principal_point_px=None if principal_points_px is None else principal_points_px[index]
         )
         joint.add(measured.system, measured.regularisation)
         cameras.append(measured.camera)
     identity, expressions = joint.solve()
-    fits = (
+    return [
         face_of_coefficients(model, camera, identity, np.asarray(expression), scheme=scheme, contour=options.contour)
         for camera, expression in zip(cameras, expressions, strict=True)
-    )
-    return JointFit(identity, tuple(fits))
+    ]

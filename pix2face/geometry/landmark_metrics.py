@@ -13,7 +13,7 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
-from pix2face.geometry.landmarks import IBUG68_PARTS, INNER51, LEFT_EYE, OUTER_EYE_CORNERS, RIGHT_EYE
+from pix2face.geometry.landmarks import INNER51, LEFT_EYE, OUTER_EYE_CORNERS, RIGHT_EYE
 from pix2face.geometry.rigid_alignment import fit_rigid
 
 # What the distances are divided by. Papers differ; no function here has a default.
@@ -29,7 +29,6 @@ ALIGNMENTS: dict[Alignment, str] = {
 
 ALL68 = tuple(range(68))
 POINT_SETS = {"68": ALL68, "51": INNER51}
-PARTS = IBUG68_PARTS
 
 
 @final

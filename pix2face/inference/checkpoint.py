@@ -155,13 +155,9 @@ def _in_precision(tensors: Mapping[str, Tensor], precision: torch.dtype) -> dict
 
 
 def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
-    """Writes named tensors and one JSON header under a temporary name, then renames.
+    """Writes named tensors, of any device and layout, and one JSON header (with ``schema_version``) in one step.
 
-    Args:
-        path: Where to; its folder is made.
-        key: Says what kind of file it is.
-        header: What JSON can hold, with ``schema_version``.
-        tensors: On any device, of any layout.
+    The header's ``key`` says what kind of file it is. The file's folder is made.
     """
     stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with written_in_one_step(path) as temporary:

@@ -82,10 +82,8 @@ def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
         name, sha256 = str(fields["model"]["name"]), str(fields["model"]["sha256"])
         photograph = path.parent / str(fields["photograph"])
         camera = Camera(_numbers(fields, "camera_matrix", (4, 4)))
-        landmarks2d, landmarks3d = (
-            _numbers(fields, "landmarks2d_px", (-1, 2)),
-            _numbers(fields, "landmarks3d_mm", (-1, 3)),
-        )
+        landmarks2d = _numbers(fields, "landmarks2d_px", (-1, 2))
+        landmarks3d = _numbers(fields, "landmarks3d_mm", (-1, 3))
         if sha256 != model.sha256:
             raise ModelMismatchError(
                 f"{path}: a fit of the morphable model {name!r} ({sha256[:12]}), the one in use is {model.name!r} "

@@ -97,7 +97,7 @@ def main() -> int:
                         started = time.process_time()
                         found = fit_joint(maps[:n], model, paper_fit())
                         times[n].append((time.process_time() - started) / n)
-                    errors[kind][n].append(identity_errors(model, found.identity, seen[0].identity))
+                    errors[kind][n].append(identity_errors(model, found[0].identity, seen[0].identity))
     report = {
         "people": options.people,
         "milliseconds_a_picture": {n: round(1e3 * float(np.median(own)), 2) for n, own in times.items()},

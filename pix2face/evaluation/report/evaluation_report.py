@@ -25,7 +25,8 @@ from pix2face.evaluation.figures.bootstrap import (
 )
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_errors
-from pix2face.geometry.landmark_metrics import PARTS, POINT_SETS, Alignment, ErrorSummary, Normaliser, summarise
+from pix2face.geometry.landmark_metrics import POINT_SETS, Alignment, ErrorSummary, Normaliser, summarise
+from pix2face.geometry.landmarks import IBUG68_PARTS
 
 NORMALISERS: dict[Normaliser, str] = {
     "outer-eye": "distance of the true outer eye corners",
@@ -159,7 +160,7 @@ class Report:
     def mean_of_parts(self, method: str | None = None) -> dict[str, float]:
         """The error of each part of the face, mean over its landmarks and the faces that were found."""
         means = self.mean_of_landmarks(method)
-        return {part: float(means[list(indices)].mean()) for part, indices in PARTS.items()}
+        return {part: float(means[list(indices)].mean()) for part, indices in IBUG68_PARTS.items()}
 
 
 def make_report(

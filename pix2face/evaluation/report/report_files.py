@@ -21,7 +21,8 @@ from pix2face.evaluation.report.report_pictures import Cases, cases_sheet, curve
 from pix2face.evaluation.report.report_text import ReportTable, all_tables, report_notes
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
 from pix2face.files.images import encode_photograph
-from pix2face.geometry.landmark_metrics import ALIGNMENTS, PARTS, POINT_SETS
+from pix2face.geometry.landmark_metrics import ALIGNMENTS, POINT_SETS
+from pix2face.geometry.landmarks import IBUG68_PARTS
 
 SCHEMA_VERSION = 2
 FORMAT = "pix2face-evaluation"
@@ -139,7 +140,7 @@ def _face_as_json(result: FaceResult, is_in_full: bool) -> dict[str, Any]:
         "has_unusual_angle": result.has_unusual_angle,
         "errors": {points: _number(result.error(points)) for points in POINT_SETS},
         "baseline": {points: _number(result.error(points, BASELINE)) for points in POINT_SETS},
-        "parts": {part: _number(errors[list(indices)].mean()) for part, indices in PARTS.items()},
+        "parts": {part: _number(errors[list(indices)].mean()) for part, indices in IBUG68_PARTS.items()},
         "landmarks": _numbers(errors.round(6)) if is_in_full else None,
         "failure": result.failure,
         "pose_deg": None if result.pose_deg is None else _numbers(result.pose_deg),

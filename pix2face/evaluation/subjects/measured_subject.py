@@ -155,11 +155,6 @@ def detected_box(face: BenchmarkFace, detector: Detector, name: str) -> FaceBox:
     Pictures hold several faces and the benchmark asks for one, so the truth decides which box is meant; it does not
     make the box better.
 
-    Args:
-        face: With its picture.
-        detector: What finds the faces.
-        name: The detector's name, for messages.
-
     Raises:
         DegenerateGeometryError: No box overlaps the true one enough.
     """

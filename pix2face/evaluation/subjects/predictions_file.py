@@ -214,15 +214,15 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
         InputFileError: A track cannot be read.
     """
     names: list[str] = []
-    found: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS}
+    found: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name != "frame"}
     for path in sorted(folder.glob(f"*/{TRACK_NAME}")):
         clip = path.parent.name
         arrays = _arrays(path)
         of_frames = [_frame_name(clip, int(frame), frame_names.get(clip)) for frame in arrays["frame"]]
         kept = [row for row, name in enumerate(of_frames) if name in known]
         names += [of_frames[row] for row in kept]
-        for name in ARRAYS:
-            found[name].append(arrays[name][kept])
+        for name, parts in found.items():
+            parts.append(arrays[name][kept])
     if not names:
         clips = sorted({name.partition("/")[0] for name in known})
         raise UsageError(
@@ -230,13 +230,7 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
             f"`pix2face track .../{clips[0]}/vid.avi --out {folder / clips[0]}`"
         )
     stacked = {name: np.concatenate(parts).astype(np.float64) for name, parts in found.items()}
-    return PredictedLandmarks(
-        source=folder,
-        names=tuple(names),
-        landmarks2d=stacked["landmarks2d"],
-        landmarks3d=stacked["landmarks3d"],
-        pose_deg=stacked["pose_deg"],
-    )
+    return PredictedLandmarks(source=folder, names=tuple(names), **stacked)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

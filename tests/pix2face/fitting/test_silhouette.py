@@ -189,5 +189,5 @@ def test_a_choice_of_cameras_is_held_where_it_falls_on_weak_perspective(turned: 
 
 def test_a_joint_fit_is_held_as_well(turned: KnownFace) -> None:
     maps = [with_smooth_errors(turned, seed) for seed in range(3)]
-    plain, held = (fit_joint(maps, MODEL, paper_fit(regularisation=20.0, silhouette=own)).fits for own in (False, True))
+    plain, held = (fit_joint(maps, MODEL, paper_fit(regularisation=20.0, silhouette=own)) for own in (False, True))
     assert sum(landmark_error_px(turned, fit) for fit in held) < sum(landmark_error_px(turned, fit) for fit in plain)
