@@ -101,7 +101,6 @@ class PhotographColours:
         self._camera = fit.camera
         self._depth_camera, self._depths = _depths(fit, model, square_crop(box, 1.1, DEPTH_PX))
         self._cosines = facing(self._vertices, model.triangles, fit.camera)
-        self._is_face = model.is_face_vertex
         self._share = _share_of_photograph(model)
         self._is_ear = _vertices_of_region(model, EARS)
         from_nose = np.linalg.norm(model.mean - model.mean[model.landmarks[IBUG68][NOSE_TIP]], axis=1)

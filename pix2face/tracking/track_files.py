@@ -55,7 +55,7 @@ class TrackFiles:
     def __init__(
         self, folder: Path, formats: tuple[TrackFormat, ...], fps: float, identity: ndarray, model: MorphableModel
     ) -> None:
-        self._folder, self._fps = folder, fps
+        self._fps = fps
         self._files = ExitStack()
         self._csv = self._npz = self._pts = None
         if "csv" in formats:
