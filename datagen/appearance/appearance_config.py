@@ -30,29 +30,20 @@ DEFAULT, HARD, PLAIN = "default", "hard", "plain"
 @final
 @dataclass(frozen=True, kw_only=True)
 class AppearanceConfig:
-    """What synthetic photographs are drawn from.
+    """What synthetic photographs are drawn from."""
 
-    Attributes:
-        preset: The preset that it starts from. `plain` draws heads without hair, clothes and surroundings, painted
-            region by region; only the table `geometry` counts then. Models other than the built-in one need `plain`.
-        geometry: Poses, cameras, crops and expressions, drawn by `datagen sample`. The other tables are drawn by
-            `datagen render`.
-        skin: Skin, eyes, mouth and make-up.
-        hair: Hair, brows and lashes.
-        accessories: Glasses, beards, hats, clothes, hands and other things in front of a face.
-        light: Environments, lamps and shadows.
-        backdrop: What is behind the head.
-        photograph: Lens, sensor, processing, border and file.
-    """
-
+    # The preset that it starts from. `plain` draws heads without hair, clothes and surroundings, painted region by
+    # region; only the table `geometry` counts then. Models other than the built-in one need `plain`.
     preset: str = DEFAULT
+    # Poses, cameras, crops and expressions, drawn by `datagen sample`. The other tables are drawn by `datagen render`.
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
-    skin: SkinConfig = field(default_factory=SkinConfig)
-    hair: HairConfig = field(default_factory=HairConfig)
+    skin: SkinConfig = field(default_factory=SkinConfig)  # Skin, eyes, mouth and make-up.
+    hair: HairConfig = field(default_factory=HairConfig)  # Hair, brows and lashes.
+    # Glasses, beards, hats, clothes, hands and other things in front of a face.
     accessories: AccessoriesConfig = field(default_factory=AccessoriesConfig)
-    light: LightConfig = field(default_factory=LightConfig)
-    backdrop: BackdropConfig = field(default_factory=BackdropConfig)
-    photograph: PhotographConfig = field(default_factory=PhotographConfig)
+    light: LightConfig = field(default_factory=LightConfig)  # Environments, lamps and shadows.
+    backdrop: BackdropConfig = field(default_factory=BackdropConfig)  # What is behind the head.
+    photograph: PhotographConfig = field(default_factory=PhotographConfig)  # Lens, sensor, processing, border and file.
 
     def check(self) -> None:
         """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
@@ -134,7 +125,8 @@ def load_configuration(name: str) -> AppearanceConfig:
 
 T = TypeVar("T")
 
-_ATTRIBUTE = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
+# A field of a dataclass with the comments above and beside it.
+_FIELD = re.compile(r"((?:^    # .*\n)*)^    (\w+): [^#\n]*(?:# (.*))?$", re.MULTILINE)
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -155,7 +147,7 @@ def _replaced(base: T, given: Mapping[str, Any], where: str, table: str = "") ->
 
 
 def to_toml(configuration: Any, table: str = "") -> str:
-    """Writes a configuration as TOML; the line above each field is what the docstring says about it."""
+    """Writes a configuration as TOML; the line above each field is what its comment says."""
     described = _descriptions(type(configuration))
     lines, tables = [f"[{table}]"] if table else [], []
     for option in fields(configuration):
@@ -163,8 +155,7 @@ def to_toml(configuration: Any, table: str = "") -> str:
         if is_dataclass(value):
             tables.append(to_toml(value, f"{table}.{option.name}".lstrip(".")))
             continue
-        if option.name in described:
-            lines += textwrap.wrap(described[option.name], 100, initial_indent="# ", subsequent_indent="# ")
+        lines += textwrap.wrap(described[option.name], 100, initial_indent="# ", subsequent_indent="# ")
         lines.append(f"{option.name} = {_toml_value(value)}")
     return "\n".join(["\n".join(lines) + "\n", *tables])
 
@@ -202,5 +193,5 @@ def _toml_value(value: Any) -> str:
 
 
 def _descriptions(kind: type) -> dict[str, str]:
-    section = (inspect.getdoc(kind) or "").partition("Attributes:")[2]
-    return {name: " ".join(words.split()) for name, words in _ATTRIBUTE.findall(section)}
+    fields_of_kind = _FIELD.findall(inspect.getsource(kind))
+    return {name: " ".join((above.replace("    # ", "") + beside).split()) for above, name, beside in fields_of_kind}

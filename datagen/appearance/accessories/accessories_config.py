@@ -9,38 +9,22 @@ from datagen.config_limits import Share, check_limits, check_parts
 @final
 @dataclass(frozen=True, kw_only=True)
 class AccessoriesConfig:
-    """How often people wear or hold something. All numbers are shares, 0 to 1.
+    """How often people wear or hold something. All numbers are shares, 0 to 1."""
 
-    Attributes:
-        glasses: People with glasses.
-        sunglasses: People with dark glasses.
-        goggles: Glasses of either kind that are goggles for swimming or skiing.
-        beard: Men with a beard or a moustache that is more than stubble.
-        headwear: People with a hat, a headscarf, a helmet or the like.
-        mask: People with a mask over mouth and nose, or a scarf pulled up.
-        hand: People with a hand at or in front of the face.
-        held: People who hold a phone, a microphone, a cup, food or the like to the face.
-        thing: Pictures with a thing or another person in front of the face.
-        jewellery: Women with earrings, a necklace or a piercing; a quarter as many men.
-        sound: People with earphones, headphones or a headset.
-        scarf: People with a scarf around the neck.
-        pattern: Garments with a pattern instead of one colour.
-        least_visible: Smallest share of the face that stays visible from straight ahead and from 45° to both sides.
-    """
-
-    glasses: Share = 0.20
-    sunglasses: Share = 0.04
-    goggles: Share = 0.01
-    beard: Share = 0.30
-    headwear: Share = 0.10
-    mask: Share = 0.03
-    hand: Share = 0.07
-    held: Share = 0.03
-    thing: Share = 0.05
-    jewellery: Share = 0.35
-    sound: Share = 0.04
-    scarf: Share = 0.06
-    pattern: Share = 0.25
+    glasses: Share = 0.20  # People with glasses.
+    sunglasses: Share = 0.04  # People with dark glasses.
+    goggles: Share = 0.01  # Glasses of either kind that are goggles for swimming or skiing.
+    beard: Share = 0.30  # Men with a beard or a moustache that is more than stubble.
+    headwear: Share = 0.10  # People with a hat, a headscarf, a helmet or the like.
+    mask: Share = 0.03  # People with a mask over mouth and nose, or a scarf pulled up.
+    hand: Share = 0.07  # People with a hand at or in front of the face.
+    held: Share = 0.03  # People who hold a phone, a microphone, a cup, food or the like to the face.
+    thing: Share = 0.05  # Pictures with a thing or another person in front of the face.
+    jewellery: Share = 0.35  # Women with earrings, a necklace or a piercing; a quarter as many men.
+    sound: Share = 0.04  # People with earphones, headphones or a headset.
+    scarf: Share = 0.06  # People with a scarf around the neck.
+    pattern: Share = 0.25  # Garments with a pattern instead of one colour.
+    # Smallest share of the face that stays visible from straight ahead and from 45° to both sides.
     least_visible: Share = 0.40
 
     def check(self) -> None:

@@ -9,39 +9,25 @@ from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, 
 @final
 @dataclass(frozen=True, kw_only=True)
 class BackdropConfig:
-    """What is behind the head.
+    """What is behind the head."""
 
-    Attributes:
-        same_environment_weight: Weight of the environment that lights the face, if one does.
-        other_environment_weight: Weight of any other environment.
-        pattern_weight: Weight of generated walls, clutter, text, tiles, foliage, lights and other patterns.
-        plain_weight: Weight of a single colour: white, black, grey, green, blue, or any other.
-        folder: A folder of pictures, which is searched recursively; empty for none.
-        folder_share: Share of backdrops from that folder, if there is one.
-        widened_share: Share of environments that are shown with a wider angle than the camera's, and so with more
-            detail.
-        widest_view_deg: Largest angle across the picture of those.
-        blur: Smallest and largest radius of the defocus blur, as a share of the picture's width.
-        sharp_share: Share of backdrops that are in focus.
-        brightness: Smallest and largest brightness relative to the light on the face, for backdrops that are not
-            environments.
-        people_share: Share of pictures with other people behind.
-        most_people: Largest number of those people; 0 for none.
-    """
-
-    same_environment_weight: FromZero = 0.45
-    other_environment_weight: FromZero = 0.15
+    same_environment_weight: FromZero = 0.45  # Weight of the environment that lights the face, if one does.
+    other_environment_weight: FromZero = 0.15  # Weight of any other environment.
+    # Weight of generated walls, clutter, text, tiles, foliage, lights and other patterns.
     pattern_weight: FromZero = 0.32
-    plain_weight: FromZero = 0.08
-    folder: str = ""
-    folder_share: Share = 0.6
+    plain_weight: FromZero = 0.08  # Weight of a single colour: white, black, grey, green, blue, or any other.
+    folder: str = ""  # A folder of pictures, which is searched recursively; empty for none.
+    folder_share: Share = 0.6  # Share of backdrops from that folder, if there is one.
+    # Share of environments that are shown with a wider angle than the camera's, and so with more detail.
     widened_share: Share = 0.6
-    widest_view_deg: Annotated[float, Limits(10, 150)] = 100.0
+    widest_view_deg: Annotated[float, Limits(10, 150)] = 100.0  # Largest angle across the picture of those.
+    # Smallest and largest radius of the defocus blur, as a share of the picture's width.
     blur: Annotated[Range, Limits(0, 0.5, is_open=True)] = (0.002, 0.05)
-    sharp_share: Share = 0.3
+    sharp_share: Share = 0.3  # Share of backdrops that are in focus.
+    # Smallest and largest brightness relative to the light on the face, for backdrops that are not environments.
     brightness: Annotated[Range, Limits(0, 10, is_open=True)] = (0.4, 2.2)
-    people_share: Share = 0.06
-    most_people: Annotated[int, Limits(0, 3)] = 3
+    people_share: Share = 0.06  # Share of pictures with other people behind.
+    most_people: Annotated[int, Limits(0, 3)] = 3  # Largest number of those people; 0 for none.
 
     def check(self) -> None:
         """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""

@@ -9,58 +9,39 @@ from datagen.config_limits import FromZero, Limits, Range, Share, check_limits
 @final
 @dataclass(frozen=True, kw_only=True)
 class HairConfig:
-    """Shares and ranges. Styles also depend on sex, age and origin, but none is ever impossible.
+    """Shares and ranges. Styles also depend on sex, age and origin, but none is ever impossible."""
 
-    Attributes:
-        no_mesh_share: Share of men whose head is bald, shaved or cropped, which is painted on the scalp; a third of it
-            for women.
-        over_face_share: Share of heads whose strands hang over forehead and cheeks as far as the style allows; all
-            other heads have them combed aside.
-        covering_factor: Factor on the weight of styles that hang over shoulders and cheeks.
-        mirrored_share: Share of styles that are mirrored left to right.
-        cap_share: Share of styles with gaps at the crown that get short hair below.
-        cut_share: Share of long hair that is cut off at some height.
-        length: Smallest and largest factor on the length of what hangs below the ears.
-        volume: Smallest and largest factor on the distance from the scalp.
-        sway_mm: Standard deviation of how far wind or a tilt of the head moves the tips of 10 cm of hair sideways.
-        density: Smallest and largest density; 1 is as modelled.
-        thinning_share: Share of men of 60 whose hair is thin at the crown; smaller before, larger after, a quarter for
-            women.
-        dyed_share: Share of heads in a natural colour that is not their own.
-        vivid_share: Share of heads in blue, pink, green, purple or red.
-        highlights_share: Share of heads with lighter strands or tips.
-        grey_age_years: Age at which half of the hair is grey, for every second person.
-        brow_density: Smallest and largest density of brows; 1 is as painted.
-        brow_thickness: Smallest and largest factor on the height of brows.
-        brow_shift_mm: Standard deviation of how far brows are moved up or down.
-        no_brows_share: Share of faces without brows.
-        joined_brows_share: Share of brows that meet, or nearly do.
-        dyed_brows_share: Share of brows whose colour does not follow the hair.
-        mascara_share: Share of women with mascara; a twentieth of it for men.
-    """
-
+    # Share of men whose head is bald, shaved or cropped, which is painted on the scalp; a third of it for women.
     no_mesh_share: Share = 0.24
+    # Share of heads whose strands hang over forehead and cheeks as far as the style allows; all other heads have them
+    # combed aside.
     over_face_share: Share = 0.15
-    covering_factor: FromZero = 0.6
-    mirrored_share: Share = 0.5
-    cap_share: Share = 0.15
-    cut_share: Share = 0.4
+    covering_factor: FromZero = 0.6  # Factor on the weight of styles that hang over shoulders and cheeks.
+    mirrored_share: Share = 0.5  # Share of styles that are mirrored left to right.
+    cap_share: Share = 0.15  # Share of styles with gaps at the crown that get short hair below.
+    cut_share: Share = 0.4  # Share of long hair that is cut off at some height.
+    # Smallest and largest factor on the length of what hangs below the ears.
     length: Annotated[Range, Limits(0, is_open=True)] = (0.6, 1.1)
+    # Smallest and largest factor on the distance from the scalp.
     volume: Annotated[Range, Limits(0, is_open=True)] = (0.75, 1.25)
+    # Standard deviation of how far wind or a tilt of the head moves the tips of 10 cm of hair sideways.
     sway_mm: FromZero = 6.0
-    density: Annotated[Range, Limits(0, is_open=True)] = (0.8, 1.15)
+    density: Annotated[Range, Limits(0, is_open=True)] = (0.8, 1.15)  # Smallest and largest density; 1 is as modelled.
+    # Share of men of 60 whose hair is thin at the crown; smaller before, larger after, a quarter for women.
     thinning_share: Share = 0.4
-    dyed_share: Share = 0.12
-    vivid_share: Share = 0.03
-    highlights_share: Share = 0.10
-    grey_age_years: FromZero = 58.0
+    dyed_share: Share = 0.12  # Share of heads in a natural colour that is not their own.
+    vivid_share: Share = 0.03  # Share of heads in blue, pink, green, purple or red.
+    highlights_share: Share = 0.10  # Share of heads with lighter strands or tips.
+    grey_age_years: FromZero = 58.0  # Age at which half of the hair is grey, for every second person.
+    # Smallest and largest density of brows; 1 is as painted.
     brow_density: Annotated[Range, Limits(0, is_open=True)] = (0.75, 1.3)
+    # Smallest and largest factor on the height of brows.
     brow_thickness: Annotated[Range, Limits(0, is_open=True)] = (0.75, 1.25)
-    brow_shift_mm: FromZero = 1.0
-    no_brows_share: Share = 0.01
-    joined_brows_share: Share = 0.04
-    dyed_brows_share: Share = 0.08
-    mascara_share: Share = 0.5
+    brow_shift_mm: FromZero = 1.0  # Standard deviation of how far brows are moved up or down.
+    no_brows_share: Share = 0.01  # Share of faces without brows.
+    joined_brows_share: Share = 0.04  # Share of brows that meet, or nearly do.
+    dyed_brows_share: Share = 0.08  # Share of brows whose colour does not follow the hair.
+    mascara_share: Share = 0.5  # Share of women with mascara; a twentieth of it for men.
 
     def check(self) -> None:
         """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""

@@ -1,7 +1,7 @@
 """Poses, cameras and crops: distributed as configured, framed as said."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -168,11 +168,6 @@ def test_configurations_that_cannot_be_drawn_are_refused(changes: dict[str, obje
     config = replace(DEFAULT_GEOMETRY, **changes)  # type: ignore[arg-type]
     with pytest.raises(UsageError, match=message):
         sample_faces(small_head_model(), 1, 0, 128, config)
-
-
-def test_every_field_is_explained() -> None:
-    described = GeometryConfig.__doc__ or ""
-    assert all(f"    {field.name}: " in described for field in fields(GeometryConfig))
 
 
 def test_the_command_draws_what_a_file_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
