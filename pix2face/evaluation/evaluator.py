@@ -36,40 +36,21 @@ BASELINE = "baseline"
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FaceResult:
-    """What came out for one face.
+    """The result for one face. What the truth or the subject does not know is None."""
 
-    Attributes:
-        name: What lists call it.
-        group: The column of the table that it counts in.
-        clip: The clip that it is a frame of, or None.
-        yaw_deg: True yaw, where known.
-        has_unusual_angle: Whether an angle of the truth is beyond ±99°.
-        landmark_errors: For each landmark the error, a fraction; infinity where the face was not found.
-        baseline_errors: The same for the mean face placed in the box.
-        landmarks2d: Found landmarks in image pixels; None where the face was not found.
-        failure: Why it was not found, or None.
-        pose_deg: Found pitch, yaw, roll, where known.
-        pose_errors_deg: How far off the pose is, where both are known.
-        distances3d: For each landmark the distance in space, in the data's unit; infinity where there is none; None
-            where the truth has no 3D landmarks.
-        baseline_distances3d: The same for the mean face.
-        maps: Errors of the maps, where the truth knows them.
-        coefficients: Errors of the coefficients, where the truth knows them.
-    """
-
-    name: str
-    group: str
-    clip: str | None
-    yaw_deg: float | None
-    has_unusual_angle: bool
-    landmark_errors: Float64[ndarray, "68"]
-    baseline_errors: Float64[ndarray, "68"]
-    landmarks2d: Float64[ndarray, "68 2"] | None
-    failure: str | None
-    pose_deg: Float64[ndarray, "3"] | None = None
+    name: str  # its name in lists
+    group: str  # the column of the table in which it counts
+    clip: str | None  # the clip of a frame
+    yaw_deg: float | None  # true yaw
+    has_unusual_angle: bool  # whether an angle of the truth is beyond ±99°
+    landmark_errors: Float64[ndarray, "68"]  # of each landmark, a fraction; infinity where the face was not found
+    baseline_errors: Float64[ndarray, "68"]  # the same for the mean face placed in the box
+    landmarks2d: Float64[ndarray, "68 2"] | None  # found landmarks in image pixels; None where the face was not found
+    failure: str | None  # why it was not found
+    pose_deg: Float64[ndarray, "3"] | None = None  # found pitch, yaw, roll
     pose_errors_deg: PoseErrors | None = None
-    distances3d: Float64[ndarray, "68"] | None = None
-    baseline_distances3d: Float64[ndarray, "68"] | None = None
+    distances3d: Float64[ndarray, "68"] | None = None  # of each landmark in 3D, unit of the data; infinity if not found
+    baseline_distances3d: Float64[ndarray, "68"] | None = None  # the same for the mean face
     maps: MapErrors | None = None
     coefficients: CoefficientErrors | None = None
 
@@ -82,19 +63,12 @@ class FaceResult:
 @final
 @dataclass(frozen=True, eq=False)
 class Evaluator:
-    """Everything that one evaluation holds fixed.
+    """Everything that one evaluation holds fixed."""
 
-    Attributes:
-        model: Its mean face is the baseline.
-        subject: What is measured.
-        normaliser: What errors are divided by.
-        alignment: How 3D landmarks are laid onto the true ones.
-    """
-
-    model: MorphableModel
-    subject: Subject
-    normaliser: Normaliser
-    alignment: Alignment = "rigid"
+    model: MorphableModel  # its mean face is the baseline
+    subject: Subject  # what is measured
+    normaliser: Normaliser  # what errors are divided by
+    alignment: Alignment = "rigid"  # how 3D landmarks are aligned with the true ones
 
     def evaluate(self, faces: Sequence[BenchmarkFace]) -> list[FaceResult]:
         """Finds and measures some faces at once.

@@ -22,21 +22,13 @@ LARGEST_BYTE = 255
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Batch:
-    """Some samples.
+    """Some samples."""
 
-    Attributes:
-        image: RGB.
-        pncc: Steps of 1/128 mm, model frame; 0 in the background.
-        offset: As ``pncc``.
-        mask: 1 where both hold, also behind what stands before the face; else 0.
-        seen: 1 where the picture shows the face itself; None where one of the sets does not know.
-    """
-
-    image: UInt8[Tensor, "b 3 s s"]
-    pncc: Int16[Tensor, "b 3 s s"]
-    offset: Int16[Tensor, "b 3 s s"]
-    mask: UInt8[Tensor, "b s s"]
-    seen: UInt8[Tensor, "b s s"] | None
+    image: UInt8[Tensor, "b 3 s s"]  # RGB
+    pncc: Int16[Tensor, "b 3 s s"]  # steps of 1/128 mm, model frame; 0 in the background
+    offset: Int16[Tensor, "b 3 s s"]  # likewise
+    mask: UInt8[Tensor, "b s s"]  # 1 where both maps hold, also behind what covers the face; else 0
+    seen: UInt8[Tensor, "b s s"] | None  # 1 where the picture shows the face; None if a set does not know
 
     def __len__(self) -> int:
         return len(self.image)

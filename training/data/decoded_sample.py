@@ -18,25 +18,15 @@ _N_COUNTS = 8
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DecodedSample:
-    """A picture, and its maps where there is a face. A row of a batch has maps as large as the picture.
+    """A picture, and its maps where there is a face. A row of a batch has maps as large as the picture."""
 
-    Attributes:
-        image: RGB.
-        pncc: Steps of 1/128 mm, cut to the mask's bounding box, as the following maps are.
-        offset: Steps of 1/128 mm.
-        mask: 1 where both hold, else 0.
-        seen: 1 where the picture shows the face; None where the set does not say.
-        corner: Top left corner (x, y) of the cut in the picture, px.
-        landmarks2d: px.
-    """
-
-    image: UInt8[ndarray, "h w 3"]
-    pncc: Int16[ndarray, "y x 3"]
-    offset: Int16[ndarray, "y x 3"]
-    mask: UInt8[ndarray, "y x"]
-    seen: UInt8[ndarray, "y x"] | None
-    corner: tuple[int, int] = (0, 0)
-    landmarks2d: Float32[ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    image: UInt8[ndarray, "h w 3"]  # RGB
+    pncc: Int16[ndarray, "y x 3"]  # steps of 1/128 mm, cut to the bounding box of the mask, as the following maps are
+    offset: Int16[ndarray, "y x 3"]  # steps of 1/128 mm
+    mask: UInt8[ndarray, "y x"]  # 1 where both maps hold, else 0
+    seen: UInt8[ndarray, "y x"] | None  # 1 where the picture shows the face; None where the set does not know
+    corner: tuple[int, int] = (0, 0)  # top left corner (x, y) of the cut in the picture, px
+    landmarks2d: Float32[ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.float32))  # px
 
     def to_bytes(self) -> bytes:
         """Returns the sample as one block of bytes, which ``from_bytes`` reads."""

@@ -12,15 +12,10 @@ from pix2face.errors import UsageError
 @final
 @dataclass(frozen=True)
 class ShardFolder:
-    """A folder of shards.
-
-    Attributes:
-        path: The folder.
-        weight: Its share of the draws beside that of others; None where samples of all folders are drawn equally often.
-    """
+    """A folder of shards."""
 
     path: Path
-    weight: float | None = None
+    weight: float | None = None  # share of the draws; None draws the samples of all folders equally often
 
 
 def parse_shard_folders(texts: Sequence[str]) -> list[ShardFolder]:

@@ -29,61 +29,36 @@ SEEN = "seen"
 @final
 @dataclass(frozen=True, eq=False)
 class SampleSet:
-    """Samples that are drawn equally often.
+    """Samples that are drawn equally often."""
 
-    Attributes:
-        weight: Share of the draws that they get together, beside those of other sets.
-        samples: Their numbers.
-    """
-
-    weight: float
-    samples: Int64[ndarray, " n"]
+    weight: float  # share of the draws that they get together
+    samples: Int64[ndarray, " n"]  # their numbers
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShardIndex:
-    """All samples of a training.
-
-    Attributes:
-        readers: Of the shards.
-        shard: For each sample its shard.
-        position: For each sample its place there.
-        person: For each sample a hash of whom it shows.
-        sets: The samples that are drawn; others are left out by ``where`` or held out.
-        n_samples: Of all shards, drawn or not.
-        where: What a sample's attributes must fulfil to be drawn; empty for nothing.
-        held_out: Share of the persons that are not in ``sets`` (or, in what was held out, that are).
-        n_held_out: Samples that show them.
-        model_name: The one morphable model of all shards.
-        model_sha256: Its hash.
-        smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
-        pncc_scale_mm: PNCC divided by this stays within ±1.
-        offset_scale_mm: So do offsets divided by this.
-        licence: The terms of all shards.
-        mirror_obstacle: Why samples cannot be mirrored; empty where they can.
-        knows_seen: Whether every shard says where the face is seen.
-        samples_sha256: Hash of all sample ids and stored checksums in order: tells one training set from another, also
-            when samples of the same ids were rendered anew with another seed.
-    """
+    """All samples of a training."""
 
     readers: tuple[ShardReader, ...]
-    shard: Int32[ndarray, " n"]
-    position: Int32[ndarray, " n"]
-    person: UInt64[ndarray, " n"]
-    sets: tuple[SampleSet, ...]
-    n_samples: int
-    where: str
-    held_out: float = 0.0
-    n_held_out: int = 0
-    model_name: str
+    shard: Int32[ndarray, " n"]  # for each sample the number of its shard
+    position: Int32[ndarray, " n"]  # for each sample its place in that shard
+    person: UInt64[ndarray, " n"]  # for each sample a hash of the person
+    sets: tuple[SampleSet, ...]  # the samples that are drawn; others are held out, or left out by `where`
+    n_samples: int  # of all shards, drawn or not
+    where: str  # the condition that the attributes of a drawn sample fulfil; empty for none
+    held_out: float = 0.0  # share of the persons that `split_off` held out
+    n_held_out: int = 0  # number of their samples
+    model_name: str  # the one morphable model of all shards
     model_sha256: str
-    smallest_radius_mm: float
-    pncc_scale_mm: float
-    offset_scale_mm: float
-    licence: str
-    mirror_obstacle: str
-    knows_seen: bool
+    smallest_radius_mm: float  # distance from the origin to the nearest point of the mean face
+    pncc_scale_mm: float  # PNCC divided by this is within ±1
+    offset_scale_mm: float  # offsets divided by this are within ±1
+    licence: str  # the terms of all shards
+    mirror_obstacle: str  # why samples cannot be mirrored; empty where they can
+    knows_seen: bool  # whether every shard has the layer seen
+    # Hash of all sample ids and stored checksums, in order. It differs also where the same ids were rendered with
+    # another seed.
     samples_sha256: str
 
     def __len__(self) -> int:

@@ -66,16 +66,10 @@ class RunningMean:
 @final
 @dataclass(frozen=True, kw_only=True)
 class StepLosses:
-    """What a step found, before it changed the weights.
+    """The losses of a step, before it changed the weights."""
 
-    Attributes:
-        total: What is minimised.
-        parts: Its parts by name, unweighted.
-        learning_rate: In use.
-    """
-
-    total: float
-    parts: dict[str, float]
+    total: float  # what is minimised
+    parts: dict[str, float]  # unweighted, by name
     learning_rate: float
 
 

@@ -15,27 +15,16 @@ STEPS_A_LINE = 50
 @final
 @dataclass(frozen=True, kw_only=True)
 class StepReport:
-    """One step of training.
+    """One step of training."""
 
-    Attributes:
-        epoch: From 0.
-        step: Within the epoch, from 1.
-        samples: Seen since the training began, these included.
-        images: In this step's batch.
-        loss: Total.
-        parts: Its parts by name, unweighted.
-        learning_rate: In use.
-        waited_seconds: For the batch.
-    """
-
-    epoch: int
-    step: int
-    samples: int
-    images: int
-    loss: float
-    parts: Mapping[str, float]
+    epoch: int  # from 0
+    step: int  # within the epoch, from 1
+    samples: int  # since the training began, with those of this step
+    images: int  # in the batch of this step
+    loss: float  # what is minimised
+    parts: Mapping[str, float]  # unweighted, by name
     learning_rate: float
-    waited_seconds: float
+    waited_seconds: float  # for the batch
 
 
 @final

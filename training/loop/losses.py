@@ -17,19 +17,13 @@ from training.recipe.recipe import LossOver, LossWeights
 @final
 @dataclass(frozen=True, kw_only=True)
 class LossPlan:
-    """What to compare, and how.
+    """Which planes are compared with which truth, and how."""
 
-    Attributes:
-        pncc_scale_mm: The network's first three planes are PNCC divided by this.
-        offset_scale_mm: The next three are offsets divided by this.
-        weights: Of the parts.
-        over: Pixels over which maps are compared. In each picture the mean over these, so that every picture counts
-            the same, and a batch is the mean of its parts.
-    """
-
-    pncc_scale_mm: float
-    offset_scale_mm: float
+    pncc_scale_mm: float  # the first three planes of the network are PNCC divided by this
+    offset_scale_mm: float  # the next three are offsets divided by this
     weights: LossWeights
+    # Pixels over which the errors of the maps are averaged, in each picture by itself, so that every picture counts the
+    # same and a batch is the mean of its parts.
     over: LossOver
 
     def parts(self, planes: Float[Tensor, "b planes s s"], batch: Batch) -> dict[str, Float[Tensor, ""]]:

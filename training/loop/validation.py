@@ -95,21 +95,14 @@ def inference_crop(landmarks2d: Float32[ndarray, "m 2"], recipe: Recipe) -> Crop
 @final
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """Means over the faces held out.
+    """Means over the faces that were held out."""
 
-    Attributes:
-        pncc_mm: Distance of PNCC from the truth, over the true mask.
-        offset_mm: Distance of offsets from the truth, over the true mask.
-        offset_zero_mm: The same if all offsets were predicted as 0.
-        mask_iou: Pixels in both the true and the predicted mask by pixels in one of them.
-        nme: Error of 68 landmarks of the project's fit, as a fraction of sqrt(w h) of the true ones' box; None where
-            the morphable model is not at hand.
-    """
-
-    pncc_mm: float
-    offset_mm: float
-    offset_zero_mm: float
-    mask_iou: float
+    pncc_mm: float  # distance of PNCC from the truth, over the true mask
+    offset_mm: float  # distance of offsets from the truth, over the true mask
+    offset_zero_mm: float  # the same for offsets of 0
+    mask_iou: float  # pixels in both the true and the predicted mask, divided by pixels in either
+    # Error of the 68 fitted landmarks, as a fraction of sqrt(w h) of the true landmarks' box; None where the morphable
+    # model is not at hand.
     nme: float | None
 
     @property

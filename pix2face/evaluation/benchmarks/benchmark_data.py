@@ -23,37 +23,21 @@ USUAL_ANGLE_DEG = 99.0
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BenchmarkFace:
-    """A picture and its truth.
+    """A picture and its truth. What the truth does not state is None."""
 
-    Attributes:
-        name: What lists call it.
-        group: The column of the table that it counts in.
-        landmarks2d: True landmarks, pixels.
-        read_image: Reads the picture, RGB; raises InputFileError where it is damaged.
-        image: The picture, once it is read.
-        clip: The clip that it is a frame of, or None.
-        yaw_deg: Yaw of the head, wrapped to ±180, where the truth knows it.
-        has_unusual_angle: Whether one of pitch, yaw, roll is beyond ±99° as stored.
-        pose: True pose of the head, where the truth knows it and can be trusted.
-        landmarks3d: True landmarks in space, in the unit of the data, where the truth knows them.
-        maps: True maps, where the truth knows them.
-        identity: True coefficients in standard deviations, where the truth knows them.
-        expression: The same.
-    """
-
-    name: str
-    group: str
-    landmarks2d: Float64[ndarray, "68 2"]
-    read_image: Callable[[], UInt8[ndarray, "h w 3"]]
-    image: UInt8[ndarray, "h w 3"] | None = None
-    clip: str | None = None
-    yaw_deg: float | None = None
-    has_unusual_angle: bool = False
-    pose: HeadPose | None = None
-    landmarks3d: Float64[ndarray, "68 3"] | None = None
-    maps: FaceMaps | None = None
-    identity: Float[ndarray, " k"] | None = None
-    expression: Float[ndarray, " e"] | None = None
+    name: str  # its name in lists
+    group: str  # the column of the table in which it counts
+    landmarks2d: Float64[ndarray, "68 2"]  # true landmarks, pixels
+    read_image: Callable[[], UInt8[ndarray, "h w 3"]]  # reads the picture (RGB), or raises InputFileError
+    image: UInt8[ndarray, "h w 3"] | None = None  # the picture, once it has been read
+    clip: str | None = None  # the clip of a frame
+    yaw_deg: float | None = None  # true yaw, wrapped to ±180
+    has_unusual_angle: bool = False  # whether the stored pitch, yaw or roll is beyond ±99°
+    pose: HeadPose | None = None  # true pose of the head; None also where it cannot be trusted
+    landmarks3d: Float64[ndarray, "68 3"] | None = None  # true 3D landmarks in the unit of the data
+    maps: FaceMaps | None = None  # true maps
+    identity: Float[ndarray, " k"] | None = None  # true coefficients, standard deviations
+    expression: Float[ndarray, " e"] | None = None  # likewise
 
     def with_image(self) -> "BenchmarkFace":
         """The face with its picture.
@@ -67,17 +51,11 @@ class BenchmarkFace:
 @final
 @dataclass(frozen=True)
 class BenchmarkItem:
-    """A face that is complete on disk and not yet read.
+    """A face that is complete on disk and not yet read."""
 
-    Attributes:
-        name: What lists call it.
-        load: Reads the truth; raises InputFileError where its files are damaged.
-        attributes: What a render was drawn from; empty for photographs.
-    """
-
-    name: str
-    load: Callable[[], BenchmarkFace]
-    attributes: Mapping[str, str | float] = field(default_factory=dict)
+    name: str  # its name in lists
+    load: Callable[[], BenchmarkFace]  # reads the truth, or raises InputFileError
+    attributes: Mapping[str, str | float] = field(default_factory=dict)  # those of a render; none for photographs
 
 
 @final
@@ -92,20 +70,13 @@ class Unreadable:
 @final
 @dataclass(frozen=True)
 class BenchmarkFiles:
-    """What was found of a split.
+    """The files of a split that were found."""
 
-    Attributes:
-        items: Complete faces.
-        missing: Names of the faces that are not there, each with what is missing.
-        unreadable: Whole files that cannot be opened (damaged shards).
-        absent_names: Names of all faces of the benchmark that are not among the items, without remarks.
-        frame_names: For each clip whose frames are pictures their names in order; frames of a video count from 1.
-    """
-
-    items: tuple[BenchmarkItem, ...]
-    missing: tuple[str, ...]
-    unreadable: tuple[Unreadable, ...] = ()
-    absent_names: tuple[str, ...] = ()
+    items: tuple[BenchmarkItem, ...]  # complete faces
+    missing: tuple[str, ...]  # names of the faces that are not there, each with what is missing
+    unreadable: tuple[Unreadable, ...] = ()  # whole files that cannot be opened (damaged shards)
+    absent_names: tuple[str, ...] = ()  # names of the faces that are not among the items, without remarks
+    # For each clip whose frames are pictures: their names, in order. Frames of a video are numbered from 1.
     frame_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 

@@ -39,83 +39,46 @@ Grouping = Literal["parts", "yaw"]
 @final
 @dataclass(frozen=True)
 class BenchmarkPart:
-    """A list of pictures that lie in one folder, or of clips.
+    """A list of pictures that lie in one folder, or of clips."""
 
-    Attributes:
-        name: What tables call it.
-        image_names: File names of the pictures, in the benchmark's order.
-        folders: Where they may lie below a home, the first that holds any of them counts.
-        clips: Names of clips, each a folder.
-        all_others: Whether every clip that no other part names belongs here.
-    """
-
-    name: str
-    image_names: tuple[str, ...] = ()
-    folders: tuple[str, ...] = ()
-    clips: tuple[str, ...] = ()
-    all_others: bool = False
+    name: str  # its name in tables
+    image_names: tuple[str, ...] = ()  # file names of the pictures, in the benchmark's order
+    folders: tuple[str, ...] = ()  # where they may lie below a home; the first folder that holds any of them counts
+    clips: tuple[str, ...] = ()  # names of clips, each a folder
+    all_others: bool = False  # whether all clips that no other part names belong to this one
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """A benchmark split.
+    """A benchmark split."""
 
-    Attributes:
-        split: Its name on the command line.
-        title: Its name for people.
-        kind: How pictures and truth are stored.
-        truth: Which truth is meant, in a word.
-        ground_truth: The same in full.
-        landmark_scheme: Scheme of the landmarks.
-        normaliser: What errors are divided by.
-        threshold: Where a face counts as failed, and where the error curve ends; a fraction.
-        box_rule: Which box the crop is made from, in words.
-        groups: What the columns of the table are.
-        licence: Terms of the data.
-        obtain: Where the data is to be had, in words.
-        layout: How it is to be laid out, in words.
-        homes: Folders below the data folder to look in.
-        parts: The pictures; empty for shards.
-        n_samples: How many pictures (of clips: how many clips) the benchmark has.
-        seed: Of the draw whose faces a split of shards consists of; None for photographs.
-        other_truths: What else can be taken for the truth: a word, and the same in full.
-        reannotated_files: What a file of re-annotated landmarks may be called.
-        jaw_follows_outline: Whether jaw points were marked where the face ends in the picture.
-        pictures_in: Folders of a clip that its frames may lie in.
-        n_annotated: How many points annotations may have instead of 68; None for no other number.
-        landmark_indices: Which of those the 68 are.
-        alignment: How 3D landmarks are laid onto the true ones before they are compared; None where there are none.
-        threshold3d: Where the curve of 3D distances ends, in the data's unit.
-        by: Expressions of attributes (``pix2face.shards.sample_filter``) that errors are also told apart by; of shards.
-    """
-
-    split: str
-    title: str
+    split: str  # its name on the command line
+    title: str  # its name for people
     kind: Kind
-    truth: str
-    ground_truth: str
-    landmark_scheme: str
-    normaliser: Normaliser
-    threshold: float
-    box_rule: str
+    truth: str  # the ground truth in a word
+    ground_truth: str  # the ground truth in full
+    landmark_scheme: str  # of the truth, for the report
+    normaliser: Normaliser  # what errors are divided by
+    threshold: float  # above it a face counts as failed, and there the error curve ends; a fraction
+    box_rule: str  # the box that the crop is made from, in words
     groups: Grouping
-    licence: str
-    obtain: str
-    layout: str
-    homes: tuple[str, ...]
-    parts: tuple[BenchmarkPart, ...]
-    n_samples: int
-    seed: int | None = None
-    other_truths: Mapping[str, str] = field(default_factory=dict)
-    reannotated_files: tuple[str, ...] = ()
-    jaw_follows_outline: bool = False
-    pictures_in: tuple[str, ...] = ()
-    n_annotated: int | None = None
-    landmark_indices: tuple[int, ...] = ()
-    alignment: Alignment | None = None
-    threshold3d: float | None = None
-    by: tuple[str, ...] = ()
+    licence: str  # terms of the data
+    obtain: str  # where the data can be obtained, in words
+    layout: str  # how to lay it out, in words
+    homes: tuple[str, ...]  # folders below the data folder to look in
+    parts: tuple[BenchmarkPart, ...]  # the pictures; empty for shards
+    n_samples: int  # how many pictures (of clips: how many clips) the benchmark has
+    seed: int | None = None  # the seed that the faces of a split of shards were drawn with; None for photographs
+    other_truths: Mapping[str, str] = field(default_factory=dict)  # other possible truths: word, and in full
+    reannotated_files: tuple[str, ...] = ()  # possible names of a file of re-annotated landmarks
+    jaw_follows_outline: bool = False  # whether jaw points were marked where the face ends in the picture
+    pictures_in: tuple[str, ...] = ()  # folders of a clip that may hold its frames
+    n_annotated: int | None = None  # a number of points that annotations may have instead of 68
+    landmark_indices: tuple[int, ...] = ()  # which of these points the 68 are
+    alignment: Alignment | None = None  # how 3D landmarks are aligned with the true ones; None without 3D truth
+    threshold3d: float | None = None  # where the curve of 3D distances ends, in the unit of the data
+    by: tuple[str, ...] = ()  # for shards: expressions (`pix2face.shards.sample_filter`) by which errors are split
 
     def with_truth(self, truth: str) -> "Manifest":
         """The benchmark measured against another truth.

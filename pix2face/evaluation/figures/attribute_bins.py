@@ -27,32 +27,20 @@ _Key = tuple[int, int, str]
 @final
 @dataclass(frozen=True)
 class AttributeValues:
-    """What an expression says of each face.
+    """The value of an expression for each face."""
 
-    Attributes:
-        attribute: The expression, as it was given.
-        of_face: By the face's name: a finite number, a text, whether a condition holds; None for a face that lacks the
-            attribute.
-    """
-
-    attribute: str
-    of_face: Mapping[str, Value]
+    attribute: str  # the expression, as it was given
+    of_face: Mapping[str, Value]  # by the name of the face; None for a face that lacks the attribute
 
 
 @final
 @dataclass(frozen=True)
 class AttributeBin:
-    """A row of the table.
+    """A row of the table."""
 
-    Attributes:
-        name: The value, or the smallest and the largest one ("0.1 to 0.25"), or "not there".
-        errors: Over all 68 points.
-        interval: 95 % interval of their mean.
-    """
-
-    name: str
-    errors: ErrorSummary
-    interval: Interval | None
+    name: str  # the value, or the smallest and the largest one ("0.1 to 0.25"), or "not there"
+    errors: ErrorSummary  # over all 68 points
+    interval: Interval | None  # 95 % interval of their mean
 
 
 @final

@@ -28,14 +28,9 @@ Statistic = Callable[[Float64[ndarray, "r n"]], Float64[ndarray, " r"]]
 @final
 @dataclass(frozen=True)
 class Bootstrap:
-    """What decides the draws.
+    """How intervals are drawn."""
 
-    Attributes:
-        n_resamples: How many draws; 0 for no intervals.
-        seed: Seed of the random draws.
-    """
-
-    n_resamples: int = 1000
+    n_resamples: int = 1000  # 0 for no intervals
     seed: int = 0
 
 

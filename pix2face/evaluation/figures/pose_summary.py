@@ -17,37 +17,23 @@ ALL_FACES = "all"
 @final
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
-    """How far off the pose of a head was found, degrees.
+    """Errors of the pose of a head, degrees."""
 
-    Attributes:
-        angles: Found minus true pitch, yaw, roll.
-        rotation: The angle between the found and the true head, 0 to 180.
-    """
-
-    angles: Float64[ndarray, "3"]
-    rotation: float
+    angles: Float64[ndarray, "3"]  # found minus true pitch, yaw, roll
+    rotation: float  # the angle between the found and the true head, 0 to 180
 
 
 @final
 @dataclass(frozen=True)
 class PoseSummary:
-    """Errors of a set of poses, degrees; a pose that leans towards the front has a yaw bias against its own sign.
+    """Errors of a set of poses, degrees; a pose that leans towards the front has a yaw bias against its own sign."""
 
-    Attributes:
-        n_images: Faces whose pose is known and was found.
-        mean_absolute_deg: For pitch, yaw and roll; None without faces.
-        bias_deg: Mean of found minus true.
-        mean_of_angles_deg: Of the three mean absolute errors: the figure that the literature compares.
-        mean_rotation_deg: Mean of the angles between the found and the true head.
-        yaw_shrinkage_deg: Mean of found minus true |yaw|: below 0 where heads are taken for less turned than they are.
-    """
-
-    n_images: int
-    mean_absolute_deg: dict[str, float | None]
-    bias_deg: dict[str, float | None]
-    mean_of_angles_deg: float | None
-    mean_rotation_deg: float | None
-    yaw_shrinkage_deg: float | None
+    n_images: int  # faces whose pose is known and was found
+    mean_absolute_deg: dict[str, float | None]  # for pitch, yaw and roll; None without faces
+    bias_deg: dict[str, float | None]  # mean of found minus true
+    mean_of_angles_deg: float | None  # of the three mean absolute errors; the figure that the literature compares
+    mean_rotation_deg: float | None  # mean of the angles between the found and the true head
+    yaw_shrinkage_deg: float | None  # mean of found minus true |yaw|; below 0 where heads are found less turned
 
 
 def summarise_poses(

@@ -32,71 +32,42 @@ LARGEST_ERROR = 1e9
 @final
 @dataclass(frozen=True, eq=False)
 class StoredReport:
-    """What a comparison needs of a ``report.json``.
-
-    Attributes:
-        path: The file.
-        benchmark: Split, truth, normaliser, threshold and more.
-        method: What was measured.
-        errors: For each point set the error of each face, by name; infinity for a face that was not found.
-        clips: The clip of each face, or its own name.
-        landmarks: Which vertices of the model were measured, in words.
-    """
+    """The part of a ``report.json`` that a comparison needs."""
 
     path: Path
-    benchmark: Mapping[str, Any]
-    method: str
-    errors: Mapping[str, Mapping[str, float]]
-    clips: Mapping[str, str]
-    landmarks: str
+    benchmark: Mapping[str, Any]  # split, truth, normaliser, threshold and more
+    method: str  # what was measured
+    errors: Mapping[str, Mapping[str, float]]  # by point set and face; infinity for a face that was not found
+    clips: Mapping[str, str]  # the clip of each face, or its own name
+    landmarks: str  # which vertices of the model were measured, in words
 
 
 @final
 @dataclass(frozen=True)
 class PointComparison:
-    """B against A over one point set; differences are B minus A, so that below 0 B is better (not so for the area).
+    """B against A over one point set; differences are B minus A, so that below 0 B is better (not so for the area)."""
 
-    Attributes:
-        n_both_found: Faces that both found: the means are over them.
-        mean_a: Mean error, a fraction.
-        mean_b: Mean error.
-        difference: Of the means.
-        share_b_better: Of all common faces, those with a smaller error in B; one that only B found is among them.
-        share_a_better: The same the other way; what is left are ties.
-        difference_of_area: Of the areas under the curve over all common faces.
-        difference_of_failure_rate: Over all common faces.
-        intervals: 95 % intervals of ``difference``, ``difference_of_area``, ``difference_of_failure_rate``.
-    """
-
-    n_both_found: int
-    mean_a: float | None
+    n_both_found: int  # faces that both found; the means are over them
+    mean_a: float | None  # mean error, a fraction
     mean_b: float | None
-    difference: float | None
-    share_b_better: float
-    share_a_better: float
-    difference_of_area: float
-    difference_of_failure_rate: float
-    intervals: dict[str, Interval | None]
+    difference: float | None  # of the means
+    share_b_better: float  # of all common faces, those with a smaller error in B, with those that only B found
+    share_a_better: float  # likewise for A; the rest are ties
+    difference_of_area: float  # of the areas under the curve, over all common faces
+    difference_of_failure_rate: float  # over all common faces
+    intervals: dict[str, Interval | None]  # 95 % intervals of the three differences, by name
 
 
 @final
 @dataclass(frozen=True)
 class Comparison:
-    """Two reports side by side.
+    """Two reports side by side."""
 
-    Attributes:
-        n_common: Faces in both; everything below is over these.
-        only_a: Names of faces that A alone has.
-        only_b: Names of faces that B alone has.
-        n_drawn: How many images (or clips) the draws are made of.
-        points: For each point set the figures.
-    """
-
-    n_common: int
-    only_a: tuple[str, ...]
-    only_b: tuple[str, ...]
-    n_drawn: int
-    points: dict[str, PointComparison]
+    n_common: int  # faces in both; everything below is over these
+    only_a: tuple[str, ...]  # names of faces that A alone has
+    only_b: tuple[str, ...]  # names of faces that B alone has
+    n_drawn: int  # how many images (or clips) a resample consists of
+    points: dict[str, PointComparison]  # the figures of each point set
 
     @property
     def has_same_faces(self) -> bool:

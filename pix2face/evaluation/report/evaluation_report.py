@@ -43,80 +43,48 @@ BASELINE_RULE = (
 @final
 @dataclass(frozen=True)
 class ReportRow:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        method: What was measured, or the baseline.
-        points: "68" or "51" (without the jaw).
-        groups: For each column what it says of its faces.
-        mean_of_groups: Unweighted mean of the columns' means; None where a column is empty or the columns are no bins.
-        all_images: Over all faces.
-        mean_failures_as_baseline: Mean over all faces where one that was not found has the error of the baseline.
-        intervals: 95 % intervals of the means of ``groups`` (by name), ``mean_of_groups``, and of ``all_images``:
-            ``mean``, ``median``, ``area_under_curve``, ``failure_rate``.
-    """
-
-    method: str
-    points: str
-    groups: dict[str, ErrorSummary]
-    mean_of_groups: float | None
+    method: str  # what was measured, or the baseline
+    points: str  # "68" or "51" (without the jaw)
+    groups: dict[str, ErrorSummary]  # for each column the errors of its faces
+    mean_of_groups: float | None  # unweighted mean over the yaw bins; None where one is empty, or without bins
     all_images: ErrorSummary
-    mean_failures_as_baseline: float | None
+    mean_failures_as_baseline: float | None  # over all faces; one that was not found has the error of the baseline
+    # 95 % intervals of the means of the groups (by name), of ``mean_of_groups``, and over all faces of ``mean``,
+    # ``median``, ``area_under_curve`` and ``failure_rate``.
     intervals: dict[str, Interval | None]
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
-    """What decides the figures beside the benchmark and what is measured.
+    """What decides the figures, apart from the benchmark and the subject."""
 
-    Attributes:
-        method: What was measured, in a word.
-        alignment: How 3D landmarks are laid onto the true ones.
-        contour: "2d" where jaw points slide to the visible outline, or "off".
-        bootstrap: How intervals are drawn.
-        by: What errors are also told apart by.
-    """
-
-    method: str
-    alignment: Alignment = "rigid"
-    contour: str = "off"
+    method: str  # what was measured, in a word
+    alignment: Alignment = "rigid"  # how 3D landmarks are aligned with the true ones
+    contour: str = "off"  # "2d" where jaw points slide to the visible outline, or "off"
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
-    by: tuple[AttributeValues, ...] = ()
+    by: tuple[AttributeValues, ...] = ()  # attributes by which errors are split
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """An evaluation.
+    """An evaluation."""
 
-    Attributes:
-        manifest: The benchmark, as it was measured.
-        settings: How.
-        subject: What was evaluated: checkpoint, model, fit, versions.
-        rows: The table, what was measured first, each method with all and with inner points.
-        rows3d: The same of distances in space (in the data's unit); empty where the truth has no 3D landmarks.
-        by: Errors over 68 points of what was measured, in bins of attributes of renders.
-        poses: For each bin of |yaw|, and for all faces, errors of the pose; None where truth or subject have no pose.
-        maps: Means over the images of the errors of the maps; None where the truth has no maps.
-        coefficients: The same of the coefficients.
-        results: One for each face.
-        missing: Faces of the benchmark that are not on disk.
-        unreadable: Faces whose files cannot be used.
-    """
-
-    manifest: Manifest
+    manifest: Manifest  # the benchmark, as it was measured
     settings: EvaluationSettings
-    subject: dict[str, Any]
-    rows: tuple[ReportRow, ...]
-    rows3d: tuple[ReportRow, ...]
-    by: tuple[ErrorsByAttribute, ...]
-    poses: Mapping[str, PoseSummary] | None
-    maps: MapErrors | None
-    coefficients: CoefficientErrors | None
-    results: tuple[FaceResult, ...]
-    missing: tuple[str, ...]
-    unreadable: tuple[Unreadable, ...]
+    subject: dict[str, Any]  # what was evaluated: checkpoint, model, fit, versions
+    rows: tuple[ReportRow, ...]  # of each method for all and for inner points; what was measured comes first
+    rows3d: tuple[ReportRow, ...]  # the same for distances in 3D, in the unit of the data; empty without 3D truth
+    by: tuple[ErrorsByAttribute, ...]  # errors over 68 points of what was measured, in bins of attributes of renders
+    poses: Mapping[str, PoseSummary] | None  # by bin of |yaw|, and for all faces; None without poses
+    maps: MapErrors | None  # means over the images; None where the truth has no maps
+    coefficients: CoefficientErrors | None  # likewise
+    results: tuple[FaceResult, ...]  # one for each face
+    missing: tuple[str, ...]  # faces of the benchmark that are not on disk
+    unreadable: tuple[Unreadable, ...]  # faces whose files cannot be used
 
     @property
     def methods(self) -> tuple[str, str]:

@@ -29,21 +29,13 @@ NPZ_ARRAYS = ("names", "landmarks", "landmarks3d", "pose_deg")
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PredictedLandmarks:
-    """What a system says of some faces.
+    """The predictions of a system for some faces."""
 
-    Attributes:
-        source: The file.
-        names: One for each face, all different.
-        landmarks2d: Pixels of the picture, centres at +0.5; NaN where no face was found.
-        landmarks3d: In the system's unit and axes, or None.
-        pose_deg: Pitch, yaw, roll with the signs of 300W-LP, or None.
-    """
-
-    source: Path
-    names: tuple[str, ...]
-    landmarks2d: Float64[ndarray, "n 68 2"]
-    landmarks3d: Float64[ndarray, "n 68 3"] | None = None
-    pose_deg: Float64[ndarray, "n 3"] | None = None
+    source: Path  # the file
+    names: tuple[str, ...]  # names of the faces, all different
+    landmarks2d: Float64[ndarray, "n 68 2"]  # pixels of the picture, centres at +0.5; NaN where no face was found
+    landmarks3d: Float64[ndarray, "n 68 3"] | None = None  # in the system's own unit and axes
+    pose_deg: Float64[ndarray, "n 3"] | None = None  # pitch, yaw, roll with the signs of 300W-LP
 
 
 def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLandmarks:

@@ -27,27 +27,16 @@ from pix2face.models.morphable_model import MorphableModel
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FoundFace:
-    """What a subject says of one face.
+    """What a subject found for one face."""
 
-    Attributes:
-        landmarks2d: Image pixels; None where it found nothing.
-        failure: Why it found nothing, or None.
-        landmarks3d: In a unit and axes of its own.
-        pose_deg: Pitch, yaw, roll with the signs of 300W-LP.
-        maps: In the pixels of the crop.
-        crop: Of the maps.
-        identity: Standard deviations.
-        expression: Standard deviations.
-    """
-
-    landmarks2d: Float64[ndarray, "68 2"] | None
-    failure: str | None = None
-    landmarks3d: Float64[ndarray, "68 3"] | None = None
-    pose_deg: Float64[ndarray, "3"] | None = None
-    maps: FaceMaps | None = None
+    landmarks2d: Float64[ndarray, "68 2"] | None  # image pixels; None where it found nothing
+    failure: str | None = None  # why it found nothing
+    landmarks3d: Float64[ndarray, "68 3"] | None = None  # in the subject's own unit and axes
+    pose_deg: Float64[ndarray, "3"] | None = None  # pitch, yaw, roll with the signs of 300W-LP
+    maps: FaceMaps | None = None  # in the pixels of the crop
     crop: Crop | None = None
-    identity: Float64[ndarray, " k"] | None = None
-    expression: Float64[ndarray, " e"] | None = None
+    identity: Float64[ndarray, " k"] | None = None  # standard deviations
+    expression: Float64[ndarray, " e"] | None = None  # standard deviations
 
 
 @runtime_checkable
@@ -119,19 +108,12 @@ def true_box(face: BenchmarkFace) -> FaceBox:
 @final
 @dataclass(frozen=True, eq=False)
 class NetworkSubject:
-    """A network and a fit to its maps.
-
-    Attributes:
-        predictor: Picture and box to maps.
-        fit: Maps to a fitted face; raises DegenerateGeometryError where they hold none.
-        box_rule: Where it looks.
-        model_from_stated: As ``pose_of``: what face the benchmark's poses are of.
-    """
+    """A network and a fit to its maps."""
 
     predictor: MapPredictor
-    fit: Fit
+    fit: Fit  # raises DegenerateGeometryError where the maps hold no face
     box_rule: BoxRule = true_box
-    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
+    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)  # see `pose_of`
     method = "network"
     needs_images = True
 
@@ -164,15 +146,10 @@ class NetworkSubject:
 @final
 @dataclass(frozen=True, eq=False)
 class PredictionsSubject:
-    """Landmarks that another system wrote to a file.
-
-    Attributes:
-        predicted: The file's content.
-        row_of_name: For each face of the benchmark that is in the file its row.
-    """
+    """Landmarks that another system wrote to a file."""
 
     predicted: PredictedLandmarks
-    row_of_name: Mapping[str, int]
+    row_of_name: Mapping[str, int]  # the row of each face of the benchmark that is in the file
     method = "predictions"
     needs_images = False
 
@@ -196,19 +173,14 @@ class PredictionsSubject:
 @final
 @dataclass(frozen=True, eq=False)
 class OracleSubject:
-    """The model fitted to the truth itself: what no network could better, since the model or the fit cannot.
+    """The model fitted to the truth itself: a bound for every network, set by the model and the fit.
 
-    True maps where the truth has them, else true landmarks.
-
-    Attributes:
-        model: What is fitted.
-        options: Of these, the contour, and the camera of the fit to maps; landmarks are fitted by weak perspective.
-        model_from_stated: As ``pose_of``.
+    The fit is to true maps where the truth has them, else to true landmarks.
     """
 
     model: MorphableModel
-    options: FitOptions = DEFAULT_FIT
-    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)
+    options: FitOptions = DEFAULT_FIT  # only the contour, and the camera for maps; landmarks use weak perspective
+    model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)  # see `pose_of`
     method = "oracle"
     needs_images = False
 

@@ -18,41 +18,24 @@ from pix2face.models.morphable_model import MorphableModel
 @final
 @dataclass(frozen=True)
 class MapErrors:
-    """How far predicted maps are from the true ones, over the pixels of the crop that both call face.
+    """How far predicted maps are from the true ones, over the pixels of the crop that are face in both."""
 
-    Attributes:
-        pncc_mm: Mean distance; None where no pixel is common.
-        offset_mm: Mean distance.
-        offset_baseline_mm: Mean length of the true offset: the error of predicting none.
-        mask_iou: Pixels that both call face over pixels that either does.
-    """
-
-    pncc_mm: float | None
-    offset_mm: float | None
-    offset_baseline_mm: float | None
-    mask_iou: float
+    pncc_mm: float | None  # mean distance; None where no pixel is common
+    offset_mm: float | None  # mean distance
+    offset_baseline_mm: float | None  # mean length of the true offset: the error of predicting 0
+    mask_iou: float  # pixels that are face in both, divided by pixels that are face in either
 
 
 @final
 @dataclass(frozen=True)
 class CoefficientErrors:
-    """How far fitted coefficients are from the true ones; for each, the error of saying zero beside it.
+    """How far fitted coefficients are from the true ones. A baseline is the error of saying 0."""
 
-    Attributes:
-        identity_rms: Root mean square over the components, in standard deviations; None without components.
-        identity_baseline_rms: That of the true ones.
-        expression_rms: As for the identity.
-        expression_baseline_rms: As for the identity.
-        shape_mm: Mean distance of the face's vertices in the model frame, neither moved nor turned: identity and
-            expression together, without the camera.
-        shape_baseline_mm: That of the mean face.
-    """
-
-    identity_rms: float | None
+    identity_rms: float | None  # over the components, in standard deviations; None without components
     identity_baseline_rms: float | None
-    expression_rms: float | None
+    expression_rms: float | None  # as for the identity
     expression_baseline_rms: float | None
-    shape_mm: float
+    shape_mm: float  # mean distance of the face's vertices in the model frame, without any alignment or camera
     shape_baseline_mm: float
 
 
