@@ -33,38 +33,25 @@ SISTER_FOLDERS = {"annot": "imgs"}
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AnnotatedFace:
-    """An annotated face.
-
-    Attributes:
-        image_path: The photograph.
-        landmarks2d: Pixels of the stored picture (x right, y down, centres at +0.5); NaN where a point is missing.
-            68 of them where no other scheme was asked for.
-        depths_px: In the unit of the pixels, larger is farther, up to a constant; None where unknown.
-        follows_outline: Whether jaw points lie on the outline of the face rather than at fixed points of the skin.
-    """
+    """An annotated face."""
 
     image_path: Path
+    # Pixels of the stored picture (x right, y down, centres at +0.5); NaN where a point is missing. There are 68 unless
+    # another scheme was asked for.
     landmarks2d: Float64[ndarray, "m 2"]
-    depths_px: Float64[ndarray, " m"] | None = None
-    follows_outline: bool = True
+    depths_px: Float64[ndarray, " m"] | None = None  # larger is farther, up to a constant; None where unknown
+    follows_outline: bool = True  # jaw points lie on the outline of the face, not at fixed points of the skin
 
 
 @final
 @dataclass(frozen=True)
 class Annotation:
-    """A face that was found in a folder. It is read on request.
+    """A face that was found in a folder. ``load`` reads it and raises InputFileError for damaged or missing files."""
 
-    Attributes:
-        name: Unique in the folder.
-        load: Reads it; raises InputFileError where its files are damaged or missing.
-        path: The file that its points are in.
-        image_path: Its picture as the file names it; None where the picture is the one beside the file.
-    """
-
-    name: str
+    name: str  # unique in the folder
     load: Callable[[], AnnotatedFace]
-    path: Path
-    image_path: Path | None = None
+    path: Path  # the file that its points are in
+    image_path: Path | None = None  # its picture as the file names it; None where it is the one beside the file
 
 
 def find_annotations(folder: Path, scheme: str = IBUG68) -> list[Annotation]:

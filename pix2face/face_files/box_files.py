@@ -26,15 +26,10 @@ LARGEST_BOX_PX = 1e6
 @final
 @dataclass(frozen=True)
 class BoxFile:
-    """Face boxes by the name of their picture.
+    """Face boxes by the name of their picture."""
 
-    Attributes:
-        path: The file, for messages.
-        boxes: For each name its boxes, largest first.
-    """
-
-    path: Path
-    boxes: Mapping[str, tuple[FaceBox, ...]]
+    path: Path  #: the file, for messages
+    boxes: Mapping[str, tuple[FaceBox, ...]]  #: for each name its boxes, largest first
 
     def of_image(self, path: Path) -> tuple[FaceBox, ...]:
         """The boxes of a picture, largest first; empty where the file names none."""

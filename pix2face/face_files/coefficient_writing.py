@@ -24,25 +24,15 @@ TEXT_BYTES_AT_ONCE = 1 << 16
 @final
 @dataclass(frozen=True, kw_only=True)
 class TableHeader:
-    """What holds for all faces of a table.
-
-    Attributes:
-        model_name: The model that the coefficients belong to.
-        model_sha256: Its hash.
-        n_identity: Identity coefficients of each face.
-        n_expression: Expression coefficients of each face.
-        n_lighting: Numbers that describe the lighting of each face; 0 where the source has none.
-        licence: Terms of the source.
-        configuration: How the table is made, as JSON.
-    """
+    """What holds for all faces of a table: the model of the coefficients, and how many numbers each face has."""
 
     model_name: str
     model_sha256: str
     n_identity: int
     n_expression: int
-    n_lighting: int = 0
-    licence: str = ""
-    configuration: str = "{}"
+    n_lighting: int = 0  # 0 where the source does not describe the lighting
+    licence: str = ""  # terms of the source
+    configuration: str = "{}"  # how the table is made, as JSON
 
 
 @final

@@ -34,65 +34,37 @@ _COLUMNS: dict[str, tuple[Any, tuple[int | None, ...]]] = {
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Face:
-    """One face: its coefficients, the camera that sees it, and the picture that it belongs to.
+    """One face: its coefficients, the camera that sees it, and the picture that it belongs to."""
 
-    Attributes:
-        sample_id: Unique in its source.
-        identity: Standard deviations.
-        expression: Standard deviations.
-        camera: Sees the model in the picture.
-        height_px: Height of the picture.
-        width_px: Width of the picture.
-        image_path: The photograph, or None where a picture is to be rendered.
-        attributes: What else is known, to filter on.
-        lighting: As the source describes it (``Illum_Para`` of 300W-LP), or None.
-    """
-
-    sample_id: str
-    identity: Float[ndarray, " k"]
-    expression: Float[ndarray, " e"]
-    camera: Camera
+    sample_id: str  # unique in its source
+    identity: Float[ndarray, " k"]  # standard deviations
+    expression: Float[ndarray, " e"]  # standard deviations
+    camera: Camera  # from the model frame to the picture
     height_px: int
     width_px: int
-    image_path: Path | None = None
-    attributes: Mapping[str, str | float] = field(default_factory=dict)
-    lighting: Float[ndarray, " l"] | None = None
+    image_path: Path | None = None  # None where a picture is to be rendered
+    attributes: Mapping[str, str | float] = field(default_factory=dict)  # what else is known, to filter on
+    lighting: Float[ndarray, " l"] | None = None  # as the source describes it (``Illum_Para`` of 300W-LP), or None
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FaceCoefficients:
-    """A table of faces of one model.
+    """A table of faces of one model."""
 
-    Attributes:
-        model_name: The model that the coefficients belong to.
-        model_sha256: Its hash.
-        sample_ids: One for each face, unique.
-        identity: Standard deviations.
-        expression: Standard deviations.
-        cameras: One ``Camera.matrix`` for each face.
-        sizes_px: Height and width of each picture.
-        image_paths: Photographs, relative to the file; empty where a picture is to be rendered.
-        configuration: How the table was made, as JSON.
-        licence: Terms of what the table was made from; empty where nothing but the model's are known.
-        attributes: What else is known of each face, as JSON; none at all, or one for each.
-        lighting: One row for each face, NaN where unknown; or None.
-        rejected: What the source held and the table does not: id and reason.
-    """
-
-    model_name: str
+    model_name: str  # of the model that the coefficients belong to
     model_sha256: str
-    sample_ids: tuple[str, ...]
-    identity: Float32[ndarray, "n k"]
-    expression: Float32[ndarray, "n e"]
-    cameras: Float64[ndarray, "n 4 4"]
-    sizes_px: Int32[ndarray, "n 2"]
-    image_paths: tuple[str, ...]
-    configuration: str = "{}"
-    licence: str = ""
-    attributes: tuple[str, ...] = ()
-    lighting: Float32[ndarray, "n l"] | None = None
-    rejected: tuple[tuple[str, str], ...] = ()
+    sample_ids: tuple[str, ...]  # unique
+    identity: Float32[ndarray, "n k"]  # standard deviations
+    expression: Float32[ndarray, "n e"]  # standard deviations
+    cameras: Float64[ndarray, "n 4 4"]  # each a ``Camera.matrix``
+    sizes_px: Int32[ndarray, "n 2"]  # height and width of each picture
+    image_paths: tuple[str, ...]  # relative to the file; empty where a picture is to be rendered
+    configuration: str = "{}"  # how the table was made, as JSON
+    licence: str = ""  # terms of what the table was made from; empty where nothing but the model's are known
+    attributes: tuple[str, ...] = ()  # what else is known of each face, as JSON; none at all, or one for each
+    lighting: Float32[ndarray, "n l"] | None = None  # NaN for a face where it is unknown
+    rejected: tuple[tuple[str, str], ...] = ()  # what the source held and the table does not: id and reason
 
     def __len__(self) -> int:
         return len(self.sample_ids)

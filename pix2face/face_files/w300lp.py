@@ -45,44 +45,30 @@ _LENGTHS = {
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseParameters:
-    """``Pose_Para``: V = f R S + t in the authors' frame (x right, y up, z towards the viewer, pixels).
+    """``Pose_Para``: V = f R S + t in the authors' frame (x right, y up, z towards the viewer, pixels)."""
 
-    Attributes:
-        head: Pitch, yaw and roll as they stand in the file (they may exceed ±180°).
-        translation_px: tx, ty, tz.
-        scale: f, pixels per µm. Negative in a few files of AFLW2000-3D.
-    """
-
-    head: HeadPose
+    head: HeadPose  # pitch, yaw and roll as they stand in the file (they may exceed ±180°)
     translation_px: Float64[ndarray, "3"]
-    scale: float
+    scale: float  # f, pixels per µm; negative in a few files of AFLW2000-3D
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CoefficientFile:
-    """The content of a ``.mat`` file, cast to float64 and otherwise unchanged.
-
-    Attributes:
-        path: The file.
-        identity: ``Shape_Para``, in the units of BFM 2009's stored basis (not standard deviations).
-        expression: ``Exp_Para``, likewise.
-        pose: ``Pose_Para``.
-        landmarks2d: ``pt2d`` where it has 68 points, in the project's pixels, else None. They belong to the source
-            photograph: right only for the copy ``_0``.
-        landmarks3d: ``pt3d_68`` in the project's pixels (u, v) with depth (pixels, larger is farther), or None. Where
-            the scale is negative the face of the file is inside out; the depth here is that of the face the right
-            side out, as in ``camera_of_pose``.
-        lighting: ``Illum_Para`` as it stands, or None.
-    """
+    """The content of a ``.mat`` file, cast to float64 and otherwise unchanged."""
 
     path: Path
-    identity: Float64[ndarray, "199"]
-    expression: Float64[ndarray, "29"]
+    identity: Float64[ndarray, "199"]  # ``Shape_Para``, in the units of BFM 2009's basis (not standard deviations)
+    expression: Float64[ndarray, "29"]  # ``Exp_Para``, likewise
     pose: PoseParameters
+    # ``pt2d`` where it has 68 points, in the project's pixels, else None. They belong to the source photograph: right
+    # only for the copy ``_0``.
     landmarks2d: Float64[ndarray, "68 2"] | None
+    # ``pt3d_68`` in the project's pixels (u, v) with depth (pixels, larger is farther), or None. Where the scale is
+    # negative the face of the file is inside out; the depth here is that of the face the right side out, as in
+    # ``camera_of_pose``.
     landmarks3d: Float64[ndarray, "68 3"] | None
-    lighting: Float64[ndarray, "10"] | None
+    lighting: Float64[ndarray, "10"] | None  # ``Illum_Para``
 
 
 def read_coefficient_file(path: Path) -> CoefficientFile:

@@ -147,23 +147,14 @@ class _Body:
 @final
 @dataclass(frozen=True, eq=False)
 class _Variable:
-    """What precedes the numbers of a variable, and what follows it.
+    """What precedes the numbers of a variable, and what follows it."""
 
-    Attributes:
-        name: Empty for objects, whose names stand elsewhere.
-        kind: What it is if it is not an array of real numbers, or empty.
-        shape: Of the array.
-        order: Byte order.
-        start: The first bytes of the numbers with their tag.
-        body: All that follows.
-    """
-
-    name: str
-    kind: str
+    name: str  # empty for objects, whose names stand elsewhere
+    kind: str  # what it is, where it is no array of real numbers; else empty
     shape: tuple[int, ...]
-    order: str
-    start: bytearray
-    body: _Body
+    order: str  # of the bytes: "<" or ">"
+    start: bytearray  # the tag of the numbers and their first bytes
+    body: _Body  # what follows
 
     def read(self, largest_bytes: int) -> ndarray:
         """Reads the numbers."""

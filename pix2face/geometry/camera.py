@@ -24,11 +24,7 @@ GIMBAL_LOCK = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A projection from the model frame (mm) to an image (px) with depth (mm).
-
-    Attributes:
-        matrix: See the module's first paragraph.
-    """
+    """A projection from the model frame (mm) to an image (px) with depth (mm): the matrix described above."""
 
     matrix: Float64[ndarray, "4 4"]
 
@@ -56,51 +52,32 @@ class Camera:
 @final
 @dataclass(frozen=True, eq=False)
 class WeakPerspective:
-    """Parameters of a scaled orthographic camera: pixel = scale * (rotation @ x)[:2] + translation_px.
+    """Parameters of a scaled orthographic camera: pixel = scale * (rotation @ x)[:2] + translation_px."""
 
-    Attributes:
-        scale: Pixels per mm, positive.
-        rotation: camera_from_model, determinant +1.
-        translation_px: Image of the model's origin.
-    """
-
-    scale: float
-    rotation: Float64[ndarray, "3 3"]
-    translation_px: Float64[ndarray, "2"]
+    scale: float  #: pixels per mm, positive
+    rotation: Float64[ndarray, "3 3"]  #: camera_from_model, determinant +1
+    translation_px: Float64[ndarray, "2"]  #: image of the model's origin
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Pinhole:
-    """Parameters of a pinhole with square pixels and no skew.
-
-    Attributes:
-        focal_px: Focal length in pixels.
-        principal_point_px: Where the optical axis meets the image.
-        rotation: camera_from_model, determinant +1.
-        translation_mm: The model's origin in camera space.
-    """
+    """Parameters of a pinhole with square pixels and no skew."""
 
     focal_px: float
-    principal_point_px: Float64[ndarray, "2"]
-    rotation: Float64[ndarray, "3 3"]
-    translation_mm: Float64[ndarray, "3"]
+    principal_point_px: Float64[ndarray, "2"]  #: where the optical axis meets the image
+    rotation: Float64[ndarray, "3 3"]  #: camera_from_model, determinant +1
+    translation_mm: Float64[ndarray, "3"]  #: the model's origin in camera space
 
 
 @final
 @dataclass(frozen=True)
 class HeadPose:
-    """Rotation of the head as 300W-LP writes it; zero is frontal and upright.
+    """Rotation of the head as 300W-LP writes it; zero is frontal and upright."""
 
-    Attributes:
-        pitch_deg: Positive looks up.
-        yaw_deg: Positive turns the face to the image's left (towards the subject's right shoulder).
-        roll_deg: Positive tilts the top of the head to the image's right: clockwise as seen in the image.
-    """
-
-    pitch_deg: float
-    yaw_deg: float
-    roll_deg: float
+    pitch_deg: float  #: positive looks up
+    yaw_deg: float  #: positive turns the face to the image's left (towards the subject's right shoulder)
+    roll_deg: float  #: positive tilts the top of the head to the image's right: clockwise as seen in the image
 
 
 def affine_camera(a: Float[ndarray, "2 4"]) -> Camera:

@@ -65,14 +65,9 @@ class FaceBox:
 @final
 @dataclass(frozen=True, eq=False)
 class Crop:
-    """A square picture cut out of an image by an affine map.
+    """A square picture cut out of an image by an affine map."""
 
-    Attributes:
-        image_from_crop: Maps homogeneous crop pixels to image pixels (centres at +0.5 in both).
-        size_px: Side of the crop.
-    """
-
-    image_from_crop: Float64[ndarray, "3 3"]
+    image_from_crop: Float64[ndarray, "3 3"]  #: maps homogeneous crop pixels to image pixels (centres at +0.5 in both)
     size_px: int
 
     @property

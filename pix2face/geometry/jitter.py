@@ -34,49 +34,29 @@ CONTRAST_PIVOT = 0.45
 @final
 @dataclass(frozen=True)
 class JitterRange:
-    """How far samples are varied. The defaults are those of the paper's authors.
+    """How far samples are varied; pairs are the least and the largest value. The defaults are those of the authors."""
 
-    Attributes:
-        scale: Least and largest side of the crop, as a multiple of the face box's longer side.
-        shift: Largest displacement of the centre, as a fraction of the longer side.
-        rotation_deg: Largest turn either way.
-        gamma: Least and largest exponent on [0, 1].
-        gain: Least gain of a channel relative to the strongest one.
-        contrast: Least and largest factor of a picture's distance from ``CONTRAST_PIVOT``. The paper has none.
-        mirror: Whether every other sample is mirrored (``mirror_obstacle`` tells whether a model allows it). The
-            paper does not.
-    """
-
-    scale: tuple[float, float] = (1.0, 1.8)
-    shift: float = 0.25
-    rotation_deg: float = 20.0
-    gamma: tuple[float, float] = (0.8, 1.2)
-    gain: float = 0.8
-    contrast: tuple[float, float] = (1.0, 1.0)
+    scale: tuple[float, float] = (1.0, 1.8)  # side of the crop as a multiple of the face box's longer side
+    shift: float = 0.25  # largest displacement of the centre as a fraction of the longer side
+    rotation_deg: float = 20.0  # largest turn either way
+    gamma: tuple[float, float] = (0.8, 1.2)  # exponent on [0, 1]
+    gain: float = 0.8  # least gain of a channel relative to the strongest one
+    contrast: tuple[float, float] = (1.0, 1.0)  # factor of the distance from ``CONTRAST_PIVOT``; the paper has none
+    # Every other sample is mirrored (``mirror_obstacle`` tells whether a model allows it). The paper does not do this.
     mirror: bool = False
 
 
 @final
 @dataclass(frozen=True)
 class JitterParameters:
-    """One draw.
-
-    Attributes:
-        scale: Side of the crop as a multiple of the face box's longer side.
-        shift: Displacement of the crop's centre as a fraction of the longer side, (right, down).
-        rotation: Radians; positive turns the content anticlockwise as seen.
-        gamma: Exponent on [0, 1].
-        gains: Factors of red, green and blue, the largest of them 1.
-        contrast: Factor of the distance from ``CONTRAST_PIVOT``, before the gains.
-        mirror: Whether left and right change places.
-    """
+    """One draw of what ``JitterRange`` limits."""
 
     scale: float
-    shift: tuple[float, float]
-    rotation: float
+    shift: tuple[float, float]  # (right, down)
+    rotation: float  # radians; positive turns the content anticlockwise as seen
     gamma: float
-    gains: tuple[float, float, float]
-    contrast: float = 1.0
+    gains: tuple[float, float, float]  # factors of red, green and blue, the largest of them 1
+    contrast: float = 1.0  # applied before the gains
     mirror: bool = False
 
     @property

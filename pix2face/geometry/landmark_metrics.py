@@ -34,23 +34,14 @@ POINT_SETS = {"68": ALL68, "51": INNER51}
 @final
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Summary of the errors of a set of faces, in fractions (not per cent).
+    """Summary of the errors of a set of faces, in fractions (not per cent); None where there is nothing to average."""
 
-    Attributes:
-        n_images: Faces evaluated, failed ones included.
-        n_failed: Faces without a fit (error infinity).
-        mean: Mean error over the successes; None where there are none.
-        median: Median error over the successes; None where there are none.
-        area_under_curve: Over all faces, from 0 to the threshold, 1 is perfect; None where there are no faces.
-        failure_rate: Fraction of all faces with an error above the threshold; None where there are no faces.
-    """
-
-    n_images: int
-    n_failed: int
-    mean: float | None
-    median: float | None
-    area_under_curve: float | None
-    failure_rate: float | None
+    n_images: int  #: faces evaluated, failed ones included
+    n_failed: int  #: faces without a fit (error infinity)
+    mean: float | None  #: over the successes
+    median: float | None  #: over the successes
+    area_under_curve: float | None  #: over all faces, from 0 to the threshold; 1 is perfect
+    failure_rate: float | None  #: fraction of all faces with an error above the threshold
 
 
 def normalising_distance(truth: Float[ndarray, "68 2"], normaliser: Normaliser) -> float:

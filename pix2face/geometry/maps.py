@@ -15,22 +15,15 @@ FIXED_POINT_STEPS_PER_MM = 128
 @final
 @dataclass(frozen=True, eq=False)
 class FaceMaps:
-    """Dense correspondence and shape of one picture.
+    """Dense correspondence and shape of one picture, in mm, model frame; 0 outside the mask."""
 
-    Attributes:
-        pncc: For each pixel the matching point of the mean face, mm, model frame; 0 outside the mask.
-        offset: Displacement from there to the same point of this face, mm, model frame; 0 outside the mask.
-        mask: Where both are valid.
-        seen: The part of the mask where the picture shows the face itself and not something in front of it; None if
-            unknown.
-        in_photograph: Where the picture that they belong to shows the photograph that it is a crop of, and is not empty
-            beside it; None where all of it does.
-    """
-
-    pncc: Float32[ndarray, "h w 3"]
-    offset: Float32[ndarray, "h w 3"]
-    mask: Bool[ndarray, "h w"]
+    pncc: Float32[ndarray, "h w 3"]  #: for each pixel the matching point of the mean face
+    offset: Float32[ndarray, "h w 3"]  #: displacement from there to the same point of this face
+    mask: Bool[ndarray, "h w"]  #: where both are valid
+    #: The part of the mask where the picture shows the face itself and not something in front of it; None if unknown.
     seen: Bool[ndarray, "h w"] | None = None
+    #: Where the picture that they belong to shows the photograph that it is a crop of, and is not empty beside it; None
+    #: where all of it does.
     in_photograph: Bool[ndarray, "h w"] | None = None
 
     @property

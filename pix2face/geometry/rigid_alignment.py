@@ -34,12 +34,7 @@ _POINT_WEIGHT = 0.1
 @final
 @dataclass(frozen=True, eq=False)
 class RigidTransform:
-    """y = rotation @ x + translation.
-
-    Attributes:
-        rotation: Determinant +1.
-        translation: mm.
-    """
+    """y = rotation @ x + translation, in mm; the rotation has determinant +1."""
 
     rotation: Float64[ndarray, "3 3"]
     translation: Float64[ndarray, "3"]
@@ -85,15 +80,10 @@ def fit_rigid(source: Float[ndarray, "n 3"], target: Float[ndarray, "n 3"]) -> t
 @final
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Points of a surface with their normals.
-
-    Attributes:
-        points: mm.
-        normals: Unit length, outward.
-    """
+    """Points of a surface (mm) with their normals."""
 
     points: Float64[ndarray, "n 3"]
-    normals: Float64[ndarray, "n 3"]
+    normals: Float64[ndarray, "n 3"]  # unit length, outward
 
     def moved(self, transform: RigidTransform) -> "Surface":
         """The surface moved and turned."""

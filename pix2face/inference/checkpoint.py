@@ -26,41 +26,23 @@ SCHEMA_VERSION = 2
 @final
 @dataclass(frozen=True, kw_only=True)
 class CheckpointHeader:
-    """What is needed to use the weights, and where they come from.
+    """What is needed to use the weights, and where they come from."""
 
-    Attributes:
-        model_name: The morphable model whose PNCC and offset the network predicts.
-        model_sha256: Its hash.
-        size_px: Side of the network's input.
-        widths: Filters of each of its levels.
-        pncc_scale_mm: The first three planes times this are PNCC in mm.
-        offset_scale_mm: The other three planes times this are offsets in mm.
-        smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
-        licence: Terms that the training data put on the weights.
-        configuration: The resolved configuration of the training, as JSON.
-        epoch: Complete epochs trained.
-        samples: Samples seen in training.
-        crop_scale: Side of the crop that the network is given of a face, in units of the longer side of its box.
-        architecture: One of ``networks.architectures.ARCHITECTURES``.
-        planes: Of the output: 6, or 7 with the mask's logit after them, or 8 with that of the seen part, too.
-        landmarks: For schemes whose vertices were chosen on fits to this network's own maps, those vertices.
-        schema_version: Layout of the file.
-    """
-
-    model_name: str
+    model_name: str  # the morphable model whose PNCC and offset the network predicts
     model_sha256: str
-    size_px: int
-    widths: tuple[int, ...]
-    pncc_scale_mm: float
-    offset_scale_mm: float
-    smallest_radius_mm: float
-    licence: str
-    configuration: str
-    epoch: int
-    samples: int = 0
-    crop_scale: float = INFERENCE_SCALE
-    architecture: str = "paper"
-    planes: int = MAP_PLANES
+    size_px: int  # side of the network's input
+    widths: tuple[int, ...]  # filters of each of its levels
+    pncc_scale_mm: float  # the first three planes times this are PNCC in mm
+    offset_scale_mm: float  # the other three planes times this are offsets in mm
+    smallest_radius_mm: float  # distance from the origin to the nearest point of the mean face
+    licence: str  # terms that the training data put on the weights
+    configuration: str  # of the training, as JSON
+    epoch: int  # complete ones
+    samples: int = 0  # samples seen in training
+    crop_scale: float = INFERENCE_SCALE  # side of the crop, in units of the longer side of the face's box
+    architecture: str = "paper"  # one of ``networks.architectures.ARCHITECTURES``
+    planes: int = MAP_PLANES  # 6 of the maps, then logits: the 7th of the mask, the 8th of the part of it that is seen
+    # Vertices of the schemes for which they were chosen on fits to this network's own maps.
     landmarks: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
 

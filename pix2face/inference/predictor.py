@@ -25,17 +25,11 @@ FACES_AT_A_TIME = 16
 @final
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The prediction for one face.
+    """The prediction for one face."""
 
-    Attributes:
-        maps: In the pixels of the crop.
-        crop: Leads back to the pixels of the picture.
-        n_undefined: Pixels where the network's output is not finite; they are outside the mask.
-    """
-
-    maps: FaceMaps
-    crop: Crop
-    n_undefined: int = 0
+    maps: FaceMaps  #: in the pixels of the crop
+    crop: Crop  #: leads back to the pixels of the picture
+    n_undefined: int = 0  #: pixels where the network's output is not finite; they are outside the mask
 
     def check_finite(self) -> None:
         """Checks that the network's output was finite.

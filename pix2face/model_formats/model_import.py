@@ -55,14 +55,9 @@ _OTHER_REGION = "other"
 @final
 @dataclass(frozen=True, eq=False)
 class ImportedModel:
-    """The result of an import.
+    """The result of an import, with remarks for the user."""
 
-    Attributes:
-        model: In the project's frame, or in the published one where no face was found in it.
-        notes: Remarks for the user, one line each.
-    """
-
-    model: StoredModel
+    model: StoredModel  # in the project's frame, or in the published one where no face was found in it
     notes: tuple[str, ...]
 
 

@@ -60,16 +60,11 @@ def mirrored_landmarks(landmarks: Shaped[ndarray, "68 ..."]) -> Shaped[ndarray, 
 @final
 @dataclass(frozen=True, eq=False)
 class MirroredCoefficients:
-    """What turns the coefficients of a face into those of its mirror image.
-
-    Attributes:
-        identity: Multiplies identity coefficients from the right.
-        expression: Multiplies expression coefficients from the right.
-        largest_error_mm: How far a vertex may lie from the mirror image, for one standard deviation of one component.
-    """
+    """Matrices that turn the coefficients of a face into those of its mirror image; they multiply from the right."""
 
     identity: Float64[ndarray, "k k"]
     expression: Float64[ndarray, "e e"]
+    # How far a vertex may lie from the mirror image, for one standard deviation of one component.
     largest_error_mm: float
 
 

@@ -22,64 +22,55 @@ SCHEMA_VERSION = 1
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Alignment:
-    """How an imported model came to the project's frame. No scale was applied beyond the published unit.
+    """How an imported model came to the project's frame. No scale was applied beyond the published unit."""
 
-    Attributes:
-        frame_from_file: Rigid transform (mm) from the published frame to the project's.
-        residual_mm: RMS distance that is left, to the built-in model's landmarks or, by correspondence, its surface.
-        landmark_scale: The scale that a similarity fit to the landmarks would have wanted; NaN where there are none.
+    frame_from_file: Float64[ndarray, "4 4"]  # rigid transform (mm) from the published frame to the project's
+    residual_mm: float  # RMS distance that is left to the built-in model's landmarks or surface
+    landmark_scale: float  # that a similarity fit to the landmarks would have wanted; NaN where there are none
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearModel:
+    """What a model's file and the model in memory have in common: mean, bases, and the tables of its vertices.
+
+    Lengths are in mm, in the model frame: x to the subject's left, y up, z out of the face, origin inside the head.
     """
 
-    frame_from_file: Float64[ndarray, "4 4"]
-    residual_mm: float
-    landmark_scale: float
+    name: str  #: what the model is called in messages and reports
+    licence: str  #: terms under which the model may be used
+    origin: str  #: where it comes from, for people
+    mean: Float32[ndarray, "v 3"]  #: vertices with all coefficients zero, expression mean included
+    identity_basis: Float32[ndarray, "k v 3"]  #: for one standard deviation
+    expression_basis: Float32[ndarray, "e v 3"]  #: for one standard deviation
+    region_names: tuple[str, ...]
+    face_regions: tuple[str, ...]  #: the regions where maps hold
+    #: For each scheme the vertex of each landmark, in the scheme's order; of the mesh as it is after refinement.
+    landmarks: Mapping[str, Int32[ndarray, " _"]]
+    uv: Float32[ndarray, "u 2"] | None = None  #: texture coordinates, v upward
+    symmetry: Int32[ndarray, " v"] | None = None  #: for each vertex its mirror image; None for a mesh without symmetry
+    #: Expression coefficients of shapes that have a name.
+    named_expressions: Mapping[str, Float32[ndarray, " e"]] = field(default_factory=dict)
+    published_basis: str = ""  #: name of the published basis whose coefficient files the model understands
+    #: One standard deviation of each identity component in the unit of those files.
+    identity_unit: Float64[ndarray, " k"] | None = None
+    expression_unit: Float64[ndarray, " e"] | None = None  #: likewise for expression
+    #: Which of the 68 iBUG landmarks came by correspondence with the built-in model on import.
+    approximate_landmarks: Int32[ndarray, " _"] | None = None
+    albedo_mean: Float32[ndarray, "v 3"] | None = None  #: colour of each vertex, RGB, 0..1, encoded as published
+    albedo_basis: Float32[ndarray, "a v 3"] | None = None  #: for one standard deviation
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StoredModel:
-    """A model as its file holds it: at the control mesh, before refinement. Units and frames as in MorphableModel.
+class StoredModel(LinearModel):
+    """A model as its file holds it: at the control mesh, before refinement."""
 
-    Attributes:
-        polygons: Quads, counter-clockwise seen from outside; a triangle has -1 in the last place.
-        polygon_regions: Index into ``region_names`` for each polygon.
-        uv_polygons: For each polygon its texture coordinates, or None.
-        landmarks: Vertex indices, valid after ``refinement_steps`` steps and more.
-        source_vertices: For each control vertex its index in the mesh that the model was made from, or None.
-        refinement_steps: Catmull-Clark steps that loading does by default.
-        published_basis: Name of the published basis whose coefficient files the model understands, or empty.
-        identity_unit: One standard deviation of each identity component in the unit of those files, or None.
-        expression_unit: Likewise for expression.
-        approximate_landmarks: Which of the 68 iBUG landmarks come by correspondence with the built-in model.
-        albedo_mean: Mean colour of each vertex, RGB, 0..1, encoded as published, or None.
-        albedo_basis: Colour for one standard deviation of each component, or None.
-        alignment: How the model came to this frame; None where it stands as published.
-    """
-
-    name: str
-    licence: str
-    origin: str
-    mean: Float32[ndarray, "v 3"]
-    identity_basis: Float32[ndarray, "k v 3"]
-    expression_basis: Float32[ndarray, "e v 3"]
-    polygons: Int32[ndarray, "p 4"]
-    polygon_regions: UInt8[ndarray, " p"]
-    region_names: tuple[str, ...]
-    face_regions: tuple[str, ...]
-    landmarks: Mapping[str, Int32[ndarray, " _"]]
-    uv: Float32[ndarray, "u 2"] | None = None
-    uv_polygons: Int32[ndarray, "p 4"] | None = None
-    symmetry: Int32[ndarray, " v"] | None = None
-    source_vertices: Int32[ndarray, " v"] | None = None
-    named_expressions: Mapping[str, Float32[ndarray, " e"]] = field(default_factory=dict)
-    refinement_steps: int = 0
-    published_basis: str = ""
-    identity_unit: Float64[ndarray, " k"] | None = None
-    expression_unit: Float64[ndarray, " e"] | None = None
-    approximate_landmarks: Int32[ndarray, " _"] | None = None
-    albedo_mean: Float32[ndarray, "v 3"] | None = None
-    albedo_basis: Float32[ndarray, "a v 3"] | None = None
-    alignment: Alignment | None = None
+    polygons: Int32[ndarray, "p 4"]  # quads, counter-clockwise seen from outside; a triangle has -1 in the last place
+    polygon_regions: UInt8[ndarray, " p"]  # indices into ``region_names``
+    uv_polygons: Int32[ndarray, "p 4"] | None = None  # for each polygon its texture coordinates
+    source_vertices: Int32[ndarray, " v"] | None = None  # indices in the mesh that the model was made from
+    refinement_steps: int = 0  # Catmull-Clark steps that loading does by default
+    alignment: Alignment | None = None  # how the model came to this frame; None where it stands as published
 
 
 _ARRAYS: dict[str, Any] = {
@@ -96,30 +87,27 @@ _ARRAYS: dict[str, Any] = {
     "albedo_mean": np.float32,
     "albedo_basis": np.float32,
 }
-_TEXTS = ("name", "licence", "origin", "published_basis", "region_names", "face_regions")
+_TEXTS, _LISTS = ("name", "licence", "origin", "published_basis"), ("region_names", "face_regions")
 _ALIGNMENT = ("frame_from_file", "residual_mm", "landmark_scale")
 # Random-looking floats hardly shrink, and unpacking them costs every process that opens the model a second.
 COMPRESSED_BYTES = 4 << 20
 
 
 def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False) -> None:
-    """Writes a model.
+    """Writes a model. The file's folder is made.
 
-    Args:
-        model: What to write.
-        path: Where to; its folder is made.
-        quantise: Store the bases as int16 with one step per component (a quarter of the size; the step is
-            1/32767 of the component's largest value). Off for imported models, which stay exact.
+    With ``quantise`` the bases are stored as int16 with one step per component: 1/32767 of its largest value. That
+    takes a quarter of the size. Imported models are not quantised, so they stay exact.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w", track_order=False) as file:
-        _write_text(file, "format", FORMAT)
+        file.attrs["format"] = fixed_text(FORMAT)
         file.attrs["schema_version"] = SCHEMA_VERSION
-        for name in ("name", "licence", "origin", "published_basis"):
-            _write_text(file, name, getattr(model, name))
+        for name in _TEXTS:
+            file.attrs[name] = fixed_text(getattr(model, name))
         file.attrs["refinement_steps"] = model.refinement_steps
-        _write_text(file, "region_names", json.dumps(model.region_names))
-        _write_text(file, "face_regions", json.dumps(model.face_regions))
+        for name in _LISTS:
+            file.attrs[name] = fixed_text(json.dumps(getattr(model, name)))
         for name in _ARRAYS:
             _write_array(file, name, getattr(model, name))
         _write_basis(file, "identity_basis", model.identity_basis, quantise)
@@ -134,10 +122,7 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
 
 
 def read_stored_model(path: Path) -> tuple[StoredModel, str]:
-    """Reads a model and hashes its content.
-
-    Returns:
-        The model, and the SHA-256 of its attributes and arrays (not of the file: compression does not matter).
+    """Reads a model, and the SHA-256 of its attributes and arrays (not of the file: compression does not matter).
 
     Raises:
         InputFileError: The file is missing, not a model, truncated, or of a newer schema.
@@ -155,43 +140,37 @@ def read_stored_model(path: Path) -> tuple[StoredModel, str]:
 
 
 def _read(file: h5py.File, path: Path) -> StoredModel:
-    texts = {name: read_text(file.attrs, path, name) for name in _TEXTS}
-    arrays = {name: _array(file, name, dtype) for name, dtype in _ARRAYS.items() if name in file}
+    content: dict[str, Any] = {
+        **{name: read_text(file.attrs, path, name) for name in _TEXTS},
+        **{name: tuple(json.loads(read_text(file.attrs, path, name))) for name in _LISTS},
+        **{name: _array(file, name, dtype) for name, dtype in _ARRAYS.items() if name in file},
+    }
     return StoredModel(
-        name=texts["name"],
-        licence=texts["licence"],
-        origin=texts["origin"],
-        published_basis=texts["published_basis"],
+        **content,
         identity_basis=_read_basis(file, "identity_basis"),
         expression_basis=_read_basis(file, "expression_basis"),
-        region_names=tuple(json.loads(texts["region_names"])),
-        face_regions=tuple(json.loads(texts["face_regions"])),
         landmarks={name: _array(file, f"landmarks/{name}", np.int32) for name in file.get("landmarks", ())},
         named_expressions={
             name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
         },
         refinement_steps=int(file.attrs["refinement_steps"]),
         alignment=_read_alignment(file),
-        **arrays,
     )
 
 
 def _read_alignment(file: h5py.File) -> Alignment | None:
     if "alignment" not in file:
         return None
-    frame = _array(file, "alignment/frame_from_file", np.float64)
-    residual, scale = (float(file[f"alignment/{name}"][()]) for name in _ALIGNMENT[1:])
-    return Alignment(frame_from_file=frame, residual_mm=residual, landmark_scale=scale)
+    frame, residual, scale = (_array(file, f"alignment/{name}", np.float64) for name in _ALIGNMENT)
+    return Alignment(frame_from_file=frame, residual_mm=float(residual), landmark_scale=float(scale))
 
 
 def _checked(model: StoredModel, path: Path) -> StoredModel:
     """The model, if its arrays fit each other: a damaged index would be met far from here otherwise."""
     n = len(model.mean)
-    bases = [
-        model.identity_basis,
-        model.expression_basis,
-        *([] if model.albedo_basis is None else [model.albedo_basis]),
-    ]
+    bases = [model.identity_basis, model.expression_basis]
+    if model.albedo_basis is not None:
+        bases.append(model.albedo_basis)
     tables = [model.polygons, *([] if model.symmetry is None else [model.symmetry])]
     if model.refinement_steps == 0:  # otherwise landmarks may be vertices that refinement makes
         tables += model.landmarks.values()
@@ -255,14 +234,10 @@ def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
     return cast(ndarray, file[name][()].astype(dtype))
 
 
-def _write_text(file: h5py.File, name: str, text: str) -> None:
-    file.attrs[name] = fixed_text(text)
-
-
 def _content_sha256(file: h5py.File, path: Path) -> str:
     digest = hashlib.sha256()
     for name in sorted(file.attrs):
-        is_text = name in (*_TEXTS, "format")
+        is_text = name in (*_TEXTS, *_LISTS, "format")
         digest.update(f"{name}={read_text(file.attrs, path, name) if is_text else int(file.attrs[name])};".encode())
     names: list[str] = []
     file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)

@@ -3,18 +3,17 @@
 Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from numpy import ndarray
 
-from pix2face.models.model_file import StoredModel, read_stored_model
+from pix2face.models.model_file import LinearModel, StoredModel, read_stored_model
 from pix2face.models.subdivision import refine
 
 BUILTIN_MODEL = "builtin"
@@ -22,57 +21,14 @@ BUILTIN_MODEL = "builtin"
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MorphableModel:
-    """A linear face model over one triangle mesh.
+class MorphableModel(LinearModel):
+    """A linear face model over one triangle mesh: what `LinearModel` describes, and its triangles."""
 
-    Attributes:
-        name: What the model is called in messages and reports.
-        licence: Terms under which the model may be used.
-        origin: Where it comes from, for people.
-        sha256: Hash of the content of its file: what shards and checkpoints carry.
-        mean: Vertices with all coefficients zero, expression mean included, in mm, model frame
-            (x to the subject's left, y up, z out of the face, origin inside the head).
-        identity_basis: mm per standard deviation.
-        expression_basis: mm per standard deviation.
-        triangles: Vertex indices, counter-clockwise seen from outside.
-        triangle_regions: Index into ``region_names`` for each triangle.
-        region_names: Names of the regions.
-        face_regions: The regions where maps hold.
-        landmarks: For each scheme the vertex of each landmark, in the scheme's order.
-        uv: Texture coordinates, v upward, or None.
-        uv_triangles: For each triangle its three texture coordinates (they split along seams), or None.
-        symmetry: For each vertex its mirror image, or None where the mesh is not symmetric.
-        named_expressions: Expression coefficients of shapes that have a name.
-        published_basis: Name of the published basis whose coefficient files the model understands, or empty.
-        identity_unit: One standard deviation of each identity component in the unit of those files, or None.
-        expression_unit: Likewise for expression.
-        approximate_landmarks: Which of the 68 iBUG landmarks came by correspondence with the built-in model on import.
-        albedo_mean: Mean colour of each vertex, RGB, 0..1, encoded as published, or None.
-        albedo_basis: Colour for one standard deviation of each component, or None.
-    """
-
-    name: str
-    licence: str
-    origin: str
-    sha256: str
-    mean: Float32[ndarray, "v 3"]
-    identity_basis: Float32[ndarray, "k v 3"]
-    expression_basis: Float32[ndarray, "e v 3"]
-    triangles: Int32[ndarray, "t 3"]
-    triangle_regions: UInt8[ndarray, " t"]
-    region_names: tuple[str, ...]
-    face_regions: tuple[str, ...]
-    landmarks: Mapping[str, Int32[ndarray, " _"]]
-    uv: Float32[ndarray, "u 2"] | None
-    uv_triangles: Int32[ndarray, "t 3"] | None
-    symmetry: Int32[ndarray, " v"] | None
-    named_expressions: Mapping[str, Float32[ndarray, " e"]]
-    published_basis: str = ""
-    identity_unit: Float64[ndarray, " k"] | None = None
-    expression_unit: Float64[ndarray, " e"] | None = None
-    approximate_landmarks: Int32[ndarray, " _"] | None = None
-    albedo_mean: Float32[ndarray, "v 3"] | None = None
-    albedo_basis: Float32[ndarray, "a v 3"] | None = None
+    sha256: str  #: hash of the content of its file: what shards and checkpoints carry
+    triangles: Int32[ndarray, "t 3"]  #: vertex indices, counter-clockwise seen from outside
+    triangle_regions: UInt8[ndarray, " t"]  #: indices into ``region_names``
+    #: For each triangle its three texture coordinates (they split along seams).
+    uv_triangles: Int32[ndarray, "t 3"] | None = None
 
     @property
     def n_identity(self) -> int:
@@ -103,14 +59,7 @@ class MorphableModel:
         return float(np.linalg.norm(self.mean[self.is_face_vertex], axis=1).min())
 
     def vertices(self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]) -> Float32[ndarray, "n v 3"]:
-        """Evaluates the model.
-
-        Args:
-            identity: Coefficients in standard deviations; k is ``n_identity``.
-            expression: Coefficients in standard deviations; e is ``n_expression``.
-
-        Returns:
-            Vertices in mm, model frame.
+        """The vertices (mm, model frame) of faces with some coefficients, in standard deviations.
 
         Source: Crispell and Bazik 2017, Eq. 3.
         """
@@ -125,7 +74,7 @@ def load_model(path: Path, refinement_steps: int | None = None) -> MorphableMode
     """Reads a model from its ``.h5`` file.
 
     Args:
-        path: A file that ``model_file.write_stored_model`` wrote.
+        path: The file.
         refinement_steps: Catmull-Clark steps from the control mesh; None takes what the file asks for. The hash is
             that of the file, so maps of different refinements of one file are comparable.
 
@@ -154,38 +103,20 @@ def model_from_stored(stored: StoredModel, sha256: str, refinement_steps: int) -
     for _ in range(refinement_steps):
         stored = refine(stored)
     triangles, polygon_of_triangle = triangulate(stored.polygons)
-    uv_triangles = None if stored.uv_polygons is None else triangulate(stored.uv_polygons)[0]
+    shared = {field.name: getattr(stored, field.name) for field in fields(LinearModel)}
     return MorphableModel(
-        name=stored.name,
-        licence=stored.licence,
-        origin=stored.origin,
+        **shared | {"mean": _exactly_symmetric(stored.mean, stored.symmetry)},
         sha256=sha256,
-        mean=_exactly_symmetric(stored.mean, stored.symmetry),
-        identity_basis=stored.identity_basis,
-        expression_basis=stored.expression_basis,
         triangles=triangles,
         triangle_regions=stored.polygon_regions[polygon_of_triangle],
-        region_names=stored.region_names,
-        face_regions=stored.face_regions,
-        landmarks=stored.landmarks,
-        uv=stored.uv,
-        uv_triangles=uv_triangles,
-        symmetry=stored.symmetry,
-        named_expressions=stored.named_expressions,
-        published_basis=stored.published_basis,
-        identity_unit=stored.identity_unit,
-        expression_unit=stored.expression_unit,
-        approximate_landmarks=stored.approximate_landmarks,
-        albedo_mean=stored.albedo_mean,
-        albedo_basis=stored.albedo_basis,
+        uv_triangles=None if stored.uv_polygons is None else triangulate(stored.uv_polygons)[0],
     )
 
 
 def triangulate(polygons: Int32[ndarray, "p 4"]) -> tuple[Int32[ndarray, "t 3"], Int32[ndarray, " t"]]:
     """Cuts quads along their first diagonal; a triangle has -1 in the last place.
 
-    Returns:
-        Triangles, in the order of the polygons, and the polygon that each was cut from.
+    Returns the triangles, in the order of the polygons, and the polygon that each was cut from.
     """
     is_quad = polygons[:, 3] >= 0
     first, second = polygons[:, [0, 1, 2]], polygons[is_quad][:, [0, 2, 3]]

@@ -30,39 +30,25 @@ CANDIDATES_AT_A_TIME = 500_000
 @final
 @dataclass(frozen=True, eq=False)
 class Fragments:
-    """What each pixel sees.
+    """What each pixel sees."""
 
-    Attributes:
-        triangle: Index of the nearest triangle, -1 where there is none.
-        barycentric: Weights of its three vertices at the pixel centre on the surface (perspective-correct); 0 outside.
-        depth: Depth of the surface in mm as ``Camera.depth`` has it; inf outside.
-    """
-
-    triangle: Int32[ndarray, "h w"]
+    triangle: Int32[ndarray, "h w"]  # the nearest one; -1 where there is none
+    # Weights of its three vertices at the pixel centre on the surface (perspective-correct); 0 outside.
     barycentric: Float64[ndarray, "h w 3"]
-    depth: Float64[ndarray, "h w"]
+    depth: Float64[ndarray, "h w"]  # of the surface, in mm, as ``Camera.depth`` has it; inf outside
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class RenderedMaps:
-    """The ground truth of one picture.
+    """The ground truth of one picture. PNCC, offset and depth are 0 outside the mask."""
 
-    Attributes:
-        pncc: Points of the mean face, mm, model frame; 0 outside the mask.
-        offset: What leads from there to this face, mm, model frame; 0 outside the mask.
-        mask: Where the nearest surface is the outside of a face region.
-        depth: Depth in mm; 0 outside the mask.
-        surface_depth: Depth of whatever is nearest, face or not, in mm; inf outside the head.
-        extra: Further layers, by the names of ``pix2face.shards.layers``: ``normals``, ``uv``, ``regions``.
-    """
-
-    pncc: Float32[ndarray, "h w 3"]
-    offset: Float32[ndarray, "h w 3"]
-    mask: Bool[ndarray, "h w"]
-    depth: Float32[ndarray, "h w"]
-    surface_depth: Float32[ndarray, "h w"]
-    extra: Mapping[str, ndarray] = field(default_factory=dict)
+    pncc: Float32[ndarray, "h w 3"]  # points of the mean face, mm, model frame
+    offset: Float32[ndarray, "h w 3"]  # what leads from there to this face, mm, model frame
+    mask: Bool[ndarray, "h w"]  # where the nearest surface is the outside of a face region
+    depth: Float32[ndarray, "h w"]  # mm
+    surface_depth: Float32[ndarray, "h w"]  # of whatever is nearest, face or not, in mm; inf outside the head
+    extra: Mapping[str, ndarray] = field(default_factory=dict)  # ``normals``, ``uv``, ``regions`` as in a shard
 
     def layer(self, name: str) -> ndarray:
         """One layer by its name."""

@@ -20,21 +20,14 @@ from pix2face.models.model_file import StoredModel
 @final
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """One step of subdivision.
+    """One step of subdivision."""
 
-    Attributes:
-        operator: (refined vertices x vertices), rows sum to 1.
-        quads: Polygons of the refined mesh, four (of a triangle three) for each old one, in the old order.
-        parents: The old polygon of each quad.
-        edges: The old mesh's edges (lower index first), in the order of their new vertices.
-        n_vertices: Number of old vertices.
-    """
-
-    operator: csr_array
+    operator: csr_array  # (refined vertices x vertices), rows sum to 1
+    # Polygons of the refined mesh, four (of a triangle three) for each old one, in the old order.
     quads: Int32[ndarray, "q 4"]
-    parents: Int32[ndarray, " q"]
-    edges: Int32[ndarray, "m 2"]
-    n_vertices: int
+    parents: Int32[ndarray, " q"]  # the old polygon of each quad
+    edges: Int32[ndarray, "m 2"]  # the old mesh's edges (lower index first), in the order of their new vertices
+    n_vertices: int  # of the old mesh
 
 
 def refine(stored: StoredModel) -> StoredModel:

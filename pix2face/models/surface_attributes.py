@@ -23,21 +23,13 @@ Values = Callable[[MorphableModel, Float32[ndarray, "v 3"], Camera], Float32[nda
 @final
 @dataclass(frozen=True)
 class Attribute:
-    """Something to interpolate.
-
-    Attributes:
-        n_channels: Numbers of each value.
-        values: Those of one face as one camera sees it.
-        corners: For each triangle the numbers of its values.
-        is_direction: Values are unit vectors, and are brought back to length 1 where they were interpolated.
-        same_for_all: Values depend on the model alone.
-    """
+    """Something to interpolate."""
 
     n_channels: int
-    values: Values
-    corners: Callable[[MorphableModel], Int32[ndarray, "t 3"]]
-    is_direction: bool = False
-    same_for_all: bool = False
+    values: Values  # of one face as one camera sees it
+    corners: Callable[[MorphableModel], Int32[ndarray, "t 3"]]  # for each triangle the rows of its values
+    is_direction: bool = False  # unit vectors, which interpolation brings back to length 1
+    same_for_all: bool = False  # depends on the model alone
 
 
 def camera_from_model_axes(camera: Camera) -> Float64[ndarray, "3 3"]:

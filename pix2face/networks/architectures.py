@@ -20,19 +20,14 @@ MOST_PLANES = MAP_PLANES + 2
 @final
 @dataclass(frozen=True)
 class Architecture:
-    """How to make networks of one kind.
+    """How to make networks of one kind."""
 
-    Attributes:
-        widths: From the side of the picture (px) and the filters of the first level to the filters of each level.
-        build: From the side of the picture, the filters of each level and the planes of the output to the network.
-        check_size: Raises ValueError where the network cannot take a picture of a side.
-        is_any_size: Whether the same weights take pictures of other sizes.
-    """
-
+    # From the side of the picture (px) and the filters of the first level to the filters of each level.
     widths: Callable[[int, int], tuple[int, ...]]
+    # From the side of the picture, the filters of each level and the planes of the output to the network.
     build: Callable[[int, tuple[int, ...], int], nn.Module]
-    check_size: Callable[[int], object]
-    is_any_size: bool
+    check_size: Callable[[int], object]  # raises ValueError where the network cannot take a picture of a side
+    is_any_size: bool  # whether the same weights take pictures of other sizes
 
 
 def build_network(architecture: str, size_px: int, widths: tuple[int, ...], planes: int) -> nn.Module:
