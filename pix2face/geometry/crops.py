@@ -138,13 +138,10 @@ def pixels_in_image(crop: Crop, image_size_px: tuple[int, int]) -> Bool[ndarray,
 
 
 def crop_image(image: Shaped[ndarray, "h w *c"], crop: Crop, *, nearest: bool = False) -> Shaped[ndarray, "s s *c"]:
-    """Resamples an image into a crop; beyond the border it is black.
+    """Resamples an image (uint8, int16 or float32) into a crop; beyond the border it is black.
 
-    Args:
-        image: Any dtype that OpenCV warps (uint8, int16, float32).
-        crop: Where to look.
-        nearest: Take the nearest pixel instead of blending (for labels); otherwise shrinking averages first, so that
-            fine texture does not alias.
+    Where the crop is coarser, pixels are averaged first, so that fine texture does not alias. ``nearest`` takes the
+    nearest pixel instead of blending, for labels.
     """
     matrix = crop.crop_from_image[:2]
     if not nearest:

@@ -90,15 +90,9 @@ def jitter_crop(box: FaceBox, jitter: JitterParameters, size_px: int) -> Crop:
 
 
 def jitter_image(image: UInt8[ndarray, "h w 3"], crop: Crop, jitter: JitterParameters) -> Float32[ndarray, "s s 3"]:
-    """Crops a picture and varies its colours.
+    """Crops an RGB picture and varies its colours, which are in [0, 1] then; beyond the border it is black.
 
-    Args:
-        image: RGB.
-        crop: Where to look; beyond the border it is black.
-        jitter: Gamma, contrast and gains; its scale, shift and rotation are already in ``crop``.
-
-    Returns:
-        RGB in [0, 1].
+    Of the draw, only gamma, contrast and gains are used: scale, shift and rotation are already in ``crop``.
     """
     table = jitter.colour_table.astype(np.float32)
     return np.asarray(cv2.LUT(crop_image(image, crop), table[None]), dtype=np.float32)

@@ -71,8 +71,7 @@ def landmark_errors(
 ) -> Float64[ndarray, "68"]:
     """The distance of each landmark from its true place, divided by a length of all true landmarks.
 
-    Returns:
-        Fractions; infinity for a predicted point that is not finite.
+    It is a fraction (0.03 is 3 %), and infinity for a predicted point that is not finite.
 
     Raises:
         DegenerateGeometryError: The normaliser is zero or not finite.
@@ -87,10 +86,7 @@ def nme(
     normaliser: Normaliser,
     points: Sequence[int] = ALL68,
 ) -> float:
-    """Normalised mean error of one face: mean distance over ``points``, divided by a length of all true landmarks.
-
-    Returns:
-        A fraction (0.03 is 3 %); infinity where a predicted point is not finite.
+    """Normalised mean error of one face: the mean of ``landmark_errors`` over some points.
 
     Raises:
         DegenerateGeometryError: The normaliser is zero or not finite.
@@ -99,11 +95,7 @@ def nme(
 
 
 def error_curve(errors: Float[ndarray, " n"], threshold: float, n: int = 201) -> Float64[ndarray, "steps 2"]:
-    """The cumulative error distribution from 0 to a threshold.
-
-    Returns:
-        Rows of (error, fraction of all faces with at most this error).
-    """
+    """The cumulative error distribution: rows of (error from 0 to the threshold, fraction of all faces up to it)."""
     steps = np.linspace(0, threshold, n)
     counts = np.searchsorted(np.sort(errors), steps, side="right")
     return np.column_stack([steps, counts / max(len(errors), 1)])

@@ -72,7 +72,7 @@ def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]
 
     Args:
         path: A text file: ``version: 1``, ``n_points: 68``, ``{``, one ``x y`` a line (1-based pixels), ``}``.
-        n_landmarks: How many points the scheme has.
+        n_landmarks: The number of points of the scheme.
 
     Raises:
         InputFileError: The file is missing, cut off, of another format or scheme, or holds values that are not finite.
@@ -102,6 +102,6 @@ def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]
         raise InputFileError(f"expected numbers in {path}: {error}") from error
     if not np.isfinite(points).all():
         raise InputFileError(
-            f"expected finite coordinates in {path}, found {np.isnan(points).sum()} NaN or infinite ones"
+            f"expected finite coordinates in {path}, found {(~np.isfinite(points)).sum()} NaN or infinite ones"
         )
     return points + ONE_BASED_TO_CENTRES_PX

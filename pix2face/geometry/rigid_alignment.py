@@ -58,8 +58,7 @@ class RigidTransform:
 def fit_rigid(source: Float[ndarray, "n 3"], target: Float[ndarray, "n 3"]) -> tuple[RigidTransform, float]:
     """Minimises sum |R x + t - y|^2 over rotations and translations.
 
-    Returns:
-        The transform, and the scale that a similarity would have had in addition (it is not applied).
+    The second result is the scale that a similarity would have had in addition; it is not applied.
 
     Raises:
         DegenerateGeometryError: Fewer than 3 points, or all on one line.
@@ -130,13 +129,10 @@ def align_surfaces(
 ) -> tuple[RigidTransform, Float64[ndarray, " n"]]:
     """Brings a dense surface onto another of which it is a part, from any pose along the axes.
 
-    Args:
-        source: Nearly all of it should have a counterpart.
-        target: May extend further (neck, back of the head, teeth).
-        anchors: Points in the source's frame (mm), one of which lies near the middle of the target's box.
+    Nearly all of the source should have a counterpart; the target may extend further (neck, back of the head, teeth).
+    One of the anchors, which are points in the source's frame (mm), should lie near the middle of the target's box.
 
-    Returns:
-        The best transform of source onto target, and each source point's distance to its partner (mm).
+    Returns the best transform of source onto target, and each source point's distance to its partner (mm).
     """
     rng, n_points = np.random.default_rng(0), len(source.points)
     index = SurfaceIndex(target.chosen(rng.permutation(len(target.points))[:_TARGET_POINTS]))

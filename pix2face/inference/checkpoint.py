@@ -86,12 +86,8 @@ def save_checkpoint(
 ) -> None:
     """Writes a checkpoint; a file of that name is replaced at once or not at all.
 
-    Args:
-        path: Where to.
-        header: Says what the network is.
-        network: Its weights are written.
-        precision: Of the weights in the file: float16 halves it, and is computed with in float32 all the same. Norms
-            and biases stay float32: they are few, and variances of norms overflow float16.
+    Weights in float16 halve the file, and are computed with in float32 all the same. Norms and biases stay float32:
+    they are few, and variances of norms overflow float16.
     """
     tensors = network.state_dict()
     vectors = {name: tensor for name, tensor in tensors.items() if tensor.ndim <= 1}

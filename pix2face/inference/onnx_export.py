@@ -26,16 +26,9 @@ DESCRIPTION = (
 
 
 def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
-    """Writes the network of a checkpoint as ONNX, the checkpoint's header as JSON in its metadata.
+    """Writes the network of a checkpoint as ONNX, with the checkpoint's header as JSON in its metadata.
 
-    The batch may have any size. A file of that name is replaced at once or not at all.
-
-    Args:
-        checkpoint: What training wrote.
-        out: Where to; its folder is made.
-
-    Returns:
-        The header.
+    The batch may have any size. A file of that name is replaced at once or not at all; its folder is made.
 
     Raises:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.

@@ -51,8 +51,8 @@ class Predictor:
 
     Args:
         network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits.
-        header: Size, scales and model of the network.
-        device: Where the network is; pictures are sent there.
+        header: Of its checkpoint.
+        device: Where the network is.
     """
 
     def __init__(
@@ -93,20 +93,13 @@ class Predictor:
         return Predictor(self._network, replace(self.header, crop_scale=crop_scale), self._device)
 
     def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> Prediction:
-        """The maps of one face.
-
-        Args:
-            image: RGB.
-            box: The tight box of the face's 68 landmarks, in pixels of the image.
-        """
+        """The maps of one face in an RGB image, by the tight box of its 68 landmarks in pixels of the image."""
         return self.predict_batch([(image, box)])[0]
 
     def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
-        """The maps of several faces, of one picture or of many, in one pass of the network.
+        """The maps of several faces, each given by its picture and box as in ``predict``, in one pass of the network.
 
-        Args:
-            faces: For each face its picture (RGB) and its box. All are in memory at once: a few dozen are plenty.
-                ``predict_many`` takes any number.
+        All are in memory at once: a few dozen are plenty. ``predict_many`` takes any number.
         """
         if not faces:
             return []
@@ -134,9 +127,7 @@ class Predictor:
 def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> tuple[FaceMaps, int]:
     """Converts a network's output to maps in millimetres, 0 outside the mask, and counts the pixels not finite in it.
 
-    Args:
-        planes: Maps in units of the header's scales, then logits of masks, where there are any. Is overwritten.
-        header: Of the network.
+    The planes hold maps in units of the header's scales, then logits of masks, if any. They are overwritten.
     """
     undefined = ~np.isfinite(planes).all(axis=2)
     planes[undefined] = 0

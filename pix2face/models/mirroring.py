@@ -49,11 +49,7 @@ def mirrored_points(points: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 3"]:
 
 
 def mirrored_landmarks(landmarks: Shaped[ndarray, "68 ..."]) -> Shaped[ndarray, "68 ..."]:
-    """Landmarks of a mirrored face in their order: what was the left eye's corner becomes the right one's.
-
-    Args:
-        landmarks: Already mirrored points (or visibilities) in the order of the face before.
-    """
+    """Reorders mirrored landmarks, or their visibilities: the corner of the left eye becomes that of the right eye."""
     return landmarks[list(MIRROR_IBUG68)]
 
 

@@ -1,10 +1,9 @@
 """Parts of models, such as a head without its neck: an index map on the vertices, nothing is computed anew."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Bool
 from numpy import ndarray
 
 from pix2face.errors import UsageError
@@ -15,12 +14,8 @@ from pix2face.models.model_file import StoredModel
 def crop_model(stored: StoredModel, kept_polygons: Bool[ndarray, " p"]) -> StoredModel:
     """Keeps some polygons of a model and the vertices that they use, in their order.
 
-    Args:
-        stored: A model without refinement: refined landmarks have no place in its control mesh.
-        kept_polygons: Which polygons stay.
-
-    Returns:
-        The part. A scheme of landmarks that loses a point is dropped; so is the symmetry where a twin is lost.
+    A scheme of landmarks that loses a point is dropped, and so is the symmetry where a twin is lost. The model must be
+    one without refinement, since refined landmarks have no place in its control mesh.
 
     Raises:
         UsageError: Nothing is kept, or the model is one that loading refines.
@@ -36,6 +31,7 @@ def crop_model(stored: StoredModel, kept_polygons: Bool[ndarray, " p"]) -> Store
     new[kept] = np.arange(len(kept))
     landmarks = {scheme: new[vertices] for scheme, vertices in stored.landmarks.items()}
     landmarks = {scheme: vertices for scheme, vertices in landmarks.items() if (vertices >= 0).all()}
+    symmetry = None if stored.symmetry is None else new[stored.symmetry[kept]]
     return replace(
         stored,
         mean=stored.mean[kept],
@@ -44,11 +40,12 @@ def crop_model(stored: StoredModel, kept_polygons: Bool[ndarray, " p"]) -> Store
         polygons=new[polygons],
         polygon_regions=stored.polygon_regions[kept_polygons],
         uv_polygons=None if stored.uv_polygons is None else stored.uv_polygons[kept_polygons],
-        symmetry=_symmetry(stored, kept, new),
+        symmetry=symmetry if symmetry is not None and (symmetry >= 0).all() else None,
         source_vertices=kept.astype(np.int32) if stored.source_vertices is None else stored.source_vertices[kept],
         landmarks=landmarks,
         approximate_landmarks=stored.approximate_landmarks if IBUG68 in landmarks else None,
-        **_albedo(stored, kept),
+        albedo_mean=None if stored.albedo_mean is None else stored.albedo_mean[kept],
+        albedo_basis=None if stored.albedo_basis is None else np.ascontiguousarray(stored.albedo_basis[:, kept]),
     )
 
 
@@ -65,16 +62,3 @@ def without_regions(stored: StoredModel, *regions: str) -> StoredModel:
         )
     dropped = [stored.region_names.index(region) for region in regions]
     return crop_model(stored, ~np.isin(stored.polygon_regions, dropped))
-
-
-def _symmetry(stored: StoredModel, kept: ndarray, new: Int32[ndarray, " n"]) -> Int32[ndarray, " k"] | None:
-    if stored.symmetry is None:
-        return None
-    twins = new[stored.symmetry[kept]]
-    return twins if (twins >= 0).all() else None
-
-
-def _albedo(stored: StoredModel, kept: ndarray) -> dict[str, Any]:
-    if stored.albedo_mean is None or stored.albedo_basis is None:
-        return {}
-    return {"albedo_mean": stored.albedo_mean[kept], "albedo_basis": np.ascontiguousarray(stored.albedo_basis[:, kept])}

@@ -161,8 +161,9 @@ def _read(file: h5py.File, path: Path) -> StoredModel:
 def _read_alignment(file: h5py.File) -> Alignment | None:
     if "alignment" not in file:
         return None
-    frame, residual, scale = (_array(file, f"alignment/{name}", np.float64) for name in _ALIGNMENT)
-    return Alignment(frame_from_file=frame, residual_mm=float(residual), landmark_scale=float(scale))
+    frame = _array(file, "alignment/frame_from_file", np.float64)
+    residual, scale = (float(file[f"alignment/{name}"][()]) for name in _ALIGNMENT[1:])
+    return Alignment(frame_from_file=frame, residual_mm=residual, landmark_scale=scale)
 
 
 def _checked(model: StoredModel, path: Path) -> StoredModel:

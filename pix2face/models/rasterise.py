@@ -19,7 +19,6 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
@@ -54,11 +53,6 @@ class RenderedMaps:
         """One layer by its name."""
         return self.extra[name] if name in self.extra else np.asarray(getattr(self, name))
 
-    @property
-    def face_maps(self) -> FaceMaps:
-        """The maps that the network learns."""
-        return FaceMaps(self.pncc, self.offset, self.mask)
-
 
 def rasterise(
     camera_matrix: Float64[ndarray, "4 4"],
@@ -67,14 +61,7 @@ def rasterise(
     height: int,
     width: int,
 ) -> Fragments:
-    """Finds the nearest triangle of each pixel.
-
-    Args:
-        camera_matrix: As in ``Camera``.
-        vertices: mm, model frame.
-        triangles: Vertex indices.
-        height: Rows of the image.
-        width: Columns of the image.
+    """Finds the nearest triangle of each pixel. Vertices are in mm, in the model frame.
 
     Raises:
         DegenerateGeometryError: A vertex lies in or behind the plane of a pinhole, or is not finite.
@@ -116,7 +103,7 @@ def render_maps(
     width: int,
     layers: Sequence[str] = (),
 ) -> RenderedMaps:
-    """Renders PNCC, offset, mask, depth and what is asked for of one face: what the OpenGL renderer must reproduce.
+    """Renders PNCC, offset, mask and depth of one face: what the OpenGL renderer must reproduce.
 
     Args:
         model: Whose mean and triangles to take.

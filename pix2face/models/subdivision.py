@@ -20,7 +20,7 @@ from pix2face.models.model_file import StoredModel
 @final
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """One step of subdivision."""
+    """One step of subdivision, from an old mesh to a refined one."""
 
     operator: csr_array  # (refined vertices x vertices), rows sum to 1
     # Polygons of the refined mesh, four (of a triangle three) for each old one, in the old order.
@@ -53,12 +53,7 @@ def refine(stored: StoredModel) -> StoredModel:
 
 
 def catmull_clark(polygons: Int32[ndarray, "p 4"], n_vertices: int) -> Refinement:
-    """Builds the operator of one step.
-
-    Args:
-        polygons: Quads; a triangle has -1 in the last place.
-        n_vertices: Vertices of the mesh; one that no polygon uses stays where it is.
-    """
+    """One step for quads (a triangle has -1 in the last place); a vertex that no polygon uses stays where it is."""
     edges, quads, edge_of_corner = _topology(polygons, n_vertices)
     face_points = _face_points(polygons, n_vertices)
     is_boundary = np.bincount(edge_of_corner[edge_of_corner >= 0], minlength=len(edges)) != 2

@@ -76,28 +76,21 @@ def check_layers(model: MorphableModel, layers: Sequence[str]) -> None:
 
 
 def texture_coordinates(model: MorphableModel, _: Float32[ndarray, "v 3"], __: Camera) -> Float32[ndarray, "u 2"]:
-    """The model's.
-
-    Raises:
-        UsageError: It has none.
-    """
+    """The model's; raises UsageError where it has none."""
     check_layers(model, ("uv",))
     assert model.uv is not None
     return model.uv
 
 
-def _texture_corners(model: MorphableModel) -> Int32[ndarray, "t 3"]:
-    return model.uv_triangles if model.uv_triangles is not None else model.triangles
-
-
-def _mesh_corners(model: MorphableModel) -> Int32[ndarray, "t 3"]:
-    return model.triangles
-
-
 # A new layer of something known at vertices is one line here (and one in shards/layers.py, so that shards take it).
 ATTRIBUTES: Mapping[str, Attribute] = {
-    "normals": Attribute(3, normals_in_camera, _mesh_corners, is_direction=True),
-    "uv": Attribute(2, texture_coordinates, _texture_corners, same_for_all=True),
+    "normals": Attribute(3, normals_in_camera, lambda model: model.triangles, is_direction=True),
+    "uv": Attribute(
+        2,
+        texture_coordinates,
+        lambda model: model.triangles if model.uv_triangles is None else model.uv_triangles,
+        same_for_all=True,
+    ),
 }
 REGIONS = "regions"
 EXTRA_LAYERS = (*ATTRIBUTES, REGIONS)

@@ -22,10 +22,8 @@ MOST_PLANES = MAP_PLANES + 2
 class Architecture:
     """How to make networks of one kind."""
 
-    # From the side of the picture (px) and the filters of the first level to the filters of each level.
-    widths: Callable[[int, int], tuple[int, ...]]
-    # From the side of the picture, the filters of each level and the planes of the output to the network.
-    build: Callable[[int, tuple[int, ...], int], nn.Module]
+    widths: Callable[[int, int], tuple[int, ...]]  # filters of each level, from the side (px) and those of the first
+    build: Callable[[int, tuple[int, ...], int], nn.Module]  # from the side (px), filters of each level and planes
     check_size: Callable[[int], object]  # raises ValueError where the network cannot take a picture of a side
     is_any_size: bool  # whether the same weights take pictures of other sizes
 
@@ -33,11 +31,7 @@ class Architecture:
 def build_network(architecture: str, size_px: int, widths: tuple[int, ...], planes: int) -> nn.Module:
     """Makes a network with new weights, drawn from torch's generator.
 
-    Args:
-        architecture: One of ``ARCHITECTURES``.
-        size_px: Side of its input.
-        widths: Filters of each level.
-        planes: Planes of its output: 6 maps, and up to two masks.
+    Widths are the filters of each level. The planes of the output are 6 of the maps and up to two of masks.
 
     Raises:
         ValueError: There is no such architecture, or it cannot have these numbers.

@@ -52,14 +52,9 @@ class UNet(nn.Module):
         self.apply(_initialise)
 
     def forward(self, image: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b planes s s"]:
-        """Maps pictures to PNCC and offset.
+        """Maps pictures (pixels in [-0.5, 0.5]) to PNCC and offset, and to logits of masks where there are any.
 
-        Args:
-            image: Pixels in [-0.5, 0.5].
-
-        Returns:
-            PNCC and offset, each in units of its scale (about ±1), about 0 in the background; logits of masks, where
-            there are any.
+        PNCC and offset are in units of their scales (about ±1), and about 0 in the background.
         """
         features, skips = image.contiguous(memory_format=torch.channels_last), []
         for level, convolution in enumerate(self.encoder):

@@ -70,14 +70,7 @@ class ResidualUNet(nn.Module):
         self.apply(_initialise)
 
     def forward(self, image: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b planes h w"]:
-        """Maps pictures to PNCC, offset and logits of masks.
-
-        Args:
-            image: Pixels in [-0.5, 0.5]; sides are multiples of 64.
-
-        Returns:
-            As the paper's network.
-        """
+        """Maps pictures as the paper's network does; their sides are multiples of 64."""
         picture = image.contiguous(memory_format=torch.channels_last)
         features, skips = functional.relu(self.stem_norm(self.stem(picture)), inplace=True), []
         for block in self.encoder:

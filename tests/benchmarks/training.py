@@ -23,6 +23,7 @@ from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.fit_options import PREDICTED_MAPS_REGULARISATION
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import builtin_model
@@ -187,7 +188,8 @@ def inference(options: Options) -> dict[str, Any]:
     pose = weak_perspective_camera(
         WeakPerspective(0.5, rotation_of_pose(HeadPose(5, 20, 0)), np.full(2, recipe.size_px / 2))
     )
-    maps = render_maps(model, model.mean, pose, recipe.size_px, recipe.size_px).face_maps
+    rendered = render_maps(model, model.mean, pose, recipe.size_px, recipe.size_px)
+    maps = FaceMaps(rendered.pncc, rendered.offset, rendered.mask)
     ways = {
         "network": lambda: predictor.predict(image, box),
         "fit": lambda: fit_face(maps, model, paper_fit(regularisation=PREDICTED_MAPS_REGULARISATION)),

@@ -57,7 +57,8 @@ class PhotographedFace:
     def maps(self) -> FaceMaps:
         """What an exact network predicts in the crop of the face."""
         camera = crop_camera(self.camera, square_crop(self.box, INFERENCE_SCALE, SIZE_PX))
-        return render_maps(self.model, self.vertices, camera, SIZE_PX, SIZE_PX).face_maps
+        maps = render_maps(self.model, self.vertices, camera, SIZE_PX, SIZE_PX)
+        return FaceMaps(maps.pncc, maps.offset, maps.mask)
 
 
 class SureDetector:

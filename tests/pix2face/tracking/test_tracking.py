@@ -14,6 +14,7 @@ from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import face_of_coefficients
 from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.geometry.crops import FaceBox, crop_camera, square_crop
+from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
 from pix2face.tracking import video
@@ -225,7 +226,8 @@ def test_the_identity_of_a_clip_is_that_of_all_frames_together_and_expressions_f
         camera = camera_at(60, 60, yaw_deg=10.0 * index - 15)
         vertices = model.vertices(identity[None], expression[None])[0]
         crop = square_crop(FaceBox.around(camera.project(vertices[model.landmarks["ibug68"]])), 1.4, 128)
-        maps = render_maps(model, vertices, crop_camera(camera, crop), 128, 128).face_maps
+        rendered = render_maps(model, vertices, crop_camera(camera, crop), 128, 128)
+        maps = FaceMaps(rendered.pncc, rendered.offset, rendered.mask)
         own = measure_picture(
             maps, model, paper_fit(camera="weak-perspective", regularisation=1e-3), principal_point_px=None
         )
