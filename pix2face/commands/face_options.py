@@ -150,19 +150,12 @@ class PhotographOptions:
 @final
 @dataclass(frozen=True, eq=False)
 class FaceFinder:
-    """Knows where to look for faces.
-
-    Attributes:
-        pix2face: The network and what belongs to it.
-        box: The box for all photographs, left, top, right, bottom in pixels, or None.
-        box_file: Boxes by photograph, or None.
-        largest: Whether only the largest face of a photograph counts.
-    """
+    """Knows where to look for faces."""
 
     pix2face: Pix2Face
-    box: tuple[float, float, float, float] | None = None
-    box_file: BoxFile | None = None
-    largest: bool = False
+    box: tuple[float, float, float, float] | None = None  # for all photographs: left, top, right, bottom in pixels
+    box_file: BoxFile | None = None  # boxes by photograph
+    largest: bool = False  # whether only the largest face of a photograph counts
 
     def only_largest(self) -> "FaceFinder":
         """Returns a finder that takes the largest face of each photograph."""

@@ -25,21 +25,13 @@ Photograph = UInt8[ndarray, "h w 3"]
 @final
 @dataclass(frozen=True, eq=False)
 class SeenFace:
-    """One face of one photograph.
+    """One face of one photograph."""
 
-    Attributes:
-        name: What its files are called; no other face of the run has it.
-        path: The photograph's file.
-        image: The photograph.
-        prediction: The face's maps.
-        size_px: Height and width of the photograph.
-    """
-
-    name: str
-    path: Path
+    name: str  # what its files are called; no other face of the run has it
+    path: Path  # the photograph's file
     image: Photograph
     prediction: Prediction
-    size_px: tuple[int, int]
+    size_px: tuple[int, int]  # height and width of the photograph
 
     def without_image(self) -> "SeenFace":
         """Returns the face without its photograph, so that many can be kept in memory."""

@@ -39,38 +39,24 @@ LEAST_USUAL_MM = 1.0
 @final
 @dataclass(frozen=True, eq=False)
 class LandmarkFit:
-    """A face fitted to landmarks.
+    """A face fitted to landmarks."""
 
-    Attributes:
-        camera: Weak perspective, from the model frame (mm) to the pixels of the landmarks.
-        identity: Coefficients in standard deviations.
-        expression: Coefficients in standard deviations.
-        landmarks2d: All landmarks of the fitted face, used or not, pixels.
-        matched2d: The same, but jaw points where they slid to: what the given landmarks were compared with.
-        trust: For each landmark the factor (0 to 1) that a robust fit put on its weight; 1 in a plain one.
-    """
-
-    camera: Camera
-    identity: Float64[ndarray, " k"]
-    expression: Float64[ndarray, " e"]
-    landmarks2d: Float64[ndarray, "m 2"]
+    camera: Camera  # weak perspective, from the model frame (mm) to the pixels of the landmarks
+    identity: Float64[ndarray, " k"]  # standard deviations
+    expression: Float64[ndarray, " e"]  # standard deviations
+    landmarks2d: Float64[ndarray, "m 2"]  # all landmarks of the fitted face, used or not, pixels
+    # The same with jaw points where they slid to: what the given landmarks were compared with.
     matched2d: Float64[ndarray, "m 2"]
-    trust: Float64[ndarray, " m"]
+    trust: Float64[ndarray, " m"]  # factor (0 to 1) that a robust fit put on each landmark's weight; 1 in a plain one
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class LandmarkModel:
-    """A morphable model at its landmarks only: small enough for some thousand fits a minute.
+    """A morphable model at its landmarks only: small enough for some thousand fits a minute."""
 
-    Attributes:
-        mean: mm, model frame.
-        basis: mm per standard deviation, identity before expression.
-        n_identity: How many components are identity.
-    """
-
-    mean: Float64[ndarray, "m 3"]
-    basis: Float64[ndarray, "c m 3"]
+    mean: Float64[ndarray, "m 3"]  # mm, model frame
+    basis: Float64[ndarray, "c m 3"]  # mm per standard deviation, identity before expression
     n_identity: int
 
     @classmethod
@@ -233,19 +219,12 @@ def _centre(model: LandmarkModel, weights: Float64[ndarray, " m"]) -> Float64[nd
 @final
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What stays the same while weights and matches change.
+    """What stays the same while weights and matches change."""
 
-    Attributes:
-        targets: The landmarks that are used, pixels; the third coordinate is depth where known.
-        centre: The model point (mm) that poses turn about.
-        regularisation: mm^2.
-        camera: Fitted to the mean face.
-    """
-
-    targets: Float64[ndarray, "m d"]
-    centre: Float64[ndarray, "3"]
-    regularisation: float
-    camera: Camera
+    targets: Float64[ndarray, "m d"]  # the landmarks that are used, pixels; the third coordinate is depth where known
+    centre: Float64[ndarray, "3"]  # the model point (mm) that poses turn about
+    regularisation: float  # mm^2
+    camera: Camera  # fitted to the mean face
 
     def start(self, weights: Float64[ndarray, " m"], n_coefficients: int) -> FaceState:
         """The mean face in the camera that was fitted to it."""

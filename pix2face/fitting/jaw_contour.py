@@ -36,19 +36,13 @@ LEAST_FACING = -0.2
 @final
 @dataclass(frozen=True, eq=False)
 class JawContour:
-    """The curves of a model, as vertices with their bases.
+    """The curves of a model, as vertices with their bases."""
 
-    Attributes:
-        owner: For each vertex the jaw landmark (0 to 16) whose curve it lies on.
-        outward: For each jaw landmark the direction away from the base of the nose, in the frontal face (x, y).
-        mean: mm.
-        basis: mm per standard deviation, identity before expression.
-    """
-
-    owner: Int[ndarray, " p"]
+    owner: Int[ndarray, " p"]  # for each vertex the jaw landmark (0 to 16) whose curve it lies on
+    # For each jaw landmark the direction away from the base of the nose, frontal face (x, y).
     outward: Float64[ndarray, "17 2"]
-    mean: Float64[ndarray, "p 3"]
-    basis: Float64[ndarray, "c p 3"]
+    mean: Float64[ndarray, "p 3"]  # mm
+    basis: Float64[ndarray, "c p 3"]  # mm per standard deviation, identity before expression
 
     @classmethod
     def of(cls, model: MorphableModel) -> "JawContour":

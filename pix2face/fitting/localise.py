@@ -32,85 +32,42 @@ LEAST_PIXELS_A_VERTEX = 4
 @final
 @dataclass(frozen=True, eq=False)
 class VertexPixels:
-    """The vertices that were found in a picture.
-
-    Attributes:
-        vertex_indices: Which vertices, in the order of the query.
-        places: Their places in the query.
-        points2d: Where, in pixels (x, y), centres at +0.5.
-        offsets: The offset map there, mm.
-        distance_mm: From the PNCC there to the vertex of the mean face.
-    """
+    """The vertices that were found in a picture, in the order of the query."""
 
     vertex_indices: Int[ndarray, " n"]
-    places: Int[ndarray, " n"]
-    points2d: Float64[ndarray, "n 2"]
-    offsets: Float64[ndarray, "n 3"]
-    distance_mm: Float64[ndarray, " n"]
+    places: Int[ndarray, " n"]  # the place of each vertex in the query
+    points2d: Float64[ndarray, "n 2"]  # pixels (x, y), centres at +0.5
+    offsets: Float64[ndarray, "n 3"]  # values of the offset map there, mm
+    distance_mm: Float64[ndarray, " n"]  # from the PNCC there to the vertex of the mean face
 
 
-def localise_vertices(
-    maps: FaceMaps,
-    mean: Float[ndarray, "v 3"],
-    vertex_indices: Int[ndarray, " m"],
-    *,
-    visible_within_mm: float | None = None,
-) -> VertexPixels:
+def localise_prepared(maps: FaceMaps, pixels: "ValidPixels", prepared: PreparedModel) -> VertexPixels:
     """Finds vertices of the mean face by the nearest PNCC pixel, then to a fraction of a pixel.
 
-    The refinement takes the PNCC as linear around the pixel and moves by the least-squares step, by at most one pixel
-    in x and in y; the offset follows the same linear model.
-
-    Args:
-        maps: The maps of one picture.
-        mean: The mean face, mm, model frame.
-        vertex_indices: The vertices to look for.
-        visible_within_mm: Vertices with a larger distance after refinement are taken as hidden and left out; None sets
-            it by the quarter of the vertices that is nearest, see the constants above.
-
-    Raises:
-        DegenerateGeometryError: The maps are all background, or not finite inside the mask.
+    Each pixel looks up the vertex that its PNCC is near to, and each vertex keeps the nearest of its pixels. Where
+    pixels are few, a tree answers instead. The refinement takes the PNCC as linear around the pixel and moves by the
+    least-squares step, by at most one pixel in x and in y; the offset follows the same linear model.
 
     Source: Crispell and Bazik 2017, Eq. 2.
 
     Deviation from the paper: which stops at the pixel. Half a pixel is up to 1 mm of the face in a 128 pixel crop.
-    """
-    pixels = valid_pixel_values(maps)
-    targets = mean[vertex_indices].astype(np.float64)
-    nearest = _nearest_by_tree(pixels.pncc, targets)
-    places = np.arange(len(vertex_indices))
-    return _refined(maps, vertex_indices, targets, places, pixels.places[nearest], visible_within_mm)
-
-
-def localise_prepared(maps: FaceMaps, pixels: "ValidPixels", prepared: PreparedModel) -> VertexPixels:
-    """As ``localise_vertices`` for the vertices of a prepared model, at a fraction of the time.
-
-    Each pixel looks up the vertex that its PNCC is near to, and each vertex keeps the nearest of its pixels. Where
-    pixels are few, a tree answers instead.
     """
     if len(pixels.places) < LEAST_PIXELS_A_VERTEX * len(prepared.mean):
         nearest = _nearest_by_tree(pixels.pncc, prepared.mean.astype(np.float64))
     else:
         nearest = _nearest_by_grid(pixels.pncc, prepared)
     places = np.flatnonzero(nearest >= 0)
-    targets = prepared.mean[places].astype(np.float64)
-    return _refined(maps, prepared.vertex_indices[places], targets, places, pixels.places[nearest[places]], None)
+    return _refined(maps, prepared, places, pixels.places[nearest[places]])
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class ValidPixels:
-    """The pixels inside the mask.
+    """The pixels inside the mask."""
 
-    Attributes:
-        places: Row times width plus column.
-        pncc: mm.
-        offset: mm.
-    """
-
-    places: Int[ndarray, " n"]
-    pncc: Float32[ndarray, "n 3"]
-    offset: Float32[ndarray, "n 3"]
+    places: Int[ndarray, " n"]  # row times width plus column
+    pncc: Float32[ndarray, "n 3"]  # mm
+    offset: Float32[ndarray, "n 3"]  # mm
 
 
 def valid_pixel_values(maps: FaceMaps) -> ValidPixels:
@@ -161,24 +118,20 @@ def _nearest_by_grid(pncc: Float32[ndarray, "n 3"], prepared: PreparedModel) -> 
 
 
 def _refined(
-    maps: FaceMaps,
-    vertex_indices: Int[ndarray, " n"],
-    targets: Float64[ndarray, "n 3"],
-    places: Int[ndarray, " n"],
-    pixels: Int[ndarray, " n"],
-    visible_within_mm: float | None,
+    maps: FaceMaps, prepared: PreparedModel, places: Int[ndarray, " n"], pixels: Int[ndarray, " n"]
 ) -> VertexPixels:
-    """Moves from the centres of pixels to where the PNCC is nearest to the targets, and leaves the hidden ones out."""
+    """Moves from the centres of pixels to where the PNCC is nearest to the vertices, and leaves the hidden ones out."""
+    targets = prepared.mean[places].astype(np.float64)
     rows, columns = np.divmod(pixels, maps.mask.shape[1])
     centre = _values_at(maps, pixels)
     gradients = _gradients(maps, rows, columns, centre)
     step = _least_squares_step(gradients[:, :, :3], targets - centre[:, :3])
     refined = centre + step[:, :1] * gradients[:, 0] + step[:, 1:] * gradients[:, 1]
     distance = np.sqrt(((targets - refined[:, :3]) ** 2).sum(axis=1))
-    limit = _visible_limit(distance) if visible_within_mm is None else visible_within_mm
-    seen = np.flatnonzero(distance <= limit)
+    seen = np.flatnonzero(distance <= _visible_limit(distance))
     points2d = np.column_stack([columns, rows])[seen] + 0.5 + step[seen]
-    return VertexPixels(vertex_indices[seen], places[seen], points2d, refined[seen, 3:], distance[seen])
+    places = places[seen]
+    return VertexPixels(prepared.vertex_indices[places], places, points2d, refined[seen, 3:], distance[seen])
 
 
 def _values_at(maps: FaceMaps, pixels: Int[ndarray, " n"]) -> Float64[ndarray, "n 6"]:

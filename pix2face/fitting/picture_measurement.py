@@ -54,17 +54,11 @@ LEAST_PIXELS = 50
 @final
 @dataclass(frozen=True, eq=False)
 class PictureMeasurement:
-    """What one picture says of a face.
+    """What one picture says of a face."""
 
-    Attributes:
-        camera: From the model frame to the pixels of the maps.
-        system: The normal equations of the coefficients.
-        regularisation: lambda in mm^2: given, or estimated from the residuals.
-    """
-
-    camera: Camera
-    system: ImageSystem
-    regularisation: float
+    camera: Camera  # from the model frame to the pixels of the maps
+    system: ImageSystem  # the normal equations of the coefficients
+    regularisation: float  # lambda in mm^2: given, or estimated from the residuals
 
 
 def measure_picture(
@@ -167,14 +161,7 @@ def _inside_mask(
 @final
 @dataclass(frozen=True, eq=False)
 class _CameraFit:
-    """Which camera to fit.
-
-    Attributes:
-        kind: As ``fit_face``.
-        principal_point_px: As ``fit_face``.
-        face_width_mm: Of the mean face.
-        is_robust: Whether a weak-perspective camera must be.
-    """
+    """Which camera to fit, as in ``fit_face``; ``is_robust`` says whether a weak-perspective one must be."""
 
     kind: str
     principal_point_px: Float[ndarray, "2"]

@@ -26,15 +26,10 @@ N_PATCHES = 60
 @final
 @dataclass(frozen=True, eq=False)
 class VertexGrid:
-    """The nearest vertex of each cell of a grid over the mean face: pixels look their vertex up.
+    """The nearest vertex of each cell of a grid over the mean face: pixels look their vertex up."""
 
-    Attributes:
-        origin_mm: Corner of the grid.
-        table: For each cell the nearest vertex (its number in the list that the grid was made of), -1 is none.
-    """
-
-    origin_mm: Float32[ndarray, "3"]
-    table: Int32[ndarray, "x y z"]
+    origin_mm: Float32[ndarray, "3"]  # corner of the grid
+    table: Int32[ndarray, "x y z"]  # for each cell the nearest vertex (its number in the list of vertices), -1 is none
 
     @classmethod
     def of(cls, points: Float32[ndarray, "n 3"]) -> "VertexGrid":
@@ -60,24 +55,14 @@ class VertexGrid:
 @final
 @dataclass(frozen=True, eq=False)
 class PreparedModel:
-    """Some vertices of a model's face.
-
-    Attributes:
-        vertex_indices: Which.
-        mean: Where they are in the mean face, mm.
-        basis: Identity, then expression, mm per standard deviation; components last, so that a vertex is one run of
-            memory.
-        n_identity: How many components are identity.
-        grid: Finds the vertex for a PNCC value.
-        patches: For each vertex the number of the patch of the face that it lies in.
-    """
+    """Some vertices of a model's face."""
 
     vertex_indices: Int[ndarray, " n"]
-    mean: Float32[ndarray, "n 3"]
+    mean: Float32[ndarray, "n 3"]  # mm
+    # Identity, then expression, mm per standard deviation; a vertex is one run of memory.
     basis: Float32[ndarray, "n 3 c"]
-    n_identity: int
-    grid: VertexGrid
-    patches: Int[ndarray, " n"]
+    grid: VertexGrid  # finds the vertex for a PNCC value
+    patches: Int[ndarray, " n"]  # for each vertex the number of the patch of the face that it lies in
 
 
 @lru_cache(maxsize=4)
@@ -89,7 +74,6 @@ def prepared_model(model: MorphableModel, at_most: int) -> PreparedModel:
         vertex_indices,
         mean,
         vertex_basis(model, vertex_indices),
-        model.n_identity,
         VertexGrid.of(mean),
         patches_of(mean, N_PATCHES),
     )

@@ -46,15 +46,10 @@ MAX_ITERATIONS = 15
 @final
 @dataclass(frozen=True, eq=False)
 class FaceSurface:
-    """Vertices of the whole face, seen or not.
+    """Vertices of the whole face, seen or not."""
 
-    Attributes:
-        vertices: mm, model frame.
-        mean: The same in the mean face.
-    """
-
-    vertices: Float[ndarray, "n 3"]
-    mean: Float32[ndarray, "n 3"]
+    vertices: Float[ndarray, "n 3"]  # mm, model frame
+    mean: Float32[ndarray, "n 3"]  # the same in the mean face
 
     def on_near_side(self, rotation: Float[ndarray, "3 3"]) -> Bool[ndarray, " n"]:
         """Which are not on the far side for a camera of this rotation (camera_from_model).
@@ -67,17 +62,12 @@ class FaceSurface:
 @final
 @dataclass(frozen=True, eq=False)
 class OutsideDistance:
-    """How far beyond the mask a place in the picture is.
+    """How far beyond the mask a place in the picture is."""
 
-    Attributes:
-        distance_px: 0 inside, and within ``SLACK_PX``; of the centres of the pixels of the enlarged picture.
-        reach_px: By how much it is enlarged on each side.
-        side_px: The longer side of the mask.
-    """
-
+    # 0 inside, and within ``SLACK_PX``; at the centres of the enlarged picture's pixels.
     distance_px: Float32[ndarray, "y x"]
-    reach_px: int
-    side_px: int
+    reach_px: int  # by how much it is enlarged on each side
+    side_px: int  # the longer side of the mask
 
     @classmethod
     def of(cls, maps: FaceMaps) -> "OutsideDistance":

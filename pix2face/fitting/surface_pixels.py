@@ -28,17 +28,11 @@ INSIDE = 0.01
 @final
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """The triangles of a face around each of its vertices.
-
-    Attributes:
-        vertices: The face's vertices.
-        tree: Of their places in the mean face.
-        triangles: Around each, -1 where there are fewer.
-    """
+    """The vertices of a face, and the triangles around each."""
 
     vertices: Int[ndarray, " n"]
-    tree: cKDTree
-    triangles: Int[ndarray, "n d"]
+    tree: cKDTree  # of their places in the mean face
+    triangles: Int[ndarray, "n d"]  # around each vertex, -1 where there are fewer
 
 
 def surface_rows(

@@ -27,19 +27,12 @@ LEAST_FOLDS = 2
 @final
 @dataclass(frozen=True, eq=False)
 class LandmarkSelection:
-    """The vertices chosen for the landmarks of a scheme, and their errors as shares of sqrt(w h) of the face's box.
+    """The vertices chosen for the landmarks of a scheme, and their errors as shares of sqrt(w h) of the face's box."""
 
-    Attributes:
-        vertices: Of the model, one for each landmark.
-        error: Mean error of each over all frames, which chose the vertices: too optimistic.
-        held_out_error: Mean error of each over frames that were not used for the choice.
-        n_frames: How many frames have each landmark.
-    """
-
-    vertices: Int[ndarray, " m"]
-    error: Float64[ndarray, " m"]
-    held_out_error: Float64[ndarray, " m"]
-    n_frames: Int[ndarray, " m"]
+    vertices: Int[ndarray, " m"]  # their numbers in the model
+    error: Float64[ndarray, " m"]  # mean over all frames, which chose the vertices: too optimistic
+    held_out_error: Float64[ndarray, " m"]  # mean over frames that were not used for the choice
+    n_frames: Int[ndarray, " m"]  # how many frames have each landmark
 
 
 @final

@@ -34,21 +34,13 @@ JPEG_QUALITY = 90
 @final
 @dataclass(frozen=True, eq=False)
 class ViewedFace:
-    """A fitted face for the page.
+    """A fitted face for the page."""
 
-    Attributes:
-        name: What it is called; any characters.
-        image: The photograph, RGB.
-        fit: In the pixels of the photograph.
-        points: Point cloud, mm, model frame; may be empty.
-        point_colours: RGB.
-    """
-
-    name: str
-    image: UInt8[ndarray, "h w 3"]
-    fit: FaceFit
-    points: Float32[ndarray, "n 3"]
-    point_colours: UInt8[ndarray, "n 3"]
+    name: str  # may hold any characters
+    image: UInt8[ndarray, "h w 3"]  # the photograph, RGB
+    fit: FaceFit  # in the pixels of the photograph
+    points: Float32[ndarray, "n 3"]  # point cloud, mm, model frame; may be empty
+    point_colours: UInt8[ndarray, "n 3"]  # RGB
 
 
 def face_data(face: ViewedFace, model: MorphableModel) -> str:

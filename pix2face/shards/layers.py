@@ -19,26 +19,15 @@ from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 @final
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """One value, or some, for each pixel.
+    """One value, or some, for each pixel."""
 
-    Attributes:
-        name: Of the layer, of its dataset in a shard, and of its choice on a command line.
-        n_channels: Values of a pixel; arrays are (h, w, n_channels), or (h, w) where it is 1.
-        unit: Of the values.
-        dtype: Of the values in memory.
-        stored: Of the values in steps.
-        steps_per_unit: Steps of 1; rounding is at most half a step off.
-        is_smooth: Neighbours differ little, so that files hold what a predictor leaves (``map_storage``).
-        meaning: In a sentence.
-    """
-
-    name: str
-    n_channels: int
+    name: str  # also of its dataset in a shard, and of its choice on a command line
+    n_channels: int  # arrays are (h, w, n_channels), or (h, w) where it is 1
     unit: str
-    dtype: Any
-    stored: Any
-    steps_per_unit: int
-    is_smooth: bool
+    dtype: Any  # in memory
+    stored: Any  # dtype of the values in steps, as files hold them
+    steps_per_unit: int  # rounding is at most half a step off
+    is_smooth: bool  # neighbours differ little, so that files hold what a predictor leaves (`map_storage`)
     meaning: str
 
     def shape(self, height_px: int, width_px: int) -> tuple[int, ...]:

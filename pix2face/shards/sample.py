@@ -22,17 +22,11 @@ PICTURE, JITTER_OF = "picture", "jitter_of"
 
 
 class PictureKind(StrEnum):
-    """Where the picture of a sample comes from: the values of its attribute `picture`.
+    """Where the picture of a sample comes from: the values of its attribute `picture`."""
 
-    Attributes:
-        PHOTOGRAPH: A photograph of a person.
-        SYNTHETIC: A synthetic photograph, drawn from the built-in assets.
-        PLAIN: A head painted region by region.
-    """
-
-    PHOTOGRAPH = "photograph"
-    SYNTHETIC = "synthetic"
-    PLAIN = "plain"
+    PHOTOGRAPH = "photograph"  # of a person
+    SYNTHETIC = "synthetic"  # drawn as a photograph, from the built-in assets
+    PLAIN = "plain"  # a head painted region by region
 
 
 @final

@@ -25,19 +25,12 @@ SHARD_NUMBER = re.compile(r"shard-(\d+)\.h5")
 @final
 @dataclass(frozen=True)
 class FolderReport:
-    """What is wrong with a folder of shards.
+    """What is wrong with a folder of shards."""
 
-    Attributes:
-        problems: In words, one for each; none where nothing is wrong.
-        damaged: Shards to delete, so that rendering writes them anew.
-        n_shards: Shards that were read.
-        n_samples: Samples of the shards without problems.
-    """
-
-    problems: tuple[str, ...]
-    damaged: tuple[Path, ...]
-    n_shards: int
-    n_samples: int
+    problems: tuple[str, ...]  # in words, one for each
+    damaged: tuple[Path, ...]  # shards to delete, so that rendering writes them anew
+    n_shards: int  # shards that were read
+    n_samples: int  # samples of the shards without problems
 
 
 def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> FolderReport:

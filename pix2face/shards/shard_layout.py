@@ -29,32 +29,19 @@ PREDICTED, PLAIN = "planar", "none"
 @final
 @dataclass(frozen=True, kw_only=True)
 class ShardHeader:
-    """What holds for every sample of a shard.
+    """What holds for every sample of a shard."""
 
-    Attributes:
-        model_name: The morphable model that the maps refer to.
-        model_sha256: Its hash.
-        pncc_limit_mm: Largest coordinate of the mean face: PNCC divided by it stays within ±1.
-        smallest_radius_mm: Distance from the origin to the nearest point of the mean face.
-        licence: Terms of the pictures and of the model.
-        configuration: The resolved configuration of the job, as JSON.
-        generator: Program and version.
-        rejected: The samples of this unit of work that could not be used, as JSON: id and reason of each.
-        layers: What each sample has, of ``pix2face.shards.layers.LAYER_NAMES``.
-        region_names: Names of the regions that the layer ``regions`` counts.
-        mirror_obstacle: Why samples cannot be mirrored; empty where they can (``mirroring.mirror_obstacle``).
-    """
-
-    model_name: str
+    model_name: str  # the morphable model that the maps refer to
     model_sha256: str
-    pncc_limit_mm: float
-    smallest_radius_mm: float
-    licence: str
-    configuration: str
-    generator: str
-    rejected: str = "[]"
-    layers: tuple[str, ...] = DEFAULT_LAYERS
-    region_names: tuple[str, ...] = ()
+    pncc_limit_mm: float  # largest coordinate of the mean face: PNCC divided by it stays within ±1
+    smallest_radius_mm: float  # from the origin to the nearest point of the mean face
+    licence: str  # terms of the pictures and of the model
+    configuration: str  # of the job, resolved, as JSON
+    generator: str  # program and version
+    rejected: str = "[]"  # the samples of this unit of work that could not be used, as JSON: id and reason
+    layers: tuple[str, ...] = DEFAULT_LAYERS  # what each sample has, of `layers.LAYER_NAMES`
+    region_names: tuple[str, ...] = ()  # what the layer `regions` counts
+    # Why samples cannot be mirrored; empty where they can.
     mirror_obstacle: str = "nobody said whether the model is symmetric"
 
     def to_json(self) -> str:
@@ -76,15 +63,10 @@ class ShardHeader:
 @final
 @dataclass(frozen=True)
 class Column:
-    """A small array that every sample has.
+    """A small array that every sample has."""
 
-    Attributes:
-        dtype: As stored.
-        shape: Of one sample; None is any length, the same in the whole shard.
-    """
-
-    dtype: Any
-    shape: tuple[int | None, ...]
+    dtype: Any  # as stored
+    shape: tuple[int | None, ...]  # of one sample; None is any length, the same in the whole shard
 
 
 # What belongs to the content of a sample, in the order of its checksum.

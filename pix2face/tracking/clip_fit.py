@@ -27,35 +27,22 @@ Photograph = UInt8[ndarray, "_ _ 3"]
 @final
 @dataclass(frozen=True, eq=False)
 class MeasuredFace:
-    """What the network sees of a face in one frame.
+    """What the network sees of a face in one frame."""
 
-    Attributes:
-        measurement: Camera (in pixels of the crop) and linear system of the coefficients.
-        crop: Leads back to the pixels of the frame.
-        seen_share: How much of the face the frame shows, as far as the network says so.
-    """
-
-    measurement: PictureMeasurement
-    crop: Crop
-    seen_share: float | None
+    measurement: PictureMeasurement  # camera (in pixels of the crop) and linear system of the coefficients
+    crop: Crop  # its matrix leads back to the pixels of the frame
+    seen_share: float | None  # how much of the face the frame shows, as far as the network says so
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class FrameFitter:
-    """Network, model and options of the fits of a clip.
-
-    Attributes:
-        predictor: The network.
-        model: The one that it was trained for.
-        options: How each frame is fitted.
-        refine: Whether a first prediction refines each box.
-    """
+    """Network, model and options of the fits of a clip."""
 
     predictor: Predictor
-    model: MorphableModel
-    options: FitOptions = DEFAULT_FIT
-    refine: bool = True
+    model: MorphableModel  # the one that the network was trained for
+    options: FitOptions = DEFAULT_FIT  # how each frame is fitted
+    refine: bool = True  # whether a first prediction refines each box
 
     def measure(self, faces: Sequence[tuple[Photograph, FaceBox]]) -> list[MeasuredFace | None]:
         """Predicts and measures faces of one frame or of several; None where the maps hold no face.

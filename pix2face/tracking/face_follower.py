@@ -41,21 +41,13 @@ IDENTITY_FRAMES = 100
 @final
 @dataclass(frozen=True, eq=False)
 class TrackedFace:
-    """One face in one frame.
+    """One face in one frame."""
 
-    Attributes:
-        box: Where it was looked for.
-        is_fitted: Whether the maps held a face; if not, the fit is that of the frame before, moved with the box.
-        fit: Camera, coefficients and landmarks before smoothing, pixels of the frame.
-        landmarks2d: Smoothed.
-        eye_px: Distance of the outer eye corners in 3D, at the scale of the frame.
-    """
-
-    box: FrameBox
-    is_fitted: bool
-    fit: FaceFit
-    landmarks2d: Float64[ndarray, "m 2"]
-    eye_px: float
+    box: FrameBox  # where it was looked for
+    is_fitted: bool  # whether the maps held a face; if not, the fit is the last one, moved with the box
+    fit: FaceFit  # before smoothing, pixels of the frame
+    landmarks2d: Float64[ndarray, "m 2"]  # smoothed
+    eye_px: float  # distance of the outer eye corners in 3D, at the scale of the frame
 
 
 @final

@@ -40,40 +40,24 @@ LEAST_SHARE_DETECTED = 0.25
 @final
 @dataclass(frozen=True)
 class TrackSummary:
-    """One face over the clip.
+    """One face over the clip."""
 
-    Attributes:
-        track: Its number.
-        first: Frame of its first detection.
-        last: Frame of its last detection.
-        n_detected: In how many frames it was found.
-        weight: Sum of its box sides over these frames: how much of the clip it fills.
-    """
-
-    track: int
-    first: int
-    last: int
-    n_detected: int
-    weight: float
+    track: int  # its number
+    first: int  # frame of its first detection
+    last: int  # frame of its last detection
+    n_detected: int  # in how many frames it was found
+    weight: float  # sum of its box sides over these frames: how much of the clip it fills
 
 
 @final
 @dataclass(frozen=True)
 class FrameBox:
-    """The box of a face in one frame.
+    """The box of a face in one frame."""
 
-    Attributes:
-        frame: Counted from 0.
-        box: Pixels of the frame.
-        source: Whether it was detected, interpolated between two detections, or held before the first, after the last
-            or across a change of track.
-        track: Whose; it changes where the clip does.
-    """
-
-    frame: int
-    box: FaceBox
-    source: BoxSource
-    track: int
+    frame: int  # number, from 0
+    box: FaceBox  # pixels of the frame
+    source: BoxSource  # held: before the first detection, after the last, or across a change of track
+    track: int  # it changes where the clip does
 
 
 @final

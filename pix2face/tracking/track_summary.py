@@ -16,19 +16,12 @@ from pix2face.tracking.track_files import BOX_SOURCES
 @final
 @dataclass(frozen=True, eq=False)
 class ClipFace:
-    """One face of the clip on its way through the passes.
+    """One face of the clip on its way through the passes."""
 
-    Attributes:
-        folder: Where its files go.
-        tracks: Of which its boxes are.
-        frames: In which it is followed.
-        counts: In how many frames its box was detected, interpolated, held, and its fit carried; counted in the last
-            pass.
-    """
-
-    folder: Path
-    tracks: Sequence[TrackSummary]
-    frames: range
+    folder: Path  # where its files go
+    tracks: Sequence[TrackSummary]  # whose boxes are those of the face
+    frames: range  # in which it is followed
+    # Frames of each box source, and those whose fit is carried; filled in the last pass.
     counts: Counter[str] = field(default_factory=Counter)
 
     def detected(self, boxes: Path) -> Iterator[FrameBox]:

@@ -29,19 +29,12 @@ MISSING_FRAMES_TOLERATED = 2
 @final
 @dataclass(frozen=True)
 class FrameSource:
-    """Frames that can be read as often as needed.
+    """Frames that can be read as often as needed."""
 
-    Attributes:
-        path: Of the video, the folder, or the pattern; for messages.
-        fps: Frames a second.
-        n_announced: Frames by the header or by the number of files; None where a header does not say.
-        pictures: The files of a folder or pattern; empty for a video.
-    """
-
-    path: Path
+    path: Path  # of the video, the folder, or the pattern; for messages
     fps: float
-    n_announced: int | None
-    pictures: tuple[Path, ...] = ()
+    n_announced: int | None  # frames by the header or the number of files; None where a header does not say
+    pictures: tuple[Path, ...] = ()  # the files of a folder or pattern; empty for a video
 
     def name_of(self, frame: int) -> str:
         """The file name of a picture, or the number of a frame of a video (from 0)."""

@@ -30,16 +30,10 @@ PATCHES_A_SIDE = 6
 @final
 @dataclass(frozen=True)
 class PerspectiveEvidence:
-    """What a pinhole fit says of perspective.
+    """What a pinhole fit says of perspective."""
 
-    Attributes:
-        distance_mm: Of the points' centre along the optical axis.
-        relative_error: Standard error of 1 / distance over 1 / distance.
-        face_width_mm: What the distance is compared with.
-    """
-
-    distance_mm: float
-    relative_error: float
+    distance_mm: float  # of the points' centre, along the optical axis
+    relative_error: float  # standard error of 1 / distance over 1 / distance
     face_width_mm: float
 
     @property

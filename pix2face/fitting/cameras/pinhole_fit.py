@@ -27,19 +27,12 @@ LEAST_POINTS = 6
 @final
 @dataclass(frozen=True, eq=False)
 class PinholeState:
-    """A pinhole about the centre of the points: pixel = principal point + (scale R x + shift) / (1 + inverse z).
+    """A pinhole about the centre of the points: pixel = principal point + (scale R x + shift) / (1 + inverse z)."""
 
-    Attributes:
-        log_scale: Logarithm of f / distance, pixels per mm at the centre of the points.
-        rotation: camera_from_model.
-        shift_px: Image of the centre of the points, relative to the principal point.
-        inverse_distance: 1 / distance of the centre along the optical axis, 1/mm; z is that of R x.
-    """
-
-    log_scale: float
-    rotation: Float64[ndarray, "3 3"]
-    shift_px: Float64[ndarray, "2"]
-    inverse_distance: float
+    log_scale: float  # logarithm of f / distance, pixels per mm at the centre of the points
+    rotation: Float64[ndarray, "3 3"]  # camera_from_model
+    shift_px: Float64[ndarray, "2"]  # image of the centre of the points, relative to the principal point
+    inverse_distance: float  # of the centre along the optical axis, 1/mm; z is that of R x
 
     def apply(self, points3d: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 2"]:
         """Images (pixels, relative to the principal point) of points (mm, relative to their centre).

@@ -27,17 +27,11 @@ LARGEST_DAMPING = 1e12
 @final
 @dataclass(frozen=True, eq=False)
 class LocalQuadratic:
-    """A cost near one state: cost + gradient . step + step . hessian . step / 2.
+    """A cost near one state: cost + gradient . step + step . hessian . step / 2."""
 
-    Attributes:
-        cost: Half the sum of (weighted, possibly robust) squared residuals.
-        gradient: J^T W r.
-        hessian: J^T W J, Gauss and Newton's approximation.
-    """
-
-    cost: float
-    gradient: Float64[ndarray, " p"]
-    hessian: Float64[ndarray, "p p"]
+    cost: float  # half the sum of (weighted, possibly robust) squared residuals
+    gradient: Float64[ndarray, " p"]  # J^T W r
+    hessian: Float64[ndarray, "p p"]  # J^T W J, Gauss and Newton's approximation
 
 
 def quadratic_of_residuals(

@@ -20,19 +20,12 @@ THRESHOLD_IN_MEDIANS = 2.0
 @final
 @dataclass(frozen=True, eq=False)
 class ImageSystem:
-    """The normal equations of one picture, without the penalty.
+    """The normal equations of one picture, without the penalty."""
 
-    Attributes:
-        normal: A^T W A, identity before expression.
-        right: A^T W s.
-        weights: W: the factor of each vertex, 0 to 1.
-        offsets_only: The same without the rows that were added to those of the offsets, or None where none were.
-    """
-
-    normal: Float64[ndarray, "c c"]
-    right: Float64[ndarray, " c"]
-    weights: Float64[ndarray, " n"]
-    offsets_only: "ImageSystem | None" = None
+    normal: Float64[ndarray, "c c"]  # A^T W A, identity before expression
+    right: Float64[ndarray, " c"]  # A^T W s
+    weights: Float64[ndarray, " n"]  # W: the factor of each vertex, 0 to 1
+    offsets_only: "ImageSystem | None" = None  # this system before rows were added to it; None where none were
 
     def solve(self, regularisation: float) -> Float64[ndarray, " c"]:
         """The coefficients of this picture alone.

@@ -19,17 +19,11 @@ from pix2face.fitting.least_squares.similarity import Similarity
 @final
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Weighted sums over 3D-2D correspondences, y = (x, 1) and u.
+    """Weighted sums over 3D-2D correspondences, y = (x, 1) and u."""
 
-    Attributes:
-        s: Sum of y y^T.
-        c: Sum of u y^T.
-        w: Sum of |u|^2.
-    """
-
-    s: Float64[ndarray, "4 4"]
-    c: Float64[ndarray, "2 4"]
-    w: float
+    s: Float64[ndarray, "4 4"]  # sum of y y^T
+    c: Float64[ndarray, "2 4"]  # sum of u y^T
+    w: float  # sum of |u|^2
 
     @classmethod
     def of(

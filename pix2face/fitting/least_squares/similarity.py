@@ -20,16 +20,11 @@ N_ROTATION_AND_SCALE = 4
 @final
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """Scale, rotation and shift.
+    """Scale, rotation and shift (pixels)."""
 
-    Attributes:
-        log_scale: Logarithm of pixels per mm.
-        rotation: camera_from_model.
-        shift_px: Image of the point that the fit takes as origin; 2 or 3 coordinates (the third is depth in pixels).
-    """
-
-    log_scale: float
-    rotation: Float64[ndarray, "3 3"]
+    log_scale: float  # logarithm of pixels per mm
+    rotation: Float64[ndarray, "3 3"]  # camera_from_model
+    # Image of the point that the fit takes as origin; the third of 3 coordinates is depth.
     shift_px: Float64[ndarray, " d"]
 
     @property
