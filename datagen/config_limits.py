@@ -50,14 +50,9 @@ FromZero = Annotated[float, Limits(0)]
 
 
 def check_limits(table: str, config: Any) -> None:
-    """Refuses a table with a field beyond the limits in its type, or with a wrong count of numbers in it.
+    """Raises a `UsageError` for the first field beyond the limits in its type, or with a wrong count of numbers in it.
 
-    Args:
-        table: Name of the table, for the message.
-        config: A dataclass. Fields whose types state no limits are ignored.
-
-    Raises:
-        UsageError: Names the first wrong field, what was expected and what was found.
+    Fields of the dataclass whose types state no limits are ignored; `table` is its name, for the message.
     """
     for name, (length, limits) in _limited_fields(config.__class__).items():
         value = getattr(config, name)

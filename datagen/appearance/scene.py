@@ -117,14 +117,7 @@ class ScenePicture:
 
 @final
 class Surface:
-    """What painting and lighting need to know about a model's mesh, worked out once.
-
-    Attributes:
-        mean: The model's mean, mm.
-        region_names: The model's regions.
-        region_weights: Shares of the regions among the triangles around each vertex; rows sum to 1. Colours that are
-            mixed by them fade over one triangle where regions meet.
-    """
+    """What painting and lighting need to know about a model's mesh, worked out once."""
 
     def __init__(self, model: MorphableModel) -> None:
         n_vertices, n_triangles = len(model.mean), len(model.triangles)
@@ -135,6 +128,8 @@ class Surface:
         in_region = np.eye(len(model.region_names), dtype=np.float32)[model.triangle_regions]
         weights = self._incidence @ in_region
         self.region_names = model.region_names
+        # Shares of the regions among the triangles around each vertex; rows sum to 1. Colours that are mixed by them
+        # fade over one triangle where regions meet.
         self.region_weights: Float32[ndarray, "v r"] = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1)
         self.mean = model.mean
 

@@ -29,13 +29,7 @@ class SceneMaker:
         self._surface = Surface(model)
 
     def scene(self, appearance: Appearance, face: Face, vertices: Float32[ndarray, "v 3"]) -> Scene:
-        """The scene of one picture.
-
-        Args:
-            appearance: What was drawn for the sample.
-            face: Coefficients, camera and, where they are known, strengths of named expressions.
-            vertices: The vertices of this face, mm, model frame.
-        """
+        """The scene of one picture; the vertices are those of this face, mm, model frame."""
         head = PosedHead(
             model=self.model,
             vertices=vertices,

@@ -54,10 +54,8 @@ class Diagnosis:
 def diagnose(surroundings: Surroundings, probes: Sequence[BackendProbe], settings: GLSettings) -> Diagnosis:
     """Judges what was found out.
 
-    Args:
-        surroundings: What is installed.
-        probes: What each backend does, in the order of preference, including those that the settings exclude.
-        settings: What is going to be used, resolved with the environment.
+    The probes are in the order of preference and include backends that the settings exclude; the settings are what is
+    going to be used, resolved with the environment.
     """
     allowed = settings.allowed_backends
     chosen = next((probe for probe in probes if probe.backend in allowed and not probe.error), None)

@@ -48,22 +48,14 @@ class TransferResidual:
 @final
 @dataclass(frozen=True, eq=False)
 class ModelTransfer:
-    """An affine map between the coefficients (identity before expression) of two models, and the compared points.
+    """An affine map between the coefficients (identity before expression) of two models, and the compared points."""
 
-    Attributes:
-        target_from_source: Rigid transform between the frames of the models.
-        matrix: Maps source coefficients to target coefficients.
-        offset: Target coefficients of the source's mean face.
-        source_points, target_points: Compared points of the mean faces in the target's frame, mm.
-        source_basis, target_basis: Displacement of these points by each coefficient, mm.
-    """
-
-    target_from_source: RigidTransform
-    matrix: Float64[ndarray, "t s"]
-    offset: Float64[ndarray, " t"]
-    source_points: Float64[ndarray, "p 3"]
-    source_basis: Float64[ndarray, "s p 3"]
-    target_points: Float64[ndarray, "p 3"]
+    target_from_source: RigidTransform  # between the frames of the models
+    matrix: Float64[ndarray, "t s"]  # maps source coefficients to target coefficients
+    offset: Float64[ndarray, " t"]  # target coefficients of the source's mean face
+    source_points: Float64[ndarray, "p 3"]  # compared points of the source's mean face in the target's frame, mm
+    source_basis: Float64[ndarray, "s p 3"]  # their displacement by each coefficient, mm
+    target_points: Float64[ndarray, "p 3"]  # the same of the target
     target_basis: Float64[ndarray, "t p 3"]
 
     def coefficients(self, source: Float[ndarray, "n s"]) -> Float64[ndarray, "n t"]:

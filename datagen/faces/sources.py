@@ -27,22 +27,14 @@ LANDMARK_FOLDER = "landmarks"
 
 
 class FaceSource(ABC):
-    """A sequence of faces of one model.
+    """A sequence of faces of one model."""
 
-    Attributes:
-        sample_ids: Unique names, in the order of work.
-        licence: Terms of the data that the faces come from.
-        sha256: Hash that tells this source from another of the same name: of a table's content, or of the names and
-            file sizes of a folder.
-        n_lighting: How many numbers describe the lighting of a face; 0 if it is unknown.
-        has_photographs: Whether at least some of the faces have photographs.
-    """
-
-    sample_ids: tuple[str, ...]
-    licence: str
+    sample_ids: tuple[str, ...]  # unique names, in the order of work
+    licence: str  # terms of the data that the faces come from
+    # tells this source from another of the same name: hash of a table's content, or of a folder's names and file sizes
     sha256: str
-    n_lighting: int = 0
-    has_photographs: bool
+    n_lighting: int = 0  # how many numbers describe the lighting of a face; 0 if it is unknown
+    has_photographs: bool  # whether at least some of the faces have photographs
 
     @abstractmethod
     def face(self, index: int) -> Face:

@@ -33,22 +33,13 @@ QUANTITIES = {
 @final
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How often a quantity falls into each of several ranges.
+    """How often a quantity falls into each of several ranges; values beyond the edges count with the outer ranges."""
 
-    Attributes:
-        name: The quantity.
-        unit: The unit of the edges.
-        edges: The edges of the ranges; infinite at the end of an open range. Values beyond the outer edges count with
-            the outer ranges.
-        counts: Number of samples in each range.
-        n_samples: Size of the whole set. Samples whose quantity is unknown are in no range.
-    """
-
-    name: str
-    unit: str
-    edges: Float64[ndarray, " e"]
-    counts: Int64[ndarray, " b"]
-    n_samples: int
+    name: str  # of the quantity
+    unit: str  # of the edges
+    edges: Float64[ndarray, " e"]  # of the ranges; infinite at the end of an open range
+    counts: Int64[ndarray, " b"]  # number of samples in each range
+    n_samples: int  # size of the whole set; samples whose quantity is unknown are in no range
 
     @staticmethod
     def of(name: str, values: Float64[ndarray, " n"], n_samples: int) -> "Histogram":
@@ -90,29 +81,19 @@ class CoefficientStatistics:
 @final
 @dataclass(frozen=True, eq=False)
 class DatasetStatistics:
-    """What a set of samples holds.
-
-    Attributes:
-        n_samples: Number of samples.
-        n_shards: Number of shards; 0 for a table or a folder of coefficient files.
-        picture_sizes: Number of samples of each size ("width x height"), most frequent first.
-        histograms: Pose, face size and distance, as far as they are known.
-        coefficients: Identity and expression.
-        visible_share: For each landmark, the share of the samples with landmarks in which it is visible; empty
-            without landmarks.
-        kinds: For each text attribute the number of samples of each value, most frequent first; empty where there are
-            too many values to be kinds.
-        numbers: For each numeric attribute its smallest, mean and largest value.
-    """
+    """What a set of samples holds."""
 
     n_samples: int
-    n_shards: int
-    picture_sizes: Mapping[str, int]
-    histograms: tuple[Histogram, ...]
-    coefficients: tuple[CoefficientStatistics, ...]
+    n_shards: int  # 0 for a table or a folder of coefficient files
+    picture_sizes: Mapping[str, int]  # number of samples of each size ("width x height"), most frequent first
+    histograms: tuple[Histogram, ...]  # pose, face size and distance, as far as they are known
+    coefficients: tuple[CoefficientStatistics, ...]  # identity and expression
+    # for each landmark, the share of the samples with landmarks in which it is visible; empty without landmarks
     visible_share: Float64[ndarray, " m"]
+    # for each text attribute the number of samples of each value, most frequent first; empty where there are too many
+    # values to be kinds
     kinds: Mapping[str, Mapping[str, int]]
-    numbers: Mapping[str, tuple[float, float, float]]
+    numbers: Mapping[str, tuple[float, float, float]]  # smallest, mean and largest value of each numeric attribute
 
     def visible_parts(self) -> dict[str, float]:
         """Share of visible landmarks in each part of the face; empty unless they are the 68 of iBUG."""

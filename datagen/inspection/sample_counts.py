@@ -137,13 +137,9 @@ class SampleCounter:
 
 
 def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None, where: str = "") -> DatasetStatistics:
-    """Counts the samples of a folder of shards.
+    """Counts the samples of a folder of shards whose attributes fulfil a condition; an empty one counts all.
 
-    Args:
-        shards: The folder.
-        on_shard: Called after each shard.
-        where: Condition on the attributes of the samples to count (``pix2face.shards.sample_filter``); an empty one
-            counts all.
+    ``on_shard`` is called after each shard; ``pix2face.shards.sample_filter`` describes conditions (``where``).
 
     Raises:
         UsageError: There are no shards, no samples to count in them, or samples of different models.

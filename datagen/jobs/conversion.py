@@ -72,13 +72,10 @@ def open_job(job: ConversionJob) -> tuple[MorphableModel, FaceSource]:
 def convert(
     job: ConversionJob, out: Path, executor: Executor | None, on_progress: Callable[[int], None]
 ) -> ConversionSummary:
-    """Writes the table of a job, and the list of rejected faces beside it.
+    """Writes the table of a job to ``out``, and the list of rejected faces beside it.
 
-    Args:
-        job: What to read.
-        out: The table to write.
-        executor: Where faces are read and fitted; None for this process.
-        on_progress: Called with the number of faces that have just been finished.
+    Without an executor, faces are read and fitted in this process. ``on_progress`` gets the number of faces that have
+    just been finished.
 
     Raises:
         UsageError: The source is empty, none of its faces can be used, or a worker died.

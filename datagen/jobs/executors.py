@@ -16,13 +16,10 @@ WORKERS_COME_S = 60.0
 
 
 class WorkPlace(ABC):
-    """Where units run.
+    """Where units run."""
 
-    Attributes:
-        at_once: How many units to hand over at a time. Enough that no worker waits, and few enough that it is known
-            which units a dying worker may have had.
-    """
-
+    # How many units to hand over at a time: enough that no worker waits, and few enough that it is known which units a
+    # dying worker may have had.
     at_once: int
 
     @abstractmethod

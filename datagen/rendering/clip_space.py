@@ -30,12 +30,8 @@ def clip_transform(camera: Camera, nearest: float, extent: float, height: int, w
     w = depth it is linear in 1 / depth after the division by w: each is linear in the image, as the depth test wants.
     Depth is taken relative to the nearest point, because float32 must not see the difference of two large depths.
 
-    Args:
-        camera: From the model frame to the image.
-        nearest: The smallest depth that is drawn, mm. A pinhole cuts off what is nearer.
-        extent: Largest minus smallest depth, mm.
-        height: Rows of the image.
-        width: Columns of the image.
+    ``nearest`` is the smallest depth that is drawn (a pinhole cuts off what is nearer), ``extent`` the largest minus
+    the smallest depth, both in mm.
 
     Raises:
         DegenerateGeometryError: The camera flattens space.

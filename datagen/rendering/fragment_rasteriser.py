@@ -27,9 +27,7 @@ class FragmentRasteriser:
         self._program = mesh.program("raster_fragment", "raster_vertex", with_sight=False)
         self._vertices = self._context.buffer(reserve=mesh.screen.nbytes, dynamic=True)
         self._vertex_array = self._context.vertex_array(
-            self._program,
-            [(self._vertices, "3f4 1x4", "position")],
-            self._context.buffer(mesh.triangles),
+            self._program, [(self._vertices, "3f4 1x4", "position")], self._context.buffer(mesh.triangles)
         )
         self._targets = lru_cache(SIZES_KEPT)(self._make)
 

@@ -39,11 +39,7 @@ class _Target:
 
 @final
 class MapDrawer:
-    """Draws the maps and further layers of one model.
-
-    Attributes:
-        seen_per_pixel: Texels per pixel and direction of the bound texture, as the rasteriser returned it.
-    """
+    """Draws the maps and further layers of one model."""
 
     def __init__(self, mesh: GLMesh, model: MorphableModel) -> None:
         self._mesh, self._model, self._context = mesh, model, mesh.context
@@ -52,7 +48,7 @@ class MapDrawer:
         self._attribute = mesh.program("attribute_fragment")
         self._attribute_array = self._context.vertex_array(self._attribute, [])
         self._targets = lru_cache(SIZES_KEPT)(self._make)
-        self.seen_per_pixel = 1
+        self.seen_per_pixel = 1  # texels per pixel and direction of the bound texture, as the rasteriser returned it
         self._corners: dict[str, moderngl.Texture] = {}
         self._values: dict[str, moderngl.Texture] = {}
 

@@ -47,15 +47,12 @@ class Renderer:
     Raises:
         UsageError: The size is not positive, or larger than the driver draws.
         GLUnavailableError: The rasteriser that was asked for needs a newer OpenGL.
-
-    Attributes:
-        rasteriser: The one in use: ``compute`` or ``fragment``.
     """
 
     def __init__(
         self, model: MorphableModel, height: int, width: int, gl: GLContext, rasteriser: Rasteriser | None = None
     ) -> None:
-        self.rasteriser = choose_rasteriser(rasteriser or gl.rasteriser, gl.version_code)
+        self.rasteriser = choose_rasteriser(rasteriser or gl.rasteriser, gl.version_code)  # the one in use
         gl.make_current()
         self.model, self._gl = model, gl
         self._mesh = GLMesh(model, gl.context)

@@ -25,42 +25,23 @@ class ScreenProjection:
     ``depth = r + order / (1 - order * inverse_distance)`` for both, and a point of the model is ``middle_point`` +
     across + (depth - r) (along_depth + inverse_distance across), where across = (column - middle[0]) along_column +
     (row - middle[1]) along_row. All these numbers are of the size of the face, which float32 needs.
-
-    Attributes:
-        screen: Column, row (px) and order (mm) of each vertex; the fourth number has no meaning.
-        box_px: Left, top, right, bottom of the pixels that the face may cover; right and bottom are excluded.
-        order_range_mm: Smallest and largest order.
-        reference_mm: Depth of order 0.
-        inverse_distance: 1 / ``reference_mm`` for a pinhole, 0 for an affine camera.
-        outside_sign: Sign of the area in the image of triangles that show their outside.
-        middle: Column and row (px) that the box has in its middle.
-        middle_point: Model point of the middle at order 0, mm.
-        along_column: mm per pixel at order 0.
-        along_row: mm per pixel at order 0.
-        along_depth: mm per mm of depth.
     """
 
-    screen: Float32[ndarray, "v 4"]
-    box_px: tuple[int, int, int, int]
-    order_range_mm: tuple[float, float]
-    reference_mm: float
-    inverse_distance: float
-    outside_sign: int
-    middle: Float64[ndarray, "2"]
-    middle_point: Float64[ndarray, "3"]
-    along_column: Float64[ndarray, "3"]
-    along_row: Float64[ndarray, "3"]
-    along_depth: Float64[ndarray, "3"]
+    screen: Float32[ndarray, "v 4"]  # column, row (px) and order (mm) of each vertex; the fourth number has no meaning
+    box_px: tuple[int, int, int, int]  # left, top, right, bottom of what the face may cover; the last two are excluded
+    order_range_mm: tuple[float, float]  # smallest and largest order
+    reference_mm: float  # depth of order 0
+    inverse_distance: float  # 1 / `reference_mm` for a pinhole, 0 for an affine camera
+    outside_sign: int  # sign of the area in the image of triangles that show their outside
+    middle: Float64[ndarray, "2"]  # column and row (px) that the box has in its middle
+    middle_point: Float64[ndarray, "3"]  # model point of the middle at order 0, mm
+    along_column: Float64[ndarray, "3"]  # mm per pixel at order 0
+    along_row: Float64[ndarray, "3"]  # mm per pixel at order 0
+    along_depth: Float64[ndarray, "3"]  # mm per mm of depth
 
 
 def project_to_screen(camera: Camera, vertices: Float32[ndarray, "v 3"], height: int, width: int) -> ScreenProjection:
-    """Projects a face.
-
-    Args:
-        camera: From the model frame to the image.
-        vertices: mm, model frame.
-        height: Rows of the image.
-        width: Columns of the image.
+    """Projects a face, whose vertices are in mm in the model frame.
 
     Raises:
         DegenerateGeometryError: A vertex lies in or behind the plane of a pinhole, or is not finite; the camera
@@ -123,11 +104,7 @@ def _perspective(camera: Camera, vertices: Float32[ndarray, "v 3"]) -> tuple[Flo
 def _way_back(
     camera: Camera, reference: float, middle: Float64[ndarray, "2"]
 ) -> tuple[
-    Float64[ndarray, "2"],
-    Float64[ndarray, "3"],
-    Float64[ndarray, "3"],
-    Float64[ndarray, "3"],
-    Float64[ndarray, "3"],
+    Float64[ndarray, "2"], Float64[ndarray, "3"], Float64[ndarray, "3"], Float64[ndarray, "3"], Float64[ndarray, "3"]
 ]:
     """Middle, middle_point, along_column, along_row, along_depth."""
     rows = camera.matrix[:3]

@@ -42,11 +42,7 @@ class JitterBake:
     limits: JitterRange = field(default_factory=JitterRange)  # how far they are varied
 
     def check(self) -> None:
-        """Makes sure that the numbers make sense.
-
-        Raises:
-            UsageError: They do not.
-        """
+        """Raises a `UsageError` if the numbers make no sense."""
         if not 0 <= self.n <= MOST_VARIANTS:
             raise UsageError(f"--jitter: expected 0 to {MOST_VARIANTS} variants of each sample, found {self.n}")
         if not 0 < self.size_px <= LARGEST_SIDE_PX:
@@ -69,20 +65,14 @@ NO_JITTER = JitterBake()
 @final
 @dataclass(frozen=True, eq=False)
 class View:
-    """What is to be rendered: a face as its source has it, or a jittered variant of it.
+    """What is to be rendered: a face as its source has it, or a jittered variant of it."""
 
-    Attributes:
-        face: Of a variant: its camera, size and id, and the coefficients of the mirrored face where it is mirrored. Its
-            photograph is that of the sample, still to be jittered.
-        appearance_id: What decides how a drawn picture looks: the id of the sample, the same for all its variants.
-        crop: Of a variant, from the pixels of the sample's picture.
-        jitter: Of a variant: the draw.
-    """
-
+    # Of a variant: its camera, size and id, and the coefficients of the mirrored face where it is mirrored. Its
+    # photograph is that of the sample, still to be jittered.
     face: Face
-    appearance_id: str
-    crop: Crop | None = None
-    jitter: JitterParameters | None = None
+    appearance_id: str  # decides how a drawn picture looks: the id of the sample, the same for all its variants
+    crop: Crop | None = None  # of a variant, from the pixels of the sample's picture
+    jitter: JitterParameters | None = None  # of a variant: the draw
 
     def jittered_photograph(self, image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "s s 3"]:
         """The sample's photograph as the variant shows it: cropped, its colours varied."""

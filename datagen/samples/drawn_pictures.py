@@ -67,11 +67,7 @@ class ScenePictures:
     def draw(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
         """Adds the picture, and the layers that say what stands in front of the face.
 
-        Args:
-            sample: Without a picture, with its mask, and with ``regions`` where ``seen_regions`` is wanted.
-            view: The face, and what decides its appearance.
-            vertices: The vertices of the face, mm, model frame.
-            times: The seconds of each stage are added to it.
+        The sample has its mask, and ``regions`` where ``seen_regions`` is wanted; vertices are in mm, model frame.
         """
         face = view.face
         size = (face.height_px, face.width_px)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -57,7 +58,6 @@ class SampleMaker:
         # What is seen of the regions needs the regions.
         self._rendered = (*layers, REGIONS) if SEEN_REGIONS in layers else tuple(layers)
         self._gl, self._seed, self._appearance = gl, seed, appearance
-        self._kept_pictures: PlainPictures | ScenePictures | None = None
 
     def make(self, face: Face) -> Sample:
         """Renders one face as its source has it.
@@ -123,16 +123,12 @@ class SampleMaker:
         sample = self._with_picture(sample, view, vertices, times)
         return replace(sample, layers={name: sample.layers[name] for name in self._layers if name in sample.layers})
 
-    @property
+    @cached_property
     def _pictures(self) -> PlainPictures | ScenePictures:
         """Made when the first picture is drawn: photographs need none."""
-        if self._kept_pictures is None:
-            self._kept_pictures = (
-                PlainPictures(self._renderer, self._seed)
-                if self._appearance.is_plain
-                else ScenePictures(self._model, self._gl, self._seed, self._appearance)
-            )
-        return self._kept_pictures
+        if self._appearance.is_plain:
+            return PlainPictures(self._renderer, self._seed)
+        return ScenePictures(self._model, self._gl, self._seed, self._appearance)
 
     def _with_picture(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
         """Adds the photograph's own bytes, what a variant shows of it, or a picture of the face where one is needed."""
@@ -153,11 +149,7 @@ class SampleMaker:
 
 
 def check_appearance(model: MorphableModel, layers: Sequence[str], appearance: AppearanceConfig) -> None:
-    """Refuses appearances that a model cannot have, and layers that an appearance does not make.
-
-    Raises:
-        UsageError: It is so.
-    """
+    """Raises a `UsageError` if a model cannot have an appearance, or an appearance does not make a layer."""
     if not appearance.is_plain and model.sha256 != builtin_model().sha256:
         raise UsageError(
             f"--appearance {appearance.preset}: expected the built-in model, whose skins and hair fit no other, found "

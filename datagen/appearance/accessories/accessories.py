@@ -96,14 +96,9 @@ def accessory_meshes(
     hair_rgb: Colour,
     head_from_torso: Float[ndarray, "3 3"],
 ) -> list[SceneMesh]:
-    """The meshes of all accessories.
+    """The meshes of all accessories on a head, and of bare neck and shoulders; colours are linear.
 
-    Args:
-        accessories: What was drawn.
-        head: The head that they are fitted to.
-        skin_rgb: Linear colour of the skin of neck, shoulders and hands.
-        hair_rgb: Linear colour of hair and beard.
-        head_from_torso: Turns the torso from where the head alone would have it to where it stands, model frame.
+    `head_from_torso` turns the torso from where the head alone would have it to where it stands, model frame.
     """
     body = fit_body(head, head_from_torso, accessories.clothes.breadth)
     meshes = clothes_meshes(accessories.clothes, body, skin_rgb)

@@ -50,7 +50,9 @@ def glasses_meshes(glasses: Glasses, head: PosedHead) -> list[SceneMesh]:
     )
     front = joined(frame).placed(fit.rotation, fit.place)
     lenses = joined([lens for _, lens in local]).placed(fit.rotation, fit.place)
-    sides = [_strap(fit)] if glasses.rim == "goggles" else [_temple(glasses, fit, side) for side in (1, -1)]
+    sides = [_temple(glasses, fit.temples[side]) for side in (1, -1)]
+    if glasses.rim == "goggles":
+        sides = [tube(fit.strap, (1.0, 8.0), (0, 1, 0), 6, squareness=0.6)]
     material = smooth(glasses.colour, 0.28 if glasses.is_metal else 0.35, 0.5 if glasses.is_metal else 0.05)
     glass = Material(
         kind="glass",
@@ -66,10 +68,6 @@ def glasses_meshes(glasses: Glasses, head: PosedHead) -> list[SceneMesh]:
     ]
 
 
-def _lens_centre_mm(glasses: Glasses) -> float:
-    return 0.5 * (glasses.bridge_mm + glasses.width_mm)
-
-
 def _curved(points: np.ndarray) -> np.ndarray:
     """Bends a flat front around the face, backward by some millimetres far from the nose."""
     bent = points.copy()
@@ -80,7 +78,8 @@ def _curved(points: np.ndarray) -> np.ndarray:
 def _rim_and_lens(glasses: Glasses, side: int) -> tuple[Solid | None, Solid]:
     """Rim and lens on one side (1 the left) in the front frame: x left, y up, z forward, origin between the lenses."""
     flat = outline(glasses.shape, OUTLINE) * [glasses.width_mm / 2, glasses.height_mm / 2]
-    edge = np.stack([side * (flat[:, 0] + _lens_centre_mm(glasses)), flat[:, 1], np.zeros(OUTLINE)], axis=1)
+    middle = 0.5 * (glasses.bridge_mm + glasses.width_mm)
+    edge = np.stack([side * (flat[:, 0] + middle), flat[:, 1], np.zeros(OUTLINE)], axis=1)
     centre = edge.mean(axis=0)
     rings = np.stack([centre + part * (edge - centre) for part in (0.02, 0.5, 1.0)])
     rings[..., 2] += (1 - np.array([0.0, 0.25, 1.0]))[:, None] * 1.2
@@ -113,26 +112,17 @@ def _bridge(glasses: Glasses) -> Solid:
     return joined(parts)
 
 
-def _temple(glasses: Glasses, fit: GlassesFit, side: int) -> Solid:
+def _temple(glasses: Glasses, path: Float64[ndarray, "n 3"]) -> Solid:
     """A temple from the hinge to the ear and down behind it."""
-    path = fit.temples[side]
     thick = max(0.7, min(glasses.thickness_mm, 1.6))
     tall = thick if glasses.is_metal else max(1.5, 1.6 * glasses.thickness_mm)
     return tube(path, (min(thick, 1.2), tall), (0, 0.6, -0.8), 6, squareness=0.4)
 
 
-def _strap(fit: GlassesFit) -> Solid:
-    """The band of goggles around the head."""
-    return tube(fit.strap, (1.0, 8.0), (0, 1, 0), 6, squareness=0.6)
-
-
 def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) -> GlassesFit:
-    """Puts glasses on a head.
+    """Puts glasses on a head, whose raised cheeks and brows push the front forward.
 
-    Args:
-        worn: How they are worn.
-        head: With its expression: raised cheeks and brows push the front forward.
-        front: Points of the front in its own frame, which must not enter the face.
+    `front` are points of the front in its own frame, which must not enter the face.
     """
     regions = ("skin", "scalp", "pupil", "neck")
     marks = {

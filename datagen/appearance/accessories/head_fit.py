@@ -66,14 +66,10 @@ def anchors_outward(model: MorphableModel, centre: Float[ndarray, "3"], directio
 def grid_outward(
     model: MorphableModel, centre: Triple, rise_deg: tuple[float, float], half_width_deg: float, shape: tuple[int, int]
 ) -> Anchors:
-    """Anchors on a grid of rays around the front of the head, row after row.
+    """Anchors on a grid of rays around the front of the head, row after row; they begin at `centre` (mm).
 
-    Args:
-        model: The model.
-        centre: Where the rays begin, mm.
-        rise_deg: Angle above the horizon of the first and the last row.
-        half_width_deg: Angle from straight ahead of the last column, on the subject's left.
-        shape: Rows and columns.
+    `rise_deg` are the angles above the horizon of the first and the last row, `half_width_deg` is the angle from
+    straight ahead of the last column, on the subject's left.
     """
     rise = np.deg2rad(np.linspace(*rise_deg, shape[0]))[:, None]
     around = np.deg2rad(np.linspace(-half_width_deg, half_width_deg, shape[1]))[None]

@@ -106,12 +106,8 @@ def backdrop_pixels(
 ) -> Float32[ndarray, "h w 3"]:
     """Draws a backdrop: linear light, 1 is white.
 
-    Args:
-        backdrop: What was drawn.
-        camera: Environments are seen through its lens; the rotation of the head does not matter.
-        height: Rows of the picture.
-        width: Columns of the picture.
-        folder: `BackdropConfig.folder`, since samples only store the name of a file in it.
+    Environments are seen through the camera's lens; the rotation of the head does not matter. `folder` is that of the
+    `BackdropConfig`, since samples only store the name of a file in it.
 
     Raises:
         InputFileError: A photograph is missing or damaged.

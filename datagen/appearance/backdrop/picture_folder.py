@@ -42,15 +42,10 @@ def list_pictures(folder: str) -> tuple[str, ...]:
 def read_crop(
     folder: str, name: str, crop: tuple[float, float, float], height: int, width: int
 ) -> UInt8[ndarray, "h w 3"]:
-    """Reads a part of a picture, resized to some height and width; sRGB.
+    """Reads a part of one of the `list_pictures`, resized to some height and width; sRGB.
 
-    Args:
-        folder: The folder of pictures.
-        name: A name from `list_pictures`.
-        crop: Where the part begins, as shares of the room to its left and above it, and its size as a share of the
-            largest part with the wanted aspect ratio.
-        height: Rows of the result.
-        width: Columns of the result.
+    `crop` says where the part begins, as shares of the room to its left and above it, and its size as a share of the
+    largest part with the wanted aspect ratio.
 
     Raises:
         InputFileError: The picture is missing or truncated.

@@ -100,11 +100,7 @@ def brow_patch() -> Mapping[str, ndarray]:
 
 
 def check_model(model: MorphableModel) -> None:
-    """Refuses a model that the meshes are not bound to.
-
-    Raises:
-        InputFileError: It is another model than the built-in one at its default refinement.
-    """
+    """Raises an `InputFileError` for any model but the built-in one at its default refinement."""
     bound_to, n_vertices = _bound_to()
     if model.sha256 != bound_to or len(model.mean) != n_vertices:
         raise InputFileError(

@@ -72,12 +72,9 @@ def draw_hair(rng: np.random.Generator, config: HairConfig, person: Person) -> H
 
 
 def hair_meshes(hair: Hair, head: PosedHead, crown: CrownPlane | None = None) -> list[SceneMesh]:
-    """The meshes of a head's hair.
+    """The meshes of hair, which follows the head without its expression, and of brows and lashes, which follow it.
 
-    Args:
-        hair: What was drawn.
-        head: Its hair follows it without its expression, brows and lashes with its expression.
-        crown: Where a hat begins: hair above is left out, hair below lies close.
+    Above `crown`, where a hat begins, hair is left out; below, it lies close.
 
     Raises:
         InputFileError: The head does not belong to the built-in model.

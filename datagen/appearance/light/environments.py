@@ -170,11 +170,9 @@ def panorama_view(
 ) -> Float32[ndarray, "h w 3"]:
     """What a camera sees of environments: linear light, no finer than the panoramas are.
 
-    Args:
-        panoramas: Their light is added, and they say how the camera is turned.
-        camera: Only its focal length and principal point matter.
-        size: Rows and columns of the picture; the result may be smaller.
-        view_deg: Angle across the picture's width; 0 is the camera's own.
+    The light of the panoramas is added, and they say how the camera is turned: only its focal length and principal
+    point matter, unless `view_deg` (the angle across the picture's width) is above 0. The result may be smaller than
+    `size` (rows and columns of the picture).
     """
     height, width = size
     focal, x, y = _intrinsics(camera, size, view_deg)

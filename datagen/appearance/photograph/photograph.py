@@ -37,15 +37,10 @@ class Photograph:
 def develop(
     linear: Float32[ndarray, "h w 3"], photograph: Photograph, face: Bool[ndarray, "h w"]
 ) -> UInt8[ndarray, "h w 3"]:
-    """What a photograph shows of the light in front of it.
+    """What a photograph shows of the light in front of it, which is not negative; 1 is white at exposure 1.
 
-    Args:
-        linear: Light, not negative; 1 is white at exposure 1.
-        photograph: What happens to it. The same light and photograph always give the same bytes.
-        face: Where the head is, for cameras that expose for it.
-
-    Returns:
-        sRGB. Pixels beyond the photograph's border (`beyond_border`) are filled.
+    The same light and photograph always give the same bytes. `face` says where the head is, for cameras that expose for
+    it. The result is sRGB; pixels beyond the photograph's border (`beyond_border`) are filled.
     """
     rng = np.random.default_rng(photograph.seed)
     light = sense(photograph.sensor, expose_through(photograph.lens, linear), face, rng)

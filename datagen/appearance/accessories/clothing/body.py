@@ -49,12 +49,9 @@ class Body:
     def at(
         self, place: Float[ndarray, "*#n"], turn: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
     ) -> Float32[ndarray, "*_ 3"]:
-        """Points above the skin.
+        """Points above the skin, at a place along the body (-1 to 1).
 
-        Args:
-            place: Along the body, -1 to 1.
-            turn: Around the body: 0 the front, 0.25 the left side, 0.5 the back; any number of turns.
-            above_mm: Distance from the skin.
+        `turn` goes around it: 0 the front, 0.25 the left side, 0.5 the back; any number of turns.
         """
         place, turn, above_mm = np.broadcast_arrays(place, turn, above_mm)
         rows = np.interp(place, _PLACES, np.arange(len(_PLACES)))
@@ -95,12 +92,9 @@ class Body:
 
 
 def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: float = 1.0) -> Body:
-    """Makes the body of a head.
+    """Makes the body of a head, from the rim of its neck down. A `breadth` of 1 is that of a man's shoulders.
 
-    Args:
-        head: The rim of its neck is the first ring.
-        head_from_torso: Rotation from a torso that is aligned with the head to the torso as it stands, model frame.
-        breadth: Breadth of the shoulders; 1 is a man's.
+    `head_from_torso` is the rotation from a torso that is aligned with the head to the torso as it stands, model frame.
     """
     rim, inside = (indices[::-1] for indices in neck_rim(head.model))
     edge, inner = head.vertices[rim].astype(np.float64), head.vertices[inside].astype(np.float64)

@@ -167,10 +167,6 @@ def _bandana(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     return pieces
 
 
-def _headband(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
-    return [("cloth", _band(skull, fit, 8.0 + 18.0 * look.size, 4.0, 7.0))]
-
-
 def _crown(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     around = np.linspace(-np.pi, np.pi, 61)[None]
     rim = skull.at(fit.rim(around), around, 9.0)
@@ -202,7 +198,7 @@ _HATS: Mapping[str, Callable[[Skull, Fit, Headwear], list[Piece]]] = {
     "helmet": _helmet,
     "turban": _turban,
     "bandana": _bandana,
-    "headband": _headband,
+    "headband": lambda skull, fit, look: [("cloth", _band(skull, fit, 8.0 + 18.0 * look.size, 4.0, 7.0))],
     "crown": _crown,
     "party": _party,
 }

@@ -89,12 +89,9 @@ def _material(hat: Headwear, piece: HatPiece) -> Material:
 
 
 def fedora_mesh(head: PosedHead, colour: Colour, tilt_deg: float = 0.0) -> SceneMesh:
-    """A felt hat on a head; `FEDORA_CROWN` keeps the hair below it.
+    """A felt hat, which follows the head without its expression; `FEDORA_CROWN` keeps the hair below it.
 
-    Args:
-        head: The hat follows it without its expression.
-        colour: Of the felt, linear.
-        tilt_deg: Forward, over the brows; within `LARGEST_TILT_DEG` both ways.
+    Its colour is linear. It is tilted forward, over the brows, within `LARGEST_TILT_DEG` both ways.
 
     Raises:
         InputFileError: The head does not belong to the built-in model.
