@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from pix2face.face_files.w300lp import CoefficientFile, camera_of_pose, read_coefficient_file
+from pix2face.face_files.w300lp import CoefficientFile, PoseParameters, camera_of_pose, read_coefficient_file
+from pix2face.geometry.camera import FRONTAL, rotation_of_pose
 
 
 @dataclass(frozen=True)
@@ -53,3 +54,11 @@ def fit_keypoint_model_to(files: Sequence[CoefficientFile]) -> KeypointModel:
     scale = np.abs(design).max(axis=0)
     targets = np.stack([unposed_mm(file).ravel() for file in files])
     return KeypointModel(np.linalg.lstsq(design / scale, targets, rcond=None)[0], scale)
+
+
+def points_of_pose(points_um: ndarray, pose: PoseParameters, image_height_px: int) -> ndarray:
+    """Model points (µm) posed as the authors do, in their own 1-based frame: exactly what ``pt3d_68`` holds."""
+    rotated = points_um @ (FRONTAL @ rotation_of_pose(pose.head)).T
+    posed = pose.scale * rotated + pose.translation_px
+    posed[:, 1] = image_height_px + 1 - posed[:, 1]
+    return np.asarray(posed, dtype=np.float64)

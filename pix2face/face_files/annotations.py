@@ -55,11 +55,10 @@ class Annotation:
 
 
 def find_annotations(folder: Path, scheme: str = IBUG68) -> list[Annotation]:
-    """Finds all annotated faces below a folder, in the order of their names.
+    """Finds all annotated faces in a folder and its subfolders, in the order of their names.
 
-    Args:
-        folder: With its subfolders; links to folders are not followed.
-        scheme: One of ``landmarks.SCHEMES``. The 51 inner points are also taken out of 68.
+    Links to folders are not followed. The scheme is one of ``landmarks.SCHEMES``; the 51 inner points are also taken
+    out of 68.
 
     Raises:
         UsageError: There is no such folder, or nothing in it.
@@ -78,9 +77,8 @@ def find_annotations(folder: Path, scheme: str = IBUG68) -> list[Annotation]:
 def read_dlib_xml(path: Path) -> list[tuple[str, Float64[ndarray, "_ 2"] | InputFileError]]:
     """Reads the faces of a list in dlib's XML.
 
-    Returns:
-        For each box its picture as the file names it, and its points in the project's pixels, in the order of their
-        names; or, where the box is no face of 68 points, what is wrong with it. Boxes to be ignored are left out.
+    Each box comes with its picture as the file names it, and its points in the project's pixels, in the order of their
+    names; or, where it is no face of 68 points, what is wrong with it. Boxes to be ignored are left out.
 
     Raises:
         InputFileError: The file cannot be read, is no such list, or declares entities (which could expand without
@@ -139,7 +137,7 @@ def _annotations_of_xml(path: Path, folder: Path, scheme: str) -> Iterator[Annot
     try:
         faces = read_dlib_xml(path)
     except InputFileError as error:
-        yield Annotation(path.relative_to(folder).as_posix(), partial(_fail, error), path)
+        yield Annotation(path.relative_to(folder).as_posix(), partial(_load_box, path, path, error, scheme), path)
         return
     numbers: dict[str, int] = {}
     for image_name, points in faces:
@@ -193,10 +191,6 @@ def _load_box(path: Path, image_path: Path, points: ndarray | InputFileError, sc
     if not image_path.is_file():
         raise InputFileError(f"{path}: expected the picture {image_path}, found none")
     return AnnotatedFace(image_path=image_path, landmarks2d=points if scheme == IBUG68 else points[list(INNER51)])
-
-
-def _fail(error: InputFileError) -> AnnotatedFace:
-    raise error
 
 
 class _FacesOfXml:

@@ -33,10 +33,8 @@ class BoxFile:
 
     def of_image(self, path: Path) -> tuple[FaceBox, ...]:
         """The boxes of a picture, largest first; empty where the file names none."""
-        for name in (str(path), path.as_posix(), path.name):
-            if name in self.boxes:
-                return self.boxes[name]
-        return ()
+        names = (str(path), path.as_posix(), path.name)
+        return next((self.boxes[name] for name in names if name in self.boxes), ())
 
     def of_frame(self, frame: int) -> tuple[FaceBox, ...]:
         """The boxes of a frame of a video, counted from 0, largest first; empty where the file names none."""

@@ -37,13 +37,9 @@ class TableHeader:
 
 @final
 class CoefficientWriter:
-    """Writes faces in the order in which they come.
+    """Writes faces in the order in which they come. Paths of photographs are stored relative to the table's folder.
 
     The file appears under its name when the context ends. After an exception, an older file of that name stays.
-
-    Args:
-        path: The table. Paths of photographs are stored relative to its folder.
-        header: What holds for all faces.
     """
 
     def __init__(self, path: Path, header: TableHeader) -> None:

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float64
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.mat_files import mat_names, read_mat
 from pix2face.geometry.camera import (
-    FRONTAL,
     Camera,
     HeadPose,
     WeakPerspective,
@@ -151,11 +150,8 @@ def camera_of_pose(pose: PoseParameters, image_height_px: int) -> Camera:
     """The camera that ``Pose_Para`` describes, for model points in mm.
 
     A negative scale would turn the face inside out; the camera returned gives the same pixels with a positive one
-    (-f R and f diag(-1, -1, 1) R agree in x and y), so that nearer points stay nearer.
-
-    Args:
-        pose: From the file.
-        image_height_px: Height of the picture: the file's y axis points up from its lower edge.
+    (-f R and f diag(-1, -1, 1) R agree in x and y), so that nearer points stay nearer. The height of the picture is
+    needed since the file's y axis points up from its lower edge.
     """
     rotation = rotation_of_pose(pose.head)
     if pose.scale < 0:
@@ -170,25 +166,11 @@ def pose_of_camera(camera: Camera, image_height_px: int) -> PoseParameters:
 
     Of a pinhole, or an affine camera that is not weak perspective, the nearest weak perspective. The depth translation
     tz, which no picture tells, is 0.
-
-    Args:
-        camera: From the model frame (mm) to the picture.
-        image_height_px: Height of the picture: 300W-LP's y axis points up from its lower edge.
     """
     parameters = nearest_weak_perspective(camera)
     tx, ty = parameters.translation_px
     translation = np.array([tx + 0.5, image_height_px - ty + 0.5, 0.0])
     return PoseParameters(head=head_pose(camera), translation_px=translation, scale=parameters.scale / 1000)
-
-
-def points_of_pose(
-    points_um: Float[ndarray, "n 3"], pose: PoseParameters, image_height_px: int
-) -> Float64[ndarray, "n 3"]:
-    """Model points (µm) posed as the authors do, in their own 1-based frame: exactly what ``pt3d_68`` holds."""
-    rotated = points_um @ (FRONTAL @ rotation_of_pose(pose.head)).T
-    posed = pose.scale * rotated + pose.translation_px
-    posed[:, 1] = image_height_px + 1 - posed[:, 1]
-    return np.asarray(posed, dtype=np.float64)
 
 
 def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:
@@ -197,11 +179,7 @@ def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]
 
 
 def _read_small_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
-    """Reads named variables; those that the file lacks are left out.
-
-    Raises:
-        InputFileError: The file is missing, too large, truncated, or no MAT 5 file of numbers.
-    """
+    """Reads named variables of a file of reasonable size; those that the file lacks are left out."""
     try:
         status = path.stat()
     except OSError as error:

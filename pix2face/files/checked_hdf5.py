@@ -44,10 +44,7 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
 def check_contained(file: h5py.File, path: Path, sliced: Container[str] = ()) -> None:
     """Walks all groups and checks links and datasets.
 
-    Args:
-        file: The file.
-        path: Its name, for messages.
-        sliced: Datasets (``/name``) that may be of any size, since their reader takes and checks a part at a time.
+    The datasets in ``sliced`` (``/name``) may be of any size, since their reader takes and checks a part at a time.
 
     Raises:
         InputFileError: Something points out of the file, or declares more than the file can hold.

@@ -150,10 +150,8 @@ def encode_photograph(
 ) -> bytes:
     """Encodes an RGB picture as JPEG: a fifth of the size of PNG, in a tenth of its time (docs/explanation/storage.md).
 
-    Args:
-        image: The picture.
-        quality: 1 to 100.
-        is_colour_halved: Whether colour has half the resolution of brightness, as in most photographs.
+    The quality is 1 to 100. With ``is_colour_halved``, colour has half the resolution of brightness, as in most
+    photographs.
     """
     sampling = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420 if is_colour_halved else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
     flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]

@@ -56,14 +56,11 @@ def mat_names(path: Path) -> list[str]:
 def read_mat(path: Path, wanted: Collection[str], largest_bytes: int = LARGEST_ARRAY_BYTES) -> dict[str, ndarray]:
     """Reads arrays by their names, in Matlab's shapes and stored types. Those that the file lacks are left out.
 
-    Args:
-        path: The file.
-        wanted: Names of variables. Of several with one name, the first counts.
-        largest_bytes: Larger arrays are refused.
+    Of several variables with one name, the first counts.
 
     Raises:
-        InputFileError: The file is missing, damaged, hostile or of another format, or a wanted variable is not a full
-            array of real numbers.
+        InputFileError: The file is missing, damaged, hostile or of another format, or a wanted variable is larger than
+            ``largest_bytes`` or not a full array of real numbers.
     """
     arrays: dict[str, ndarray] = {}
     with _reported(path):
@@ -114,16 +111,12 @@ def _foreign(header: bytes) -> str:
 
 @final
 class _Body:
-    """The content of one element, inflated where it is compressed, read from front to back.
-
-    Attributes:
-        limit: No more bytes than this can come out.
-    """
+    """The content of one element, inflated where it is compressed, read from front to back."""
 
     def __init__(self, file: BinaryIO, n_bytes: int, *, is_compressed: bool) -> None:
         self._file, self._left = file, n_bytes
         self._inflater = zlib.decompressobj() if is_compressed else None
-        self.limit = n_bytes * (LARGEST_COMPRESSION if is_compressed else 1)
+        self.limit = n_bytes * (LARGEST_COMPRESSION if is_compressed else 1)  # no more bytes can come out
 
     def read(self, n_bytes: int) -> bytearray:
         """Up to so many bytes; memory grows with what is there, not with what was asked for."""

@@ -12,11 +12,8 @@ def written_in_one_step(path: Path, *, is_contended: bool = False) -> Iterator[P
     """Yields a hidden name beside a file; what is written there takes the file's place when the block ends.
 
     The content has reached the disk before it is renamed. If the block raises, nothing is left of it, and an older file
-    of the same name stays.
-
-    Args:
-        path: The file. Its folder is made.
-        is_contended: Whether several processes may write the same file at once: each then has a hidden name of its own.
+    of the same name stays. The file's folder is made. With ``is_contended``, several processes may write the same file
+    at once: each has a hidden name of its own.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     unique = f".{uuid4().hex[:12]}" if is_contended else ""

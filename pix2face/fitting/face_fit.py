@@ -43,7 +43,7 @@ class FaceFit:
 
     @cached_property
     def vertices(self) -> Float32[ndarray, "v 3"]:
-        """The mesh of these coefficients, mm, model frame: computed when asked for."""
+        """The mesh of these coefficients, mm, model frame; computed when asked for."""
         return self.model.vertices(self.identity[None], self.expression[None])[0]
 
     def in_image(self, crop: Crop) -> "FaceFit":

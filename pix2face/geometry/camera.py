@@ -24,9 +24,9 @@ GIMBAL_LOCK = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A projection from the model frame (mm) to an image (px) with depth (mm): the matrix described above."""
+    """A projection from the model frame (mm) to an image (px) with depth (mm)."""
 
-    matrix: Float64[ndarray, "4 4"]
+    matrix: Float64[ndarray, "4 4"]  #: maps a model point (x, y, z, 1) to (u w, v w, depth, w)
 
     @property
     def is_affine(self) -> bool:
@@ -64,7 +64,7 @@ class WeakPerspective:
 class Pinhole:
     """Parameters of a pinhole with square pixels and no skew."""
 
-    focal_px: float
+    focal_px: float  #: focal length
     principal_point_px: Float64[ndarray, "2"]  #: where the optical axis meets the image
     rotation: Float64[ndarray, "3 3"]  #: camera_from_model, determinant +1
     translation_mm: Float64[ndarray, "3"]  #: the model's origin in camera space
@@ -77,7 +77,7 @@ class HeadPose:
 
     pitch_deg: float  #: positive looks up
     yaw_deg: float  #: positive turns the face to the image's left (towards the subject's right shoulder)
-    roll_deg: float  #: positive tilts the top of the head to the image's right: clockwise as seen in the image
+    roll_deg: float  #: positive tilts the top of the head to the image's right, which is clockwise as seen
 
 
 def affine_camera(a: Float[ndarray, "2 4"]) -> Camera:

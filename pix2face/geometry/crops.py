@@ -68,7 +68,7 @@ class Crop:
     """A square picture cut out of an image by an affine map."""
 
     image_from_crop: Float64[ndarray, "3 3"]  #: maps homogeneous crop pixels to image pixels (centres at +0.5 in both)
-    size_px: int
+    size_px: int  #: side of the square
 
     @property
     def crop_from_image(self) -> Float64[ndarray, "3 3"]:

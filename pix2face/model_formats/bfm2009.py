@@ -22,6 +22,7 @@ from pix2face.files.mat_files import mat_names, read_mat
 from pix2face.geometry.landmarks import IBUG68, N_IBUG68
 from pix2face.model_formats.checks import (
     basis_of_columns,
+    check_names,
     coordinates,
     existing,
     triangle_polygons,
@@ -136,7 +137,8 @@ def _read_original(path: Path) -> StoredModel:
     trim_path = existing(path.parent, *TRIM_FILES)
     kept = np.arange(n_vertices)
     if trim_path is not None:
-        kept = _kept_vertices(trim_path, n_vertices)
+        numbers = _read(trim_path, ("trimIndex",))["trimIndex"].ravel()
+        kept = np.unique(vertex_numbers(f"{trim_path} (trimIndex)", numbers, n_vertices, first=1)).astype(np.int64)
     elif guo is not None and n_vertices == N_ORIGINAL:
         kept = np.setdiff1d(kept, inner_mouth_vertices())
     offset_um, deformation = np.zeros((len(kept), 3)), _Basis.none(len(kept))
@@ -195,8 +197,6 @@ def _model(
         expression_basis=deformation.mm,
         polygons=wound_outward(mean, polygons),
         polygon_regions=np.zeros(len(polygons), np.uint8),
-        region_names=("skin",),
-        face_regions=("skin",),
         identity_unit=identity.unit,
         expression_unit=deformation.unit,
         **others,
@@ -244,11 +244,6 @@ def _read_deviations(path: Path, count: int) -> Float64[ndarray, " k"]:
     return values[:count]
 
 
-def _kept_vertices(path: Path, n_vertices: int) -> Int64[ndarray, " n"]:
-    numbers = _read(path, ("trimIndex",))["trimIndex"].ravel()
-    return np.unique(vertex_numbers(f"{path} (trimIndex)", numbers, n_vertices, first=1)).astype(np.int64)
-
-
 def _polygons_of(polygons: Int32[ndarray, "t 4"], kept: Int64[ndarray, " n"], n_vertices: int) -> Int32[ndarray, "k 4"]:
     """The polygons all of whose corners are kept, in the numbering of those."""
     new = np.full(n_vertices + 1, -1, dtype=np.int32)  # the last entry stands for "no corner"
@@ -268,10 +263,5 @@ def _original_landmarks(kept: Int64[ndarray, " n"], n_vertices: int) -> dict[str
 
 
 def _read(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, ndarray]:
-    fields = read_mat(path, (*names, *optional))
-    missing = [name for name in names if name not in fields]
-    if missing:
-        raise InputFileError(
-            f"{path}: expected {', '.join(names)} in it, missing are {', '.join(missing)}; found {mat_names(path)}"
-        )
-    return fields
+    check_names(path, names, mat_names(path))
+    return read_mat(path, (*names, *optional))

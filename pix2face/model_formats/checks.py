@@ -1,5 +1,9 @@
-"""Checks that all readers share: finite coordinates, bases that fit their mesh, polygons of existing vertices."""
+"""Checks that all readers share: finite coordinates, bases that fit their mesh, polygons of existing vertices.
 
+In all of them, ``where`` names the file and what is read from it, for messages.
+"""
+
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +38,7 @@ def basis_of_columns(
     """Converts a matrix with one column for each component to a basis in mm for one standard deviation.
 
     Args:
-        where: File and names, for messages.
+        where: For messages.
         columns: (3 v, k).
         deviations: (k) factors of the columns that make one standard deviation.
         n_vertices: v.
@@ -58,13 +62,7 @@ def basis_of_columns(
 
 
 def vertex_numbers(where: str, values: Any, n_vertices: int, first: int = 0) -> Int32[ndarray, "..."]:
-    """Numbers of vertices, counted from 0, in the shape that they come in.
-
-    Args:
-        where: File and name, for messages.
-        values: Whole numbers of any type.
-        n_vertices: How many vertices there are.
-        first: The number that the file gives to its first vertex.
+    """Numbers of vertices, counted from 0, in the shape that they come in; the file's first vertex is ``first``.
 
     Raises:
         InputFileError: There are none, or one names a vertex that does not exist.
@@ -87,7 +85,11 @@ def triangle_polygons(where: str, triangles: Any, n_vertices: int, first: int = 
 
 def wound_outward(vertices: ndarray, polygons: Int32[ndarray, "p 4"]) -> Int32[ndarray, "p 4"]:
     """Turns every polygon round where most of them face the origin, which is inside the head."""
-    return turned_round(polygons) if _mostly_inward(vertices, polygons) else polygons
+    corners = vertices[polygons[:, :3]].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Summed areas, not counts: eyes and teeth are many small polygons.
+    is_inward = float(np.einsum("tc,tc->", normals, corners.mean(axis=1))) < 0
+    return turned_round(polygons) if is_inward else polygons
 
 
 def turned_round(polygons: Int32[ndarray, "p 4"]) -> Int32[ndarray, "p 4"]:
@@ -101,8 +103,14 @@ def existing(folder: Path, *names: str) -> Path | None:
     return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
-def _mostly_inward(vertices: ndarray, polygons: Int32[ndarray, "p 4"]) -> bool:
-    corners = vertices[polygons[:, :3]].astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # Summed areas, not counts: eyes and teeth are many small polygons.
-    return float(np.einsum("tc,tc->", normals, corners.mean(axis=1))) < 0
+def check_names(path: Path, needed: Collection[str], found: Collection[str]) -> None:
+    """Checks that a file has all arrays that its format needs.
+
+    Raises:
+        InputFileError: Some are missing.
+    """
+    missing = [name for name in needed if name not in found]
+    if missing:
+        raise InputFileError(
+            f"{path}: expected {', '.join(needed)} in it, missing are {', '.join(missing)}; found {sorted(found)[:20]}"
+        )

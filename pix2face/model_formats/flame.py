@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pix2face.errors import InputFileError
-from pix2face.model_formats.checks import basis_of_columns, coordinates, triangle_polygons
+from pix2face.model_formats.checks import basis_of_columns, check_names, coordinates, triangle_polygons
 from pix2face.model_formats.restricted_pickle import as_array, read_pickle
 from pix2face.models.model_file import StoredModel
 
@@ -28,12 +28,7 @@ def read_flame(path: Path) -> StoredModel:
             do not fit each other.
     """
     fields = read_pickle(path)
-    missing = [name for name in ("v_template", "f", "shapedirs") if name not in fields]
-    if missing:
-        raise InputFileError(
-            f"{path}: expected v_template, f and shapedirs in it, missing are {', '.join(missing)}; "
-            f"found {sorted(fields)[:20]}"
-        )
+    check_names(path, ("v_template", "f", "shapedirs"), fields)
     mean = coordinates(f"{path} (v_template)", as_array(fields["v_template"], f"{path} (v_template)")) * MM_PER_METRE
     directions = as_array(fields["shapedirs"], f"{path} (shapedirs)")
     n_components = N_IDENTITY + N_EXPRESSION
@@ -44,8 +39,7 @@ def read_flame(path: Path) -> StoredModel:
         )
     columns = directions.reshape(-1, n_components)
     basis = basis_of_columns(f"{path} (shapedirs)", columns, np.ones(n_components), len(mean), MM_PER_METRE)
-    triangles = as_array(fields["f"], f"{path} (f)")
-    polygons = triangle_polygons(f"{path} (f)", triangles, len(mean))
+    polygons = triangle_polygons(f"{path} (f)", as_array(fields["f"], f"{path} (f)"), len(mean))
     return StoredModel(
         name=f"FLAME ({path.stem})",
         licence="FLAME: registration with the Max Planck Institute for Intelligent Systems; 2020: non-commercial "
@@ -56,7 +50,4 @@ def read_flame(path: Path) -> StoredModel:
         expression_basis=np.ascontiguousarray(basis[N_IDENTITY:]),
         polygons=polygons,
         polygon_regions=np.zeros(len(polygons), np.uint8),
-        region_names=("skin",),
-        face_regions=("skin",),
-        landmarks={},
     )

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
-from pix2face.model_formats.checks import MAX_COMPONENTS, coordinates, triangle_polygons, vertex_numbers
+from pix2face.model_formats.checks import MAX_COMPONENTS, check_names, coordinates, triangle_polygons, vertex_numbers
 from pix2face.models.model_file import StoredModel
 
 MM_PER_METRE = 1000.0
@@ -40,9 +40,6 @@ def read_gnm(path: Path) -> StoredModel:
         expression_basis=_basis(path, "expression_basis", arrays, len(mean)),
         polygons=polygons,
         polygon_regions=np.zeros(len(polygons), np.uint8),
-        region_names=("skin",),
-        face_regions=("skin",),
-        landmarks={},
     )
 
 
@@ -59,9 +56,7 @@ def _read_arrays(path: Path, needed: tuple[str, ...], optional: tuple[str, ...])
     try:
         with zipfile.ZipFile(path) as archive:
             names = {name.removesuffix(".npy"): name for name in archive.namelist()}
-            missing = [name for name in needed if name not in names]
-            if missing:
-                raise InputFileError(f"{path}: expected {', '.join(needed)} in it, missing are {', '.join(missing)}")
+            check_names(path, needed, names)
             wanted = [name for name in (*needed, *optional) if name in names]
             return {name: _read_array(archive, names[name], path) for name in wanted}
     except InputFileError:

@@ -61,13 +61,10 @@ def read_ict_facekit(path: Path) -> StoredModel:
     if folder is None:
         raise InputFileError(f"{path}: expected a folder with {NEUTRAL} in it or in {FOLDER}, found none")
     neutral = _read_mesh(folder / NEUTRAL)
-    shapes = {file.stem: file for file in sorted(folder.glob("*.obj")) if file.name != NEUTRAL}
-    identities = [file for name, file in shapes.items() if _IDENTITY.fullmatch(name)]
-    expressions = {
-        name: file for name, file in shapes.items() if not _IDENTITY.fullmatch(name) and _EXPRESSION.fullmatch(name)
-    }
-    expression_basis = _differences(neutral.vertices, list(expressions.values()))
-    names = {name: np.eye(len(expressions), dtype=np.float32)[i] for i, name in enumerate(expressions)}
+    shapes = [file for file in sorted(folder.glob("*.obj")) if file.name != NEUTRAL]
+    identities = [file for file in shapes if _IDENTITY.fullmatch(file.stem)]
+    expressions = [file for file in shapes if file not in identities and _EXPRESSION.fullmatch(file.stem)]
+    one_each = np.eye(len(expressions), dtype=np.float32)
     n_vertices = len(neutral.vertices)
     return StoredModel(
         name="ICT-FaceKit light",
@@ -75,7 +72,7 @@ def read_ict_facekit(path: Path) -> StoredModel:
         origin=f"Li et al. 2020; {len(identities)} identities, {len(expressions)} expressions",
         mean=(neutral.vertices * MM_PER_CM).astype(np.float32),
         identity_basis=_differences(neutral.vertices, identities),
-        expression_basis=expression_basis,
+        expression_basis=_differences(neutral.vertices, expressions),
         polygons=neutral.polygons,
         polygon_regions=neutral.regions,
         region_names=REGIONS,
@@ -83,7 +80,7 @@ def read_ict_facekit(path: Path) -> StoredModel:
         landmarks={IBUG68: ibug68_vertices("ict_facekit", n_vertices)} if n_vertices == N_VERTICES else {},
         uv=neutral.uv,
         uv_polygons=neutral.uv_polygons,
-        named_expressions=names,
+        named_expressions={file.stem: row for file, row in zip(expressions, one_each, strict=True)},
     )
 
 

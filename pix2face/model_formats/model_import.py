@@ -28,7 +28,7 @@ from pix2face.geometry.rigid_alignment import (
 from pix2face.model_formats import read_model
 from pix2face.model_formats.checks import turned_round, wound_outward
 from pix2face.models.model_file import Alignment, StoredModel
-from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.models.morphable_model import builtin_model
 
 LEAST_LANDMARKS = 6
 # Beyond this two surfaces are not both faces, or one stands on its head: published means, the right way up, lie 2 to
@@ -102,7 +102,7 @@ def _by_landmarks(path: Path, stored: StoredModel, known: Int64[ndarray, " n"]) 
     keeps_frame = stored.published_basis.startswith(PROJECT_FRAME_PREFIX)
     if keeps_frame:
         transform = RigidTransform(np.eye(3), np.zeros(3))
-    residual = _rms(transform.apply(source) - target)
+    residual = float(np.sqrt(((transform.apply(source) - target) ** 2).sum(axis=1).mean()))
     if residual > PLAUSIBLE_LANDMARKS_MM:
         raise InputFileError(
             f"{path}: expected {len(inner)} landmarks within {PLAUSIBLE_LANDMARKS_MM:g} mm of those of a head, "
@@ -127,8 +127,7 @@ def _by_landmarks(path: Path, stored: StoredModel, known: Int64[ndarray, " n"]) 
 def lay_by_surface(stored: StoredModel) -> ImportedModel:
     """Brings a model without landmarks to the project's frame by its surface alone.
 
-    Returns:
-        With landmarks and regions by correspondence; or as it was, with a note, where no face is found in it.
+    Landmarks and regions come by correspondence. Where no face is found in the model it stays as it was, with a note.
     """
     file_from_frame, distances = align_surfaces(
         _builtin_surface().chosen(_builtin_face()), surface_of(stored.mean, stored.polygons), MIDDLES_MM
@@ -216,7 +215,7 @@ def _with_missing_landmarks(laid: StoredModel, adapted: Surface) -> StoredModel:
 
 def _with_builtin_regions(laid: StoredModel, adapted: Surface) -> StoredModel:
     """Regions of the nearest part of the built-in head, for a model that tells none apart; far parts are "other"."""
-    builtin: MorphableModel = builtin_model()
+    builtin = builtin_model()
     centres = adapted.points[builtin.triangles].mean(axis=1)
     distances, nearest = KDTree(centres).query(_polygon_centres(laid))
     regions = builtin.triangle_regions[nearest]
@@ -233,7 +232,3 @@ def _polygon_centres(stored: StoredModel) -> Float64[ndarray, "p 3"]:
     is_corner: Bool[ndarray, "p 4"] = stored.polygons >= 0
     corners = stored.mean[stored.polygons].astype(np.float64) * is_corner[..., None]
     return np.asarray(corners.sum(axis=1) / is_corner.sum(axis=1)[:, None])
-
-
-def _rms(difference: Float64[ndarray, "n 3"]) -> float:
-    return float(np.sqrt((difference**2).sum(axis=1).mean()))

@@ -9,6 +9,7 @@ import io
 import math
 import pickle  # noqa: TID251 (only the names of opcodes and a subclass that resolves nothing)
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, final
 
@@ -39,21 +40,14 @@ _REFUSED_OPCODES: Final = (
 
 
 @final
+@dataclass(slots=True, eq=False, repr=False)  # shown at length, a record within records could fill the memory
 class Record:
-    """A name of the allow-list with what a pickle called it with; inert.
+    """A name of the allow-list with what a pickle called it with; inert."""
 
-    Attributes:
-        kind: What the name means here.
-        name: As the pickle spells it.
-        arguments: Of the call, or None for the bare name.
-        state: What the pickle wanted to set.
-    """
-
-    __slots__ = ("arguments", "kind", "name", "state")
-
-    def __init__(self, kind: str, name: str, arguments: tuple[Any, ...] | None = None) -> None:
-        self.kind, self.name, self.arguments = kind, name, arguments
-        self.state: Any = None
+    kind: str  # what the name means here
+    name: str  # as the pickle spells it
+    arguments: tuple[Any, ...] | None = None  # of the call; None for the bare name
+    state: Any = None  # what the pickle wanted to set
 
 
 class _RefusedError(Exception):

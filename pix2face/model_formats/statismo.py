@@ -61,8 +61,6 @@ def read_statismo(path: Path) -> StoredModel:
             expression_basis=expression,
             polygons=polygons,
             polygon_regions=np.zeros(len(polygons), np.uint8),
-            region_names=("skin",),
-            face_regions=("skin",),
             landmarks={} if landmarks is None else {IBUG68: landmarks},
             **_albedo(file, path, len(mean)),
         )

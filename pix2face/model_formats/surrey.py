@@ -66,12 +66,10 @@ def read_surrey(path: Path) -> StoredModel:
         expression_basis=expression,
         polygons=polygons,
         polygon_regions=np.zeros(len(polygons), np.uint8),
-        region_names=("skin",),
-        face_regions=("skin",),
         landmarks={IBUG68: ibug68_vertices("surrey", len(mean))} if len(mean) == N_VERTICES else {},
         uv=uv,
         uv_polygons=None if uv is None else polygons,
-        named_expressions={name: np.eye(len(shapes), dtype=np.float32)[i] for i, name in enumerate(shapes)},
+        named_expressions=dict(zip(shapes, np.eye(len(shapes), dtype=np.float32), strict=True)),
         **_albedo(path, colour, len(mean)),
     )
 

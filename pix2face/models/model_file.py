@@ -42,10 +42,10 @@ class LinearModel:
     mean: Float32[ndarray, "v 3"]  #: vertices with all coefficients zero, expression mean included
     identity_basis: Float32[ndarray, "k v 3"]  #: for one standard deviation
     expression_basis: Float32[ndarray, "e v 3"]  #: for one standard deviation
-    region_names: tuple[str, ...]
-    face_regions: tuple[str, ...]  #: the regions where maps hold
+    region_names: tuple[str, ...] = ("skin",)  #: one, unless the model tells parts apart
+    face_regions: tuple[str, ...] = ("skin",)  #: the regions where maps hold
     #: For each scheme the vertex of each landmark, in the scheme's order; of the mesh as it is after refinement.
-    landmarks: Mapping[str, Int32[ndarray, " _"]]
+    landmarks: Mapping[str, Int32[ndarray, " _"]] = field(default_factory=dict)
     uv: Float32[ndarray, "u 2"] | None = None  #: texture coordinates, v upward
     symmetry: Int32[ndarray, " v"] | None = None  #: for each vertex its mirror image; None for a mesh without symmetry
     #: Expression coefficients of shapes that have a name.

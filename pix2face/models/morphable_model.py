@@ -24,7 +24,7 @@ BUILTIN_MODEL = "builtin"
 class MorphableModel(LinearModel):
     """A linear face model over one triangle mesh: what `LinearModel` describes, and its triangles."""
 
-    sha256: str  #: hash of the content of its file: what shards and checkpoints carry
+    sha256: str  #: hash of the content of its file, which shards and checkpoints carry
     triangles: Int32[ndarray, "t 3"]  #: vertex indices, counter-clockwise seen from outside
     triangle_regions: UInt8[ndarray, " t"]  #: indices into ``region_names``
     #: For each triangle its three texture coordinates (they split along seams).
@@ -55,7 +55,7 @@ class MorphableModel(LinearModel):
 
     @property
     def smallest_radius_mm(self) -> float:
-        """Distance from the origin to the nearest point of the mean face: half of it separates face from background."""
+        """Distance from the origin to the nearest point of the mean face; half of it separates face from background."""
         return float(np.linalg.norm(self.mean[self.is_face_vertex], axis=1).min())
 
     def vertices(self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]) -> Float32[ndarray, "n v 3"]:

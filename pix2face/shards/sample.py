@@ -101,7 +101,7 @@ class Sample:
 
     @property
     def seen_landmarks(self) -> Bool[ndarray, " m"]:
-        """Which visible landmarks nothing stands in front of: no hair, no hand, no border of the photograph.
+        """Which visible landmarks nothing stands in front of (no hair, no hand, no border of the photograph).
 
         Raises:
             UsageError: The layer ``mask`` or ``seen`` is missing.

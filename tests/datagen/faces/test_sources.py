@@ -13,9 +13,10 @@ from datagen.sampling.faces import sample_faces
 from pix2face.errors import InputFileError, SampleRejectedError, UsageError
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import save_coefficients
-from pix2face.face_files.w300lp import points_of_pose, read_coefficient_file
+from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.model_formats.bfm2009 import PUBLISHED_BASIS
 from pix2face.models.morphable_model import MorphableModel
+from tests.keypoint_model import points_of_pose
 from tests.pix2face.benchmark_files import write_mat
 from tests.synthetic_models import small_head_model
 

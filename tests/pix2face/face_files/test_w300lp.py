@@ -13,14 +13,13 @@ from pix2face.face_files.w300lp import (
     CoefficientFile,
     PoseParameters,
     camera_of_pose,
-    points_of_pose,
     pose_of_camera,
     read_aflw21_landmarks,
     read_coefficient_file,
     read_landmark_file,
 )
 from pix2face.geometry.camera import HeadPose, head_pose, rotation_of_pose
-from tests.keypoint_model import fit_keypoint_model, fit_keypoint_model_to
+from tests.keypoint_model import fit_keypoint_model, fit_keypoint_model_to, points_of_pose
 
 
 @pytest.fixture(scope="module")

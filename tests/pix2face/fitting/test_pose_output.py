@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pix2face.face_files.w300lp import PoseParameters, camera_of_pose, points_of_pose, pose_of_camera
+from pix2face.face_files.w300lp import PoseParameters, camera_of_pose, pose_of_camera
 from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.camera import (
     HeadPose,
@@ -15,6 +15,7 @@ from pix2face.geometry.camera import (
     weak_perspective_camera,
 )
 from tests.fits import paper_fit
+from tests.keypoint_model import points_of_pose
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, render_known_face
 from tests.synthetic_models import small_head_model
 
