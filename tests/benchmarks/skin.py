@@ -10,16 +10,13 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
 
 from datagen.appearance.person import draw_person
 from datagen.appearance.skin.skin import draw_skin
 from datagen.appearance.skin.skin_config import SkinConfig
-from datagen.appearance.skin.tone import (
-    albedo_of_skin,
-    density_of_melanin,
-    individual_typology_angle_deg,
-    lab_of_linear,
-)
+from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
 from datagen.opengl.gl_context import create_gl_context
 from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.surroundings import surroundings
@@ -35,6 +32,15 @@ def main() -> None:
     options = parser.parse_args()
     found = {"surroundings": surroundings(), "melanin": _sweep(), **_drawn(options.people)}
     sys.stdout.write(json.dumps(found, indent=1) + "\n")
+
+
+def individual_typology_angle_deg(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:
+    """ITA: above 55 is very light, 28 to 41 intermediate, below -30 dark; people lie between about -60 and 65.
+
+    Source: Chardon et al. 1991.
+    """
+    lab = lab_of_linear(colour)
+    return np.asarray(np.rad2deg(np.arctan2(lab[..., 0] - 50, lab[..., 2])))
 
 
 def _sweep() -> list[dict[str, object]]:

@@ -9,7 +9,7 @@ The melanin axis falls with the wavelength to the power of -3.3 (610, 545, 465 n
 haemoglobin axis is that of oxygenated blood; both are reduced to what broad primaries show. All skin lies in this
 plane, from albinism to the darkest skin and from pallor to sunburn.
 
-Source: Anderson and Parrish 1981 (the optics of human skin); Chardon et al. 1991 (ITA).
+Source: Anderson and Parrish 1981, The Optics of Human Skin.
 """
 
 from functools import lru_cache
@@ -61,9 +61,3 @@ def lab_of_linear(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:
     cube = np.where(ratio > 0.008856, np.cbrt(ratio), 7.787 * ratio + 16 / 116)
     x, y, z = (cube[..., axis] for axis in range(3))
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
-
-
-def individual_typology_angle_deg(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:
-    """ITA: above 55 is very light, 28 to 41 intermediate, below -30 dark; people lie between about -60 and 65."""
-    lab = lab_of_linear(colour)
-    return np.asarray(np.rad2deg(np.arctan2(lab[..., 0] - 50, lab[..., 2])))

@@ -14,13 +14,9 @@ from datagen.appearance.skin.marks import MAX_MARKS
 from datagen.appearance.skin.skin import draw_skin
 from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
 from datagen.appearance.skin.skin_textures import IRISES, SKINS
-from datagen.appearance.skin.tone import (
-    albedo_of_skin,
-    density_of_melanin,
-    individual_typology_angle_deg,
-    lab_of_linear,
-)
+from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
 from pix2face.errors import UsageError
+from tests.benchmarks.skin import individual_typology_angle_deg
 
 PERSON = Person(age_years=30.0, femininity=0.0, african=0.2, asian=0.2, caucasian=0.6, melanin=0.3)
 # L*a*b* of human skin as spectrophotometers have it, with a margin for flush: a* 2 to 24, b* 4 to 27.
