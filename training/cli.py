@@ -38,12 +38,12 @@ Run the same command again to go on after an interruption: it starts from the la
 exactly where it would have ended without one. `torchrun --nproc-per-node N -m training.cli ...` trains with several
 processes."""
 
-# Of a process that stops because another one was asked to.
+# Exit status of a process that stops because another one was asked to.
 EXIT_STOPPED = exit_status_of(signal.SIGTERM)
 
 
 def run(config: TrainConfig) -> int:
-    """Trains, with a summary before, a progress bar meanwhile and the next command afterwards."""
+    """Trains, and shows a summary first, then a progress bar, and at the end the next command."""
     recipe = config.recipe()
     with ExitStack() as stack:
         signals: list[int] = []
@@ -87,7 +87,7 @@ def run(config: TrainConfig) -> int:
 
 
 def next_command(shards: ShardIndex, checkpoint: Path) -> str:
-    """What to do with a checkpoint. Which benchmark suits it is known for renders of the built-in model alone."""
+    """The next command for a checkpoint. It names a benchmark only after training on renders of the built-in model."""
     builtin = builtin_model()
     # Renders are under the terms of their model and nothing else; photographs have terms of their own.
     if (shards.model_sha256, shards.licence) == (builtin.sha256, builtin.licence):
@@ -107,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | None]:
-    """The samples to train on, and what measures on others."""
+    """The samples to train on, and the validator for the others."""
     if not 0 <= config.validation < 1:
         raise UsageError(f"--validation: expected a share from 0 to less than 1, found {config.validation}")
     if not config.shards:
@@ -134,7 +134,7 @@ def _prepare(out: Path, is_restarted: bool) -> None:
 
 
 def _limit_threads(surroundings: Surroundings) -> None:
-    """More threads than cores make every parallel section wait for the one that is not running."""
+    """Leaves the workers their cores: with more threads than cores, parallel sections wait for each other."""
     if "OMP_NUM_THREADS" not in os.environ:
         torch.set_num_threads(max(cores() - surroundings.workers, 1))
 

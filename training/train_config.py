@@ -1,4 +1,4 @@
-"""The command line of ``train``: what to do, and where."""
+"""The options of the command ``train``."""
 
 import math
 import os
@@ -80,18 +80,17 @@ class TrainConfig:
         return cls(preset=preset, out=RUNS / preset, mirror=mirror, numbers=recipe)
 
     def recipe(self) -> Recipe:
-        """What to do, checked.
+        """The recipe that the options ask for.
 
         Raises:
             UsageError: A number makes no sense.
         """
-        jitter = replace(self.numbers.jitter, mirror=self.mirror == "yes")
-        recipe = replace(self.numbers, jitter=jitter)
+        recipe = replace(self.numbers, jitter=replace(self.numbers.jitter, mirror=self.mirror == "yes"))
         recipe.check()
         return recipe if self.samples is None else self._of_samples(recipe, self.samples)
 
     def surroundings(self, processes: Processes) -> Surroundings:
-        """The machine.
+        """The machine that the options ask for.
 
         Raises:
             UsageError: A number makes no sense.
@@ -137,7 +136,7 @@ class TrainConfig:
 
 
 def preset_of(arguments: Sequence[str]) -> PresetName:
-    """The preset that a command line names; it decides the defaults of all other options."""
+    """The preset that a command line names, which decides the defaults of all other options."""
     named = "paper"
     for option, following in pairwise([*arguments, ""]):
         if option.split("=")[0] == "--preset":

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +20,7 @@ from pix2face.command_line import (
     say,
 )
 from pix2face.errors import InputFileError, UsageError
-from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkFiles
+from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.benchmarks.benchmark_search import find_benchmark
 from pix2face.evaluation.benchmarks.manifest import Manifest, load_manifest
 from pix2face.evaluation.evaluate_config import EvaluateConfig
@@ -50,7 +51,8 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     manifest = _as_asked(config, load_manifest(config.split))
     model = config.network.open_model()
     model_landmarks(model)  # a model without them is refused before anything takes time
-    found = find_benchmark(manifest, _data_folder(config), model, config.reannotated)
+    data = config.data or os.environ.get(DATA_VARIABLE)
+    found = find_benchmark(manifest, Path(data) if data else None, model, config.reannotated)
     by = _attribute_values(config, manifest, found)
     subject, description = open_subject(config, model, manifest, found)
     settings = EvaluationSettings(
@@ -70,7 +72,11 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     _check_some_evaluated(report)
     worst, best = (_with_pictures(cases, found) for cases in (report.worst(N_CASES), report.best(N_CASES)))
     written = write_report(report, worst, best, frontal_landmarks(model), out)
-    _print(Console(), report, written)
+    console = Console()
+    for table in report_tables(report):
+        console.print(table)
+    for note in (*report_notes(report), f"Written: {', '.join(str(path) for path in written)}"):
+        say(console, note)
     return EXIT_REJECTED if len(report.unreadable) > config.max_rejected else 0
 
 
@@ -88,30 +94,24 @@ def _check_numbers(config: EvaluateConfig) -> None:
         )
     if config.threshold is not None and not 0 < config.threshold < float("inf"):
         raise UsageError(f"expected a positive --threshold as a fraction (0.08 is 8 %), found {config.threshold}")
-    for name, value, least in (
-        ("--batch-size", config.batch_size, 1),
-        ("--resamples", config.resamples, 0),
-        ("--seed", config.seed, 0),
-    ):
+    numbers = (("--batch-size", config.batch_size, 1), ("--resamples", config.resamples, 0), ("--seed", config.seed, 0))
+    for name, value, least in numbers:
         if value < least:
             raise UsageError(f"{name}: expected {least} or more, found {value}")
     if config.predictions is None and config.frame != "0-based":
         raise UsageError(f"--frame {config.frame}: expected --predictions with it")
-    chosen = [
-        option
-        for option, is_given in (
-            ("--checkpoint", config.network.checkpoint is not None),
-            ("--predictions", config.predictions is not None),
-            ("--oracle", config.oracle),
-        )
-        if is_given
-    ]
+    subjects = {
+        "--checkpoint": config.network.checkpoint is not None,
+        "--predictions": config.predictions is not None,
+        "--oracle": config.oracle,
+    }
+    chosen = [option for option, is_given in subjects.items() if is_given]
     if len(chosen) > 1:
         raise UsageError(f"expected one of --checkpoint, --predictions and --oracle, found {' and '.join(chosen)}")
 
 
 def _check_of_networks_alone(config: EvaluateConfig) -> None:
-    """Options that mean nothing where no network is measured."""
+    """Refuses options that apply only to a network when none is measured."""
     if config.predictions is None and not config.oracle:
         return
     given = {
@@ -125,7 +125,7 @@ def _check_of_networks_alone(config: EvaluateConfig) -> None:
 
 
 def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
-    """The benchmark with everything that the call changes about it."""
+    """The benchmark with the changes that the command line asks for."""
     manifest = manifest.with_truth(config.truth or manifest.truth)
     if config.how.contour == "2d" and not manifest.jaw_follows_outline:
         raise UsageError(
@@ -172,7 +172,7 @@ def _attribute_values(config: EvaluateConfig, manifest: Manifest, found: Benchma
 
 
 def _facts(config: EvaluateConfig, model: MorphableModel, description: dict[str, Any]) -> dict[str, Any]:
-    """What was evaluated, for the report: sentences to print, and everything needed to repeat it."""
+    """Facts about the evaluation for the report: sentences to print, and everything needed to repeat it."""
     options = vars(config) | vars(config.how) | vars(config.network)
     nested = ("how", "network")
     given = {key: value if value is None else str(value) for key, value in options.items() if key not in nested}
@@ -185,13 +185,8 @@ def _facts(config: EvaluateConfig, model: MorphableModel, description: dict[str,
     }
 
 
-def _data_folder(config: EvaluateConfig) -> Path | None:
-    folder = config.data or os.environ.get(DATA_VARIABLE)
-    return Path(folder) if folder else None
-
-
 def _check_some_evaluated(report: Report) -> None:
-    """Means over no face say nothing: the reasons are all that there is to report."""
+    """Refuses to report means over no face, and prints the reasons instead."""
     if report.results:
         return
     for face in report.unreadable[:N_CASES]:
@@ -204,22 +199,13 @@ def _check_some_evaluated(report: Report) -> None:
 
 def _with_pictures(results: Sequence[FaceResult], found: BenchmarkFiles) -> Cases:
     items = {item.name: item for item in found.items}
-    return [(_pictured(items[result.name].load()), result) for result in results]
-
-
-def _pictured(face: BenchmarkFace) -> BenchmarkFace:
-    """The face with its picture where it can be read: landmarks from a file are measured without looking at it."""
-    try:
-        return face.with_image()
-    except InputFileError:
-        return face
-
-
-def _print(console: Console, report: Report, written: Sequence[Path]) -> None:
-    for table in report_tables(report):
-        console.print(table)
-    for note in (*report_notes(report), f"Written: {', '.join(str(path) for path in written)}"):
-        say(console, note)
+    cases = []
+    for result in results:
+        face = items[result.name].load()
+        with suppress(InputFileError):  # landmarks from a file are measured without looking at the picture
+            face = face.with_image()
+        cases.append((face, result))
+    return cases
 
 
 if __name__ == "__main__":

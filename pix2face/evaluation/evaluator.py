@@ -1,7 +1,7 @@
-"""A benchmark through whatever finds landmarks: one result a face, and the trivial baseline beside it.
+"""Measures a subject on a benchmark: one result for each face, beside the result of a trivial baseline.
 
-What is measured is passed in (``subjects``). A face that it does not find stays in the figures with the
-error infinity; a face whose own files are damaged is listed and left out.
+A face that the subject does not find stays in the figures with the error infinity. A face whose own files are damaged
+is listed and left out.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -126,9 +126,9 @@ def evaluate_faces(
 
     Args:
         items: The faces.
-        evaluator: How.
+        evaluator: Measures them.
         on_done: Called with the number of faces that were just done.
-        batch_size: How many faces go through the network at once; all of their pictures are in memory.
+        batch_size: Faces that go through the network at once; all of their pictures are in memory.
 
     Returns:
         Results in the order of the items, and the faces whose files cannot be used.

@@ -1,7 +1,7 @@
 """Small benchmarks on disk and stand-ins for predictor and fit, for tests of everything around them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,9 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.files.images import encode_image
+from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import FRONTAL, Camera, WeakPerspective, weak_perspective_camera
-from pix2face.geometry.crops import Crop, FaceBox, square_crop
+from pix2face.geometry.crops import FaceBox, square_crop
 from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.predictor import Prediction
 from pix2face.models.morphable_model import MorphableModel
@@ -22,6 +23,7 @@ from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.sample import Sample
 from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.shard_writing import write_shard
+from tests.synthetic_models import small_head_model
 
 
 def frontal_camera(scale: float = 0.8, centre_px: float = 100.0) -> Camera:
@@ -123,20 +125,10 @@ class StubPredictor:
         return Prediction(maps, square_crop(box, 1.4, 100))
 
 
-@dataclass(frozen=True, eq=False)
-class StubFit:
-    """Landmarks in the pixels of the crop; in the image they are moved by an error in pixels."""
-
-    landmarks2d: Float64[ndarray, "68 2"]
-    error_px: float = 0.0
-    camera: Camera = field(default_factory=frontal_camera)
-    identity: Float64[ndarray, " k"] = field(default_factory=lambda: np.zeros(12))
-    expression: Float64[ndarray, " e"] = field(default_factory=lambda: np.zeros(6))
-    landmarks3d: Float64[ndarray, "68 3"] = field(default_factory=lambda: np.ones((68, 3)))
-
-    def in_image(self, crop: Crop) -> "StubFit":
-        return replace(self, landmarks2d=crop.to_image(self.landmarks2d) + np.array([self.error_px, 0.0]))
+def stub_fit(landmarks2d: Float64[ndarray, "68 2"]) -> FaceFit:
+    """A fit with these landmarks, in the pixels of the crop."""
+    return FaceFit(frontal_camera(), np.zeros(12), np.zeros(6), small_head_model(), landmarks2d, np.ones((68, 3)))
 
 
-def fit_that_fails(maps: FaceMaps, image_centre: Float64[ndarray, "2"]) -> StubFit:
+def fit_that_fails(maps: FaceMaps, image_centre: Float64[ndarray, "2"]) -> FaceFit:
     raise DegenerateGeometryError("expected 50 valid pixels, found 0")

@@ -1,8 +1,8 @@
-"""What a loader hands to the trainer: pictures as bytes, maps in steps, to be divided where the network runs.
+"""Batches as they go from the loader to the trainer: pictures as bytes and maps in integer steps.
 
-A sample of 128 px is 262 kB this way and 590 kB as float32; a batch travels between processes, and to a GPU, as it is.
-Planes come first in the shape but channels last in memory (``torch.channels_last``): as files hold them and as
-convolutions run fastest, so nothing is transposed on the way.
+They become floating-point numbers where the network runs: a sample of 128 px is 262 kB this way and 590 kB as float32.
+Channels are last in memory (``torch.channels_last``), as in files and as convolutions run fastest, so that nothing is
+transposed on the way.
 """
 
 from collections.abc import Callable
@@ -61,7 +61,7 @@ def network_input(batch: Batch) -> Float32[Tensor, "b 3 s s"]:
 
 
 def target_planes(batch: Batch, pncc_scale_mm: float, offset_scale_mm: float) -> Float32[Tensor, "b 6 s s"]:
-    """PNCC and offset divided by their scales: what the network is to answer."""
+    """PNCC and offset divided by their scales, as the network is to predict them."""
     planes = torch.cat([batch.pncc, batch.offset], dim=1).float()
     scales_mm = torch.tensor([pncc_scale_mm] * 3 + [offset_scale_mm] * 3, device=planes.device)
     return planes.div_((scales_mm * FIXED_POINT_STEPS_PER_MM)[:, None, None])

@@ -1,8 +1,8 @@
-"""From a sample to its row of a batch: what part of the picture is taken, mirrored or not, with which colours.
+"""From a sample to its row of a batch: crops the picture and its maps, mirrors them, and varies the colours.
 
-``resample`` turns and scales as the paper does, one sample at a time with linear interpolation. It is for sets of whole
-photographs. ``cut`` takes a square of whole pixels from a picture that was made as a crop of a face, or that
-``cut_around_box`` has cut to one. It only moves bytes and is fifteen times as fast.
+``resample`` turns and scales as the paper does, with linear interpolation. It is for sets of whole photographs. ``cut``
+takes a square of whole pixels from a picture that was made as a crop of a face, or that ``cut_around_box`` has cut to
+one. It only moves bytes and is fifteen times as fast.
 """
 
 from dataclasses import replace
@@ -15,9 +15,9 @@ from numpy import ndarray
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, square_crop
 from pix2face.geometry.jitter import JitterParameters, crop_maps
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM, FaceMaps, face_box, fixed_point_to_maps
-from training.data.decoded_sample import DecodedSample, empty_row
+from training.data.batches import LARGEST_BYTE, batch_row, empty_batch
+from training.data.decoded_sample import DecodedSample
 
-LARGEST_BYTE = 255
 # Room for the squares: they lie within half of it around the middle, 5 % of the face's box for a crop of 1.5 boxes.
 MARGIN_SHARE = 1 / 16
 # Boxes are larger or smaller by as much, evenly; a sample's own box is always so by the same factor.
@@ -28,13 +28,9 @@ _BOX_STREAM = 0xB0C5
 
 
 def cut(sample: DecodedSample, corner: tuple[int, int], row: DecodedSample, *, mirror: bool) -> None:
-    """Fills a row with a square of a picture.
+    """Fills a row with a square of a sample that is at least as large.
 
-    Args:
-        sample: At least as large as the row.
-        corner: Column and row of the square's first pixel.
-        row: Where to.
-        mirror: Whether left and right change places.
+    ``corner`` is the column and the row of the square's first pixel. ``mirror`` exchanges left and right.
     """
     left, top = corner
     picture = sample.image[top : top + len(row.image), left : left + len(row.image)]
@@ -49,13 +45,7 @@ def cut(sample: DecodedSample, corner: tuple[int, int], row: DecodedSample, *, m
 
 
 def resample(sample: DecodedSample, crop: Crop, row: DecodedSample) -> None:
-    """Fills a row with a crop, which may turn, scale and mirror.
-
-    Args:
-        sample: Of any size.
-        crop: Of its picture, of the row's size.
-        row: Where to.
-    """
+    """Fills a row with a crop of a sample; the crop has the size of the row, and may turn, scale and mirror."""
     row.image[:] = crop_image(sample.image, crop)
     crop = _moved(crop, sample.corner)
     maps = crop_maps(
@@ -75,13 +65,13 @@ def vary_colours(image: UInt8[ndarray, "s s 3"], jitter: JitterParameters) -> No
 
 
 def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale: float) -> DecodedSample:
-    """Resamples a sample to a square around its face.
+    """Resamples a sample to a square around its face, which is larger than ``size_px`` by ``MARGIN_SHARE``.
 
     Args:
-        sample: Of any size; its landmarks have a box.
-        number: Of the sample in its set, which decides by how much its box is changed.
-        size_px: Side of the squares to be cut from it; that of the result is larger by ``MARGIN_SHARE``.
-        crop_scale: Side of those, in units of the longer side of the box.
+        sample: Its landmarks must have a box.
+        number: Of the sample in its set; it decides by how much the box is changed.
+        size_px: Side of the squares that will be cut from the result.
+        crop_scale: Side of these squares, in units of the longer side of the box.
     """
     side_px = size_px + round(size_px * MARGIN_SHARE)
     rng = np.random.default_rng([_BOX_STREAM, number])
@@ -90,7 +80,7 @@ def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale:
     scale = crop_scale * rng.uniform(1 - spread, 1 + spread) * side_px / size_px
     right, down = rng.uniform(-ROUGH_SHIFT, ROUGH_SHIFT, 2) if is_rough else (0.0, 0.0)
     crop = square_crop(FaceBox.around(sample.landmarks2d), scale, side_px, shift=(float(right), float(down)))
-    row = empty_row(side_px, has_seen=sample.seen is not None)
+    row = batch_row(empty_batch(1, side_px, has_seen=sample.seen is not None), 0)
     resample(sample, crop, row)
     face = face_box(row.mask.astype(bool))
     return replace(
@@ -106,13 +96,9 @@ def cut_around_box(sample: DecodedSample, number: int, size_px: int, crop_scale:
 
 
 def _paste(
-    source: Shaped[ndarray, "y x *c"],
-    corner: tuple[int, int],
-    target: Shaped[ndarray, "s s *c"],
-    *,
-    mirror: bool,
+    source: Shaped[ndarray, "y x *c"], corner: tuple[int, int], target: Shaped[ndarray, "s s *c"], *, mirror: bool
 ) -> None:
-    """Copies what of ``source``, whose first pixel is to be at ``corner`` (column, row), lies within ``target``."""
+    """Copies the part of ``source`` within ``target``, where its first pixel belongs at ``corner`` (column, row)."""
     size_px = len(target)
     left, top = max(corner[0], 0), max(corner[1], 0)
     right, bottom = min(corner[0] + source.shape[1], size_px), min(corner[1] + source.shape[0], size_px)

@@ -1,7 +1,7 @@
 """Shards to batches of training samples: an endless, numbered sequence of draws.
 
-Draw number n is the same sample with the same jitter whoever computes it: it depends on the seed and on n only, not on
-the number of worker processes or on where a training was interrupted.
+The sample of draw n and its jitter depend only on the seed and on n, not on the number of worker processes or on where
+a training was interrupted.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,7 @@ from training.recipe.recipe import Recipe
 
 @final
 class DrawDataset(Dataset[Batch]):
-    """Numbered draws from shards, a batch at a time.
-
-    Args:
-        shards: Where the samples are.
-        recipe: Size, seed and jitter.
-        cache: Keeps decoded samples, for this process and others; None keeps nothing.
-    """
+    """Numbered draws from shards, a batch at a time. The cache keeps decoded samples for this process and others."""
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
         self._recipe = recipe
@@ -52,7 +46,7 @@ class DrawDataset(Dataset[Batch]):
 
         Raises:
             InputFileError: A sample is damaged.
-            UsageError: A picture is smaller than what is to be cut from it.
+            UsageError: A picture is too small to be cut from.
         """
         batch = empty_batch(len(draws), self._recipe.size_px, has_seen=self._has_seen)
         for place, draw in enumerate(draws):
@@ -85,27 +79,22 @@ def middle_corner(sample: DecodedSample, size_px: int) -> tuple[int, int]:
 
 @final
 class SampleStore:
-    """Decoded samples by number.
+    """Decoded samples by number, prepared for the recipe's ``cropping``.
 
-    Args:
-        shards: Where they are.
-        recipe: What is done with them: ``cropping`` full wants them as they are, box a square around each face; the
-            others cut squares of ``size_px`` from them, so they are halved while they are twice as large, or more.
-        cache: Keeps what was decoded, for this process and others; None keeps nothing.
+    For full they are left as they are, for box they are cut to a square around each face. The other kinds cut squares
+    of ``size_px`` from them, so samples of at least twice this size are halved.
     """
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
-        self._shards = shards
-        self._recipe = recipe
-        self._cache = cache
+        self._shards, self._recipe, self._cache = shards, recipe, cache
         self._checked: set[int] = set()
 
     def get(self, number: int) -> DecodedSample:
         """A sample, from the cache where it is there.
 
         Raises:
-            InputFileError: It is damaged, or crops go by a box that its landmarks have not.
-            UsageError: Its picture is smaller than what is to be cut from it.
+            InputFileError: It is damaged, or ``cropping`` needs a box of its landmarks and they have none.
+            UsageError: Its picture is too small to be cut from.
         """
         piece = None if self._cache is None else self._cache.get(number)
         if piece is not None:

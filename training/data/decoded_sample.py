@@ -30,20 +30,15 @@ class DecodedSample:
 
     def to_bytes(self) -> bytes:
         """Returns the sample as one block of bytes, which ``from_bytes`` reads."""
-        counts = [
-            *self.image.shape[:2],
-            *self.mask.shape,
-            *self.corner,
-            len(self.landmarks2d),
-            int(self.seen is not None),
-        ]
+        shapes = [*self.image.shape[:2], *self.mask.shape, *self.corner, len(self.landmarks2d)]
+        counts = [*shapes, int(self.seen is not None)]
         planes = [self.landmarks2d, self.pncc, self.offset, self.mask, self.image]
         planes += [] if self.seen is None else [self.seen]
         return b"".join([np.array(counts, np.int64).tobytes(), *(plane.tobytes() for plane in planes)])
 
     @classmethod
     def from_bytes(cls, content: memoryview) -> "DecodedSample":
-        """What ``to_bytes`` gave; looks at the bytes, copies nothing."""
+        """The sample of ``to_bytes``, as views of the bytes: nothing is copied."""
         height, width, y, x, left, top, m, has_seen = np.frombuffer(content, np.int64, _N_COUNTS).tolist()
         used = 8 * _N_COUNTS
 
@@ -65,12 +60,7 @@ class DecodedSample:
 
 
 def decode_sample(reader: ShardReader, index: int, *, is_checked: bool) -> DecodedSample:
-    """Reads and decodes a sample.
-
-    Args:
-        reader: Of its shard, which has pictures, PNCC, offset and mask.
-        index: Its place in the shard.
-        is_checked: Compare its checksum.
+    """Reads and decodes the sample at a place of a shard, and compares its checksum if ``is_checked``.
 
     Raises:
         InputFileError: The sample is damaged.
@@ -86,19 +76,4 @@ def decode_sample(reader: ShardReader, index: int, *, is_checked: bool) -> Decod
         seen=stored.get("seen"),
         corner=(left, top),
         landmarks2d=stored["landmarks2d"],
-    )
-
-
-def empty_row(side_px: int, *, has_seen: bool) -> DecodedSample:
-    """A square sample full of 0, to be written to."""
-
-    def plane(dtype: type, *channels: int) -> ndarray:
-        return np.zeros((side_px, side_px, *channels), dtype)
-
-    return DecodedSample(
-        image=plane(np.uint8, 3),
-        pncc=plane(np.int16, 3),
-        offset=plane(np.int16, 3),
-        mask=plane(np.uint8),
-        seen=plane(np.uint8) if has_seen else None,
     )

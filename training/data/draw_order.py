@@ -1,8 +1,4 @@
-"""Which sample each draw of a training takes.
-
-Draws are numbered from 0, without end. What draw n is depends on the seed and on n alone: not on the number of worker
-processes or machines, nor on where a training was interrupted.
-"""
+"""Which sample each draw of a training takes; draws are numbered from 0, without end."""
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
@@ -27,10 +23,6 @@ class DrawOrder:
     Within a set every sample is taken once before any is taken again, in a new order in each pass. Between sets draws
     alternate as evenly as their weights allow: of the first n draws, for any n, a set has its share to within one draw
     (for each set before it).
-
-    Args:
-        sets: The samples of each set, and its weight.
-        seed: Of the orders.
     """
 
     def __init__(self, sets: Sequence[SampleSet], seed: int) -> None:
@@ -67,12 +59,12 @@ class DrawOrder:
 
 @final
 class DrawBatches(Sampler[list[int]]):
-    """Batches of consecutive draws, those of one machine of some; ``plan`` says which.
+    """The part of one machine in batches of consecutive draws; ``plan`` says which batches come next.
 
     Args:
         batch_size: Draws of a batch, over all machines.
-        rank: Of this machine, from 0.
-        n_ranks: How many machines there are.
+        rank: Number of this machine, from 0.
+        n_ranks: Number of machines.
 
     Raises:
         UsageError: A batch cannot be divided among them.
@@ -84,13 +76,11 @@ class DrawBatches(Sampler[list[int]]):
                 f"expected batches that {n_ranks} processes can share, found {batch_size} pictures a batch; give a "
                 f"multiple of {n_ranks}"
             )
-        self._batch_size = batch_size
-        self._rank = rank
-        self._n_ranks = n_ranks
+        self._batch_size, self._rank, self._n_ranks = batch_size, rank, n_ranks
         self.plan(0, 0)
 
     def plan(self, first_draw: int, n_batches: int) -> None:
-        """Says what the next iteration gives: a number of batches from a draw on."""
+        """Lets the next iteration give this number of batches, from a draw on."""
         self._first_draw, self._n_batches = first_draw, n_batches
 
     def __len__(self) -> int:
@@ -104,5 +94,5 @@ class DrawBatches(Sampler[list[int]]):
 
 
 def _drawn(n: int, share: Fraction) -> int:
-    """How many of the first n draws go to a set of this share: n times it, rounded to the nearest."""
+    """The number of the first n draws that go to a set with this share: their product, rounded to the nearest."""
     return int((2 * n * share.numerator + share.denominator) // (2 * share.denominator))

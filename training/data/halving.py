@@ -1,9 +1,9 @@
-"""A sample at half its size: pictures averaged, maps at the exact centres of the new pixels.
+"""A sample at half its size: pictures are averaged, and maps are taken at the exact centres of the new pixels.
 
-A new pixel is a block of four. Its centre is where their corners meet, and there the value of a map is the mean of the
-four, as linear interpolation has it. Two exceptions, as in ``pix2face.geometry.jitter.crop_maps``: pixels outside the
-mask do not count (a block is face where three of four are), and where the surface jumps within the block its value is
-that of one pixel of the block, since a mean of two sides of a fold is a point of neither.
+A new pixel is a block of four pixels. Its centre is where their corners meet, and linear interpolation of a map gives
+there the mean of the four. There are two exceptions, as in ``pix2face.geometry.jitter.crop_maps``. Pixels outside the
+mask do not count; a block is face where three of its pixels are. Where the surface jumps within the block, the value of
+one of its pixels is taken, because the mean of two sides of a fold lies on neither.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ ENOUGH = 3
 
 
 def halved(sample: DecodedSample) -> DecodedSample:
-    """The sample with two by two pixels as one; a last odd row or column is left out."""
+    """The sample with two by two pixels merged into one. A last odd row or column is left out."""
     height, width = sample.image.shape[0] // 2, sample.image.shape[1] // 2
     left, top = sample.corner
     # Blocks begin at even rows and columns of the picture, not of the cut.

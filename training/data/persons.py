@@ -1,4 +1,4 @@
-"""Who is the same person, so that nobody is both trained on and held out.
+"""Which samples show the same person, so that nobody is both trained on and held out.
 
 Samples show the same person where their identity coefficients are the same, where they are variants of one face
 (``datagen render --jitter``, mirrored ones included), or where they come from one photograph of 300W-LP, which turns
@@ -23,7 +23,7 @@ _HASH_BYTES = 8
 
 @final
 class PersonGroups:
-    """Joins samples that share any sign of who they are."""
+    """Groups samples by person: samples that share any sign of identity belong together."""
 
     def __init__(self) -> None:
         self._parent: dict[bytes, bytes] = {}
@@ -44,7 +44,7 @@ class PersonGroups:
         self._first.append(first)
 
     def hashes(self) -> UInt64[ndarray, " n"]:
-        """For each sample a number of its person: the same in any order of the samples."""
+        """For each sample the number of its person, which does not depend on the order of the samples."""
         content = b"".join(self._root(first) for first in self._first)
         return np.frombuffer(content, dtype=">u8").astype(np.uint64)
 

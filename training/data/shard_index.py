@@ -1,4 +1,4 @@
-"""What several folders of shards hold together, read once before training."""
+"""An index of the samples in several folders of shards, made once before training."""
 
 import hashlib
 import json
@@ -67,7 +67,7 @@ class ShardIndex:
 
     @property
     def description(self) -> str:
-        """How many samples are drawn, of how many, and what became of the others."""
+        """How many of the samples are drawn, and why the others are not."""
         found = f"{len(self)} in {counted(len(self.readers), 'shard')}"
         if len(self) == self.n_samples:
             return found
@@ -82,7 +82,7 @@ class ShardIndex:
         return np.concatenate([found.samples for found in self.sets])
 
     def configuration(self) -> dict[str, Any]:
-        """What of the data the weights of a training depend on."""
+        """The facts about the data on which the weights of a training depend."""
         return {
             "samples": len(self),
             "samples_sha256": self.samples_sha256,
@@ -96,11 +96,11 @@ class ShardIndex:
 
 
 def index_shards(folders: Sequence[Path | ShardFolder], where: str = "") -> ShardIndex:
-    """Opens every shard once and notes what it holds.
+    """Opens every shard once and makes an index of the samples.
 
     Args:
-        folders: Of shards. Those with a weight are sets of their own; without, all are one set.
-        where: What the attributes of a sample must fulfil (``pix2face.shards.sample_filter``); empty takes all.
+        folders: Folders with a weight are sets of their own; folders without are one set together.
+        where: A condition on the attributes of samples (``pix2face.shards.sample_filter``); empty takes all.
 
     Raises:
         UsageError: A folder has no shards, a shard lacks a layer that is trained on, or there is no sample to draw.
@@ -117,9 +117,11 @@ def index_shards(folders: Sequence[Path | ShardFolder], where: str = "") -> Shar
     _check_same_model(found)
     counts = [len(facts.passes) for facts in found]
     if not sum(counts):
-        raise UsageError(f"{_listed(named)}: expected samples to train on, found empty shards alone")
+        listed = ", ".join(str(folder.path) for folder in named)
+        raise UsageError(f"{listed}: expected samples to train on, found empty shards alone")
     if chosen is not None:
         chosen.check_names()
+    limit_mm = max(facts.offset_limit_mm for facts in found)
     return ShardIndex(
         readers=tuple(facts.reader for facts in found),
         shard=np.repeat(np.arange(len(counts), dtype=np.int32), counts),
@@ -129,19 +131,16 @@ def index_shards(folders: Sequence[Path | ShardFolder], where: str = "") -> Shar
         n_samples=sum(counts),
         where=where.strip(),
         samples_sha256=hashlib.sha256(b"".join(facts.digest for facts in found)).hexdigest(),
-        offset_scale_mm=_offset_scale_mm(found),
+        offset_scale_mm=max(math.ceil(limit_mm / OFFSET_SCALE_STEP_MM), 1) * OFFSET_SCALE_STEP_MM,
         **_common([facts.reader.header for facts in found]),
     )
 
 
 def split_off(index: ShardIndex, fraction: float) -> tuple[ShardIndex, ShardIndex]:
-    """Divides the samples into those to train on and those to validate with: nobody is in both.
+    """Divides the samples into those to train on and those to validate with, by persons: nobody is in both.
 
-    Whether a person is held out depends on who it is alone: not on a seed, the order of shards, or who else is there.
-
-    Args:
-        index: All samples.
-        fraction: Of the persons to hold out, between 0 and 1; about this share of them is.
+    About the given fraction of the persons is held out. Whether a person is held out depends on that person alone, not
+    on a seed, the order of shards, or other persons.
 
     Raises:
         UsageError: One of the two parts would be empty.
@@ -163,7 +162,7 @@ def split_off(index: ShardIndex, fraction: float) -> tuple[ShardIndex, ShardInde
 @final
 @dataclass(frozen=True, eq=False)
 class _ShardFacts:
-    """What is noted of one shard; ``passes`` says for each sample whether it is chosen."""
+    """Facts about one shard; ``passes`` says for each sample whether it is chosen."""
 
     reader: ShardReader
     passes: list[bool]
@@ -217,21 +216,11 @@ def _common(headers: Sequence[ShardHeader]) -> dict[str, Any]:
     }
 
 
-def _offset_scale_mm(found: Sequence[_ShardFacts]) -> float:
-    limit_mm = max(facts.offset_limit_mm for facts in found)
-    return max(math.ceil(limit_mm / OFFSET_SCALE_STEP_MM), 1) * OFFSET_SCALE_STEP_MM
-
-
 def _check_same_model(found: Sequence[_ShardFacts]) -> None:
-    first = found[0]
-    for facts in found:
-        if facts.reader.header.model_sha256 != first.reader.header.model_sha256:
+    first = found[0].reader
+    for other in (facts.reader for facts in found):
+        if other.header.model_sha256 != first.header.model_sha256:
+            a, b = (f"{own.header.model_name!r} ({own.header.model_sha256[:12]})" for own in (other, first))
             raise ModelMismatchError(
-                f"{facts.reader.path} is of the morphable model {facts.reader.header.model_name!r} "
-                f"({facts.reader.header.model_sha256[:12]}), {first.reader.path} of {first.reader.header.model_name!r} "
-                f"({first.reader.header.model_sha256[:12]}); train on shards of one model"
+                f"{other.path} is of the morphable model {a}, {first.path} of {b}; train on shards of one model"
             )
-
-
-def _listed(folders: Sequence[ShardFolder]) -> str:
-    return ", ".join(str(folder.path) for folder in folders)

@@ -1,7 +1,6 @@
-"""Memory for decoded samples that all worker processes share: a sample is decoded once, whoever asks for it.
+"""Memory for decoded samples that all worker processes share, so that a sample is decoded only once.
 
-What came first stays: in passes over all samples every place is asked for equally often, so throwing something out for
-something else gains nothing.
+Nothing is ever evicted: training passes over all samples ask for each equally often, so replacing one gains nothing.
 """
 
 import mmap
@@ -21,13 +20,10 @@ _ALIGNMENT = 64
 
 @final
 class SharedCache:
-    """Pieces of bytes by number, written once, never changed.
+    """Numbered pieces of bytes, from 0 to ``n_places``, which are written once and never changed.
 
-    It reaches another process as an argument of one that is being started, and by no other way.
-
-    Args:
-        n_places: Numbers go from 0 to this.
-        budget_bytes: What all pieces may take together. Memory is taken as they come.
+    Together they take at most ``budget_bytes``; memory is taken as they come. A cache can be given to another process
+    only as an argument when that process is started.
     """
 
     def __init__(self, n_places: int, budget_bytes: int) -> None:
@@ -35,24 +31,16 @@ class SharedCache:
         self._open(_anonymous_file(table_bytes + budget_bytes), n_places, budget_bytes, get_context("spawn").Lock())
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            "descriptor": DupFd(self._descriptor),
-            "n_places": self._n_places,
-            "budget_bytes": self._budget_bytes,
-            "lock": self._lock,
-        }
+        sizes = self._n_places, self._budget_bytes
+        return {"descriptor": DupFd(self._descriptor), "sizes": sizes, "lock": self._lock}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._open(state["descriptor"].detach(), state["n_places"], state["budget_bytes"], state["lock"])
+        n_places, budget_bytes = state["sizes"]
+        self._open(state["descriptor"].detach(), n_places, budget_bytes, state["lock"])
 
     def __del__(self) -> None:
         if hasattr(self, "_descriptor"):
             os.close(self._descriptor)
-
-    @property
-    def used_bytes(self) -> int:
-        """What the pieces take so far."""
-        return int(self._used[0])
 
     def get(self, place: int) -> memoryview | None:
         """The piece of a number, to be read only; None where there is none yet."""
@@ -83,7 +71,7 @@ class SharedCache:
 def _anonymous_file(n_bytes: int) -> int:
     """The descriptor of a file without a name, full of 0, that takes no memory before it is written to.
 
-    Not of a name in /dev/shm, whose size containers limit: to write beyond that ends a process without a message.
+    It is not in /dev/shm, whose size containers limit: writing beyond the limit ends a process without a message.
     """
     if hasattr(os, "memfd_create"):
         descriptor = os.memfd_create("pix2face-samples")

@@ -1,4 +1,4 @@
-"""A network that learns: one call, one step."""
+"""A network with its optimiser and the running mean of its weights; each call takes one step of training."""
 
 import copy
 from collections.abc import Iterable
@@ -29,12 +29,10 @@ ALONE = Processes()
 
 @final
 class RunningMean:
-    """Keeps a second network whose weights follow the first one's, and its norms' statistics, too.
+    """An exponential running mean of the weights of a network and of the statistics of its norms.
 
-    Args:
-        network: The one that learns.
-        decay: How much of the mean is left after a step; while steps are fewer than 1 / (1 - decay) it is less, so that
-            the first weights do not linger.
+    ``decay`` is the share of the mean that is left after a step. In the first 1 / (1 - decay) steps it is smaller, so
+    that the initial weights do not linger.
     """
 
     def __init__(self, network: nn.Module, decay: float) -> None:
@@ -43,18 +41,12 @@ class RunningMean:
 
     @torch.no_grad()
     def follow(self, network: nn.Module, step: int) -> None:
-        """Takes in the weights after a step.
-
-        Args:
-            network: The one that learns.
-            step: Steps done, from 1.
-        """
+        """Takes in the weights of the network after a step, which is counted from 1."""
         if step % STEPS_BETWEEN:
             return
         decay = min(self._decay, (1 + step) / (10 + step)) ** STEPS_BETWEEN
-        pairs = zip(self.network.state_dict().values(), network.state_dict().values(), strict=True)
         means, presents = [], []
-        for mean, present in pairs:
+        for mean, present in zip(self.network.state_dict().values(), network.state_dict().values(), strict=True):
             if mean.is_floating_point():
                 means.append(mean)
                 presents.append(present)
@@ -75,14 +67,9 @@ class StepLosses:
 
 @final
 class Learner:
-    """Network, optimiser and running mean. Before the first step they depend on the recipe alone.
+    """Network, optimiser and running mean. Before the first step they depend only on the recipe.
 
-    Args:
-        recipe: What to do.
-        plan: What to compare with the truth.
-        device: Name of a torch device.
-        processes: All that share the work.
-        is_compiled: Whether torch.compile makes the passes through the network faster; it takes a minute first.
+    With ``is_compiled``, torch.compile makes the passes through the network faster, which first takes a minute.
     """
 
     def __init__(
@@ -102,7 +89,7 @@ class Learner:
 
     @property
     def result(self) -> nn.Module:
-        """The network that a checkpoint holds: the running mean where there is one."""
+        """The network for a checkpoint: the running mean if there is one."""
         return self.mean.network if self.mean else self.network
 
     def start_from(self, network: nn.Module) -> None:
@@ -115,7 +102,7 @@ class Learner:
         """Learns from one batch (this process's part of it).
 
         Raises:
-            Pix2FaceError: The loss, or the gradient whose length is looked at, is not finite.
+            Pix2FaceError: The loss, or the norm of a gradient that is clipped, is not finite.
         """
         self.network.train()
         rate = self._rate()
@@ -139,17 +126,15 @@ class Learner:
 
     @property
     def has_batch_norms(self) -> bool:
-        """Whether there is anything for ``measure_norms`` to measure."""
+        """Whether the network has norms that ``measure_norms`` can measure."""
         return bool(self._batch_norms())
 
     def measure_norms(self, batches: Iterable[Batch]) -> None:
-        """Measures the statistics of the result's batch norms with the weights that it has.
+        """Measures the statistics of the batch norms of the result with its present weights.
 
-        Running statistics mix those of earlier weights, and cover few batches. Computed in float32, as when the network
-        is used, which is the mode that the result is left in. Norms that are bounded in use are measured without that.
-
-        Args:
-            batches: This process's part of each; without any, nothing changes.
+        Running statistics mix those of earlier weights, and cover few batches. They are measured in float32, as when
+        the network is used, and without the bounds of bounded norms. The result is left in evaluation mode. Without
+        batches (each process takes its part of them), nothing changes.
         """
         left = iter(batches)
         first = next(left, None)
@@ -169,10 +154,10 @@ class Learner:
         return [module for module in self.result.modules() if isinstance(module, nn.BatchNorm2d)]
 
     def check_weights(self) -> None:
-        """Makes sure that weights may be written: the last step's have met no loss yet.
+        """Makes sure that the weights after the last step, for which no loss is known yet, may be written.
 
         Raises:
-            Pix2FaceError: One is not finite.
+            Pix2FaceError: A weight is not finite.
         """
         for parameter in self.network.parameters():
             if not bool(torch.isfinite(parameter).all()):

@@ -1,4 +1,4 @@
-"""The record of a training: one JSON object a line, averaged over some steps each, and one for each validation."""
+"""The log of a training: JSON lines, one for every 50 steps, with averages over them, and one for each validation."""
 
 import json
 import resource
@@ -31,9 +31,7 @@ class StepReport:
 class LossLog:
     """Appends to a JSON-lines file.
 
-    Args:
-        path: Where to. Lines of more samples than these, left by an interrupted training, are dropped.
-        samples: Seen when the training goes on.
+    Lines of more than ``samples`` samples, which an interrupted training has left, are dropped.
     """
 
     def __init__(self, path: Path, samples: int) -> None:
@@ -50,10 +48,10 @@ class LossLog:
         if len(self._pending) >= STEPS_A_LINE:
             self.flush()
 
-    def flush(self) -> dict[str, Any] | None:
+    def flush(self) -> None:
         """Writes the steps since the last line, if any; called at the end of an epoch, so that no line spans two."""
         if not self._pending:
-            return None
+            return
         last, now = self._pending[-1], time.monotonic()
         seconds = max(now - self._since, 1e-9)
         images = sum(report.images for report in self._pending)
@@ -67,10 +65,9 @@ class LossLog:
         line["memory_mb"] = round(memory_mb())
         self._write(line)
         self._pending, self._since = [], now
-        return line
 
     def validation(self, epoch: int, samples: int, scores: Mapping[str, float]) -> None:
-        """Writes what a validation found; the time that it took counts for no rate."""
+        """Writes the scores of a validation. The time that it took does not count for the rate."""
         rounded = {name: round(value, 5) for name, value in scores.items()}
         self._write({"epoch": epoch, "samples": samples, "validation": rounded})
         self._since = time.monotonic()

@@ -1,4 +1,4 @@
-"""What the training minimises: named parts, each with a weight of its own."""
+"""The loss: a weighted mean of named parts."""
 
 from dataclasses import asdict, dataclass
 from typing import final
@@ -27,12 +27,7 @@ class LossPlan:
     over: LossOver
 
     def parts(self, planes: Float[Tensor, "b planes s s"], batch: Batch) -> dict[str, Float[Tensor, ""]]:
-        """Each part of the loss by its name, unweighted.
-
-        Args:
-            planes: The network's answer.
-            batch: The truth, on the same device; with ``seen`` where the loss asks for it.
-        """
+        """The parts of the loss by name, unweighted. The batch must know ``seen`` where the loss needs it."""
         pncc, offset, *logits = torch.split(planes, [3, 3, *[1] * (planes.shape[1] - MAP_PLANES)], dim=1)
         parts = {
             "pncc": self._mean_error(pncc, batch.pncc, self.pncc_scale_mm, batch),
@@ -70,5 +65,5 @@ def _cross_entropy(logits: Float[Tensor, "b s s"], truth: Tensor) -> Float[Tenso
 
 
 def _seen(batch: Batch) -> Tensor:
-    assert batch.seen is not None, "the trainer has looked whether the shards know it"
+    assert batch.seen is not None, "check_plan has made sure of it"
     return batch.seen

@@ -1,4 +1,4 @@
-"""Who watches a training from the command line: the progress bar and TensorBoard."""
+"""Shows a training on the command line, as a progress bar, and in TensorBoard."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -32,14 +32,7 @@ def observers_of(
     board_folder: Path | None,
     validator: Validator | None,
 ) -> Iterator[Observers]:
-    """Puts together who watches.
-
-    Args:
-        advance: Of the progress bar.
-        n_epochs: Of the whole training.
-        should_stop: Ends the training.
-        board_folder: Where TensorBoard's files go; None writes none.
-        validator: Has pictures to show in TensorBoard.
+    """The observers of a training: a progress bar, which ``advance`` moves, and TensorBoard if a folder is given.
 
     Raises:
         UsageError: TensorBoard is asked for and not installed.
@@ -88,11 +81,7 @@ class _Progress:
 
 @final
 class TensorboardLog:
-    """Losses every 50 steps; scores, and pictures of the same faces, at each validation.
-
-    Args:
-        folder: Where to.
-        validator: Has faces to show; None shows none.
+    """Writes losses every 50 steps, and at each validation scores and pictures of faces of the validator.
 
     Raises:
         UsageError: TensorBoard is not installed.
@@ -117,7 +106,7 @@ class TensorboardLog:
         self._writer.add_scalar("learning rate", report.learning_rate, report.samples)
 
     def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
-        """Takes what a validation found, and the network for pictures."""
+        """Writes the scores of a validation, and pictures by the network."""
         for name, value in scores.as_numbers().items():
             self._writer.add_scalar(f"validation/{name}", value, samples)
         if self._validator:
@@ -126,7 +115,7 @@ class TensorboardLog:
         self._writer.flush()
 
     def close(self) -> None:
-        """Writes what is left."""
+        """Writes the rest."""
         self._writer.close()
 
 

@@ -1,4 +1,4 @@
-"""What a training is going to do, in a few lines; and a dry run, which takes some steps and says what they took."""
+"""A summary of the plan of a training; and a dry run, which takes some steps and reports their time and memory."""
 
 import time
 from dataclasses import replace
@@ -10,7 +10,6 @@ from rich.text import Text
 from pix2face.command_line import counted, printable
 from pix2face.inference import CHECKPOINT_NAME
 from training.data.shard_index import ShardIndex
-from training.loop.learner import Learner
 from training.loop.loss_log import memory_mb
 from training.loop.trainer import Surroundings, check_plan, new_learner, new_loader
 from training.recipe.recipe import Recipe
@@ -20,15 +19,7 @@ STEPS = 4
 
 
 def summary(shards: ShardIndex, recipe: Recipe, preset: str, out: Path, done: int) -> Text:
-    """Samples, model, plan and output.
-
-    Args:
-        shards: The samples.
-        recipe: What is done with them.
-        preset: What the recipe comes from.
-        out: The output folder.
-        done: Samples seen by an earlier run that this one goes on from.
-    """
+    """Samples, model, plan and output. ``done`` is the number of samples that an interrupted run has seen."""
     lines = {
         "samples": shards.description,
         "model": f"{shards.model_name} ({shards.model_sha256[:12]})",
@@ -44,10 +35,7 @@ def summary(shards: ShardIndex, recipe: Recipe, preset: str, out: Path, done: in
 
 
 def dry_run(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> list[str]:
-    """Loads one batch, learns from it some times, and writes nothing.
-
-    Returns:
-        Lines about sizes, losses, memory and times.
+    """Loads one batch, takes some steps with it, and returns lines about sizes, losses, memory and times.
 
     Raises:
         UsageError: Arguments do not go together.
@@ -65,10 +53,12 @@ def dry_run(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> l
     seconds = (time.perf_counter() - began) / (STEPS - 1)
     learner.check_weights()
     first, last = losses[0], losses[-1]
+    n_weights = sum(parameter.numel() for parameter in learner.network.parameters())
+    widths = "-".join(str(width) for width in recipe.widths)
     lines = {
         "samples": shards.description,
         "batch": f"{recipe.batch_size} pictures of {recipe.size_px} px, loaded in {1000 * loading_seconds:.0f} ms",
-        "network": _size_of(learner, recipe),
+        "network": f"{recipe.architecture} {widths}, {recipe.planes} planes, {n_weights / 1e6:.2f} million weights",
         "losses": ", ".join(f"{name} {value:.4f}" for name, value in first.parts.items())
         + f"; in all {first.total:.4f}, after {STEPS - 1} steps with this batch {last.total:.4f}",
         "step": f"{1000 * seconds:.0f} ms, {recipe.batch_size / seconds:.1f} pictures a second",
@@ -77,12 +67,6 @@ def dry_run(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> l
         f"({recipe.steps * recipe.batch_size} pictures), if loading keeps up",
     }
     return [f"{name:<8} {text}" for name, text in lines.items()]
-
-
-def _size_of(learner: Learner, recipe: Recipe) -> str:
-    n_weights = sum(parameter.numel() for parameter in learner.network.parameters())
-    widths = "-".join(str(width) for width in recipe.widths)
-    return f"{recipe.architecture} {widths}, {recipe.planes} planes, {n_weights / 1e6:.2f} million weights"
 
 
 def _memory(device: str) -> str:

@@ -1,4 +1,4 @@
-"""What a training is, in words that a file keeps: its configuration, and what its checkpoint says of itself."""
+"""The configuration of a training as its files store it, and the header of its checkpoints."""
 
 import hashlib
 import json
@@ -13,12 +13,9 @@ from training.recipe.recipe import Recipe
 
 
 def training_configuration(shards: ShardIndex, recipe: Recipe, initial: Path | None = None) -> str:
-    """What the weights depend on, as JSON: two trainings with the same one are the same training.
+    """Everything on which the weights depend, as JSON. Two trainings with the same configuration are the same.
 
-    Args:
-        shards: The samples.
-        recipe: What is done with them.
-        initial: The checkpoint that was started from; its content counts, not its name.
+    The content of the initial checkpoint counts, not its name.
     """
     start = {"initial_sha256": hashlib.sha256(initial.read_bytes()).hexdigest()} if initial else {}
     return json.dumps(asdict(recipe) | shards.configuration() | start, sort_keys=True)
@@ -27,7 +24,7 @@ def training_configuration(shards: ShardIndex, recipe: Recipe, initial: Path | N
 def checkpoint_header(
     shards: ShardIndex, recipe: Recipe, configuration: str, epoch: int, samples: int
 ) -> CheckpointHeader:
-    """What a checkpoint of this training says of itself."""
+    """The header of a checkpoint of this training."""
     return CheckpointHeader(
         model_name=shards.model_name,
         model_sha256=shards.model_sha256,
@@ -47,11 +44,11 @@ def checkpoint_header(
 
 
 def with_scales_of(initial: CheckpointHeader, shards: ShardIndex, recipe: Recipe) -> ShardIndex:
-    """The samples, whose maps are divided by the scales that the weights of a checkpoint know.
+    """The samples with the scales of a checkpoint, so that its weights fit their maps.
 
     Raises:
         ModelMismatchError: The checkpoint is of another morphable model.
-        UsageError: Its network is another than the recipe's.
+        UsageError: Its network is not that of the recipe.
     """
     if initial.model_sha256 != shards.model_sha256:
         raise ModelMismatchError(

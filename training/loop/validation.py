@@ -1,7 +1,7 @@
-"""How good the network is on faces that it is not trained on."""
+"""Measures the network on faces that it is not trained on."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import final
 
@@ -30,7 +30,7 @@ from training.recipe.recipe import Recipe
 # The error's own uncertainty is then below a twentieth of it, and a measurement takes less than a minute.
 MOST_SAMPLES = 512
 BATCH_SIZE = 16
-# A fit that finds nothing counts as much as one that is off by the whole box.
+# A fit that fails counts as much as one that is off by the whole box.
 NME_OF_FAILURE = 1.0
 
 
@@ -38,19 +38,13 @@ NME_OF_FAILURE = 1.0
 class ValidationSet:
     """Samples of persons that are not trained on (``shard_index.split_off``).
 
-    They are cut as at inference where the recipe crops in full, else from the middle: of the square around their boxes
-    (``cropping.cut_around_box``), or of the picture.
-
-    Args:
-        shards: The samples held out.
-        recipe: Of the training: size and way of cropping.
-        most: How many samples to take at most; which ones depends on whom they show alone.
+    They are cropped as at inference where the recipe crops in full. Otherwise they are the middle of the square around
+    their boxes (``cropping.cut_around_box``), or of the picture. At most ``most`` samples are taken, and which ones
+    depends only on the persons.
     """
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, most: int = MOST_SAMPLES) -> None:
-        self._shards = shards
-        self._recipe = recipe
-        self._samples = SampleStore(shards, recipe)
+        self._shards, self._recipe, self._samples = shards, recipe, SampleStore(shards, recipe)
         by_person = shards.samples[np.argsort(shards.person[shards.samples], kind="stable")]
         self.numbers: Int64[ndarray, " n"] = np.sort(by_person[:most])
 
@@ -107,53 +101,37 @@ class Scores:
 
     @property
     def error(self) -> float:
-        """What makes a checkpoint the best: the landmarks' error, or PNCC's where that is not known."""
+        """The number by which the best checkpoint is chosen: the error of the landmarks, or of PNCC if unknown."""
         return self.pncc_mm if self.nme is None else self.nme
 
     def as_numbers(self) -> dict[str, float]:
-        """By name, what is known."""
-        numbers = {
-            "pncc_mm": self.pncc_mm,
-            "offset_mm": self.offset_mm,
-            "offset_zero_mm": self.offset_zero_mm,
-            "mask_iou": self.mask_iou,
-        }
-        return numbers if self.nme is None else numbers | {"nme": self.nme}
+        """The known scores by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @final
 class Validator:
-    """Measures a network on faces held out, always the same crops without jitter.
+    """Measures a network on faces that were held out, always with the same crops and without jitter.
 
     Args:
-        header: What the network's checkpoint would say of it.
+        header: The header of the network's checkpoint.
         held_out: The samples.
-        model: The morphable model to fit; None measures the maps alone.
-        every: So many samples of training lie between two measurements; None measures after each epoch.
+        model: The morphable model to fit; None measures only the maps.
+        every: Number of training samples between two measurements; None measures after each epoch.
     """
 
     def __init__(
-        self,
-        header: CheckpointHeader,
-        held_out: ValidationSet,
-        model: MorphableModel | None,
-        every: int | None = None,
+        self, header: CheckpointHeader, held_out: ValidationSet, model: MorphableModel | None, every: int | None = None
     ) -> None:
         self._header, self._held_out, self._model, self._every = header, held_out, model, every
 
     @property
     def scales_mm(self) -> tuple[float, float]:
-        """PNCC's and offset's."""
+        """The scales of PNCC and offset."""
         return self._header.pncc_scale_mm, self._header.offset_scale_mm
 
     def is_due(self, samples: int, step_samples: int, *, is_end: bool) -> bool:
-        """Whether it is time to measure.
-
-        Args:
-            samples: Seen so far.
-            step_samples: Of these in the last step.
-            is_end: Whether this is the end of an epoch.
-        """
+        """Whether to measure after a step of ``step_samples`` samples, of ``samples`` so far."""
         if self._every is None:
             return is_end
         return samples // self._every > (samples - step_samples) // self._every
@@ -163,7 +141,7 @@ class Validator:
         return next(self._held_out.batches(BATCH_SIZE))
 
     def scores(self, network: nn.Module) -> Scores:
-        """Measures a network; it is left in the state in which it was."""
+        """Measures a network, and leaves it in its mode."""
         was_training = network.training
         device = next(network.parameters()).device
         rows: list[tuple[float, ...]] = []
@@ -207,18 +185,8 @@ class Validator:
 
 
 def validator_of(held_out: ShardIndex, recipe: Recipe, most: int, every: int | None) -> Validator:
-    """What measures the networks of a training.
-
-    Args:
-        held_out: Samples of persons that are not trained on.
-        recipe: Of the training.
-        most: How many samples to take at most.
-        every: So many samples of training lie between two measurements; None measures after each epoch.
-    """
+    """The validator of a training, which fits the morphable model if it is the built-in one."""
     builtin = builtin_model()
-    return Validator(
-        checkpoint_header(held_out, recipe, "", 0, 0),
-        ValidationSet(held_out, recipe, most),
-        builtin if builtin.sha256 == held_out.model_sha256 else None,
-        every,
-    )
+    model = builtin if builtin.sha256 == held_out.model_sha256 else None
+    header = checkpoint_header(held_out, recipe, "", 0, 0)
+    return Validator(header, ValidationSet(held_out, recipe, most), model, every)

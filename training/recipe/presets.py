@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from pix2face.geometry.jitter import JitterRange
-from training.recipe.recipe import LossWeights, Precision, Recipe
+from training.recipe.recipe import LossWeights, Recipe
 
 PresetName = Literal["paper", "tiny", "cpu", "gpu"]
 
@@ -27,8 +27,6 @@ _WITH_MASKS = LossWeights(pncc=1.0, offset=4.0, mask=0.2, seen=0.2)
 # Faces in photographs have more contrast than in renders (docs/explanation/picture_defects.md), and a
 # look-up costs nothing.
 _PHOTOGRAPHS = JitterRange(gamma=(0.65, 1.5), gain=0.75, contrast=(0.75, 1.8), mirror=True)
-_PAPER_JITTER = JitterRange()
-_BFLOAT16: Precision = "bfloat16"
 
 _CPU = Recipe(
     architecture="residual",
@@ -41,7 +39,7 @@ _CPU = Recipe(
     learning_rate=1e-3,
     schedule="cosine",
     warm_up=9_600,
-    precision=_BFLOAT16,
+    precision="bfloat16",
     weights=_WITH_MASKS,
     clip=1.0,
     ema=0.999,
@@ -59,8 +57,7 @@ PRESETS: Mapping[PresetName, Recipe] = MappingProxyType(
             epochs=60,
             epoch_size=100_000,
             learning_rate=1e-3,
-            precision=_BFLOAT16,
-            jitter=_PAPER_JITTER,
+            precision="bfloat16",
         ),
         "tiny": Recipe(
             size_px=64,
@@ -69,8 +66,7 @@ PRESETS: Mapping[PresetName, Recipe] = MappingProxyType(
             epochs=6,
             epoch_size=3_000,
             learning_rate=1e-3,
-            precision=_BFLOAT16,
-            jitter=_PAPER_JITTER,
+            precision="bfloat16",
         ),
         "cpu": _CPU,
         "gpu": replace(_CPU, size_px=256, batch_size=48, epochs=42, epoch_size=48_000, warm_up=48_000),

@@ -1,4 +1,4 @@
-"""What a training does, number by number."""
+"""The recipe: all numbers of a training."""
 
 import math
 from dataclasses import asdict, dataclass, field
@@ -17,7 +17,7 @@ Precision = Literal["float32", "bfloat16"]
 LossOver = Literal["all", "mask", "seen"]
 Cropping = Literal["full", "box", "shift", "none"]
 
-# Eight times the paper's side and sixteen times its filters: beyond that no machine holds the network.
+# Eight times the paper's side and sixteen times its filters. No machine holds larger networks.
 LARGEST_SIZE_PX, MOST_FILTERS = 2048, 1024
 LARGEST_SEED = 2**63 - 1
 

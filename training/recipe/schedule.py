@@ -13,12 +13,7 @@ def learning_rate(epoch: int, epochs: int, initial: float) -> float:
     """Falls by the same factor from each epoch to the next: initial * 0.021^(epoch / (epochs - 1)).
 
     The paper says "a fixed schedule" and its two ends; this curve through them is our reading, and it stretches to any
-    number of epochs. A single epoch keeps the initial rate.
-
-    Args:
-        epoch: From 0.
-        epochs: How many there are.
-        initial: The rate of epoch 0.
+    number of epochs, which are counted from 0. A single epoch keeps the initial rate.
 
     Source: Crispell and Bazik 2017, Sec. 3.2.
     """
@@ -26,16 +21,9 @@ def learning_rate(epoch: int, epochs: int, initial: float) -> float:
 
 
 def smooth_rate(schedule: ScheduleName, step: int, steps: int, warm_up_steps: int) -> float:
-    """Rises evenly to 1 during warm-up, then falls to almost 0 at the last step, evenly or as half a wave of a cosine.
+    """The rate of a step, counted from 0, as a fraction of the largest rate; always above 0.
 
-    Args:
-        schedule: ``linear`` or ``cosine``.
-        step: From 0.
-        steps: How many there are.
-        warm_up_steps: How many of these belong to the rise.
-
-    Returns:
-        A fraction of the largest rate, above 0.
+    It rises evenly to 1 during warm-up, then falls to almost 0 at the last step, evenly or as half a wave of a cosine.
     """
     if step < warm_up_steps:
         return (step + 1) / (warm_up_steps + 1)

@@ -1,4 +1,4 @@
-"""The card of a released network: what it is, what it was trained on, how far it is off; figures come from reports."""
+"""The card of a released network: what it is, its training data, and its errors, which come from reports."""
 
 import hashlib
 import json
@@ -24,15 +24,10 @@ NOT_MEASURED = "None were given: `train export --report report.json` quotes thos
 
 
 def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path]) -> str:
-    """Writes the card, in Markdown.
-
-    Args:
-        header: Of the checkpoint.
-        weights: Its file; the card names its hash.
-        reports: Of ``evaluate``, as JSON.
+    """The card of a checkpoint in Markdown, with the figures of reports that ``evaluate`` wrote.
 
     Raises:
-        InputFileError: A report cannot be read, or is none.
+        InputFileError: A report cannot be read, or is not one.
     """
     configuration = json.loads(header.configuration)
     measured = [_measured(path) for path in reports]
@@ -143,7 +138,7 @@ def _rows(values: Mapping[str, Any], heading: tuple[str, str]) -> Iterator[str]:
 
 
 def _cell(value: object) -> str:
-    """A text that does not end its cell."""
+    """A text without characters that would end its cell."""
     return " ".join(str(value).replace("|", "/").split())
 
 

@@ -21,7 +21,7 @@ VIDEO_NAMES = ("vid.avi", "vid.mp4")
 
 
 def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
-    """The annotated frames of a split below a folder; clips that the benchmark names and that are not there."""
+    """The annotated frames of a split below a folder, and the named clips that are missing."""
     home = next((data / home for home in manifest.homes if _clips_in(data / home)), None)
     there = _clips_in(home) if home is not None else []
     part_of = {clip: part.name for part in manifest.parts for clip in part.clips}
@@ -70,7 +70,7 @@ def _read_frame(
 
 
 def _read_points(manifest: Manifest, path: Path) -> Float64[ndarray, "68 2"]:
-    """The 68 points of an annotation, of as many or of those that the benchmark's own scheme has."""
+    """The 68 points of an annotation, which has these or all points of the benchmark's own scheme."""
     if manifest.n_annotated is not None and _declared_points(path) == manifest.n_annotated:
         return read_pts(path, manifest.n_annotated)[list(manifest.landmark_indices)]
     return read_pts(path)
@@ -81,12 +81,12 @@ def _declared_points(path: Path) -> int | None:
         with path.open("rb") as file:
             words = file.read(200).partition(b"n_points:")[2].split()
     except OSError:
-        return None  # who reads the points says why it cannot be read
+        return None  # read_pts then says why it cannot be read
     return int(words[0]) if words and words[0].isdigit() else None
 
 
 def _read_points3d(manifest: Manifest, path: Path) -> Float64[ndarray, "68 3"]:
-    """Points in space, three numbers a line between braces, in the unit of the data."""
+    """3D points in the unit of the data: three numbers a line, between braces."""
     try:
         body = path.read_bytes().partition(b"{")[2].partition(b"}")[0]
         numbers = np.array(body.split(), dtype=np.float64)
@@ -104,7 +104,7 @@ def _read_points3d(manifest: Manifest, path: Path) -> Float64[ndarray, "68 3"]:
 
 @final
 class _Pictures:
-    """Where the frames of a clip come from: its folders of pictures, else its video."""
+    """The frames of a clip, from its folders of pictures or else from its video."""
 
     def __init__(self, clip: Path, folders: tuple[str, ...], videos: "_VideoReader") -> None:
         self._by_stem = {
@@ -123,7 +123,7 @@ class _Pictures:
         return tuple(sorted(self._by_stem))
 
     def reader(self, stem: str) -> Callable[[], UInt8[ndarray, "h w 3"]] | None:
-        """What reads the frame of an annotation's name; None where there is nothing to read."""
+        """A function that reads the frame of an annotation; None where there is no such frame."""
         if stem in self._by_stem:
             return picture_reader(self._by_stem[stem])
         if self._video is not None and stem.isdigit():
@@ -133,9 +133,9 @@ class _Pictures:
 
 @final
 class _VideoReader:
-    """Frames of videos by number; one video is open at a time, however many clips there are.
+    """Frames of videos by number. Only one video is open at a time.
 
-    Codecs do not seek exactly: frames are counted, onward where possible.
+    Codecs do not seek exactly, so frames are counted from the last one read, or from the start.
     """
 
     def __init__(self) -> None:
@@ -147,7 +147,7 @@ class _VideoReader:
         """A frame, RGB, counted from 0.
 
         Raises:
-            InputFileError: The video cannot be read, or ends before.
+            InputFileError: The video cannot be read, or ends before this frame.
         """
         if path != self._path or number < self._next:
             self._capture.release()

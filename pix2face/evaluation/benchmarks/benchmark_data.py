@@ -1,4 +1,4 @@
-"""The faces of a benchmark: what was found of them, what is missing, and what each is once it is read."""
+"""The faces of a benchmark, before and after they are read, and those that are missing or unreadable."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -61,7 +61,7 @@ class BenchmarkItem:
 @final
 @dataclass(frozen=True)
 class Unreadable:
-    """A face whose files are there and cannot be used."""
+    """A face whose files are there but cannot be used."""
 
     name: str
     reason: str
@@ -81,7 +81,7 @@ class BenchmarkFiles:
 
 
 def yaw_bin(yaw_deg: float) -> str:
-    """The column of the table for a yaw angle (wrapped)."""
+    """The column of the table for a wrapped yaw angle."""
     return YAW_BINS[int(np.searchsorted(YAW_EDGES_DEG, abs(yaw_deg), side="left"))]
 
 
@@ -91,7 +91,7 @@ def wrap_angle_deg(angle_deg: float) -> float:
 
 
 def picture_reader(path: Path) -> Callable[[], UInt8[ndarray, "h w 3"]]:
-    """What reads a picture file when it is wanted."""
+    """A function that reads a picture file."""
 
     def read() -> UInt8[ndarray, "h w 3"]:
         if not path.is_file():

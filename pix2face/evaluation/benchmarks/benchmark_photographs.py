@@ -29,15 +29,10 @@ OtherLandmarks = Mapping[str, Float64[ndarray, "68 2"]]
 
 
 def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = None) -> BenchmarkFiles:
-    """The pictures of a split below a folder.
-
-    Args:
-        manifest: The split.
-        data: Where its folders are.
-        reannotated: File of re-annotated landmarks; None looks for it beside the pictures.
+    """The pictures of a split below a folder. ``reannotated`` is as for ``find_benchmark``.
 
     Raises:
-        UsageError: Re-annotated landmarks are wanted and not found, or of another number of pictures.
+        UsageError: Re-annotated landmarks are wanted and not found, or are of another number of pictures.
     """
     items: list[BenchmarkItem] = []
     missing: list[str] = []
@@ -45,15 +40,14 @@ def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = 
     suffix = ".mat" if manifest.kind == "w300lp-mat" else ".pts"
     for part in manifest.parts:
         folder = _folder_of_part(manifest, data, part)
-        other = None
-        if folder is not None and manifest.truth == "reannotated":
-            other = _reannotated(manifest, part, folder, reannotated)
+        if folder is None:
+            names = [f"{part.name}/{image_name}" for image_name in part.image_names]
+            missing += names
+            absent += names
+            continue
+        other = _reannotated(manifest, part, folder, reannotated) if manifest.truth == "reannotated" else None
         for image_name in part.image_names:
             name = f"{part.name}/{image_name}"
-            if folder is None:
-                missing.append(name)
-                absent.append(name)
-                continue
             image, truth = folder / image_name, (folder / image_name).with_suffix(suffix)
             lacking = [path.name for path in (image, truth) if not path.is_file()]
             if lacking:
@@ -67,7 +61,7 @@ def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = 
 
 
 def _folder_of_part(manifest: Manifest, data: Path, part: BenchmarkPart) -> Path | None:
-    """The first folder that holds a picture of the part: sets that share file names are never mixed."""
+    """The first folder that holds a picture of the part. Sets that share file names are never mixed."""
     candidates = (data / home / folder for home in manifest.homes for folder in part.folders)
     names = set(part.image_names)
     for folder in candidates:
@@ -79,7 +73,7 @@ def _folder_of_part(manifest: Manifest, data: Path, part: BenchmarkPart) -> Path
 def _reannotated(manifest: Manifest, part: BenchmarkPart, folder: Path, given: Path | None) -> OtherLandmarks:
     """Re-annotated landmarks by file name of the picture, in the project's pixels.
 
-    The file has no names: it goes with all pictures of the benchmark in their order, or with those in the folder.
+    The file has no names. Its landmarks are of all pictures of the benchmark in their order, or of those in the folder.
     """
     candidates = [place / name for place in (folder, folder.parent) for name in manifest.reannotated_files]
     path = given or next((candidate for candidate in candidates if candidate.is_file()), None)

@@ -1,4 +1,4 @@
-"""Looks for a benchmark's files, whatever kind they are of."""
+"""Finds the files of a benchmark of any kind."""
 
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -15,17 +15,17 @@ from pix2face.models.morphable_model import MorphableModel
 def find_benchmark(
     manifest: Manifest, data: Path | None, model: MorphableModel, reannotated: Path | None = None
 ) -> BenchmarkFiles:
-    """Looks for the files of a split below a folder.
+    """Finds the files of a split below a folder.
 
     Args:
         manifest: The split.
-        data: Where its files are; None where nobody said.
-        model: The model in use: maps of another one cannot be compared.
-        reannotated: File of re-annotated landmarks, where those are wanted; None looks for it beside the pictures.
+        data: The folder; None if it was not given.
+        model: The model in use. Shards must be of this model.
+        reannotated: File of re-annotated landmarks, if they are the truth; None looks for it beside the pictures.
 
     Raises:
-        UsageError: There is nothing of the split, or shards of other faces; says where it is to be had.
-        ModelMismatchError: Shards of another model.
+        UsageError: The folder has nothing of the split, or shards of other faces. The message says where to get it.
+        ModelMismatchError: The shards are of another model.
     """
     if data is None:
         raise UsageError(
@@ -52,14 +52,10 @@ N_NAMES_SHOWN = 3
 
 
 def match_names(given: Sequence[str], known: Sequence[str], whose: str) -> dict[str, int]:
-    """For each known name that is given the place at which it is.
+    """The place of each known full name among the given names, which are all different.
 
     A name may be given in full ("ibug/image_003_1.jpg"), without its folder, without its ending, or without both.
-
-    Args:
-        given: Names in a file, all different.
-        known: Full names of the benchmark's faces.
-        whose: The benchmark, for messages.
+    Messages call the benchmark ``whose``.
 
     Raises:
         UsageError: A name belongs to no face, to several, or two belong to the same.

@@ -1,4 +1,4 @@
-"""Benchmarks of renders: shards of triplets, whose truth is everything that the renderer knew."""
+"""Benchmarks of renders: shards of triplets, whose truth comes from the renderer."""
 
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,7 @@ def find_shards(manifest: Manifest, data: Path, model: MorphableModel) -> Benchm
             reader = ShardReader(path)
             _check_model(path, reader, model)
             sample_ids = list(reader.sample_ids)
-            # Where nobody asks for them, damaged ones of a sample are that sample's alone, when it is read.
+            # Without `by`, damaged attributes count against their own sample alone, when it is read.
             attributes = reader.attributes() if manifest.by else [{} for _ in sample_ids]
         except InputFileError as error:
             unreadable.append(Unreadable(path.name, str(error)))
@@ -50,7 +50,7 @@ def find_shards(manifest: Manifest, data: Path, model: MorphableModel) -> Benchm
 
 
 def _check_samples(path: Path, sample_ids: list[str], manifest: Manifest) -> None:
-    """Refuses samples that the split does not consist of: a network may have been trained on them."""
+    """Refuses samples that are not of the split: a network may have been trained on them."""
     expected = manifest.sample_ids
     foreign = sorted(set(sample_ids) - set(expected))
     if foreign:

@@ -1,6 +1,6 @@
-"""Manifests: what a benchmark consists of, how it is measured, on which terms, and where it is to be had.
+"""Manifests: which files a benchmark consists of, how it is measured, its terms, and where to get it.
 
-One TOML file a split and lists of file names lie in the folder ``manifests``; none of the pictures does.
+The folder ``manifests`` has one TOML file for each split, and lists of file names, but no pictures.
 """
 
 import tomllib
@@ -95,7 +95,7 @@ class Manifest:
 
     @property
     def what_is_counted(self) -> str:
-        """A word for what the truth is annotated on."""
+        """A word for the pictures of the benchmark."""
         return "frame" if self.kind == "clips" else "image"
 
     @property
@@ -105,7 +105,7 @@ class Manifest:
 
     @property
     def how_to_get_it(self) -> str:
-        """Where the data is to be had and how it is to be laid out: the end of messages about missing data."""
+        """Where to get the data and how to lay it out, for the end of messages about missing data."""
         return f"To get it: {self.obtain}. Lay it out as {self.layout}. Terms: {self.licence}."
 
 
@@ -136,7 +136,7 @@ def _manifest_folder() -> Traversable:
 
 
 def _read_fields(folder: Traversable, split: str) -> dict[str, Any]:
-    """Those of its file, over those of the split that it is ``like``."""
+    """The fields of the split's file, and those that it inherits from the split that it is ``like``."""
     fields: dict[str, Any] = tomllib.loads((folder / f"{split}.toml").read_text(encoding="utf-8"))
     return {**_read_fields(folder, fields.pop("like")), **fields} if "like" in fields else fields
 

@@ -1,4 +1,4 @@
-"""Errors of landmarks told apart by what renders were drawn from: skin tone, light, how much of the face is seen."""
+"""Errors of landmarks by attributes of the renders: skin tone, light, how much of the face is seen."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ class AttributeBin:
 @final
 @dataclass(frozen=True)
 class ErrorsByAttribute:
-    """Errors in bins of one attribute: numbers in ascending order, then conditions, texts, and what is not there."""
+    """Errors in bins of one attribute: numbers in ascending order, then conditions, texts, and missing values."""
 
     attribute: str
     bins: tuple[AttributeBin, ...]
@@ -65,13 +65,9 @@ def attribute_values(expressions: Sequence[str], items: Sequence[BenchmarkItem])
 def errors_by_attribute(
     values: AttributeValues, errors: Mapping[str, float], threshold: float, bootstrap: Bootstrap
 ) -> ErrorsByAttribute:
-    """Divides faces by the values of an attribute.
+    """Errors of the faces in each bin of an attribute, with intervals over the faces of the bin.
 
-    Args:
-        values: Of each face.
-        errors: The error of each face that was evaluated, a fraction, by its name; infinity where it was not found.
-        threshold: Where a face counts as failed.
-        bootstrap: How intervals are drawn: over the faces of a bin.
+    Errors are fractions by the name of the face; infinity where it was not found.
     """
     of_face = np.array(list(errors.values()), dtype=np.float64)
     bins = []

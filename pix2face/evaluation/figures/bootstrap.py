@@ -1,8 +1,7 @@
-"""How far a figure might be off because the benchmark holds these faces and not others: percentile bootstrap.
+"""Intervals of figures by the percentile bootstrap: how far a figure depends on the choice of the faces.
 
-Faces are drawn with replacement, as many as there are. Frames of one clip are no independent faces: there whole clips
-are drawn. A draw is kept as the number of times that each face is in it, so that every figure of every draw is one
-matrix product.
+Faces are drawn with replacement, as many as there are. Frames of one clip are not independent, so there whole clips are
+drawn. A draw is stored as the number of times that each face is in it, so a figure of all draws is one matrix product.
 
 Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, chapters 13 (percentile interval) and 8 (data that
 come in groups).
@@ -46,12 +45,12 @@ def intervals(
 
     Args:
         statistics: The figures.
-        clusters: For each face the number of what is drawn as a whole: itself, or its clip.
+        clusters: For each face the number of the cluster that is drawn as a whole: the face itself, or its clip.
         bootstrap: How many draws, and their seed.
 
     Returns:
-        Lower and upper end of each; None where nothing varies that could be drawn (fewer than two clusters), where no
-        draws are wanted, or where more than half of the draws have no such figure.
+        Lower and upper end of each; None for fewer than two clusters or without draws, or where more than half of the
+        draws have no such figure.
     """
     n_clusters = int(clusters.max()) + 1 if len(clusters) else 0
     if n_clusters < 2 or bootstrap.n_resamples < 1:
@@ -87,7 +86,7 @@ def median_of(errors: Float64[ndarray, " n"]) -> Statistic:
 
 
 def weighted_mean_of(values: Float64[ndarray, " n"]) -> Statistic:
-    """Mean over all faces of a draw, for what every face has: its share of the area, whether it failed."""
+    """Mean over all faces of a draw, for values that every face has, such as its share of the area under the curve."""
     return lambda draws: _divide(draws @ values, draws.sum(axis=1))
 
 

@@ -1,4 +1,4 @@
-"""Errors of the head's pose by bins of the true yaw: how large they are, and which way they lean."""
+"""Sizes and biases of the errors of the head's pose, in bins of the true yaw."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class PoseErrors:
 @final
 @dataclass(frozen=True)
 class PoseSummary:
-    """Errors of a set of poses, degrees; a pose that leans towards the front has a yaw bias against its own sign."""
+    """Errors of a set of poses, degrees."""
 
     n_images: int  # faces whose pose is known and was found
     mean_absolute_deg: dict[str, float | None]  # for pitch, yaw and roll; None without faces
@@ -39,15 +39,7 @@ class PoseSummary:
 def summarise_poses(
     yaws_deg: Sequence[float | None], errors: Sequence[PoseErrors | None]
 ) -> dict[str, PoseSummary] | None:
-    """Errors of the pose for each bin of |yaw|, and for all faces.
-
-    Args:
-        yaws_deg: The true yaw of each face, where it is known.
-        errors: The errors of each face, where its pose is known and was found.
-
-    Returns:
-        None where no face has both.
-    """
+    """Errors of the pose for each bin of the true |yaw|, and for all faces; None where no face has both."""
     known = [
         (yaw, own.angles, own.rotation)
         for yaw, own in zip(yaws_deg, errors, strict=True)

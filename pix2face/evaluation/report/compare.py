@@ -1,4 +1,4 @@
-"""Two evaluations of the same benchmark, face by face: which is better, and whether that could be chance."""
+"""Compares two evaluations of the same benchmark face by face: which is better, and whether that may be chance."""
 
 import json
 from collections.abc import Mapping
@@ -104,7 +104,7 @@ def read_report(path: Path) -> StoredReport:
 def compare_reports(a: StoredReport, b: StoredReport, bootstrap: Bootstrap) -> Comparison:
     """Compares two evaluations over the faces that both have, by a paired bootstrap.
 
-    Each draw takes the same faces (of video: the same clips) of both, so that what makes a face hard for both cancels.
+    Each draw takes the same faces (of video: the same clips) from both, so that the difficulty of a face cancels.
 
     Raises:
         UsageError: They are of different splits, truths, normalisers or thresholds, or have no face in common.

@@ -1,4 +1,4 @@
-"""What an evaluation says: the rows of its tables with their intervals, and its lists."""
+"""The content of an evaluation's report: the rows of its tables with their intervals, and its lists."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -164,7 +164,7 @@ def make_report(
 
 
 def cluster_names(results: Sequence[FaceResult]) -> list[str]:
-    """What is drawn as a whole: the clip of a frame, else the face."""
+    """The cluster of each face in the bootstrap: the clip of a frame, else the face itself."""
     return [result.name if result.clip is None else result.clip for result in results]
 
 

@@ -2,7 +2,7 @@
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from html import escape
@@ -42,15 +42,7 @@ def write_report(
 ) -> list[Path]:
     """Writes ``index.html``, ``report.json``, ``landmarks.npz``, ``curve.png``, ``worst.jpg`` and ``best.jpg``.
 
-    Args:
-        report: The evaluation.
-        worst: The worst cases with their pictures, worst first.
-        best: The best cases, best first.
-        frontal_face: The mean face's landmarks seen from the front, to draw errors on.
-        folder: Where they go; made where it is not there.
-
-    Returns:
-        The files written.
+    The folder is made where it is missing. ``frontal_face`` is the mean face, on which errors are drawn.
 
     Raises:
         UsageError: The folder cannot be written to.
@@ -159,7 +151,7 @@ def _number(value: float) -> float | None:
 
 
 def _write_landmarks(report: Report, path: Path) -> None:
-    """What was found, as other systems hand it in: so that it can be measured again by other rules."""
+    """Writes the landmarks as predictions of a system, so that they can be measured again by other rules."""
     if not report.results:
         path.unlink(missing_ok=True)
         return
@@ -214,13 +206,10 @@ def _page(report: Report, contents: Mapping[str, bytes], frontal_face: Float64[n
 def table_html(table: ReportTable) -> str:
     """A table with its caption; every text is escaped."""
     head = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
-    body = "\n".join(_row_html(line) for line in table.lines)
+    rows = ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in table.lines)
+    body = "\n".join(f"<tr>{row}</tr>" for row in rows)
     caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
     return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table>"
-
-
-def _row_html(cells: Sequence[str]) -> str:
-    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
 
 
 def _picture(content: bytes, kind: str, description: str) -> str:

@@ -48,13 +48,8 @@ def curve_png(report: Report) -> bytes:
 
 def curve3d_png(report: Report) -> bytes | None:
     """The share of faces by mean distance in space; None where the truth has no 3D landmarks."""
-    found, baseline = (
-        [distances.mean() for distances in column if distances is not None]
-        for column in (
-            [result.distances3d for result in report.results],
-            [result.baseline_distances3d for result in report.results],
-        )
-    )
+    found = [own.distances3d.mean() for own in report.results if own.distances3d is not None]
+    baseline = [own.baseline_distances3d.mean() for own in report.results if own.baseline_distances3d is not None]
     if not found or report.manifest.threshold3d is None:
         return None
     curves = {
@@ -66,12 +61,9 @@ def curve3d_png(report: Report) -> bytes | None:
 
 
 def face_svg(mean: Float64[ndarray, "68"], face: Float64[ndarray, "68 2"], unit: str = "%") -> str:
-    """The mean error of each landmark as a disc on a face, above a colour scale; SVG for a page.
+    """The mean error of each landmark (a fraction, or NaN) as a disc on a face, above a colour scale; SVG for a page.
 
-    Args:
-        mean: Fractions; NaN where unknown.
-        face: The mean face's landmarks seen from the front, any unit, x right, y down.
-        unit: What the colour scale is in.
+    The face is the landmarks of the mean face seen from the front, in any unit, x right and y down.
     """
     low, high = face.min(axis=0), face.max(axis=0)
     places = (face - low) * ((WIDTH_PX - 2 * MARGIN_PX) / (high[0] - low[0])) + MARGIN_PX
@@ -146,7 +138,7 @@ def _discs(mean: Float64[ndarray, "68"], places: Float64[ndarray, "68 2"], large
 
 
 def _colour_scale(largest: float, top: int, unit: str) -> str:
-    """A bar from no error to the largest, with labels and their unit."""
+    """A bar from 0 to the largest error, with labels and their unit."""
     width = WIDTH_PX - 2 * MARGIN_PX
     step = width / SCALE_STEPS
     bar = "".join(

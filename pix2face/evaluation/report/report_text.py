@@ -1,4 +1,4 @@
-"""What a reader is shown of an evaluation: tables as text, and a note for everything without which they say little."""
+"""An evaluation as text: tables, and notes that explain them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -28,7 +28,7 @@ SHORT_GROUPS = dict(zip(YAW_BINS, ("to 30°", "to 60°", "above"), strict=True))
 
 
 class ReportTable(NamedTuple):
-    """A table as text: what it shows, its headings, and its lines."""
+    """A table as text."""
 
     caption: str
     columns: list[str]
@@ -144,7 +144,7 @@ def report_tables(report: Report) -> list[Table]:
 
 
 def terminal_table(title: str, columns: Sequence[str], lines: Sequence[Sequence[str]]) -> Table:
-    """A table for a terminal, no word of it cut."""
+    """A table for a terminal in which no word is cut."""
     # Names and texts may come from shards, which anybody may have written.
     shown = [[printable(cell) for cell in line] for line in (columns, *lines)]
     table = Table(title=escape(title) or None, box=SIMPLE_HEAD, padding=0, show_edge=False)
@@ -161,7 +161,7 @@ def terminal_table(title: str, columns: Sequence[str], lines: Sequence[Sequence[
 
 
 def report_notes(report: Report) -> list[str]:
-    """Everything without which the tables say little, a line each: plain text."""
+    """Notes that explain the tables, one line of plain text each."""
     manifest, settings = report.manifest, report.settings
     jaw = "slide to the visible outline (--contour 2d)" if settings.contour == "2d" else "are fixed points of the model"
     notes = [

@@ -1,4 +1,4 @@
-"""Opens what an evaluation measures: a checkpoint, a file of landmarks, or the model itself as an oracle."""
+"""Opens the subject of an evaluation: a checkpoint, a file of landmarks, or the model itself as an oracle."""
 
 import json
 import platform
@@ -32,7 +32,6 @@ from pix2face.evaluation.subjects.subjects import (
     true_box,
 )
 from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.fit_options import Regularisation
 from pix2face.geometry.crops import FaceBox
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
@@ -47,12 +46,12 @@ LEAST_OVERLAP = 0.3
 def open_subject(
     config: EvaluateConfig, model: MorphableModel, manifest: Manifest, found: BenchmarkFiles
 ) -> tuple[Subject, dict[str, Any]]:
-    """What is measured, and its description for the report.
+    """The subject that is measured, and its description for the report.
 
     Raises:
         InputFileError: The checkpoint or the file of landmarks cannot be used.
         ModelMismatchError: The checkpoint is of another model.
-        UsageError: The file names faces that the benchmark has not, or there is no checkpoint.
+        UsageError: The file names faces that the benchmark does not have, or there is no checkpoint.
     """
     if config.predictions is not None:
         return _predictions(config.predictions, config.frame, manifest, found)
@@ -71,13 +70,9 @@ def _landmarks_of_model(config: EvaluateConfig) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Returns the versions of the project and of everything that decides figures."""
+    """The versions of the project and of everything that influences the figures."""
     names = ("numpy", "scipy", "torch", "opencv-python-headless", "matplotlib")
-    return {
-        "pix2face": __version__,
-        "python": platform.python_version(),
-        **{name: version(name) for name in names},
-    }
+    return {"pix2face": __version__, "python": platform.python_version()} | {name: version(name) for name in names}
 
 
 def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) -> tuple[Subject, dict[str, Any]]:
@@ -98,12 +93,14 @@ def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) 
         box_rule,
         model_from_stated(model, manifest),
     )
+    is_estimated = how.regularisation == "estimate"
+    regularisation = "estimated for each face" if is_estimated else f"{how.regularisation:g} mm^2"
     header = asdict(predictor.header)
     header["configuration"] = json.loads(predictor.header.configuration)
     return subject, {
         "checkpoint": f"{checkpoint} (epoch {predictor.header.epoch}, {predictor.header.size_px} px)",
         "crop": f"{predictor.header.crop_scale:g} of the box's longer side",
-        "fit": f"{how.camera} camera, regularisation {_in_words(how.regularisation)}, "
+        "fit": f"{how.camera} camera, regularisation {regularisation}, "
         f"{how.reprojection_rounds} rounds of reprojection asked for, "
         f"{'' if how.is_held else 'not '}held to the silhouette",
         "landmarks": "vertices that the checkpoint brings along"
@@ -112,10 +109,6 @@ def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) 
         "hashes": {"checkpoint": sha256(checkpoint.read_bytes()).hexdigest()},
         "checkpoint_header": header,
     }
-
-
-def _in_words(regularisation: Regularisation) -> str:
-    return "estimated for each face" if regularisation == "estimate" else f"{regularisation:g} mm^2"
 
 
 def _predictions(
@@ -127,7 +120,7 @@ def _predictions(
         return PredictionsSubject(tracked, rows), {"predictions": f"{path} ({len(rows)} frames of pix2face track)"}
     predicted = read_predictions(path, frame)
     known = [item.name for item in found.items] + list(found.absent_names)
-    # Nobody knows how many frames a clip has that is not at hand: any name of one is believed.
+    # The number of frames of a missing clip is unknown, so every name of a frame of it is accepted.
     clips = {clip for part in manifest.parts for clip in part.clips}
     absent_clips = clips - {name.partition("/")[0] for name in known}
     known += [name for name in predicted.names if name.partition("/")[0] in absent_clips]
@@ -139,10 +132,10 @@ def _predictions(
 
 
 def model_from_stated(model: MorphableModel, manifest: Manifest) -> Float64[ndarray, "3 3"]:
-    """Rotation to a model's frame from that in which a benchmark states poses.
+    """Rotation to a model's frame from the frame in which a benchmark states poses.
 
-    None for the benchmarks of our own renders, and for imported models, which keep the frame that they were published
-    in: that of BFM itself, for which the figures are meant.
+    It is the identity for our own renders, and for imported models, which keep the frame that they were published in
+    (for BFM, the frame of the benchmarks).
     """
     if manifest.kind == "shards" or model.sha256 != builtin_model().sha256:
         return np.eye(3)
@@ -150,10 +143,10 @@ def model_from_stated(model: MorphableModel, manifest: Manifest) -> Float64[ndar
 
 
 def detected_box(face: BenchmarkFace, detector: Detector, name: str) -> FaceBox:
-    """The box of a face where an evaluation begins with detection.
+    """The detected box of a face.
 
-    Pictures hold several faces and the benchmark asks for one, so the truth decides which box is meant; it does not
-    make the box better.
+    A picture may show several faces, and the benchmark asks for one of them. The truth decides only which of the
+    detected boxes is meant.
 
     Raises:
         DegenerateGeometryError: No box overlaps the true one enough.

@@ -102,7 +102,7 @@ def _read_npz(path: Path) -> dict[str, ndarray]:
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> ndarray:
-    """One array, of which no more is allocated than the file holds: a declared shape is not believed."""
+    """Reads one array, and allocates no more than the file holds whatever shape it declares."""
     with archive.open(info) as stream:
         version = npy_format.read_magic(stream)
         read_header = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
@@ -199,7 +199,7 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
     Args:
         folder: Holds a folder for each clip, named as the benchmark names the clip.
         known: Names of the annotated frames, ``CLIP/FRAME``; other tracked frames are left out.
-        frame_names: For clips whose frames are pictures their names in order; frames of a video are numbered from 1.
+        frame_names: As in ``BenchmarkFiles``.
 
     Raises:
         UsageError: There is no track of any of the clips.

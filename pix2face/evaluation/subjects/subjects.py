@@ -1,4 +1,4 @@
-"""What an evaluation can measure: a network with a fit, another system's file, or the model fitted to the truth."""
+"""The subjects of evaluations: a network with a fit, another system's file, or the model fitted to the truth."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,13 +6,13 @@ from functools import cached_property
 from typing import Protocol, final, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Float64, UInt8
+from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
-from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
 from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
@@ -41,18 +41,18 @@ class FoundFace:
 
 @runtime_checkable
 class Subject(Protocol):
-    """What is measured."""
+    """Something that finds landmarks and can be measured."""
 
     @property
     def method(self) -> str:
-        """What tables call it, in a word."""
+        """Its name in tables, one word."""
 
     @property
     def needs_images(self) -> bool:
         """Whether it looks at pictures."""
 
     def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
-        """What it says of some faces, in their order."""
+        """Finds some faces; the results are in their order."""
 
 
 @runtime_checkable
@@ -63,37 +63,9 @@ class MapPredictor(Protocol):
         """Maps of the faces in boxes."""
 
 
-@runtime_checkable
-class FittedFace(Protocol):
-    """A fit, of which the evaluation wants the landmarks and what explains them."""
-
-    @property
-    def camera(self) -> Camera:
-        """From the model frame to the pixels that were fitted."""
-
-    @property
-    def identity(self) -> Float64[ndarray, " k"]:
-        """Standard deviations."""
-
-    @property
-    def expression(self) -> Float64[ndarray, " e"]:
-        """Standard deviations."""
-
-    @property
-    def landmarks2d(self) -> Float[ndarray, "68 2"]:
-        """Projected landmarks in the pixels that were fitted."""
-
-    @property
-    def landmarks3d(self) -> Float[ndarray, "68 3"]:
-        """mm, model frame."""
-
-    def in_image(self, crop: Crop) -> "FittedFace":
-        """Returns the result in pixels of the image that the crop was taken from."""
-
-
-# From maps, and where the image's centre lies in them (the principal point of a pinhole), to a fitted face.
-Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FittedFace]
-# The box that a face is looked for in; raises DegenerateGeometryError where there is none.
+# Fits a face to maps; the second argument is the centre of the image in them (the principal point of a pinhole).
+Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FaceFit]
+# Returns the box in which to look for a face; raises DegenerateGeometryError where there is none.
 BoxRule = Callable[[BenchmarkFace], FaceBox]
 
 # A benchmark states the poses of the very model that is fitted.
@@ -101,7 +73,7 @@ OWN_FRAME = np.eye(3)
 
 
 def true_box(face: BenchmarkFace) -> FaceBox:
-    """The tight box of the true landmarks: the rule of the benchmarks here."""
+    """The tight box of the true landmarks, as the benchmarks prescribe."""
     return FaceBox.around(face.landmarks2d)
 
 
@@ -119,19 +91,19 @@ class NetworkSubject:
 
     def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
         """Predicts the maps of all faces in one pass and fits each."""
-        found: list[FoundFace | None] = [None] * len(faces)
-        wanted: list[tuple[int, UInt8[ndarray, "h w 3"], FaceBox]] = []
+        found: dict[int, FoundFace] = {}
+        wanted: dict[int, tuple[UInt8[ndarray, "h w 3"], FaceBox]] = {}
         for index, face in enumerate(faces):
             image = face.with_image().image
             assert image is not None
             try:
-                wanted.append((index, image, self.box_rule(face)))
+                wanted[index] = image, self.box_rule(face)
             except DegenerateGeometryError as error:
                 found[index] = FoundFace(landmarks2d=None, failure=str(error))
-        predictions = self.predictor.predict_batch([(image, box) for _, image, box in wanted]) if wanted else []
-        for (index, image, _), prediction in zip(wanted, predictions, strict=True):
+        predictions = self.predictor.predict_batch(list(wanted.values())) if wanted else []
+        for (index, (image, _)), prediction in zip(wanted.items(), predictions, strict=True):
             found[index] = self._fitted(prediction, image)
-        return [face for face in found if face is not None]
+        return [found[index] for index in range(len(faces))]
 
     def _fitted(self, prediction: Prediction, image: UInt8[ndarray, "h w 3"]) -> FoundFace:
         image_centre = image_centre_in_crop(prediction.crop, (image.shape[0], image.shape[1]))
@@ -215,7 +187,7 @@ def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRA
 
     Args:
         camera: From the model frame to any pixels.
-        model_from_stated: Rotation to the model frame from the frame of the face that the poses shall be of.
+        model_from_stated: Rotation to the model frame from the frame in which the pose is stated.
     """
     turn = np.eye(4)
     turn[:3, :3] = model_from_stated
@@ -224,13 +196,11 @@ def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRA
 
 
 def _found(
-    fitted: FittedFace,
-    model_from_stated: Float64[ndarray, "3 3"],
-    prediction: Prediction | None = None,
+    fitted: FaceFit, model_from_stated: Float64[ndarray, "3 3"], prediction: Prediction | None = None
 ) -> FoundFace:
     return FoundFace(
-        landmarks2d=np.asarray(fitted.landmarks2d, dtype=np.float64),
-        landmarks3d=np.asarray(fitted.landmarks3d, dtype=np.float64),
+        landmarks2d=fitted.landmarks2d,
+        landmarks3d=fitted.landmarks3d,
         pose_deg=pose_of(fitted.camera, model_from_stated),
         maps=None if prediction is None else prediction.maps,
         crop=None if prediction is None else prediction.crop,

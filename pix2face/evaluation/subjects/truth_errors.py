@@ -1,4 +1,4 @@
-"""Errors that only renders can tell, since nobody can annotate them in a photograph: of maps, and of coefficients."""
+"""Errors of maps and of coefficients, which need renders, because nobody can annotate these in photographs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace

@@ -17,12 +17,12 @@ from pix2face.evaluation.subjects.truth_errors import errors_of_maps
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.maps import FaceMaps
 from tests.pix2face.benchmark_files import (
-    StubFit,
     StubPredictor,
     fit_that_fails,
     frontal_camera,
     landmarks_of,
     square_maps,
+    stub_fit,
     write_heldout,
 )
 from tests.synthetic_models import small_head_model
@@ -45,7 +45,8 @@ def face(name: str = "face", group: str = "ibug", **changes) -> BenchmarkFace:
 
 
 def evaluator(error_px: float = 0.0, fit=None, predictor=None) -> Evaluator:
-    subject = NetworkSubject(predictor or StubPredictor(), fit or (lambda maps, centre: StubFit(IN_CROP, error_px)))
+    found = StubPredictor().predict(TRUE_BOX).crop.to_crop(TRUTH + [error_px, 0])
+    subject = NetworkSubject(predictor or StubPredictor(), fit or (lambda maps, centre: stub_fit(found)))
     return Evaluator(MODEL, subject, "box-sqrt")
 
 
@@ -70,7 +71,7 @@ def test_the_fit_is_told_where_the_image_centre_lies_in_the_crop():
 
     def fit(maps, image_centre):
         centres.append(image_centre)
-        return StubFit(IN_CROP)
+        return stub_fit(IN_CROP)
 
     evaluated(face(), fit=fit)
     crop = StubPredictor().predict(TRUE_BOX).crop
@@ -97,7 +98,7 @@ def test_a_model_without_landmarks_is_refused_by_name():
         mean_face_in_box(bare, TRUE_BOX)
 
 
-@pytest.mark.parametrize("fit", [fit_that_fails, lambda maps, centre: StubFit(np.full((68, 2), np.nan))])
+@pytest.mark.parametrize("fit", [fit_that_fails, lambda maps, centre: stub_fit(np.full((68, 2), np.nan))])
 def test_a_failed_fit_stays_in_the_figures(fit):
     failed = evaluated(face(), fit=fit)
     assert (failed.error("68"), failed.error("51")) == (math.inf, math.inf)

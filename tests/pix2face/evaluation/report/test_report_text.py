@@ -21,7 +21,7 @@ from pix2face.evaluation.report.report_text import SHORT_GROUPS, all_tables, mai
 from pix2face.evaluation.subjects.predictions_file import read_predictions
 from pix2face.evaluation.subjects.subjects import NetworkSubject
 from pix2face.geometry.crops import FaceBox
-from tests.pix2face.benchmark_files import StubFit, StubPredictor, fit_that_fails, frontal_camera, landmarks_of
+from tests.pix2face.benchmark_files import StubPredictor, fit_that_fails, frontal_camera, landmarks_of, stub_fit
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -43,8 +43,8 @@ FACES = [face("good"), face(NASTY), face("no fit")]
 def report_of(split: str = "ibug", group: str = "ibug") -> Report:
     crop = StubPredictor().predict(FaceBox.around(TRUTH)).crop
     fits = [
-        lambda m, c: StubFit(crop.to_crop(TRUTH), 1.0),
-        lambda m, c: StubFit(crop.to_crop(TRUTH), 9.0),
+        lambda m, c: stub_fit(crop.to_crop(TRUTH + [1, 0])),
+        lambda m, c: stub_fit(crop.to_crop(TRUTH + [9, 0])),
         fit_that_fails,
     ]
     results = [

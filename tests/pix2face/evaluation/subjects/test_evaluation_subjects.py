@@ -20,11 +20,11 @@ from pix2face.fitting.jaw_contour import JawContour
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import FaceBox
 from tests.pix2face.benchmark_files import (
-    StubFit,
     StubPredictor,
     frontal_camera,
     landmarks_of,
     square_maps,
+    stub_fit,
 )
 from tests.pix2face.photographs.seen_faces import SureDetector
 from tests.synthetic_models import small_head_model
@@ -40,7 +40,7 @@ def face(name="face", **changes) -> BenchmarkFace:
 
 
 def perfect_fit(maps, centre):
-    return StubFit(IN_CROP)
+    return stub_fit(IN_CROP)
 
 
 def test_all_faces_of_a_batch_go_through_the_network_at_once():
