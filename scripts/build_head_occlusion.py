@@ -56,8 +56,8 @@ def main() -> None:
         stored = np.clip(np.rint(smooth * 255), 0, 255).astype(np.uint8)
         file.create_dataset("occlusion", data=stored, compression="gzip", track_times=False)
     print(f"{options.output}: {options.output.stat().st_size / 1e3:.0f} kB")
-    for number, name in enumerate(model.region_names):
-        of_region = smooth[np.unique(model.triangles[model.triangle_regions == number])]
+    for name in model.region_names:
+        of_region = smooth[model.vertices_of(name)]
         print(f"  {name:12s} {np.percentile(of_region, [5, 50, 95]).round(2)}")
 
 
@@ -98,9 +98,8 @@ def _past_body(vertices: Float32[ndarray, "v 3"], direction: ndarray) -> ndarray
 
 
 def _is_of(model: MorphableModel, regions: tuple[str, ...]) -> ndarray:
-    numbers = [model.region_names.index(name) for name in regions if name in model.region_names]
     chosen = np.zeros(len(model.mean), dtype=bool)
-    chosen[model.triangles[np.isin(model.triangle_regions, numbers)]] = True
+    chosen[model.vertices_of(*regions)] = True
     return chosen
 
 

@@ -85,7 +85,7 @@ def _lower_teeth(model: MorphableModel) -> Int32[ndarray, " n"]:
     """Vertices of teeth that the jaw moves and that face forward: these come out first."""
     if "teeth" not in model.region_names or "jawOpen" not in model.named_expressions:
         return np.zeros(0, dtype=np.int32)
-    triangles = model.triangles[model.triangle_regions == model.region_names.index("teeth")]
+    triangles = model.triangles[model.triangles_of("teeth")]
     corners = model.mean[triangles]
     forward = triangles[_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) > 0]
     vertices = np.unique(forward)
@@ -95,8 +95,7 @@ def _lower_teeth(model: MorphableModel) -> Int32[ndarray, " n"]:
 
 def _lip_and_chin(model: MorphableModel) -> Int32[ndarray, "t 3"]:
     """Triangles of lips and skin that the jaw moves by a quarter or more of its way."""
-    regions = [index for index, name in enumerate(model.region_names) if name in ("lips", "skin")]
-    triangles = model.triangles[np.isin(model.triangle_regions, regions)]
+    triangles = model.triangles[model.triangles_of("lips", "skin")]
     if "jawOpen" not in model.named_expressions or not len(triangles):
         return np.zeros((0, 3), dtype=np.int32)
     jaw = np.tensordot(model.named_expressions["jawOpen"], model.expression_basis[:, :, 1], axes=1)

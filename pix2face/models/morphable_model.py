@@ -43,8 +43,7 @@ class MorphableModel(LinearModel):
     @property
     def is_face_triangle(self) -> Bool[ndarray, " t"]:
         """Which triangles belong to the regions where maps hold."""
-        is_face = np.array([name in self.face_regions for name in self.region_names])
-        return is_face[self.triangle_regions]
+        return self.triangles_of(*self.face_regions)
 
     @property
     def is_face_vertex(self) -> Bool[ndarray, " v"]:
@@ -57,6 +56,14 @@ class MorphableModel(LinearModel):
     def smallest_radius_mm(self) -> float:
         """Distance from the origin to the nearest point of the mean face; half of it separates face from background."""
         return float(np.linalg.norm(self.mean[self.is_face_vertex], axis=1).min())
+
+    def triangles_of(self, *regions: str) -> Bool[ndarray, " t"]:
+        """Which triangles belong to one of some regions; those that the model lacks have none."""
+        return np.isin(self.region_names, regions)[self.triangle_regions]
+
+    def vertices_of(self, *regions: str) -> Int32[ndarray, " n"]:
+        """The vertices of the triangles of some regions, in rising order."""
+        return np.unique(self.triangles[self.triangles_of(*regions)])
 
     def vertices(self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]) -> Float32[ndarray, "n v 3"]:
         """The vertices (mm, model frame) of faces with some coefficients, in standard deviations.

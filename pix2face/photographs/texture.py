@@ -226,8 +226,7 @@ def _share_of_photograph(model: MorphableModel) -> Float64[ndarray, " v"]:
 
 def _vertices_of_region(model: MorphableModel, name: str) -> Bool[ndarray, " v"]:
     inside = np.zeros(len(model.mean), dtype=bool)
-    if name in model.region_names:
-        inside[model.triangles[model.triangle_regions == model.region_names.index(name)]] = True
+    inside[model.vertices_of(name)] = True
     return inside
 
 

@@ -65,7 +65,7 @@ def _pack(
 
 def _raster(model: MorphableModel, regions: tuple[str, ...]) -> Bool[ndarray, "h w"]:
     """Which texels of the atlas belong to some regions of the model."""
-    wanted = np.isin(model.triangle_regions, [model.region_names.index(name) for name in regions])
+    wanted = model.triangles_of(*regions)
     assert model.uv is not None
     assert model.uv_triangles is not None
     corners = model.uv[model.uv_triangles[wanted]]

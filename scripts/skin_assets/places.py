@@ -26,7 +26,7 @@ def places(
     """
     assert model.uv is not None
     assert model.uv_triangles is not None
-    wanted = np.isin(model.triangle_regions, [model.region_names.index(name) for name in regions])
+    wanted = model.triangles_of(*regions)
     uv_index, first = np.unique(model.uv_triangles[wanted], return_index=True)
     vertex = model.triangles[wanted].reshape(-1)[first]
     u = uv_box[0] + (np.arange(size_px[1]) + 0.5) / size_px[1] * (uv_box[1] - uv_box[0])

@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from datagen.appearance.accessories.glasses import Glasses
-from datagen.appearance.accessories.head_fit import nearest_on_side, vertices_of
+from datagen.appearance.accessories.head_fit import nearest_on_side
 from datagen.appearance.accessories.materials import smooth
 from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, solid, tube
@@ -223,7 +223,7 @@ def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> 
 
 @lru_cache(maxsize=4)
 def _front_vertices(model: MorphableModel) -> Int64[ndarray, " n"]:
-    found = vertices_of(model, (*FRONT_REGIONS, "scalp"))
+    found = model.vertices_of(*FRONT_REGIONS, "scalp")
     place = model.mean[found]
     chosen = (np.abs(place[:, 0]) < 76) & (place[:, 1] > -58) & (place[:, 2] > 25)
     return found[chosen].astype(np.int64)
@@ -231,7 +231,7 @@ def _front_vertices(model: MorphableModel) -> Int64[ndarray, " n"]:
 
 @lru_cache(maxsize=4)
 def _side_vertices(model: MorphableModel) -> Mapping[int, Int32[ndarray, " n"]]:
-    found = vertices_of(model, ("skin", "scalp", "neck"))
+    found = model.vertices_of("skin", "scalp", "neck")
     place = model.mean[found]
     aside = (place[:, 1] > -15) & (place[:, 1] < 115) & (place[:, 2] > -45) & (np.abs(place[:, 0]) > 45)
     return {side: found[aside & (side * place[:, 0] > 0)].astype(np.int32) for side in (1, -1)}
@@ -239,7 +239,7 @@ def _side_vertices(model: MorphableModel) -> Mapping[int, Int32[ndarray, " n"]]:
 
 @lru_cache(maxsize=4)
 def _scalp(model: MorphableModel) -> Int32[ndarray, " n"]:
-    return vertices_of(model, ("scalp",))
+    return model.vertices_of("scalp")
 
 
 def outline(shape: str, count: int) -> Float64[ndarray, "n 2"]:

@@ -1,13 +1,12 @@
 """What accessories are fitted to: places of a head, and the smooth outside of its skull."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
@@ -33,17 +32,12 @@ class Anchors:
         return w[:, :1] * found[:, 0] + w[:, 1:2] * found[:, 1] + w[:, 2:] * found[:, 2]
 
 
-def triangles_of(model: MorphableModel, regions: Sequence[str]) -> Bool[ndarray, " t"]:
-    """Which triangles of a model belong to some regions."""
-    return np.array([name in regions for name in model.region_names])[model.triangle_regions]
-
-
 def anchors_outward(model: MorphableModel, centre: Float[ndarray, "3"], directions: Float[ndarray, "n 3"]) -> Anchors:
     """Where rays from inside the mean head leave it: the last of their crossings.
 
     A ray that meets no triangle ends in the triangle whose middle is nearest to it.
     """
-    triangles = model.triangles[triangles_of(model, OUTER_REGIONS)]
+    triangles = model.triangles[model.triangles_of(*OUTER_REGIONS)]
     corners = model.mean[triangles].astype(np.float64) - centre
     middle = corners.mean(axis=1)
     tree = cKDTree(middle / np.linalg.norm(middle, axis=1, keepdims=True))
@@ -76,17 +70,12 @@ def grid_outward(
     return anchors_outward(model, np.array(centre), direction(rise, around).reshape(-1, 3))
 
 
-def vertices_of(model: MorphableModel, regions: Sequence[str]) -> Int32[ndarray, " n"]:
-    """The vertices of some regions of a model."""
-    return np.unique(model.triangles[triangles_of(model, regions)]).astype(np.int32)
-
-
 @lru_cache(maxsize=64)
 def nearest_vertices(
     model: MorphableModel, places: tuple[Triple, ...], regions: tuple[str, ...] = OUTER_REGIONS
 ) -> Int32[ndarray, " n"]:
     """The vertex of some regions nearest to each place of the mean head (mm)."""
-    candidates = vertices_of(model, regions)
+    candidates = model.vertices_of(*regions)
     return candidates[cKDTree(model.mean[candidates]).query(np.array(places))[1]]
 
 
@@ -120,7 +109,7 @@ def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray
     unique, count = np.unique(keys, return_counts=True)
     border = edges[np.isin(keys, unique[count == 1])]
     after = dict(border.tolist())
-    on_neck = set(vertices_of(model, ["neck"]).tolist())
+    on_neck = set(model.vertices_of("neck").tolist())
     start = min((vertex for vertex in after if vertex in on_neck), key=lambda vertex: model.mean[vertex, 1])
     loop = [start]
     while (following := after[loop[-1]]) != start:

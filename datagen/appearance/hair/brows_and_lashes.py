@@ -210,7 +210,6 @@ def _ridges() -> Float64[ndarray, "n w"]:
 
 @cache
 def _eye_vertices(model: MorphableModel) -> tuple[ndarray, ndarray]:
-    of_eyes = np.isin(model.triangle_regions, [model.region_names.index(name) for name in EYE_REGIONS])
-    vertices = np.unique(model.triangles[of_eyes])
+    vertices = model.vertices_of(*EYE_REGIONS)
     is_left = model.mean[vertices, 0] > 0
     return vertices[is_left], vertices[~is_left]

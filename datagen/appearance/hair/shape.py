@@ -139,9 +139,7 @@ def _depth_at(x: Float[ndarray, " n"], y: Float[ndarray, " n"]) -> Float32[ndarr
 def _depths() -> Float32[ndarray, "rows columns"]:
     """Depth (z) of the mean's front over the cells, smooth."""
     model = builtin_model()
-    regions = np.array([name in MIDDLE_REGIONS for name in model.region_names])
-    vertices = np.unique(model.triangles[regions[model.triangle_regions]])
-    front = model.mean[vertices].astype(np.float64)
+    front = model.mean[model.vertices_of(*MIDDLE_REGIONS)].astype(np.float64)
     front = front[front[:, 2] > -20]
     x, y = np.meshgrid(np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-6, CELL_MM), row_heights())
     from scipy.interpolate import LinearNDInterpolator  # a third of a second, which plain pictures save

@@ -34,7 +34,7 @@ class LidMargins:
 
     def __init__(self, model: MorphableModel) -> None:
         is_socket = _is_socket(model)
-        skin = np.isin(model.triangle_regions, [model.region_names.index(name) for name in ("skin", "brows")])
+        skin = model.triangles_of("skin", "brows")
         ring = np.intersect1d(model.triangles[skin & ~is_socket], model.triangles[is_socket])
         self.sides: tuple[Int64[ndarray, " _"], ...] = tuple(
             ring[sign * model.mean[ring, 0] > 0].astype(np.int64) for sign in (1, -1)
@@ -110,10 +110,8 @@ def _smoothed(model: MorphableModel, values: ndarray) -> ndarray:
 
 def _inwards(model: MorphableModel, lips: ndarray) -> ndarray:
     """Extends the lips by some millimetres into the mouth."""
-    regions = {name: model.region_names.index(name) for name in ("lips", "mouth_inside")}
-    red = np.unique(model.triangles[model.triangle_regions == regions["lips"]])
-    inside = np.unique(model.triangles[model.triangle_regions == regions["mouth_inside"]])
-    distance = cKDTree(model.mean[red]).query(model.mean[inside])[0]
+    inside = model.vertices_of("mouth_inside")
+    distance = cKDTree(model.mean[model.vertices_of("lips")]).query(model.mean[inside])[0]
     lips = lips.copy()
     lips[inside] = np.maximum(lips[inside], np.exp(-distance / 4.0))
     return lips

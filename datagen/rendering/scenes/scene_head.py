@@ -123,7 +123,7 @@ def coarse_triangles(model: MorphableModel, source: Int64[ndarray, " s"]) -> Int
     centre = np.stack([np.bincount(group, weights=axis) for axis in mean.T], axis=1) / np.bincount(group)[:, None]
     by_distance = np.lexsort((np.linalg.norm(mean - centre[group], axis=1), group))
     chosen = by_distance[np.unique(group[by_distance], return_index=True)[1]]
-    outer = ~np.isin(np.array(model.region_names)[model.triangle_regions], WITHIN)
+    outer = ~model.triangles_of(*WITHIN)
     coarse = chosen[group[model.triangles[outer]]]
     whole = (coarse != np.roll(coarse, 1, axis=1)).all(axis=1)
     split = np.full(len(mean), -1, dtype=np.int64)

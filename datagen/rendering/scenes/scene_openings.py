@@ -48,7 +48,7 @@ class Openings:
 
 def _open_edges(model: MorphableModel) -> Int64[ndarray, "e 2"]:
     """Edges that belong to a single triangle, in its direction."""
-    outer = ~np.isin(np.array(model.region_names)[model.triangle_regions], WITHIN)
+    outer = ~model.triangles_of(*WITHIN)
     triangles = model.triangles.astype(np.int64)
     edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     key = np.sort(edges, axis=1) @ [len(model.mean), 1]

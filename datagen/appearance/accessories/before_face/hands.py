@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from datagen.appearance.accessories.head_fit import nearest_on_side, vertices_of
+from datagen.appearance.accessories.head_fit import nearest_on_side
 from datagen.appearance.accessories.materials import cloth, draw_cloth_colour, draw_tint, skin_material, smooth
 from datagen.appearance.scene import Colour, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, scene_mesh, tube, unit
@@ -221,4 +221,4 @@ def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, 
 @lru_cache(maxsize=4)
 def _sparse_skin(model: MorphableModel) -> Int32[ndarray, " n"]:
     """Every fifth vertex of the surface that a hand can touch."""
-    return vertices_of(model, ("skin", "brows", "lips", "eyes", "ears", "scalp", "neck"))[::5]
+    return model.vertices_of("skin", "brows", "lips", "eyes", "ears", "scalp", "neck")[::5]

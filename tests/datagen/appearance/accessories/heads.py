@@ -6,7 +6,6 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
-from datagen.appearance.accessories.head_fit import triangles_of
 from datagen.appearance.scene import PosedHead, Surface
 from pix2face.models.morphable_model import builtin_model
 
@@ -28,6 +27,6 @@ def _surface() -> Surface:
 
 def outside_mm(points: ndarray, head: PosedHead, regions: tuple[str, ...]) -> ndarray:
     """Distance of points from the surface of some regions, negative inside: by the plane of the nearest vertex."""
-    chosen = np.unique(head.model.triangles[triangles_of(head.model, regions)])
+    chosen = head.model.vertices_of(*regions)
     nearest = chosen[cKDTree(head.vertices[chosen]).query(points)[1]]
     return np.einsum("ij,ij->i", points - head.vertices[nearest], head.normals[nearest])

@@ -20,7 +20,6 @@ from datagen.appearance.accessories.beard import (
     draw_beard,
     style_densities,
 )
-from datagen.appearance.accessories.head_fit import triangles_of
 from datagen.appearance.person import draw_person
 from pix2face.models.morphable_model import builtin_model
 from tests.datagen.appearance.accessories.heads import outside_mm, random_head
@@ -51,7 +50,7 @@ def density_near(style: str, places: np.ndarray, within_mm: float) -> np.ndarray
 @pytest.mark.parametrize("style", STYLES)
 def test_lips_stay_free(style: str) -> None:
     model = builtin_model()
-    lips = np.unique(model.triangles[triangles_of(model, ("lips",))])
+    lips = model.vertices_of("lips")
     seen = model.mean[lips][model.mean[lips][:, 2] > 97]
     assert np.quantile(density_near(style, seen, 1.2), 0.97) < 0.25
     assert density_near(style, model.mean[model.landmarks["ibug68"][[30, 27, 36, 45]]], 4).max() == 0

@@ -12,7 +12,6 @@ from datagen.appearance.accessories.before_face.occluders import THINGS, draw_th
 from datagen.appearance.accessories.clothing.body import fit_body
 from datagen.appearance.accessories.hats.headwear import HATS, draw_headwear
 from datagen.appearance.accessories.hats.headwear_meshes import headwear_meshes
-from datagen.appearance.accessories.head_fit import triangles_of
 from datagen.appearance.accessories.jewellery import PIERCINGS, SOUND, Jewellery, jewellery_meshes
 from datagen.appearance.accessories.weaves import WEAVES, layer_of, weave_textures
 from datagen.appearance.person import draw_person
@@ -90,7 +89,7 @@ def test_what_is_held_is_at_mouth_or_ear(kind: str) -> None:
         head = random_head(seed)
         held = replace(draw_held(np.random.default_rng(seed)), kind=kind)
         points = np.concatenate([mesh.vertices for mesh in held_meshes(held, head)])
-        ears = np.unique(head.model.triangles[triangles_of(head.model, ("ears",))])
+        ears = head.model.vertices_of("ears")
         lips = head.vertices[head.model.landmarks["ibug68"][62]]
         goal = head.vertices[ears] if kind == "phone at ear" else lips[None]
         near = np.linalg.norm(points[:, None] - goal[None, ::20], axis=2).min()
@@ -137,7 +136,7 @@ def test_what_plays_sits_at_both_ears_and_leaves_the_face_free(kind: str) -> Non
         head = random_head(seed)
         (mesh,) = jewellery_meshes(_jewellery(sound=kind), head, fit_body(head, np.eye(3)))
         points = mesh.vertices.astype(np.float64)
-        ears = np.unique(head.model.triangles[triangles_of(head.model, ("ears",))])
+        ears = head.model.vertices_of("ears")
         for side in (1, -1):
             ear = head.vertices[[vertex for vertex in ears if side * head.vertices[vertex, 0] > 0]]
             nearest = np.linalg.norm(points[:, None] - ear[None, ::20], axis=2).min()

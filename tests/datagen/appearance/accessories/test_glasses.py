@@ -6,7 +6,6 @@ from scipy.spatial import cKDTree
 
 from datagen.appearance.accessories.glasses import SHAPES, Glasses, draw_glasses
 from datagen.appearance.accessories.glasses_meshes import glasses_meshes, outline
-from datagen.appearance.accessories.head_fit import triangles_of
 from tests.datagen.appearance.accessories.heads import outside_mm, random_head
 
 SKIN = ("skin", "brows", "scalp", "neck")
@@ -32,10 +31,10 @@ def test_they_sit_on_the_nose_before_the_eyes_and_reach_behind_the_ears(seed: in
     head = random_head(seed)
     frame, lenses = glasses_meshes(replace(drawn(seed), lift=0.0, slip_mm=1.0, skew_deg=0.0), head)
     model = head.model
-    eyes = np.unique(model.triangles[triangles_of(model, ("iris", "pupil"))])
+    eyes = model.vertices_of("iris", "pupil")
     near = cKDTree(lenses.vertices).query(head.vertices[eyes])[0]
     assert 5 < near.min() < 28
-    ears = head.neutral[np.unique(model.triangles[triangles_of(model, ("ears",))])]
+    ears = head.neutral[model.vertices_of("ears")]
     assert frame.vertices[:, 2].min() < np.median(ears[:, 2])
     assert frame.vertices[:, 0].min() < -60 < 60 < frame.vertices[:, 0].max()
 
