@@ -102,8 +102,6 @@ MISTAKES = (
             "pose.translation_px[0] - 0.5", "pose.translation_px[0] + 0.5", FACE_FILES),
     Mistake("300W-LP: one pixel in y of Pose_Para", "pix2face/face_files",
             "image_height_px - ty + 0.5", "image_height_px - ty - 0.5", FACE_FILES),
-    Mistake("300W-LP: posed points count from 0", "pix2face/face_files",
-            "image_height_px + 1 - posed[:, 1]", "image_height_px - posed[:, 1]", FACE_FILES),
     Mistake("300W-LP: half a pixel in pt3d_68", "pix2face/face_files",
             "[0.5, 0.5, 0]", "[0.0, 0.0, 0]", FACE_FILES),
     Mistake("300W-LP: a negative scale keeps its rotation", "pix2face/face_files",
