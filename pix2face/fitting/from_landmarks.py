@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 
-from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.cameras.camera_fit import fit_weak_perspective_camera
+from pix2face.fitting.face_fit import check_scheme
 from pix2face.fitting.jaw_contour import JAW, JawContour
 from pix2face.fitting.least_squares.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
 from pix2face.fitting.least_squares.similarity import Similarity
@@ -66,9 +67,7 @@ class LandmarkModel:
         Raises:
             UsageError: The model has no such landmarks.
         """
-        if scheme not in model.landmarks:
-            found = sorted(model.landmarks)
-            raise UsageError(f"expected landmarks {scheme!r} in the model {model.name!r}, found {found}")
+        check_scheme(model, scheme)
         vertices = model.landmarks[scheme]
         basis = np.concatenate([model.identity_basis[:, vertices], model.expression_basis[:, vertices]])
         return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)

@@ -79,13 +79,9 @@ class ReprojectionErrors:
         self._counts[fold] += present
 
     def of(self, vertices: Int[ndarray, " m"]) -> Float64[ndarray, " m"]:
-        """Mean error of given vertices over all frames, such as those that a model has now.
-
-        Args:
-            vertices: Of the model, one for each landmark; NaN is returned for one that is no candidate.
-        """
+        """Mean error of given vertices, one a landmark, over all frames; NaN for one that is no candidate."""
         place = {int(vertex): index for index, vertex in enumerate(self._candidates)}
-        mean = self._mean(self._sums.sum(axis=0), self._counts.sum(axis=0))
+        mean = self._sums.sum(axis=0) / np.maximum(self._counts.sum(axis=0), 1)[:, None]
         return np.array([mean[row, place[int(v)]] if int(v) in place else np.nan for row, v in enumerate(vertices)])
 
     def select(self) -> LandmarkSelection:
@@ -111,10 +107,6 @@ class ReprojectionErrors:
             held_out_error=held_out / counts,
             n_frames=counts,
         )
-
-    @staticmethod
-    def _mean(sums: Float64[ndarray, "m v"], counts: Int[ndarray, " m"]) -> Float64[ndarray, "m v"]:
-        return np.asarray(sums / np.maximum(counts, 1)[:, None])
 
 
 def fold_of_frame(index: int, n_frames: int, n_folds: int) -> int:

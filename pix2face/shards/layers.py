@@ -23,11 +23,11 @@ class Layer:
 
     name: str  # also of its dataset in a shard, and of its choice on a command line
     n_channels: int  # arrays are (h, w, n_channels), or (h, w) where it is 1
-    unit: str
+    unit: str = ""
     dtype: Any  # in memory
     stored: Any  # dtype of the values in steps, as files hold them
-    steps_per_unit: int  # rounding is at most half a step off
-    is_smooth: bool  # neighbours differ little, so that files hold what a predictor leaves (`map_storage`)
+    steps_per_unit: int = 1  # rounding is at most half a step off
+    is_smooth: bool = False  # neighbours differ little, so that files hold what a predictor leaves (`map_storage`)
     meaning: str
 
     def shape(self, height_px: int, width_px: int) -> tuple[int, ...]:
@@ -64,11 +64,8 @@ _TABLE = (
     Layer(
         name="mask",
         n_channels=1,
-        unit="",
         dtype=np.bool_,
         stored=np.dtype("u1"),
-        steps_per_unit=1,
-        is_smooth=False,
         meaning="where PNCC and offset hold: the nearest triangle is of the face and shows its outside",
     ),
     Layer(
@@ -84,7 +81,6 @@ _TABLE = (
     Layer(
         name="normals",
         n_channels=3,
-        unit="",
         dtype=np.float32,
         stored=np.dtype("<i2"),
         steps_per_unit=4096,
@@ -94,7 +90,6 @@ _TABLE = (
     Layer(
         name="uv",
         n_channels=2,
-        unit="",
         dtype=np.float32,
         stored=np.dtype("<i2"),
         steps_per_unit=16384,
@@ -104,32 +99,23 @@ _TABLE = (
     Layer(
         name="regions",
         n_channels=1,
-        unit="",
         dtype=np.uint8,
         stored=np.dtype("u1"),
-        steps_per_unit=1,
-        is_smooth=False,
         meaning="0 background, else 1 + place of the region in the header's region_names, on the whole head",
     ),
     Layer(
         name="seen",
         n_channels=1,
-        unit="",
         dtype=np.bool_,
         stored=np.dtype("u1"),
-        steps_per_unit=1,
-        is_smooth=False,
         meaning="the part of the mask that the picture shows: not behind hair, glasses, hands or hats, nor beyond the "
         "border of the photograph",
     ),
     Layer(
         name="seen_regions",
         n_channels=1,
-        unit="",
         dtype=np.uint8,
         stored=np.dtype("u1"),
-        steps_per_unit=1,
-        is_smooth=False,
         meaning="as regions, of what is nearest in the picture: the head's regions, and after these hair, glasses, "
         "clothes and what else stands before it",
     ),
@@ -148,18 +134,10 @@ SCENE_LAYERS = (SEEN, SEEN_REGIONS)
 
 
 def parse_layers(text: str) -> tuple[str, ...]:
-    """Reads a choice such as ``image,pncc,offset,mask``, or ``all``.
-
-    Returns:
-        The names, each once, in the order of ``LAYER_NAMES``.
-
-    Raises:
-        UsageError: A name is unknown, or there is none.
-    """
+    """Reads a choice such as ``image,pncc,offset,mask``, or ``all``; see ``order_layers``."""
     if text.strip() == ALL_LAYERS:
         return LAYER_NAMES
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    return order_layers(names)
+    return order_layers([name.strip() for name in text.split(",") if name.strip()])
 
 
 def order_layers(names: Sequence[str]) -> tuple[str, ...]:

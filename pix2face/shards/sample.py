@@ -81,10 +81,8 @@ class Sample:
                 f"{where}: expected a picture, found layers {','.join(self.layers) or 'none'}; "
                 "name the layer image where samples are rendered and where they are read"
             )
-        sizes, declared = (
-            {values.shape[:2] for values in self.layers.values()},
-            declared_size_px(self.image_bytes, where),
-        )
+        sizes = {values.shape[:2] for values in self.layers.values()}
+        declared = declared_size_px(self.image_bytes, where)
         if sizes and declared is not None and declared not in sizes:
             raise InputFileError(f"{where}: expected a picture like its layers, {sizes.pop()}, found one of {declared}")
         return decode_image(self.image_bytes, where)
@@ -122,12 +120,7 @@ class Sample:
 
 
 def check_has_layers(found: Container[str], wanted: Sequence[str], where: str) -> None:
-    """Checks that all wanted layers are there.
-
-    Args:
-        found: Names of the layers that there are.
-        wanted: Names of the layers that are needed.
-        where: The sample or file that has them, for the message.
+    """Checks that all wanted layers are there; ``where`` names the sample or file in the message.
 
     Raises:
         UsageError: A layer is missing.

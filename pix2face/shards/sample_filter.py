@@ -104,7 +104,8 @@ class AttributeExpression:
                 self._used.add(dotted)
                 return lambda attributes: _attribute(attributes, dotted)
             case ast.BoolOp(op=op, values=values):
-                return _all_or_any([self._compiled(value) for value in values], isinstance(op, ast.And))
+                parts, combined = [self._compiled(value) for value in values], all if isinstance(op, ast.And) else any
+                return lambda attributes: combined(part(attributes) for part in parts)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 inner = self._compiled(operand)
                 return lambda attributes: not inner(attributes)
@@ -127,33 +128,17 @@ class AttributeExpression:
 
 @final
 class SampleFilter:
-    """A condition, made ready.
-
-    Args:
-        text: The condition.
-        option: Of the command line, to name in errors.
-
-    Raises:
-        UsageError: The text is no condition of this language.
-    """
+    """A condition, made ready; arguments and errors are those of ``AttributeExpression``."""
 
     def __init__(self, text: str, option: str) -> None:
         self._condition = AttributeExpression(text, option, "a condition")
 
     def passes(self, sample_id: str, attributes: Attributes) -> bool:
-        """Whether a sample fulfils the condition.
-
-        Raises:
-            UsageError: The condition compares texts with numbers, divides by 0 or the like.
-        """
+        """Whether a sample fulfils the condition."""
         return bool(self._condition.value(sample_id, attributes))
 
     def check_names(self) -> None:
-        """Makes sure that each name was an attribute of a sample that was met.
-
-        Raises:
-            UsageError: One was not.
-        """
+        """Makes sure that each name was an attribute of a sample that was met."""
         self._condition.check_names()
 
 
@@ -174,12 +159,6 @@ def _attribute(attributes: Attributes, name: str) -> str | float | None:
         return found
     part = name.rpartition(".")[0] + "."
     return 0.0 if any(other.startswith(part) for other in attributes) else None
-
-
-def _all_or_any(parts: list[Evaluate], is_all: bool) -> Evaluate:
-    if is_all:
-        return lambda attributes: all(part(attributes) for part in parts)
-    return lambda attributes: any(part(attributes) for part in parts)
 
 
 def _of_known(function: Callable[..., Any], arguments: list[Evaluate]) -> Evaluate:

@@ -110,29 +110,28 @@ class OneEuroSmoother(Smoother):
 
     def __init__(self, fps: float) -> None:
         self._seconds = 1 / fps
-        self._points: Float64[ndarray, "n d"] | None = None
-        self._raw: Float64[ndarray, "n d"] | None = None
-        self._velocity: Float64[ndarray, "n d"] | None = None
+        self._before: tuple[ndarray, ndarray, ndarray] | None = (
+            None  # points smoothed, as they came, and their velocity
+        )
 
     def push(self, points: Float[ndarray, "n d"], unit: float) -> list[Float64[ndarray, "n d"]]:
         """See the base class."""
         raw = points.astype(np.float64)
-        if self._points is None or self._raw is None or self._velocity is None:
-            self._points, self._velocity = raw, np.zeros_like(raw)
+        if self._before is None:
+            smoothed, velocity = raw, np.zeros_like(raw)
         else:
-            velocity = (raw - self._raw) / (unit * self._seconds)
-            self._velocity = self._velocity + _share(np.array(SPEED_CUTOFF_HZ), self._seconds) * (
-                velocity - self._velocity
-            )
-            speed = np.linalg.norm(self._velocity, axis=1, keepdims=True)
+            smoothed, last_raw, velocity = self._before
+            change = (raw - last_raw) / (unit * self._seconds) - velocity
+            velocity = velocity + _share(np.array(SPEED_CUTOFF_HZ), self._seconds) * change
+            speed = np.linalg.norm(velocity, axis=1, keepdims=True)
             share = _share(REST_CUTOFF_HZ + CUTOFF_PER_SPEED * speed, self._seconds)
-            self._points = self._points + share * (raw - self._points)
-        self._raw = raw
-        return [self._points]
+            smoothed = smoothed + share * (raw - smoothed)
+        self._before = smoothed, raw, velocity
+        return [smoothed]
 
     def flush(self) -> list[Float64[ndarray, "n d"]]:
         """See the base class."""
-        self._points = self._raw = self._velocity = None
+        self._before = None
         return []
 
 

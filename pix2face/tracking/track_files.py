@@ -9,7 +9,6 @@ import zipfile
 from contextlib import ExitStack
 from dataclasses import astuple
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Final, Literal, final
 
 import cv2
@@ -75,9 +74,7 @@ class TrackFiles:
     def __enter__(self) -> "TrackFiles":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -125,9 +122,7 @@ class GrowingNpz:
     def __enter__(self) -> "GrowingNpz":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._pack()
 
     def append(self, row: dict[str, ndarray]) -> None:

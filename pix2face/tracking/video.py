@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import final
 
 import cv2
@@ -102,10 +101,9 @@ class OverlayVideo:
     def __enter__(self) -> "OverlayVideo":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    def __exit__(self, *error: object) -> None:
+        if self._writer is not None:
+            self._writer.release()
 
     def write(self, image: Frame) -> None:
         """Appends a frame.
@@ -122,12 +120,6 @@ class OverlayVideo:
                 raise UsageError(f"{self._path}: expected to write a video of {self._size} pixels, OpenCV refuses")
         width, height = self._size
         self._writer.write(np.ascontiguousarray(image[:height, :width, ::-1]))
-
-    def close(self) -> None:
-        """Ends the file."""
-        if self._writer is not None:
-            self._writer.release()
-            self._writer = None
 
 
 def _open_pattern(pattern: Path) -> FrameSource:
