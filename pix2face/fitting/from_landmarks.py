@@ -166,7 +166,8 @@ def fit_landmarks(
     if depths_px is not None:
         targets = np.column_stack([targets, depths_px])
     seen = given > 0
-    problem = _Problem(targets[seen], _centre(landmark_model.rows(seen), given[seen]), regularisation, camera)
+    centre = given[seen] @ landmark_model.mean[seen] / given[seen].sum()
+    problem = _Problem(targets[seen], centre, regularisation, camera)
     matched, trust = landmark_model, np.ones(len(landmarks2d))
     state = problem.start(given[seen], len(landmark_model.basis))
     for is_first in (True,) + (False,) * (FURTHER_ROUNDS if robust or contour else 0):
@@ -182,14 +183,8 @@ def fit_landmarks(
                 break
         quadratic = problem.quadratic(matched.rows(seen), (given * trust)[seen])
         state, _ = minimise(state, quadratic, FaceState.moved, relative_decrease=RELATIVE_DECREASE)
-    return _landmark_fit(landmark_model, matched, state, problem, trust)
-
-
-def _landmark_fit(
-    model: LandmarkModel, matched: LandmarkModel, state: "FaceState", problem: "_Problem", trust: ndarray
-) -> LandmarkFit:
-    camera, c, k = state.similarity.camera(problem.centre), state.coefficients, model.n_identity
-    landmarks2d, matched2d = (camera.project(points.landmarks3d(c)) for points in (model, matched))
+    camera, c, k = state.similarity.camera(problem.centre), state.coefficients, landmark_model.n_identity
+    landmarks2d, matched2d = (camera.project(points.landmarks3d(c)) for points in (landmark_model, matched))
     return LandmarkFit(camera, c[:k], c[k:], landmarks2d, matched2d, trust)
 
 
@@ -209,10 +204,6 @@ def _weights_of_present(
             f"with finite coordinates and a weight, of {len(out)}"
         )
     return np.asarray(out, dtype=np.float64)
-
-
-def _centre(model: LandmarkModel, weights: Float64[ndarray, " m"]) -> Float64[ndarray, "3"]:
-    return np.asarray(weights @ model.mean / weights.sum(), dtype=np.float64)
 
 
 @final

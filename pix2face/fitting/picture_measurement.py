@@ -1,6 +1,7 @@
 """What the maps of one picture say: a camera, and the linear system of the coefficients."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, final
 
 import numpy as np
@@ -88,12 +89,19 @@ def measure_picture(
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
     can_hold = options.is_held and constraints == "vertices"
-    width_mm = float(np.ptp(prepared.mean[:, 0]))
     # What the silhouette refines need not be robust, for the refinement is.
     is_start = can_hold and options.camera == "weak-perspective"
-    eye = _CameraFit(options.camera, principal_point_px, width_mm, is_robust=not is_start)
+    fit_camera = partial(
+        _fit_camera,
+        kind=options.camera,
+        principal_point_px=principal_point_px,
+        face_width_mm=float(np.ptp(prepared.mean[:, 0])),
+        is_robust=not is_start,
+    )
     clear = _clear_pixels(maps, pixels)
-    camera = eye.fit(*correspondences(clear, maps.mask.shape[1], _CORRESPONDENCES.get(options.camera, CAMERA_PIXELS)))
+    camera = fit_camera(
+        *correspondences(clear, maps.mask.shape[1], _CORRESPONDENCES.get(options.camera, CAMERA_PIXELS))
+    )
     if constraints == "surface":
         regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
         surface = image_system(*surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust=True)
@@ -110,7 +118,7 @@ def measure_picture(
         return _inside_mask(measured, whole, clear, prepared, found, basis, max(1, options.reprojection_rounds))
     for _ in range(options.reprojection_rounds):
         vertices = prepared.mean[found.places] + basis @ system.solve(regularisation)
-        camera = eye.fit(vertices.astype(np.float64), found.points2d)
+        camera = fit_camera(vertices.astype(np.float64), found.points2d)
         system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)
     return PictureMeasurement(camera, system, regularisation)
 
@@ -158,33 +166,31 @@ def _inside_mask(
     return PictureMeasurement(camera, system, start.regularisation)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _CameraFit:
-    """Which camera to fit, as in ``fit_face``; ``is_robust`` says whether a weak-perspective one must be."""
+def _fit_camera(
+    points3d: Float[ndarray, "n 3"],
+    points2d: Float[ndarray, "n 2"],
+    *,
+    kind: str,
+    principal_point_px: Float[ndarray, "2"],
+    face_width_mm: float,
+    is_robust: bool,
+) -> Camera:
+    """Fits a camera of a kind to points; ``is_robust`` says whether a weak-perspective one must be.
 
-    kind: str
-    principal_point_px: Float[ndarray, "2"]
-    face_width_mm: float
-    is_robust: bool
-
-    def fit(self, points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]) -> Camera:
-        """Fits it to points.
-
-        Raises:
-            DegenerateGeometryError: The points do not determine it.
-            UsageError: There is no such kind.
-        """
-        if self.kind == "affine":
-            return fit_affine_camera(points3d, points2d, robust=True)
-        if self.kind == "weak-perspective":
-            return fit_weak_perspective_camera(points3d, points2d, robust=self.is_robust)
-        if self.kind == "pinhole":
-            initial = fit_affine_camera(points3d, points2d, robust=True)
-            return fit_pinhole_camera(points3d, points2d, self.principal_point_px, initial, robust=True)
-        if self.kind == "auto":
-            return fit_warranted_camera(points3d, points2d, self.principal_point_px, self.face_width_mm)
-        raise UsageError(f"expected a camera of affine, weak-perspective, pinhole or auto, found {self.kind!r}")
+    Raises:
+        DegenerateGeometryError: The points do not determine it.
+        UsageError: There is no such kind.
+    """
+    if kind == "affine":
+        return fit_affine_camera(points3d, points2d, robust=True)
+    if kind == "weak-perspective":
+        return fit_weak_perspective_camera(points3d, points2d, robust=is_robust)
+    if kind == "pinhole":
+        initial = fit_affine_camera(points3d, points2d, robust=True)
+        return fit_pinhole_camera(points3d, points2d, principal_point_px, initial, robust=True)
+    if kind == "auto":
+        return fit_warranted_camera(points3d, points2d, principal_point_px, face_width_mm)
+    raise UsageError(f"expected a camera of affine, weak-perspective, pinhole or auto, found {kind!r}")
 
 
 def _estimated(basis: Float[ndarray, "n 3 c"], found: VertexPixels, prepared: PreparedModel) -> float:

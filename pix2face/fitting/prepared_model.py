@@ -86,7 +86,7 @@ def vertex_basis(model: MorphableModel, vertex_indices: Int[ndarray, " n"]) -> F
 
 
 def spread_vertices(model: MorphableModel, at_most: int) -> Int[ndarray, " n"]:
-    """Vertices of the face, evenly spread over its list of vertices."""
+    """At most so many vertices of the face, evenly spread over its list of vertices."""
     face = np.flatnonzero(model.is_face_vertex)
     return face[evenly_spread(len(face), at_most)]
 

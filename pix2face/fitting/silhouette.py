@@ -113,12 +113,7 @@ def fit_camera_to_silhouette(
 ) -> Camera:
     """The weak-perspective camera with the least mean distance of correspondences and of vertices beyond the mask.
 
-    Args:
-        start: Near it.
-        points3d: Points of the face that pixels show, mm, model frame.
-        points2d: Where: pixels, centres at +0.5.
-        face: Of the coefficients so far.
-        outside: The mask.
+    The correspondences are points of the face (mm, model frame) and the pixels that show them (centres at +0.5).
     """
     origin, centre2d = points3d.mean(axis=0), points2d.mean(axis=0)
     x, u, v = points3d - origin, points2d - centre2d, face.vertices - origin
@@ -175,12 +170,7 @@ def with_silhouette(
 ) -> ImageSystem:
     """Adds a row for each vertex that lies beyond the mask: it should move to its border, along the shortest way.
 
-    Args:
-        camera: Weak-perspective.
-        face: Of the coefficients so far.
-        basis: At its vertices, mm per standard deviation.
-        outside: The mask.
-        system: What the rows are added to.
+    The camera is weak-perspective; the basis is that of the face's vertices, mm per standard deviation.
     """
     nearest = nearest_weak_perspective(camera)
     distance, slope = outside.at(camera.project(face.vertices.astype(np.float64)))
@@ -194,9 +184,5 @@ def with_silhouette(
     moved_so_far = (away * (face.vertices[beyond] - face.mean[beyond])).sum(axis=1)
     inwards = np.minimum(distance[beyond], FARTHEST_SHARE * outside.side_px) / scale
     targets = (moved_so_far - inwards).astype(basis.dtype)
-    return ImageSystem(
-        system.normal + rows.T @ rows,
-        system.right + targets @ rows,
-        system.weights,
-        offsets_only=system.offsets_only or system,
-    )
+    normal, right = system.normal + rows.T @ rows, system.right + targets @ rows
+    return ImageSystem(normal, right, system.weights, offsets_only=system.offsets_only or system)

@@ -38,15 +38,9 @@ class _Surface:
 def surface_rows(
     model: MorphableModel, pixels: ValidPixels, at_most: int
 ) -> tuple[Float64[ndarray, "n 3 c"], Float64[ndarray, "n 3"]]:
-    """Basis and offset at pixels whose PNCC lies inside a triangle of the mean face; others are left out.
+    """Basis (mm per standard deviation, identity first) and offset (mm) at pixels that lie inside a triangle.
 
-    Args:
-        model: The model that the maps are of.
-        pixels: Of the maps.
-        at_most: How many pixels to look at, evenly spread.
-
-    Returns:
-        The basis (mm per standard deviation, identity before expression) and the offset (mm) at each.
+    A pixel does if its PNCC lies inside a triangle of the mean face. At most so many are looked at, evenly spread.
     """
     chosen = evenly_spread(len(pixels.places), at_most)
     points = pixels.pncc[chosen].astype(np.float64)

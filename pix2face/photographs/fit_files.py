@@ -32,11 +32,7 @@ LARGEST_FILE_BYTES = 32 << 20
 def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_height_px: int) -> str:
     """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5).
 
-    Args:
-        fitted: In the pixels of the photograph.
-        model: The model of the fit.
-        photograph: Path of the photograph, from the folder of the file if it is relative.
-        image_height_px: Height of the photograph, which 300W-LP's pose refers to.
+    ``photograph`` is its path, from the folder of the file if it is relative; 300W-LP's pose refers to its height.
     """
     pose = head_pose(fitted.camera)
     published = pose_of_camera(fitted.camera, image_height_px)

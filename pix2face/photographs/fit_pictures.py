@@ -41,13 +41,7 @@ def draw_landmarks(
 def draw_overlay(
     image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int = OVERLAY_PX
 ) -> UInt8[ndarray, "s s 3"]:
-    """The fitted face, shaded, over its part of the picture, with the landmarks.
-
-    Args:
-        image: The picture.
-        fit: In the pixels of the picture.
-        model: The model of the fit.
-        size_px: Side of the overlay, which shows twice the face box.
+    """The fitted face, shaded, over its part of the picture, with the landmarks; it shows twice the face box.
 
     Raises:
         DegenerateGeometryError: The landmarks have no extent.
@@ -61,14 +55,7 @@ def draw_overlay(
 def shaded_face(
     background: UInt8[ndarray, "h w 3"], vertices: Float[ndarray, "v 3"], model: MorphableModel, camera: Camera
 ) -> UInt8[ndarray, "h w 3"]:
-    """A face, shaded and half transparent, over a picture.
-
-    Args:
-        background: The picture.
-        vertices: The face, mm, model frame.
-        model: For its face triangles.
-        camera: From the model frame to the pixels of the picture.
-    """
+    """A face (mm, model frame), shaded and half transparent, over a picture in whose pixels the camera projects."""
     height, width = background.shape[:2]
     triangles = model.triangles[model.is_face_triangle]
     fragments = rasterise(camera.matrix, vertices, triangles, height, width)
@@ -101,26 +88,21 @@ COLOURS = ((20, 140, 20), (210, 40, 40))
 LETTER_SCALE = 0.36
 
 
-def draw_model_landmarks(
-    model: MorphableModel, choices: list[Int[ndarray, " m"]], panel_px: int = PANEL_PX
-) -> UInt8[ndarray, "h w 3"]:
+def draw_model_landmarks(model: MorphableModel, choices: list[Int[ndarray, " m"]]) -> UInt8[ndarray, "h w 3"]:
     """The mean face, frontal, half turned and in profile, with landmark vertices.
 
-    Args:
-        model: The model.
-        choices: Up to two lists of vertices: the first is drawn in green, the second in red.
-        panel_px: Side of each of the three panels.
+    Of ``choices``, up to two lists of vertices, the first is drawn in green and the second in red.
     """
     panels = []
     face = model.mean[model.is_face_vertex]
     middle = (face.min(axis=0) + face.max(axis=0)) / 2
     for yaw_deg in YAWS_DEG:
         rotation = rotation_of_pose(HeadPose(0, yaw_deg, 0))
-        scale = panel_px / MM_A_PANEL
+        scale = PANEL_PX / MM_A_PANEL
         camera = weak_perspective_camera(
-            WeakPerspective(scale, rotation, np.full(2, panel_px / 2) - scale * (rotation @ middle)[:2])
+            WeakPerspective(scale, rotation, np.full(2, PANEL_PX / 2) - scale * (rotation @ middle)[:2])
         )
-        panel = shaded_face(np.full((panel_px, panel_px, 3), 255, np.uint8), model.mean, model, camera)
+        panel = shaded_face(np.full((PANEL_PX, PANEL_PX, 3), 255, np.uint8), model.mean, model, camera)
         for vertices, colour in zip(choices, COLOURS, strict=False):
             for number, (x, y) in enumerate(camera.project(model.mean[vertices])):
                 place = (round(float(x)), round(float(y)))

@@ -31,14 +31,9 @@ def visible_vertices(
 ) -> Bool[ndarray, " m"]:
     """Whether the line of sight to each vertex meets no other part of the mesh in front of it.
 
-    Borders of the picture do not count: a vertex beside the picture may be visible.
-
-    Args:
-        vertices: The mesh, mm, model frame.
-        triangles: All of it: scalp, neck and backs hide as well.
-        camera: What looks.
-        indices: The vertices asked for.
-        tolerance_mm: How much nearer a triangle must be to hide.
+    Borders of the picture do not count: a vertex beside the picture may be visible. The triangles are those of the
+    whole mesh (mm, model frame), since scalp, neck and backs hide as well; one hides only if it is nearer by more than
+    the tolerance.
     """
     pixels, depths = camera.project(vertices), camera.depth(vertices)
     corners = pixels[triangles]

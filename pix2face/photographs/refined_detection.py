@@ -87,10 +87,7 @@ def refine_boxes(
 ) -> list[FaceBox]:
     """The boxes of the landmarks of first predictions, or the given boxes where those are not plausible.
 
-    Args:
-        faces: Pictures, RGB, and in each the box of a face by a detector, in its pixels.
-        predictor: The network.
-        model: The one that it was trained for.
+    Each face is a picture (RGB) and the box of a face in it by a detector, in its pixels.
     """
     boxes = []
     for prediction, (_, box) in zip(predictor.predict_many(faces), faces, strict=True):

@@ -128,9 +128,7 @@ class FaceTracker:
 def lasting_faces(tracks: Iterable[TrackSummary], least_share: float = 0.0) -> list[TrackSummary]:
     """The faces with enough detections to be none of the detector's accidents, largest first.
 
-    Args:
-        tracks: All of the clip.
-        least_share: In how many of its frames a face must have been found.
+    ``least_share`` is the share of its frames in which a face must have been found.
     """
     ordered = sorted(tracks, key=lambda own: -own.weight)
     lasting = [
@@ -166,11 +164,7 @@ def boxes_of_every_frame(detected: Iterable[FrameBox], frames: range) -> Iterato
     """The box in each frame of a range.
 
     Between two detections of one track the box is interpolated; before the first, after the last, and between two
-    tracks the nearest detection is held.
-
-    Args:
-        detected: In the order of frames, at least one.
-        frames: Without steps.
+    tracks the nearest detection is held. Detections come in the order of frames; there is at least one.
     """
     next_frame = frames.start
     for before, after in _with_pairs(detected):

@@ -33,24 +33,15 @@ SPEED_CUTOFF_HZ = 1.0
 
 
 class Smoother(ABC):
-    """Smooths a sequence of point sets of one shape.
+    """Smooths a sequence of point sets of one shape."""
 
-    Attributes:
-        delay: Frames that have to follow before a frame is given back.
-    """
-
-    delay: int
+    delay: int  # frames that have to follow before a frame is given back
 
     @abstractmethod
     def push(self, points: Float[ndarray, "n d"], unit: float) -> list[Float64[ndarray, "n d"]]:
-        """Takes the next frame.
+        """Takes the next frame, and returns those that are done by now, in their order.
 
-        Args:
-            points: In any unit.
-            unit: The size of the face (its eye distance) in the same unit.
-
-        Returns:
-            The frames that are done by now, in their order.
+        The points may be in any unit; ``unit`` is the size of the face (its eye distance) in it.
         """
 
     @abstractmethod
@@ -164,10 +155,8 @@ class JitterMeter:
 def open_smoother(kind: str, fps: float) -> Smoother:
     """A smoother by its name.
 
-    Args:
-        kind: "none"; "mean3", the mean of three frames (the paper's); "one-euro", which looks at no frame ahead;
-            "spline", a smoothing spline over 12 frames on either side.
-        fps: Frames a second.
+    "mean3" is the mean of three frames (the paper's), "one-euro" looks at no frame ahead, and "spline" is a smoothing
+    spline over 12 frames on either side.
 
     Raises:
         UsageError: There is none of this name.

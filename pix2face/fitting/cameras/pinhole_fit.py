@@ -136,10 +136,7 @@ def linearised_pinhole(
 ) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, "n 2 7"]]:
     """Residuals in pixels and their derivatives with respect to an increment, as ``PinholeState.moved`` takes it.
 
-    Args:
-        state: The camera.
-        points3d: mm, relative to the centre of the points.
-        points2d: Pixels, relative to the principal point.
+    Points are in mm, relative to their centre; their images in pixels, relative to the principal point.
     """
     turned = points3d @ state.rotation.T
     derivative = rotation_jacobian(turned)

@@ -22,12 +22,8 @@ def with_reprojection(
     the vertices know. Rows are divided by the scale of the camera, so that they are millimetres as the others are, and
     weigh the same.
 
-    Args:
-        camera: Fitted to the mesh so far.
-        mean: The found vertices in the mean face, mm.
-        basis: There, mm per standard deviation.
-        found: Where they were found.
-        system: Of the offsets, for its weights.
+    The camera is fitted to the mesh so far; mean (mm) and basis (mm per standard deviation) are those of the found
+    vertices; the system of the offsets has their weights.
 
     Returns:
         The system with the rows added to those of the offsets alone (not to those of an earlier round).

@@ -30,11 +30,8 @@ def reweighted(
 ) -> State:
     """Iteratively reweighted least squares with a threshold that follows the median residual.
 
-    Args:
-        start: The solution with the weights that are given.
-        distances: Length of each residual at a state.
-        solve: The state that minimises the weighted sum of squares, or is nearer to doing so.
-        given_weights: What the weights of the loss are multiplied by.
+    It begins with the solution for the given weights, which the weights of the loss are multiplied by. ``distances``
+    are the lengths of the residuals; ``solve`` minimises the weighted sum of squares, or comes nearer to doing so.
 
     Source: Holland and Welsch 1977, Robust regression using iteratively reweighted least-squares.
     """
