@@ -109,7 +109,8 @@ def crop_maps(maps: FaceMaps, crop: Crop) -> FaceMaps:
     shows the mirrored face: the x of PNCC and offset change sign.
     """
     if not maps.mask.size:  # cut to a face that is not there; OpenCV resamples no empty picture
-        maps = FaceMaps(*(np.zeros((1, 1, *values.shape[2:]), values.dtype) for values in maps.layers().values()))
+        nothing = np.zeros((1, 1, 3), dtype=np.float32)
+        maps = FaceMaps(nothing, nothing, np.zeros((1, 1), dtype=bool))
     weight = _warp(maps.mask.astype(np.float32), crop, cv2.INTER_LINEAR)
     # Value (i, j) stands for the cell between the centres of pixels (i, j) and (i + 1, j + 1), half a pixel further.
     over_step = _warp(cells_over_steps(maps.pncc, maps.mask), crop, cv2.INTER_NEAREST, centre_px=1.0) > 0

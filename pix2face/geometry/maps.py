@@ -31,10 +31,6 @@ class FaceMaps:
         """The visible fraction of the face; None if unknown."""
         return None if self.seen is None or not self.mask.any() else float(self.seen[self.mask].mean())
 
-    def layers(self) -> dict[str, ndarray]:
-        """The maps by the names of a shard's layers."""
-        return {"pncc": self.pncc, "offset": self.offset, "mask": self.mask}
-
 
 def face_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
     """Rows and columns of the mask's bounding box; both empty where the mask is."""

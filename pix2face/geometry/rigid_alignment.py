@@ -5,7 +5,7 @@ Source: Umeyama 1991, Least-squares estimation of transformation parameters; Bes
 """
 
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import product
 from typing import final
 
 import numpy as np
@@ -139,7 +139,8 @@ def align_surfaces(
     coarse = source.chosen(rng.permutation(n_points)[:_COARSE_POINTS])
     fine = source.chosen(rng.permutation(n_points)[:_FINE_POINTS])
     centre = 0.5 * (target.points.min(axis=0) + target.points.max(axis=0))
-    starts = [RigidTransform(axes, centre - axes @ anchor) for axes, anchor in product(_axes(), anchors)]
+    frames = np.rint(Rotation.create_group("O").as_matrix())  # the 24 ways to name the axes of a right-handed frame
+    starts = [RigidTransform(axes, centre - axes @ anchor) for axes, anchor in product(frames, anchors)]
     found = [_iterate(coarse, index, start, _COARSE_STEPS) for start in starts]
     found.sort(key=lambda result: result[1])
     # Nearly all models name their axes alike: that guess is always followed to its end.
@@ -153,15 +154,6 @@ def trimmed_rms(distances: Float64[ndarray, " n"]) -> float:
     """Root mean square of the closest part of some distances."""
     kept = np.sort(distances)[: max(1, int(KEPT_SHARE * len(distances)))]
     return float(np.sqrt((kept**2).mean()))
-
-
-def _axes() -> list[Float64[ndarray, "3 3"]]:
-    """The 24 ways in which the axes of a right-handed frame can be named."""
-    named = [
-        np.eye(3)[list(order)] * np.array(signs)[:, None]
-        for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
-    ]
-    return [axes for axes in named if np.linalg.det(axes) > 0]
 
 
 def _iterate(source: Surface, index: SurfaceIndex, start: RigidTransform, steps: int) -> tuple[RigidTransform, float]:
@@ -191,10 +183,7 @@ def _step(points: Float64[ndarray, "n 3"], target: Surface) -> RigidTransform:
     arms, gap = points - centre, target.points - points
     # (w x arm + t - gap) . n for the planes; all three coordinates of it, weighted down, for the points.
     along = np.hstack([np.cross(arms, target.normals), target.normals])
-    crossed = np.zeros((len(points), 3, 3))
-    x, y, z = arms.T
-    crossed[:, 0, 1], crossed[:, 0, 2], crossed[:, 1, 0] = z, -y, -z
-    crossed[:, 1, 2], crossed[:, 2, 0], crossed[:, 2, 1] = x, y, -x
+    crossed = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
     apart = np.concatenate([crossed, np.broadcast_to(np.eye(3), crossed.shape)], axis=2).reshape(-1, 6)
     normal_matrix = along.T @ along + _POINT_WEIGHT * apart.T @ apart
     wanted = along.T @ (gap * target.normals).sum(axis=1) + _POINT_WEIGHT * apart.T @ gap.ravel()

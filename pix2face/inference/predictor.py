@@ -64,10 +64,10 @@ class Predictor:
 
     @classmethod
     def load(cls, path: Path, device: str | None = None) -> "Predictor":
-        """Opens a checkpoint.
+        """Opens what training wrote, or what ``export_onnx`` wrote (.onnx), which runs on the CPU.
 
         Args:
-            path: What training wrote; or what ``export_onnx`` wrote (.onnx), which runs on the CPU.
+            path: The file.
             device: Name of a torch device; None takes a GPU where there is one.
 
         Raises:

@@ -105,13 +105,8 @@ def render_maps(
 ) -> RenderedMaps:
     """Renders PNCC, offset, mask and depth of one face: what the OpenGL renderer must reproduce.
 
-    Args:
-        model: Whose mean and triangles to take.
-        vertices: This face, mm, model frame, not posed.
-        camera: From the model frame to this image.
-        height: Rows of the image.
-        width: Columns of the image.
-        layers: Further ones, of ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
+    The vertices are those of this face (mm, model frame, not posed). Further layers are those of
+    ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
 
     Raises:
         DegenerateGeometryError: The camera flattens space, or part of the face is behind a pinhole.

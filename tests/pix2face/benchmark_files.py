@@ -98,7 +98,7 @@ def _triplet(model: MorphableModel, index: int, seed: int) -> Sample:
     return Sample(
         sample_id=f"seed{seed}/{index:07d}",
         image_bytes=encode_image(np.full((200, 200, 3), 30 * index, dtype=np.uint8)),
-        layers={**maps.layers(), "depth": maps.pncc[..., 0]},
+        layers={"pncc": maps.pncc, "offset": maps.offset, "mask": maps.mask, "depth": maps.pncc[..., 0]},
         camera=camera,
         identity=np.zeros(model.n_identity),
         expression=np.zeros(model.n_expression),
