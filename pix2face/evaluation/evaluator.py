@@ -135,8 +135,8 @@ def evaluate_faces(
     """
     results: list[FaceResult] = []
     unreadable: list[Unreadable] = []
-    for start in range(0, len(items), max(batch_size, 1)):
-        batch = items[start : start + max(batch_size, 1)]
+    for start in range(0, len(items), batch_size):
+        batch = items[start : start + batch_size]
         results += evaluator.evaluate(list(_readable(batch, evaluator, unreadable)))
         on_done(len(batch))
     return results, unreadable

@@ -1,6 +1,7 @@
 """A network with its optimiser and the running mean of its weights; each call takes one step of training."""
 
 import copy
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
@@ -114,10 +115,12 @@ class Learner:
         means = self._processes.mean(torch.stack(list(parts.values()))).tolist()
         losses = dict(zip(parts, means, strict=True))
         total = losses.pop("total")
-        if not torch.isfinite(torch.tensor(total)):
+        if not math.isfinite(total):
             raise self._diverged(f"the loss is {total}")
         if self._recipe.clip:
-            self._clip()
+            norm = nn.utils.clip_grad_norm_(self.network.parameters(), self._recipe.clip).item()
+            if not math.isfinite(norm):
+                raise self._diverged(f"the gradient's norm is {norm}")
         self.optimiser.step()
         self.steps_done += 1
         if self.mean:
@@ -185,11 +188,6 @@ class Learner:
             return learning_rate(self.steps_done // recipe.epoch_steps, recipe.epochs, recipe.learning_rate)
         warm_up_steps = recipe.warm_up // recipe.batch_size
         return recipe.learning_rate * smooth_rate(recipe.schedule, self.steps_done, recipe.steps, warm_up_steps)
-
-    def _clip(self) -> None:
-        norm = nn.utils.clip_grad_norm_(self.network.parameters(), self._recipe.clip)
-        if not bool(torch.isfinite(norm)):
-            raise self._diverged(f"the gradient's norm is {norm.item()}")
 
     def _diverged(self, what: str) -> Pix2FaceError:
         epoch, step = divmod(self.steps_done, self._recipe.epoch_steps)

@@ -149,8 +149,8 @@ class Validator:
         with torch.inference_mode():
             for batch in self._held_out.batches(BATCH_SIZE):
                 planes = network(network_input(batch.to(device))).float().cpu()
-                for own, sample in zip(planes, range(len(batch)), strict=True):
-                    rows.append(self._measure(own, batch.rows(sample, sample + 1), len(rows)))
+                for index, own in enumerate(planes):
+                    rows.append(self._measure(own, batch.rows(index, index + 1), len(rows)))
         network.train(was_training)
         pncc_mm, offset_mm, zero_mm, iou, error = (float(mean) for mean in np.array(rows).mean(axis=0))
         return Scores(

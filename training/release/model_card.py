@@ -48,6 +48,7 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
     masks = {0: "no mask", 1: "the face's mask", 2: "the face's mask, and where it is seen"}[
         int(header.planes > MASK_PLANE) + int(header.planes > SEEN_PLANE)
     ]
+    sha256 = hashlib.sha256(weights.read_bytes()).hexdigest()
     facts = {
         "input": f"RGB crop of a face, {header.size_px} x {header.size_px} px",
         "output": f"PNCC and offset (mm, frame of the morphable model), {masks}",
@@ -58,7 +59,7 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
         or "those of the morphable model",
         "trained on": f"{header.samples:,} draws in {header.epoch} epochs"
         + (", from the weights of another training (`initial_sha256` below)" if is_continued else ""),
-        "weights": f"{weights.name}, {weights.stat().st_size / 1e6:.1f} MB, SHA-256 {_sha256(weights)}",
+        "weights": f"{weights.name}, {weights.stat().st_size / 1e6:.1f} MB, SHA-256 {sha256}",
     }
     return (
         "\n".join(_rows(facts, ("", ""))) + "\n\nLoading runs no code. `pix2face predict --checkpoint FILE photo.jpg`."
@@ -140,7 +141,3 @@ def _rows(values: Mapping[str, Any], heading: tuple[str, str]) -> Iterator[str]:
 def _cell(value: object) -> str:
     """A text without characters that would end its cell."""
     return " ".join(str(value).replace("|", "/").split())
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

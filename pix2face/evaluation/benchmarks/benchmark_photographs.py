@@ -21,7 +21,6 @@ from pix2face.evaluation.benchmarks.benchmark_data import (
 )
 from pix2face.evaluation.benchmarks.manifest import BenchmarkPart, Manifest
 from pix2face.face_files.w300lp import read_coefficient_file
-from pix2face.geometry.camera import HeadPose
 from pix2face.geometry.landmarks import ONE_BASED_TO_CENTRES_PX, read_pts
 
 # Landmarks by file name, in place of those beside the pictures.
@@ -129,5 +128,5 @@ def _read_w300lp_face(name: str, image: Path, truth: Path, other: OtherLandmarks
         yaw_deg=yaw_deg,
         has_unusual_angle=is_unusual,
         # A negative scale turns the face inside out: its angles are not those of the head in the picture.
-        pose=None if is_unusual or file.pose.scale < 0 else HeadPose(head.pitch_deg, head.yaw_deg, head.roll_deg),
+        pose=None if is_unusual or file.pose.scale < 0 else head,
     )

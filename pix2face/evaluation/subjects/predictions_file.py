@@ -7,6 +7,7 @@ import csv
 import io
 import math
 import zipfile
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from pix2face.geometry.landmarks import N_IBUG68
 TO_PROJECT_PX: Mapping[PixelFrame, float] = {"0-based": 0.5, "1-based": -0.5, "half-pixel": 0.0}
 LARGEST_COORDINATE = 1e9
 NPZ_ARRAYS = ("names", "landmarks", "landmarks3d", "pose_deg")
+TRACK_NAME, TRACK_ARRAYS = "track.npz", ("frame", "landmarks2d", "landmarks3d", "pose_deg")
 
 
 @final
@@ -68,37 +70,28 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
 
 def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
     """Writes the ``.npz`` that ``read_predictions`` reads, 0-based with integer centres."""
-    arrays: dict[str, Any] = {
-        "names": np.asarray(predicted.names, dtype=np.str_),
-        "landmarks": predicted.landmarks2d - TO_PROJECT_PX["0-based"],
-    }
-    for name in ("landmarks3d", "pose_deg"):
-        values = getattr(predicted, name)
-        if values is not None:
-            arrays[name] = values
-    np.savez_compressed(path, **arrays)
-
-
-def read_arrays(path: Path, wanted: Collection[str]) -> dict[str, ndarray]:
-    """The wanted arrays of an ``.npz`` file that are in it; pickles are refused.
-
-    Raises:
-        OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError: It is missing, damaged, or no such file.
-    """
-    with zipfile.ZipFile(path) as archive:
-        found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        return {name: _read_array(archive, found[name]) for name in wanted if name in found}
+    names, landmarks = np.asarray(predicted.names, dtype=np.str_), predicted.landmarks2d - TO_PROJECT_PX["0-based"]
+    optional: dict[str, Any] = {"landmarks3d": predicted.landmarks3d, "pose_deg": predicted.pose_deg}
+    known = {name: values for name, values in optional.items() if values is not None}
+    np.savez_compressed(path, names=names, landmarks=landmarks, **known)
 
 
 def _read_npz(path: Path) -> dict[str, ndarray]:
-    try:
-        arrays = read_arrays(path, NPZ_ARRAYS)
-    except (OSError, zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
-        raise InputFileError(f"{path}: expected an .npz file of predictions, cannot read it: {error}") from error
+    arrays = _read_arrays(path, NPZ_ARRAYS, "an .npz file of predictions")
     lacking = [name for name in ("names", "landmarks") if name not in arrays]
     if lacking:
         raise InputFileError(f"{path}: expected the arrays names and landmarks, missing {' and '.join(lacking)}")
     return arrays
+
+
+def _read_arrays(path: Path, wanted: Collection[str], what: str) -> dict[str, ndarray]:
+    """The wanted arrays of an ``.npz`` file that are in it; pickles are refused."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            return {name: _read_array(archive, found[name]) for name in wanted if name in found}
+    except (OSError, zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
+        raise InputFileError(f"{path}: expected {what}, cannot read it: {error}") from error
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> ndarray:
@@ -158,9 +151,9 @@ def _names(path: Path, names: ndarray) -> tuple[str, ...]:
             f"{path}: expected names as a list of texts, found an array of shape {names.shape} and type {names.dtype}"
         )
     texts = [name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name) for name in names.tolist()]
-    twice = next((name for name in texts if texts.count(name) > 1), None) if len(set(texts)) < len(texts) else None
-    if twice is not None:
-        raise InputFileError(f"{path}: expected each name once, found {twice!r} {texts.count(twice)} times")
+    most_common, count = Counter(texts).most_common(1)[0]
+    if count > 1:
+        raise InputFileError(f"{path}: expected each name once, found {most_common!r} {count} times")
     return tuple(texts)
 
 
@@ -189,10 +182,6 @@ def _numbers(
     return numbers
 
 
-TRACK_NAME = "track.npz"
-ARRAYS = ("frame", "landmarks2d", "landmarks3d", "pose_deg")
-
-
 def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, Sequence[str]]) -> PredictedLandmarks:
     """Reads ``FOLDER/CLIP/track.npz`` of every clip.
 
@@ -206,7 +195,7 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
         InputFileError: A track cannot be read.
     """
     names: list[str] = []
-    found: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name != "frame"}
+    found: dict[str, list[np.ndarray]] = {name: [] for name in TRACK_ARRAYS if name != "frame"}
     for path in sorted(folder.glob(f"*/{TRACK_NAME}")):
         clip = path.parent.name
         arrays = _arrays(path)
@@ -226,10 +215,7 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        arrays = read_arrays(path, ARRAYS)
-    except (OSError, zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
-        raise InputFileError(f"{path}: expected what pix2face track wrote, cannot read it: {error}") from error
+    arrays = _read_arrays(path, TRACK_ARRAYS, "what pix2face track wrote")
     n = len(arrays.get("frame", ()))
     shapes = {"frame": (n,), "landmarks2d": (n, 68, 2), "landmarks3d": (n, 68, 3), "pose_deg": (n, 3)}
     for name, shape in shapes.items():
