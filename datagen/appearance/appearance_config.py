@@ -1,6 +1,7 @@
 """The configuration of synthetic photographs: one table for each part, three presets, read and written as TOML.
 
-A new ingredient is a field of its part's configuration; a new part is a field here and in `appearance.Appearance`.
+A new ingredient is a field of its part's configuration, with a comment beside or above it that `datagen appearance`
+prints; a new part is a field here and in `appearance.Appearance`.
 """
 
 import hashlib

@@ -40,8 +40,7 @@ class AnnotatedFolder(FaceSource):
         self._annotations = find_annotations(folder)
         self.sample_ids = tuple(annotation.name for annotation in self._annotations)
         self.sha256 = folder_sha256(
-            self.sample_ids,
-            ((each.path, each.image_path or picture_of(each.path)) for each in self._annotations),
+            self.sample_ids, ((each.path, each.image_path or picture_of(each.path)) for each in self._annotations)
         )
         self.licence = f"photographs and annotations: terms of their source; model: {model.licence}"
 

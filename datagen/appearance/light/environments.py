@@ -170,9 +170,9 @@ def panorama_view(
 ) -> Float32[ndarray, "h w 3"]:
     """What a camera sees of environments: linear light, no finer than the panoramas are.
 
-    The light of the panoramas is added, and they say how the camera is turned: only its focal length and principal
-    point matter, unless `view_deg` (the angle across the picture's width) is above 0. The result may be smaller than
-    `size` (rows and columns of the picture).
+    The light of the panoramas is added, and they say how the camera is turned: of the camera itself only focal length
+    and principal point matter. A `view_deg` above 0 is another angle across the picture's width. The result may be
+    smaller than `size` (rows and columns of the picture).
     """
     height, width = size
     focal, x, y = _intrinsics(camera, size, view_deg)

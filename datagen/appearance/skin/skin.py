@@ -12,7 +12,7 @@ from datagen.appearance.skin.make_up import MakeUp, draw_make_up
 from datagen.appearance.skin.marks import Mark, draw_marks
 from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import AGES, ORIGINS, SEXES, SKINS
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, triple
 
 MIDDLE_MELANIN = 0.43  # of all people
 # Beyond these, differences are compressed, so that skins do not pile up at the ends of the scale.
@@ -146,5 +146,4 @@ def _draw_hair_colour(rng: np.random.Generator, person: Person, melanin: float) 
     """Draws a colour from black to dark blond, which turns grey with age."""
     dark = rng.uniform(0.01, 0.05) if rng.random() < 0.3 + melanin else rng.uniform(0.04, 0.22)
     grey = float(np.clip((person.age_years - 45) / 40, 0, 1)) * rng.uniform()
-    red, green, blue = (1 - grey) * dark * np.array([1.0, 0.68, 0.45]) + grey * np.array([0.38, 0.37, 0.35])
-    return rounded(red, 4), rounded(green, 4), rounded(blue, 4)
+    return triple((1 - grey) * dark * np.array([1.0, 0.68, 0.45]) + grey * np.array([0.38, 0.37, 0.35]))

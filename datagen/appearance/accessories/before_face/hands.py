@@ -144,10 +144,7 @@ def _finger(
     thick = radius * np.array([1.05, 1.08, 0.98, 1.06, 0.92, 0.97, 0.9, 0.80, 0.55, 0.2])
     sideways = np.array([np.cos(aside), -np.sin(aside), 0.0])
     finger = tube(
-        np.stack(path),
-        np.stack([thick, 0.92 * thick], axis=1),
-        np.cross(sideways, [0, 1.0, 0.01]) + [0, -0.2, 0.2],
-        8,
+        np.stack(path), np.stack([thick, 0.92 * thick], axis=1), np.cross(sideways, [0, 1.0, 0.01]) + [0, -0.2, 0.2], 8
     )
     out = np.cross(ways[2], sideways)
     turn = np.stack([sideways, ways[2], out], axis=1)
