@@ -7,6 +7,7 @@ prints; a new part is a field here and in `appearance.Appearance`.
 import hashlib
 import inspect
 import json
+import math
 import re
 import textwrap
 import tomllib
@@ -24,8 +25,10 @@ from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, Pho
 from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
 from datagen.sampling.sampling_config import HARD_GEOMETRY, PLAIN_GEOMETRY, GeometryConfig
 from pix2face.errors import InputFileError, UsageError
+from pix2face.files.opening import is_regular, read_text_file
 
 DEFAULT, HARD, PLAIN = "default", "hard", "plain"
+LARGEST_FILE_BYTES = 1 << 20
 
 
 @final
@@ -107,7 +110,7 @@ def load_configuration(name: str) -> AppearanceConfig:
     if name in PRESETS:
         return PRESETS[name]
     path = Path(name)
-    if not path.is_file():
+    if not is_regular(path):
         raise UsageError(
             f"--appearance: expected {', '.join(PRESETS)} or a TOML file, found {name!r}; `datagen appearance` prints "
             "one to start from"
@@ -132,8 +135,8 @@ _FIELD = re.compile(r"((?:^    # .*\n)*)^    (\w+): [^#\n]*(?:# (.*))?$", re.MUL
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return tomllib.loads(read_text_file(path, "a TOML file", LARGEST_FILE_BYTES))
+    except (ValueError, RecursionError) as error:
         raise InputFileError(f"{path}: expected a TOML file, found one that cannot be read ({error})") from error
 
 
@@ -171,7 +174,7 @@ def _value(old: Any, new: Any, where: str, option: str) -> Any:
             raise InputFileError(f"{where}: {option}: expected {len(old)} values, found {new}")
         return tuple(_value(*pair, where, option) for pair in zip(old, new, strict=True)) if old else tuple(new)
     if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
-        return float(new)
+        return float(new) if abs(new) < 2**63 else math.copysign(math.inf, new)  # beyond any limit
     if type(old) is not type(new):
         raise InputFileError(f"{where}: {option}: expected {_kind(old)} such as {old!r}, found {new!r}")
     return new

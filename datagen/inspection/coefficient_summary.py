@@ -20,6 +20,8 @@ from pix2face.face_files.w300lp import CoefficientFile, read_coefficient_file
 from pix2face.geometry.camera import Camera, HeadPose
 
 USUAL_ANGLE_DEG = 99.0
+# Messages are shorter; what another program wrote as a reason may not be.
+LONGEST_REASON = 2000
 
 
 @final
@@ -101,9 +103,28 @@ def group_reasons(rejected: Iterable[tuple[str, str]]) -> tuple[tuple[str, int],
     """Counts reasons, the most frequent first. Paths and ids, which name a single face, are replaced by dots."""
     counts: Counter[str] = Counter()
     for sample_id, reason in rejected:
-        text = re.sub(r"\S*/\S*|\S+\.mat\b:?", "...", re.sub(rf"(?<!\w){re.escape(sample_id)}(?!\w)", "...", reason))
+        text = re.sub(r"\S+", _without_path, _without(sample_id, reason[:LONGEST_REASON]))
         counts[re.sub(r"(\.\.\.:? *)+", "... ", text).strip()] += 1
     return tuple(counts.most_common())
+
+
+def _without(name: str, text: str) -> str:
+    """A text with dots where a name stands in it as a word of its own."""
+    if not name:
+        return text
+    pieces = text.split(name)
+    parts = pieces[:1]
+    for index, after in enumerate(pieces[1:], 1):
+        left = pieces[index - 1] or name * (index > 1)
+        right = after or name * (index + 1 < len(pieces))
+        is_part_of_word = re.match(r"\w", left[-1:]) or re.match(r"\w", right)
+        parts += [name if is_part_of_word else "...", after]
+    return "".join(parts)
+
+
+def _without_path(word: re.Match[str]) -> str:
+    """Dots for a word that is a path, or the name of a file (in time that grows with the length of the word only)."""
+    return "..." if "/" in word[0] else re.sub(r"^\S+\.mat\b:?", "...", word[0])
 
 
 def _kinds(file: CoefficientFile) -> list[str]:

@@ -84,7 +84,7 @@ def summarise(folder: Path) -> DatasetSummary:
                 f"{folder}: expected shards of one job, found that {paths[0].name} and {path.name} differ in "
                 "model, layers or configuration; give each job a folder of its own"
             )
-        summary.n_rejected += len(json.loads(reader.header.rejected))
+        summary.n_rejected += len(reader.header.rejected_samples)
         for index, attributes in enumerate(reader.attributes()):
             height, width = reader.size_px(index)
             summary.sizes[f"{width} x {height} px" if height else "unknown"] += 1
@@ -192,10 +192,7 @@ def _kinds(counts: Mapping[str, int]) -> str:
 
 
 def _pretty(configuration: str) -> str:
-    try:
-        return json.dumps(json.loads(configuration), indent=2, sort_keys=True)
-    except ValueError:
-        return configuration
+    return json.dumps(json.loads(configuration), indent=2, sort_keys=True)
 
 
 def _quoted(text: str) -> str:

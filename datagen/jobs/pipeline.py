@@ -5,7 +5,6 @@ that was stopped, killed, or ran out of disk goes on where it was. The folder en
 undisturbed run. One job at a time writes to a folder (``folder_lock``).
 """
 
-import json
 import os
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -139,5 +138,5 @@ def _count(out: Path, n_units: int) -> tuple[int, list[tuple[str, str]]]:
     for unit in range(n_units):
         reader = ShardReader(shard_path(out, unit))
         n_triplets += len(reader)
-        rejected += [(sample_id, reason) for sample_id, reason in json.loads(reader.header.rejected)]
+        rejected += reader.header.rejected_samples
     return n_triplets, rejected

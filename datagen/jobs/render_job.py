@@ -19,6 +19,7 @@ from datagen.samples.baked_jitter import NO_JITTER, JitterBake
 from pix2face import __version__
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.coefficients import configuration_to_json
+from pix2face.files.json_text import JsonObject, parse_json
 from pix2face.models.mirroring import mirror_obstacle
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN_REGIONS
@@ -144,7 +145,7 @@ def _check_header(path: Path, found: ShardHeader, expected: ShardHeader) -> None
 
 def _check_samples(path: Path, reader: ShardReader, expected: Sequence[str]) -> None:
     """A shard that was copied over another has the right header and the wrong samples."""
-    rejected = [sample_id for sample_id, _ in json.loads(reader.header.rejected)]
+    rejected = [sample_id for sample_id, _ in reader.header.rejected_samples]
     surplus = sorted({*reader.sample_ids, *rejected} - set(expected))
     if surplus or len(reader) + len(rejected) != len(expected):
         found = f"sample {surplus[0]!r}" if surplus else f"{len(reader) + len(rejected)} samples"
@@ -156,17 +157,11 @@ def _check_samples(path: Path, reader: ShardReader, expected: Sequence[str]) -> 
 
 def _origin(header: ShardHeader) -> dict[str, Any]:
     """The values that all shards of a job share, by name."""
-    try:
-        configuration = json.loads(header.configuration)
-    except ValueError:
-        configuration = header.configuration
-    if not isinstance(configuration, dict):
-        configuration = {"configuration": configuration}
     return {
         "model_sha256": header.model_sha256,
         "generator": header.generator,
         "layers": ",".join(header.layers),
-        **configuration,
+        **parse_json(header.configuration, JsonObject),
     }
 
 

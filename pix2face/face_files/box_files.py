@@ -7,7 +7,6 @@ people see it (orientation tag applied), with pixel centres at +0.5.
 """
 
 import csv
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +15,15 @@ from typing import Any, final
 import numpy as np
 
 from pix2face.errors import InputFileError
+from pix2face.files.json_text import read_json_file
+from pix2face.files.opening import text_lines
 from pix2face.geometry.crops import FaceBox
 
 COLUMNS = ("left", "top", "right", "bottom")
 NAME_COLUMNS = ("image", "frame")
 LARGEST_BOX_PX = 1e6
+# A million faces.
+LARGEST_FILE_BYTES = 64 << 20
 
 
 @final
@@ -47,13 +50,7 @@ def read_box_file(path: Path) -> BoxFile:
     Raises:
         InputFileError: It is missing, of another format, or holds a box without extent or beyond all pictures.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputFileError(f"{path}: expected a file of face boxes, cannot read it ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputFileError(f"{path}: expected a CSV or JSON file of face boxes, found binary data") from error
-    rows = _json_rows(path, text) if path.suffix.lower() == ".json" else _csv_rows(path, text)
+    rows = _json_rows(path) if path.suffix.lower() == ".json" else _csv_rows(path)
     boxes: dict[str, list[FaceBox]] = {}
     for where, name, sides in rows:
         boxes.setdefault(name, []).append(_box(path, where, sides))
@@ -63,8 +60,8 @@ def read_box_file(path: Path) -> BoxFile:
     return BoxFile(path, ordered)
 
 
-def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, str, Iterable[Any]]]:
-    reader = csv.DictReader(text.splitlines())
+def _csv_rows(path: Path) -> Iterator[tuple[str, str, Iterable[Any]]]:
+    reader = csv.DictReader(text_lines(path, "a CSV file of face boxes", LARGEST_FILE_BYTES))
     columns = [name.strip() for name in reader.fieldnames or ()]
     reader.fieldnames = columns
     name_column = next((name for name in NAME_COLUMNS if name in columns), None)
@@ -80,16 +77,10 @@ def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, str, Iterable[Any]]]
         raise InputFileError(f"{path}: expected CSV, found at line {reader.line_num}: {error}") from error
 
 
-def _json_rows(path: Path, text: str) -> Iterator[tuple[str, str, Iterable[Any]]]:
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputFileError(f"{path}: expected JSON, found: {error}") from error
-    if not isinstance(content, dict):
-        raise InputFileError(f"{path}: expected an object of lists of boxes by image, found a {type(content).__name__}")
-    for name, boxes in content.items():
-        if not isinstance(boxes, list) or not all(isinstance(box, list) for box in boxes):
-            raise InputFileError(f"{path}: expected a list of [left, top, right, bottom] for {name!r}, found {boxes!r}")
+def _json_rows(path: Path) -> Iterator[tuple[str, str, Iterable[Any]]]:
+    expected = "a JSON object with a list of [left, top, right, bottom] for each image"
+    boxes_of = read_json_file(path, dict[str, list[tuple[float, float, float, float]]], expected, LARGEST_FILE_BYTES)
+    for name, boxes in boxes_of.items():
         for box in boxes:
             yield repr(name), name, box
 

@@ -13,13 +13,14 @@ from jaxtyping import Float, Float32, Float64, Int32
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.checked_hdf5 import check_contained, fixed_text, read_text
-from pix2face.files.text_columns import json_lines, read_attributes, read_json_lines
+from pix2face.files.checked_hdf5 import check_contained, fixed_text, open_unchecked, read_text, read_version
+from pix2face.files.text_columns import ATTRIBUTES, json_lines, read_json_lines
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.camera import Camera
 
 FORMAT = "pix2face-coefficients"
 SCHEMA_VERSION = 2
+_A_TABLE = "a table of coefficients (as `datagen sample` writes it)"
 # What OpenGL can draw everywhere; a table that asks for more, or a shard of more, is damaged.
 LARGEST_SIDE_PX = 16384
 # Type and shape of each column, rows aside; None is any length.
@@ -110,26 +111,27 @@ def load_coefficients(path: Path) -> FaceCoefficients:
             shapes, values that are not finite, or impossible picture sizes.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_unchecked(path, _A_TABLE) as file:
             _check_format(file, path)
             check_contained(file, path)
-            texts = {name: _texts(file, name, path) for name in ("sample_ids", "image_paths")}
-            n = len(texts["sample_ids"])
-            columns: dict[str, Any] = {**texts, **{name: _column(file, path, name, n) for name in _COLUMNS}}
+            sample_ids = tuple(read_json_lines(file, "sample_ids", path, str))
+            n = len(sample_ids)
+            image_paths = tuple(read_json_lines(file, "image_paths", path, str, n))
+            columns: dict[str, Any] = {"sample_ids": sample_ids, "image_paths": image_paths}
+            columns |= {name: _column(file, path, name, n) for name in _COLUMNS}
             if "lighting" in file:
                 columns["lighting"] = _column(file, path, "lighting", n)
             for name in ("model_name", "model_sha256", "configuration"):
                 columns[name] = read_text(file.attrs, path, name)
             columns["licence"] = read_text(file.attrs, path, "licence") if "licence" in file.attrs else ""
             if "attributes" in file:
-                columns["attributes"] = tuple(map(json.dumps, read_json_lines(file, "attributes", path)))
+                found = read_json_lines(file, "attributes", path, ATTRIBUTES, n if len(file["attributes"]) else 0)
+                columns["attributes"] = tuple(map(json.dumps, found))
             if "rejected" in file:
-                rejected = read_json_lines(file, "rejected", path)
-                columns["rejected"] = tuple((str(name), str(reason)) for name, reason in rejected)
+                columns["rejected"] = tuple(read_json_lines(file, "rejected", path, tuple[str, str]))
     except (OSError, KeyError, ValueError, RuntimeError, TypeError, AttributeError) as error:
         raise InputFileError(
-            f"{path}: expected a table of coefficients (as `datagen sample` writes it), found a file that cannot be "
-            f"read as one ({error})"
+            f"{path}: expected {_A_TABLE}, found a file that cannot be read as one ({error})"
         ) from error
     table = FaceCoefficients(**columns)
     _check_rows(table, path)
@@ -160,7 +162,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
     found = FORMAT if is_old else read_text(file.attrs, path, "format") if "format" in file.attrs else None
     if found != FORMAT:
         raise InputFileError(f"{path}: expected a table with format={FORMAT!r}, found format={found!r}")
-    version = int(file.attrs["schema_version"])
+    version = read_version(file.attrs, path)
     if version > SCHEMA_VERSION:
         raise InputFileError(
             f"{path}: schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
@@ -174,7 +176,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
 
 def _column(file: h5py.File, path: Path, name: str, n: int) -> ndarray:
     dtype, shape = _COLUMNS.get(name, (np.float32, (None,)))  # lighting is like identity
-    if not isinstance(file[name], h5py.Dataset):
+    if not isinstance(file[name], h5py.Dataset) or file[name].dtype.kind not in "fiu":
         raise InputFileError(f"{path}: expected numbers as {name}, found {file[name]}")
     found = file[name].shape
     if len(found) != 1 + len(shape) or any(a not in (None, b) for a, b in zip((n, *shape), found, strict=True)):
@@ -185,10 +187,6 @@ def _column(file: h5py.File, path: Path, name: str, n: int) -> ndarray:
 
 def _check_rows(table: FaceCoefficients, path: Path) -> None:
     n = len(table)
-    for texts, count in (("image_paths", n), ("attributes", n if table.attributes else 0)):
-        if len(getattr(table, texts)) != count:
-            raise InputFileError(f"{path}: expected {count} rows of {texts}, found {len(getattr(table, texts))}")
-    _check_attributes(table, path)
     for name in ("identity", "expression", "cameras"):
         values = getattr(table, name)
         bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
@@ -203,21 +201,3 @@ def _check_rows(table: FaceCoefficients, path: Path) -> None:
         )
     if len(set(table.sample_ids)) < n:
         raise InputFileError(f"{path}: expected unique sample ids, found {n - len(set(table.sample_ids))} repeated")
-
-
-def _check_attributes(table: FaceCoefficients, path: Path) -> None:
-    for sample_id, text in zip(table.sample_ids, table.attributes, strict=False):
-        try:
-            read_attributes(text)
-        except ValueError as error:
-            raise InputFileError(
-                f"{path}: expected a JSON object of texts and numbers as attributes of {sample_id!r}, "
-                f"found {text[:40]!r}"
-            ) from error
-
-
-def _texts(file: h5py.File, name: str, path: Path) -> tuple[str, ...]:
-    values = read_json_lines(file, name, path)
-    if not all(isinstance(value, str) for value in values):
-        raise InputFileError(f"{path}: expected texts as {name}, found others")
-    return tuple(values)

@@ -1,8 +1,7 @@
 """Coefficient files of 300W-LP and AFLW2000-3D: one MAT 5 file for each picture (docs/reference/conventions.md)."""
 
 import math
-import stat
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -29,7 +28,6 @@ N_EXPRESSION = 29
 N_LIGHTING = 10
 # Files of this kind hold some 10 KB; a file far beyond that is something else and is not read.
 LARGEST_FILE_BYTES = 4 << 20
-LARGEST_ARRAY_BYTES = 1 << 20
 
 _LENGTHS = {
     "Shape_Para": N_IDENTITY,
@@ -76,7 +74,7 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
     Raises:
         InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
     """
-    fields = _read_small_mat(path, _LENGTHS.keys())
+    fields = read_mat(path, _LENGTHS.keys(), LARGEST_FILE_BYTES)
     missing = [name for name in ("Shape_Para", "Exp_Para", "Pose_Para") if name not in fields]
     if missing:
         raise InputFileError(
@@ -113,7 +111,7 @@ def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
     Raises:
         InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
     """
-    fields = _read_small_mat(path, ("pts_3d", "pts_2d"))
+    fields = read_mat(path, ("pts_3d", "pts_2d"), LARGEST_FILE_BYTES)
     name = next((name for name in ("pts_3d", "pts_2d") if name in fields), None)
     if name is None:
         raise InputFileError(f"{path}: expected pts_3d or pts_2d of 300W-LP's landmarks folder, found neither")
@@ -135,7 +133,7 @@ def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
     Raises:
         InputFileError: Missing, truncated or foreign file; other counts; values that are not finite.
     """
-    points = _read_small_mat(path, ("pt2d",)).get("pt2d")
+    points = read_mat(path, ("pt2d",), LARGEST_FILE_BYTES).get("pt2d")
     if points is None or points.shape != (2, 21):
         found = "none" if points is None else f"an array of {' x '.join(map(str, points.shape))}"
         raise InputFileError(f"{path}: expected pt2d with 21 points (AFLW2000-3D), found {found}")
@@ -176,19 +174,6 @@ def pose_of_camera(camera: Camera, image_height_px: int) -> PoseParameters:
 def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:
     """Converts 1-based coordinates with integer centres to the project's pixels (centres at +0.5)."""
     return points + ONE_BASED_TO_CENTRES_PX
-
-
-def _read_small_mat(path: Path, names: Collection[str]) -> dict[str, ndarray]:
-    """Reads named variables of a file of reasonable size; those that the file lacks are left out."""
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise InputFileError(f"{path}: expected a coefficient file, cannot read it: {error.strerror}") from error
-    if not stat.S_ISREG(status.st_mode):
-        raise InputFileError(f"{path}: expected a coefficient file, found a folder, device or pipe")
-    if status.st_size > LARGEST_FILE_BYTES:
-        raise InputFileError(f"{path}: expected a coefficient file of some 10 KB, found {status.st_size >> 20} MB")
-    return read_mat(path, names, LARGEST_ARRAY_BYTES)
 
 
 def _numbers(path: Path, fields: Mapping[str, ndarray]) -> dict[str, Float64[ndarray, " _"]]:

@@ -13,15 +13,29 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.files.opening import check_regular, largest_unfolded
 
-# Deflate, the only filter in use that shrinks much, never shrinks more than this.
-LARGEST_COMPRESSION = 1032
+# A set of renders may be as large as its owner likes; what is read of it at a time is bounded elsewhere.
+LARGEST_FILE_BYTES = 1 << 45
 # An array that was never written takes no space in the file and reads as its fill value: fine as long as it is small.
 UNWRITTEN_BYTES = 1 << 16
-# No published model comes near: the bases of BFM at full size take 0.25 GB in double precision.
-LARGEST_ARRAY_BYTES = 4 << 30
+LARGEST_ATTRIBUTE_BYTES = 1 << 20
+MOST_GROUPS = 10_000
 # What the library raises on damaged files, wherever it comes upon the damage.
 _LIBRARY_ERRORS = (OSError, KeyError, RuntimeError, ValueError, SystemError)
+
+
+@contextmanager
+def open_unchecked(path: Path, expected: str = "an HDF5 file") -> Iterator[h5py.File]:
+    """Opens a file for reading; `check_contained` must follow before any of its data is read.
+
+    Raises:
+        InputFileError: It is missing, or no regular file.
+        OSError: It is no HDF5 file, or damaged.
+    """
+    check_regular(path, expected, LARGEST_FILE_BYTES)
+    with h5py.File(path, "r") as file:
+        yield file
 
 
 @contextmanager
@@ -32,7 +46,7 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         InputFileError: No HDF5, damaged, or with links, external storage, virtual data or sizes beyond the file's.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_unchecked(path) as file:
             check_contained(file, path)
             yield file
     except _LIBRARY_ERRORS as error:
@@ -50,12 +64,15 @@ def check_contained(file: h5py.File, path: Path, sliced: Container[str] = ()) ->
         InputFileError: Something points out of the file, or declares more than the file can hold.
     """
     pending, seen = [(file, "")], set[int]()
+    left = largest_unfolded(path.stat().st_size)
     while pending:
         group, prefix = pending.pop()
         address = h5py.h5o.get_info(group.id).addr
         if address in seen:
             continue  # hard links may form a loop
         seen.add(address)
+        if len(seen) > MOST_GROUPS or len(group) > MOST_GROUPS:
+            raise InputFileError(f"{path}: expected a file of some dozen arrays, found more than {MOST_GROUPS} groups")
         for name in group:
             found = f"{prefix}/{name}"
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):
@@ -64,7 +81,10 @@ def check_contained(file: h5py.File, path: Path, sliced: Container[str] = ()) ->
             if isinstance(item, h5py.Group):
                 pending.append((item, found))
             elif isinstance(item, h5py.Dataset):
-                _check_dataset(item, found, path, found in sliced)
+                declared = _declared_bytes(item, found, path)
+                left -= 0 if found in sliced else declared
+                if left < 0:
+                    raise _too_large(path, found, declared, item.id.get_storage_size())
 
 
 def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
@@ -90,8 +110,10 @@ def read_text(item: h5py.AttributeManager | h5py.Dataset, path: Path, name: str 
     """
     try:
         if isinstance(item, h5py.AttributeManager):
-            kind, value = item.get_id(name).dtype.kind, None
-            value = item[name] if kind == "S" else None
+            attribute = item.get_id(name)
+            kind = attribute.dtype.kind
+            is_readable = kind == "S" and attribute.get_storage_size() <= LARGEST_ATTRIBUTE_BYTES
+            value = item[name] if is_readable else None
         else:
             name, kind = item.name, item.dtype.kind
             value = np.asarray(item[()]).ravel()[0] if kind == "S" and item.size else None
@@ -108,16 +130,37 @@ def fixed_text(text: str) -> ndarray:
     return np.array(content, dtype=f"S{max(1, len(content))}")
 
 
-def _check_dataset(item: h5py.Dataset, name: str, path: Path, is_sliced: bool) -> None:
+def read_version(attributes: h5py.AttributeManager, path: Path) -> int:
+    """The ``schema_version`` of a file, a whole number.
+
+    Raises:
+        InputFileError: There is none, or it is something else.
+    """
+    item = attributes.get_id("schema_version") if "schema_version" in attributes else None
+    if item is None or item.shape != () or item.dtype.kind not in "iu":
+        found = "none" if item is None else f"{item.dtype} of shape {item.shape}"
+        raise InputFileError(f"{path}: expected a whole number as schema_version, found {found}")
+    return int(attributes["schema_version"])
+
+
+def _declared_bytes(item: h5py.Dataset, name: str, path: Path) -> int:
+    """The memory that a dataset takes, or the largest piece of it that the library unfolds at once."""
     properties = item.id.get_create_plist()
     if properties.get_external_count() or item.is_virtual:
         raise InputFileError(f"{path}: expected all data in the file, found that {name} is stored outside of it")
-    declared = int(np.prod(item.shape or (), dtype=object)) * item.dtype.itemsize
+    declared = max(_product(item.shape or ()), _product(item.chunks or ())) * item.dtype.itemsize
     stored = item.id.get_storage_size()
-    holds = LARGEST_COMPRESSION * stored if item.chunks else stored
-    largest = min(max(holds, UNWRITTEN_BYTES), LARGEST_ARRAY_BYTES)
-    if (declared > largest and not is_sliced) or stored > path.stat().st_size:
-        raise InputFileError(
-            f"{path}: expected {name} to hold what it declares, found {declared} bytes declared and {stored} stored "
-            f"(limit {LARGEST_ARRAY_BYTES}); the file is damaged or hostile"
-        )
+    if stored > path.stat().st_size or (not item.chunks and declared > max(stored, UNWRITTEN_BYTES)):
+        raise _too_large(path, name, declared, stored)
+    return declared
+
+
+def _product(lengths: tuple[int, ...]) -> int:
+    return int(np.prod(lengths, dtype=object))
+
+
+def _too_large(path: Path, name: str, declared: int, stored: int) -> InputFileError:
+    return InputFileError(
+        f"{path}: expected {name} to hold what it declares, found {declared} bytes declared and {stored} stored; "
+        "the file is damaged or hostile"
+    )

@@ -8,6 +8,7 @@ Source: MathWorks, MAT-File Format, Version 5.
 """
 
 import math
+import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator
@@ -20,8 +21,10 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
+from pix2face.files.opening import largest_unfolded, open_regular
 
+# The Basel Face Model of 2009 takes 0.25 GB.
+LARGEST_FILE_BYTES = 1 << 30
 _HEADER_BYTES = 128
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -29,6 +32,7 @@ _OTHER_CLASSES = {1: "a cell array", 2: "a structure", 3: "an object", 4: "text"
 _LAST_NUMBER_CLASS = 15
 _COMPLEX = 0x0800
 _MAX_DIMENSIONS = 32
+_MOST_VARIABLES = 10_000
 _CHUNK_BYTES = 1 << 20
 # Flags, shape and name of any variable that Matlab writes (32 dimensions, 63 letters) fit.
 _FIRST_BYTES = 512
@@ -50,13 +54,13 @@ def mat_names(path: Path) -> list[str]:
         InputFileError: As `read_mat`.
     """
     with _reported(path):
-        return [variable.name for variable in _variables(path)]
+        return [variable.name for variable in _variables(path, LARGEST_FILE_BYTES)]
 
 
-def read_mat(path: Path, wanted: Collection[str], largest_bytes: int = LARGEST_ARRAY_BYTES) -> dict[str, ndarray]:
+def read_mat(path: Path, wanted: Collection[str], largest_bytes: int = LARGEST_FILE_BYTES) -> dict[str, ndarray]:
     """Reads arrays by their names, in Matlab's shapes and stored types. Those that the file lacks are left out.
 
-    Of several variables with one name, the first counts.
+    Of several variables with one name, the first counts. Files larger than ``largest_bytes`` are not read.
 
     Raises:
         InputFileError: The file is missing, damaged, hostile or of another format, or a wanted variable is larger than
@@ -64,7 +68,7 @@ def read_mat(path: Path, wanted: Collection[str], largest_bytes: int = LARGEST_A
     """
     arrays: dict[str, ndarray] = {}
     with _reported(path):
-        for variable in _variables(path):
+        for variable in _variables(path, largest_bytes):
             if variable.name in wanted and variable.name not in arrays:
                 arrays[variable.name] = variable.read(largest_bytes)
     return arrays
@@ -82,14 +86,16 @@ def _reported(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _variables(path: Path) -> "Iterator[_Variable]":
+def _variables(path: Path, largest_bytes: int) -> "Iterator[_Variable]":
     """The variables in their order; each can be read until the next is asked for."""
-    with path.open("rb") as file:
-        header, size = file.read(_HEADER_BYTES), path.stat().st_size
+    with open_regular(path, "a MAT 5 file of numbers", largest_bytes) as file:
+        header, size = file.read(_HEADER_BYTES), os.fstat(file.fileno()).st_size
         if not is_mat5(header):
             raise _DamagedError(_foreign(header))
         order, at = "<" if header[126:128] == b"IM" else ">", _HEADER_BYTES
-        while at < size:
+        for _ in range(_MOST_VARIABLES):
+            if at >= size:
+                return
             file.seek(at)
             kind, n_bytes = _unpack(order, file.read(8))
             at += 8 + n_bytes
@@ -101,6 +107,7 @@ def _variables(path: Path) -> "Iterator[_Variable]":
             if kind != _MATRIX:
                 raise _DamagedError(f"a variable of the unknown kind {kind}")
             yield _parsed(order, body)
+        raise _DamagedError(f"more than {_MOST_VARIABLES} variables")
 
 
 def _foreign(header: bytes) -> str:
@@ -116,7 +123,7 @@ class _Body:
     def __init__(self, file: BinaryIO, n_bytes: int, *, is_compressed: bool) -> None:
         self._file, self._left = file, n_bytes
         self._inflater = zlib.decompressobj() if is_compressed else None
-        self.limit = n_bytes * (LARGEST_COMPRESSION if is_compressed else 1)  # no more bytes can come out
+        self.limit = largest_unfolded(n_bytes) if is_compressed else n_bytes  # no more bytes can come out
 
     def read(self, n_bytes: int) -> bytearray:
         """Up to so many bytes; memory grows with what is there, not with what was asked for."""

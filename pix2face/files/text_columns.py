@@ -16,6 +16,13 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.files.json_text import Integer, parse_json
+
+# The attributes of a sample. NaN and infinity are no JSON, but what `write_shard` was given.
+ATTRIBUTES = dict[str, str | bool | Integer | float]
+# A column may be compressed, but not to unfold to more than this beyond the size of its file: values take some twenty
+# times the memory of their text.
+LARGEST_TEXT_BYTES = 16 << 20
 
 
 def json_lines(values: Iterable[object]) -> UInt8[ndarray, " n"]:
@@ -24,8 +31,15 @@ def json_lines(values: Iterable[object]) -> UInt8[ndarray, " n"]:
     return np.frombuffer(text.encode("ascii"), dtype=np.uint8)
 
 
-def read_json_lines(file: h5py.File, name: str, path: Path) -> list[Any]:
+def read_json_lines(file: h5py.File, name: str, path: Path, kind: Any = Any, n: int | None = None) -> list[Any]:
     """Reads the values of a column.
+
+    Args:
+        file: The open file.
+        name: Of the column.
+        path: Of the file, for messages.
+        kind: The type of each value (`json_text.parse_json`).
+        n: How many there must be, where that is known.
 
     Raises:
         InputFileError: The column is missing, or holds something else.
@@ -33,13 +47,20 @@ def read_json_lines(file: h5py.File, name: str, path: Path) -> list[Any]:
     item = file.get(name)
     if not isinstance(item, h5py.Dataset) or item.dtype != np.uint8 or item.ndim != 1:
         raise InputFileError(f"{path}: expected lines of text as {name}, found {'nothing' if item is None else item}")
-    lines = item[()].tobytes().split(b"\n")
+    if item.size > LARGEST_TEXT_BYTES + path.stat().st_size:
+        raise InputFileError(f"{path}: expected lines of text as {name}, found that they unfold to {item.size} bytes")
+    content = item[()].tobytes()
+    n_lines = content.count(b"\n")
+    if n is not None and n_lines != n:
+        raise InputFileError(f"{path}: expected {n} rows of {name}, found {n_lines}")
     try:
-        values: list[Any] = json.loads(b"[" + b",".join(lines[:-1]) + b"]")
-    except (ValueError, RecursionError) as error:
+        values: list[Any] = parse_json(
+            b"[" + content[:-1].replace(b"\n", b",") + b"]", list[kind], len(content) + 1, must_be_finite=False
+        )
+    except ValueError as error:
         raise InputFileError(f"{path}: expected JSON in each line of {name}, found other text ({error})") from error
-    if lines[-1] or len(values) != len(lines) - 1:
-        raise InputFileError(f"{path}: expected one value in each line of {name}, found {len(values)} in {len(lines)}")
+    if (not content.endswith(b"\n") and content) or len(values) != n_lines:
+        raise InputFileError(f"{path}: expected one value in each line of {name}, found {len(values)} in {n_lines}")
     return values
 
 
@@ -49,10 +70,7 @@ def read_attributes(text: str | bytes) -> dict[str, str | float]:
     Raises:
         ValueError: The text is not a JSON object of texts and numbers.
     """
-    found = json.loads(text)
-    if not isinstance(found, dict) or not all(isinstance(value, str | int | float) for value in found.values()):
-        raise ValueError(f"attributes {text[:40]!r} are no object of texts and numbers")
-    return found
+    return parse_json(text, ATTRIBUTES, must_be_finite=False)
 
 
 def bounded_utf8(text: str, name: str, largest: int) -> bytes:

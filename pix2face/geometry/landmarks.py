@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.files.opening import read_text_file
 
 IBUG68: Final = "ibug68"
 N_IBUG68: Final = 68
@@ -65,6 +66,8 @@ MIRROR_IBUG68: Final = (
 
 # Annotation tools count pixels from 1 with integers at the centres: their 1.0 is our 0.5.
 ONE_BASED_TO_CENTRES_PX: Final = -0.5
+# 68 points with as many digits as a double has take 4 KB.
+LARGEST_PTS_BYTES: Final = 1 << 20
 
 
 def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]:
@@ -77,14 +80,7 @@ def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]
     Raises:
         InputFileError: The file is missing, cut off, of another format or scheme, or holds values that are not finite.
     """
-    try:
-        text = path.read_text(encoding="ascii")
-    except OSError as error:
-        raise InputFileError(
-            f"expected an annotation at {path}, found none that can be read: {error.strerror}"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise InputFileError(f"expected the text of a .pts annotation in {path}, found binary data") from error
+    text = read_text_file(path, "the text of a .pts annotation", LARGEST_PTS_BYTES, "ascii")
     header, brace, body = text.partition("{")
     if not brace or "n_points" not in header:
         raise InputFileError(f"expected 'version', 'n_points' and '{{' at the start of {path}, found {text[:40]!r}")

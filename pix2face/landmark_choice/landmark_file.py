@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
-from pix2face.files.images import read_bytes
+from pix2face.files.json_text import Integer, read_json_file
 from pix2face.geometry.landmarks import SCHEMES
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection
@@ -18,6 +18,26 @@ from pix2face.models.morphable_model import MorphableModel, open_model
 
 FORMAT = "pix2face-landmarks"
 SCHEMA_VERSION = 1
+LARGEST_FILE_BYTES = 1 << 20
+
+
+@final
+@dataclass(frozen=True)
+class _ModelName:
+    name: str
+    sha256: str
+
+
+@final
+@dataclass(frozen=True)
+class _Content:
+    """What is read of the file."""
+
+    format: Literal["pix2face-landmarks"]
+    schema_version: Integer
+    scheme: str
+    vertices: tuple[Integer, ...]
+    model: _ModelName
 
 
 @final
@@ -63,22 +83,15 @@ def load_landmarks(path: Path) -> LandmarkChoice:
     Raises:
         InputFileError: The file is missing, of another format or a newer schema, or has another number of landmarks.
     """
-    try:
-        content = json.loads(read_bytes(path))
-        if content["format"] != FORMAT:
-            raise ValueError(f"format={content['format']!r}")
-        if int(content["schema_version"]) > SCHEMA_VERSION:
-            raise InputFileError(
-                f"{path}: schema {content['schema_version']} is newer than {SCHEMA_VERSION}, which this version reads; "
-                "upgrade pix2face"
-            )
-        scheme, vertices = str(content["scheme"]), tuple(int(vertex) for vertex in content["vertices"])
-        model = content["model"]
-        choice = LandmarkChoice(scheme, vertices, str(model["name"]), str(model["sha256"]))
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    expected = "landmarks as `pix2face landmarks select` writes them"
+    content: _Content = read_json_file(path, _Content, expected, LARGEST_FILE_BYTES)
+    if content.schema_version > SCHEMA_VERSION:
         raise InputFileError(
-            f"{path}: expected landmarks as `pix2face landmarks select` writes them, found something else ({error})"
-        ) from error
+            f"{path}: schema {content.schema_version} is newer than {SCHEMA_VERSION}, which this version reads; "
+            "upgrade pix2face"
+        )
+    scheme, vertices, model = content.scheme, content.vertices, content.model
+    choice = LandmarkChoice(scheme, vertices, model.name, model.sha256)
     if len(vertices) != SCHEMES.get(scheme):
         raise InputFileError(f"{path}: expected the {SCHEMES.get(scheme)} vertices of {scheme}, found {len(vertices)}")
     return choice

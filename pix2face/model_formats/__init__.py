@@ -8,9 +8,11 @@ from pathlib import Path
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import open_hdf5, read_text
 from pix2face.files.mat_files import is_mat5
+from pix2face.files.npz_files import npz_names
+from pix2face.files.opening import is_folder, open_regular
 from pix2face.model_formats.bfm2009 import ORIGINAL_FILE, SHAPE_FILE, is_bfm2009, read_bfm2009
 from pix2face.model_formats.flame import read_flame
-from pix2face.model_formats.gnm import TEMPLATE, array_names, read_gnm
+from pix2face.model_formats.gnm import TEMPLATE, read_gnm
 from pix2face.model_formats.ict_facekit import model_folder, read_ict_facekit
 from pix2face.model_formats.statismo import is_statismo, read_statismo
 from pix2face.model_formats.surrey import is_surrey, read_surrey
@@ -20,6 +22,8 @@ SUPPORTED = (
     f"a folder with {SHAPE_FILE} and Model_Expression.mat, or with {ORIGINAL_FILE} (BFM 2009), a .h5 in statismo's "
     "layout (BFM 2017, 2019), a .pkl of FLAME, a .bin of Surrey, a folder of ICT-FaceKit, or a .npz of GNM"
 )
+# The Basel Face Model of 2009 takes 0.25 GB.
+LARGEST_FILE_BYTES = 1 << 30
 _FIRST_BYTES = 512
 _HDF5, _ZIP = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04"
 # Protocol 2 and later start with the first; protocols 0 and 1, a dictionary, with the others.
@@ -38,13 +42,10 @@ def read_model(path: Path) -> StoredModel:
     Raises:
         InputFileError: The path is missing, or holds no supported model, or a damaged or hostile one.
     """
-    if path.is_dir():
+    if is_folder(path):
         return _read_folder(path)
-    try:
-        with path.open("rb") as file:
-            start = file.read(_FIRST_BYTES)
-    except OSError as error:
-        raise InputFileError(f"{path}: expected {SUPPORTED}; found nothing that can be read ({error})") from error
+    with open_regular(path, SUPPORTED, LARGEST_FILE_BYTES) as file:
+        start = file.read(_FIRST_BYTES)
     if start.startswith(_HDF5):
         return _read_hdf5(path)
     if start.startswith(_ZIP):
@@ -82,7 +83,7 @@ def _read_hdf5(path: Path) -> StoredModel:
 
 
 def _read_zip(path: Path) -> StoredModel:
-    names = array_names(path)
+    names = npz_names(path, LARGEST_FILE_BYTES)
     if TEMPLATE not in names:
         raise InputFileError(f"{path}: expected {SUPPORTED}; found an archive with {list(names)[:10]}")
     return read_gnm(path)

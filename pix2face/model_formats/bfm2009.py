@@ -19,6 +19,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.files.mat_files import mat_names, read_mat
+from pix2face.files.opening import open_regular, read_text_file
 from pix2face.geometry.landmarks import IBUG68, N_IBUG68
 from pix2face.model_formats.checks import (
     basis_of_columns,
@@ -46,6 +47,7 @@ ALBEDO_LEVELS = 255.0
 N_ORIGINAL = 53490
 MAX_GUO_COMPONENTS = 512
 LARGEST_TEXT_BYTES = 1 << 20
+LARGEST_BASIS_BYTES = 512 << 20
 
 _LICENCE = "Basel Face Model: registration with the University of Basel, research only; not to be passed on"
 
@@ -217,8 +219,8 @@ def _albedo(path: Path, mean: Any, columns: Any, deviations: Any, n_vertices: in
 
 def _read_guo(path: Path, n_vertices: int) -> tuple[Float64[ndarray, "v 3"], _Basis]:
     """``Exp_Pca.bin``: i32 count, f32 mean, f32 components one after the other; ``std_exp.txt``: their deviations."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
+    with open_regular(path, "an expression basis", LARGEST_BASIS_BYTES) as file:
+        size = path.stat().st_size
         count = int.from_bytes(file.read(4), "little", signed=True)
         expected = 4 + 4 * 3 * n_vertices * (1 + count)
         if not 0 < count <= MAX_GUO_COMPONENTS or size != expected:
@@ -234,10 +236,9 @@ def _read_guo(path: Path, n_vertices: int) -> tuple[Float64[ndarray, "v 3"], _Ba
 
 def _read_deviations(path: Path, count: int) -> Float64[ndarray, " k"]:
     try:
-        if path.stat().st_size > LARGEST_TEXT_BYTES:
-            raise InputFileError(f"{path}: expected {count} numbers, found a file of {path.stat().st_size} bytes")
-        values = np.array(path.read_text(encoding="ascii").split(), dtype=np.float64)
-    except (OSError, ValueError) as error:
+        text = read_text_file(path, f"the standard deviations of {GUO_FILE}", LARGEST_TEXT_BYTES, "ascii")
+        values = np.array(text.split(), dtype=np.float64)
+    except ValueError as error:
         raise InputFileError(f"{path}: expected the standard deviations of {GUO_FILE} in it ({error})") from error
     if len(values) < count or not np.isfinite(values).all():
         raise InputFileError(f"{path}: expected {count} finite numbers, found {len(values)}")

@@ -5,7 +5,6 @@ No copy was at hand: the reader is tested on files of ours in this layout.
 Source: the array names of its public code.
 """
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +12,13 @@ from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.checked_hdf5 import LARGEST_ARRAY_BYTES, LARGEST_COMPRESSION
+from pix2face.files.npz_files import read_npz
 from pix2face.model_formats.checks import MAX_COMPONENTS, check_names, coordinates, triangle_polygons, vertex_numbers
 from pix2face.models.model_file import StoredModel
 
 MM_PER_METRE = 1000.0
 TEMPLATE = "template_vertex_positions"
-_MAX_HEADER_BYTES = 1 << 16
+LARGEST_FILE_BYTES = 1 << 30
 
 
 def read_gnm(path: Path) -> StoredModel:
@@ -28,7 +27,9 @@ def read_gnm(path: Path) -> StoredModel:
     Raises:
         InputFileError: Missing, truncated, foreign or hostile file, or arrays that do not fit each other.
     """
-    arrays = _read_arrays(path, (TEMPLATE, "vertex_identity_basis", "expression_basis"), ("quads", "triangles"))
+    needed = (TEMPLATE, "vertex_identity_basis", "expression_basis")
+    arrays = read_npz(path, (*needed, "quads", "triangles"), "an .npz of arrays", LARGEST_FILE_BYTES)
+    check_names(path, needed, arrays)
     mean = coordinates(f"{path} ({TEMPLATE})", arrays[TEMPLATE]) * MM_PER_METRE
     polygons = _polygons(path, arrays, len(mean))
     return StoredModel(
@@ -41,51 +42,6 @@ def read_gnm(path: Path) -> StoredModel:
         polygons=polygons,
         polygon_regions=np.zeros(len(polygons), np.uint8),
     )
-
-
-def array_names(path: Path) -> tuple[str, ...]:
-    """Names of the arrays in an ``.npz`` file; empty for other files."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return tuple(name.removesuffix(".npy") for name in archive.namelist())
-    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
-        return ()
-
-
-def _read_arrays(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, ndarray]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = {name.removesuffix(".npy"): name for name in archive.namelist()}
-            check_names(path, needed, names)
-            wanted = [name for name in (*needed, *optional) if name in names]
-            return {name: _read_array(archive, names[name], path) for name in wanted}
-    except InputFileError:
-        raise
-    except Exception as error:
-        raise InputFileError(
-            f"{path}: expected an .npz of arrays, found a file that cannot be read as one "
-            f"({type(error).__name__}: {error})"
-        ) from error
-
-
-def _read_array(archive: zipfile.ZipFile, name: str, path: Path) -> ndarray:
-    """Reads one array, after comparing its declared size with what the archive holds."""
-    entry = archive.getinfo(name)
-    holds = min(LARGEST_COMPRESSION * entry.compress_size, entry.file_size, LARGEST_ARRAY_BYTES)
-    if entry.compress_size > path.stat().st_size:
-        raise InputFileError(f"{path}: expected {name} inside the file, found {entry.compress_size} bytes declared")
-    with archive.open(entry) as stream:
-        version = np.lib.format.read_magic(stream)
-        read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-        shape, is_fortran, dtype = read_header[version](stream, max_header_size=_MAX_HEADER_BYTES)
-        declared = int(np.prod(shape, dtype=object)) * dtype.itemsize
-        if dtype.kind not in "fiu" or declared > holds:
-            raise InputFileError(
-                f"{path}: expected numbers that {name} can hold ({holds} bytes), found {dtype} {shape}; "
-                "the file is damaged or hostile"
-            )
-        content = stream.read(declared)
-    return np.frombuffer(content, dtype=dtype).reshape(shape, order="F" if is_fortran else "C")
 
 
 def _basis(path: Path, name: str, arrays: dict[str, ndarray], n_vertices: int) -> Float32[ndarray, "k v 3"]:

@@ -17,6 +17,7 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.files.opening import read_regular
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats.checks import LARGEST_COORDINATE
 from pix2face.model_formats.tables import ibug68_vertices
@@ -108,13 +109,7 @@ def _differences(neutral: Float64[ndarray, "v 3"], paths: list[Path]) -> Float32
 
 
 def _lines(path: Path) -> list[bytes]:
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE_BYTES:
-            raise InputFileError(f"{path}: expected a mesh of at most {LARGEST_FILE_BYTES} bytes, found {size}")
-        return path.read_bytes().splitlines()
-    except OSError as error:
-        raise InputFileError(f"{path}: expected a mesh, found none that can be read: {error}") from error
+    return read_regular(path, "a mesh", LARGEST_FILE_BYTES).splitlines()
 
 
 def _numbers(path: Path, lines: list[bytes], columns: int) -> Float64[ndarray, "n c"]:

@@ -18,12 +18,15 @@ from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.files.opening import read_regular
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats.checks import LARGEST_COORDINATE, basis_of_columns, coordinates, triangle_polygons
 from pix2face.model_formats.tables import ibug68_vertices
 from pix2face.models.model_file import StoredModel
 
 N_VERTICES = 3448
+# The largest resolution that is given out, with colours, takes 60 MB.
+LARGEST_FILE_BYTES = 256 << 20
 KNOWN_VERSIONS = range(1, 8)
 BLENDSHAPE_PATTERN = "*blendshapes*.bin"
 _HEAD = struct.Struct("<Iii")
@@ -94,10 +97,7 @@ class _Reader:
 
     def __init__(self, path: Path) -> None:
         self._path, self._at = path, 0
-        try:
-            self._content = path.read_bytes()
-        except OSError as error:
-            raise InputFileError(f"{path}: expected a Surrey model, found none that can be read: {error}") from error
+        self._content = read_regular(path, "a Surrey model", LARGEST_FILE_BYTES)
 
     def number(self, layout: str) -> int:
         return int(struct.unpack(layout, self.take(struct.calcsize(layout)))[0])

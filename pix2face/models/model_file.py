@@ -13,7 +13,9 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_text
+from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_text, read_version
+from pix2face.files.json_text import parse_json
+from pix2face.files.opening import is_regular
 
 FORMAT = "pix2face-morphable-model"
 SCHEMA_VERSION = 1
@@ -127,7 +129,7 @@ def read_stored_model(path: Path) -> tuple[StoredModel, str]:
     Raises:
         InputFileError: The file is missing, not a model, truncated, or of a newer schema.
     """
-    if not path.is_file():
+    if not is_regular(path):
         raise InputFileError(f"{path}: no such model file; `datagen model import` makes one, `builtin` needs none")
     try:
         with open_hdf5(path) as file:
@@ -142,7 +144,7 @@ def read_stored_model(path: Path) -> tuple[StoredModel, str]:
 def _read(file: h5py.File, path: Path) -> StoredModel:
     content: dict[str, Any] = {
         **{name: read_text(file.attrs, path, name) for name in _TEXTS},
-        **{name: tuple(json.loads(read_text(file.attrs, path, name))) for name in _LISTS},
+        **{name: parse_json(read_text(file.attrs, path, name), tuple[str, ...]) for name in _LISTS},
         **{name: _array(file, name, dtype) for name, dtype in _ARRAYS.items() if name in file},
     }
     return StoredModel(
@@ -200,7 +202,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
             f"{path}: expected a file with format={FORMAT!r}, found format={found!r}; "
             "published models are brought into it by `datagen model import`"
         )
-    version = int(file.attrs.get("schema_version", 0))
+    version = read_version(file.attrs, path)
     if version > SCHEMA_VERSION:
         raise InputFileError(
             f"{path}: model schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"

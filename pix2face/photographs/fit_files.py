@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.face_files.w300lp import pose_of_camera
+from pix2face.files.json_text import JsonObject, read_json_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import (
     Camera,
@@ -73,7 +74,7 @@ def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
         InputFileError: The file is missing, or no fit.
         ModelMismatchError: It is the fit of another model.
     """
-    fields = _read_fields(path)
+    fields = read_json_file(path, JsonObject, "a fit that `pix2face fit` wrote (JSON)", LARGEST_FILE_BYTES)
     try:
         name, sha256 = str(fields["model"]["name"]), str(fields["model"]["sha256"])
         photograph = path.parent / str(fields["photograph"])
@@ -101,20 +102,6 @@ def _camera_kind(camera: Camera) -> str:
     nearest = weak_perspective_camera(nearest_weak_perspective(camera)).matrix[:2]
     is_weak = np.abs(nearest - camera.matrix[:2]).max() <= 1e-6 * np.abs(camera.matrix[:2, :3]).max()
     return "weak-perspective" if is_weak else "affine"
-
-
-def _read_fields(path: Path) -> Mapping[str, Any]:
-    try:
-        if path.is_file() and path.stat().st_size > LARGEST_FILE_BYTES:
-            raise InputFileError(f"{path}: expected a fit that `pix2face fit` wrote, found a file too large for one")
-        fields = json.loads(path.read_text())
-    except OSError as error:
-        raise InputFileError(f"{path}: expected a fit (JSON), cannot read it ({error.strerror})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputFileError(f"{path}: expected a fit that `pix2face fit` wrote, found no JSON ({error})") from error
-    if not isinstance(fields, dict):
-        raise InputFileError(f"{path}: expected a fit that `pix2face fit` wrote, found other JSON")
-    return fields
 
 
 def _numbers(fields: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Float64[ndarray, "..."]:

@@ -1,9 +1,10 @@
 """Checks of shards that were written some time ago: what a full reading can tell."""
 
-import json
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count, islice
 from pathlib import Path
 from typing import final
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.files.json_text import Count, parse_json
 from pix2face.geometry.maps import face_box
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, SEEN_REGIONS, WHOLE_PICTURE_LAYERS, from_stored
 from pix2face.shards.sample import MASK
@@ -20,6 +22,15 @@ from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 # A normal is rounded to steps in each coordinate.
 LARGEST_NORMAL_ERROR = 2 / LAYERS["normals"].steps_per_unit
 SHARD_NUMBER = re.compile(r"shard-(\d+)\.h5")
+
+
+@final
+@dataclass(frozen=True)
+class _Job:
+    """The part of a rendering job's configuration that says how many shards there are."""
+
+    n_faces: Count
+    shard_size: Count
 
 
 @final
@@ -73,7 +84,6 @@ def verify_shard(path: Path) -> list[str]:
     problems: list[str] = []
     try:
         reader = ShardReader(path)
-        problems += _header_problems(reader)
         sample_ids = reader.sample_ids
         limits_mm = reader.column("offset_limit_mm")
     except InputFileError as error:
@@ -87,23 +97,6 @@ def verify_shard(path: Path) -> list[str]:
             found = [str(error)]
         problems += [f"sample {sample_id!r}: {text}" for text in found]
     return problems
-
-
-def _header_problems(reader: ShardReader) -> list[str]:
-    header, problems = reader.header, []
-    for name, kind in (("configuration", dict), ("rejected", list)):
-        try:
-            is_right = isinstance(json.loads(getattr(header, name)), kind)
-        except ValueError:
-            is_right = False
-        if not is_right:
-            problems.append(f"the header's {name} is no JSON {'object' if kind is dict else 'list'}")
-    lengths = {name: getattr(header, name) for name in ("pncc_limit_mm", "smallest_radius_mm")}
-    return problems + [
-        f"the header's {name} is {length}, expected a length"
-        for name, length in lengths.items()
-        if not 0 < length < np.inf
-    ]
 
 
 def _sample_problems(reader: ShardReader, index: int, offset_limit_mm: float) -> list[str]:
@@ -169,7 +162,8 @@ def _differences(headers: dict[Path, ShardHeader]) -> list[str]:
     problems = []
     for path, header in headers.items():
         first_path, first = next(iter(headers.items()))
-        different = [name for name, value in vars(header).items() if name != "rejected" and value != vars(first)[name]]
+        names = [name for name in header.__dataclass_fields__ if name != "rejected"]
+        different = [name for name in names if getattr(header, name) != getattr(first, name)]
         if different:
             problems.append(f"{path.name}: other than in {first_path.name}: {', '.join(different)}; of another job?")
     return problems
@@ -178,13 +172,13 @@ def _differences(headers: dict[Path, ShardHeader]) -> list[str]:
 def _missing(folder: Path, headers: Sequence[ShardHeader]) -> list[str]:
     """Numbers without a shard: gaps, and what the job's configuration says should follow."""
     numbers = {int(found[1]) for path in shard_paths(folder) if (found := SHARD_NUMBER.fullmatch(path.name))}
-    expected = set(range(max(numbers, default=-1) + 1))
+    expected = max(numbers, default=-1) + 1
     for header in headers[:1]:
-        try:
-            configuration = json.loads(header.configuration)
-            expected |= set(range(-(-int(configuration["n_faces"]) // int(configuration["shard_size"]))))
-        except (ValueError, KeyError, TypeError, ZeroDivisionError):
-            continue  # not made by a rendering job: no more is known than what is there
-    missing = sorted(expected - numbers)
-    named = ", ".join(f"shard-{number:05d}.h5" for number in missing[:5])
-    return [f"{len(missing)} missing: {named}{', ...' if len(missing) > 5 else ''}"] if missing else []
+        with suppress(ValueError):  # not made by a rendering job: no more is known than what is there
+            job: _Job = parse_json(header.configuration, _Job)
+            expected = max(expected, -(-job.n_faces // job.shard_size))
+    n_missing = expected - len(numbers)
+    named = ", ".join(
+        f"shard-{number:05d}.h5" for number in islice((n for n in count() if n not in numbers), min(5, n_missing))
+    )
+    return [f"{n_missing} missing: {named}{', ...' if n_missing > 5 else ''}"] if n_missing else []

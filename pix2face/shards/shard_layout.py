@@ -14,7 +14,8 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.face_files.coefficients import LARGEST_SIDE_PX
-from pix2face.files.checked_hdf5 import check_contained, read_text
+from pix2face.files.checked_hdf5 import check_contained, read_text, read_version
+from pix2face.files.json_text import JsonObject, Positive, parse_json, typed
 from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
 from pix2face.shards.map_storage import Box
 
@@ -22,6 +23,8 @@ FORMAT = "pix2face-shard"
 SCHEMA_VERSION = 2
 # HDF5 keeps the numbers up to this for its own filters.
 LARGEST_OWN_FILTER = 255
+# Id and reason of each sample that was rejected.
+Rejected = list[tuple[str, str]]
 # The attribute "predictor" of a layer. Earlier versions also stored smooth layers as they are.
 PREDICTED, PLAIN = "planar", "none"
 
@@ -33,8 +36,8 @@ class ShardHeader:
 
     model_name: str  # the morphable model that the maps refer to
     model_sha256: str
-    pncc_limit_mm: float  # largest coordinate of the mean face: PNCC divided by it stays within ±1
-    smallest_radius_mm: float  # from the origin to the nearest point of the mean face
+    pncc_limit_mm: Positive  # largest coordinate of the mean face: PNCC divided by it stays within ±1
+    smallest_radius_mm: Positive  # from the origin to the nearest point of the mean face
     licence: str  # terms of the pictures and of the model
     configuration: str  # of the job, resolved, as JSON
     generator: str  # program and version
@@ -55,9 +58,23 @@ class ShardHeader:
         Raises:
             ValueError: It is not a header of this format.
         """
-        fields = json.loads(text)
-        _check_header(fields)
-        return cls(**{**fields, "layers": tuple(fields["layers"]), "region_names": tuple(fields["region_names"])})
+        fields = parse_json(text, JsonObject)
+        if fields.keys() != cls.__dataclass_fields__.keys():
+            raise ValueError(f"the header is not an object of {', '.join(cls.__dataclass_fields__)}")
+        header: ShardHeader = typed(fields, cls)
+        if set(header.layers) - {*LAYER_NAMES} or len(set(header.layers)) < len(header.layers):
+            raise ValueError(f"the header names layers {header.layers}, known are {', '.join(LAYER_NAMES)}")
+        for name, kind in (("configuration", JsonObject), ("rejected", Rejected)):
+            try:
+                parse_json(getattr(header, name), kind)
+            except ValueError as error:
+                raise ValueError(f"the header's {name}: {error}") from error
+        return header
+
+    @property
+    def rejected_samples(self) -> Rejected:
+        """`rejected`, parsed."""
+        return parse_json(self.rejected, Rejected)
 
 
 @final
@@ -87,11 +104,6 @@ COLUMNS: Mapping[str, Column] = {
 }
 IMAGE_COLUMNS: Mapping[str, Column] = {"image_end": Column(np.dtype("<i8"), ())}
 TEXTS = ("sample_id", "attributes")
-_HEADER_TYPES: Mapping[str, type | tuple[type, ...]] = {
-    **dict.fromkeys(ShardHeader.__dataclass_fields__, str),
-    **dict.fromkeys(("pncc_limit_mm", "smallest_radius_mm"), (int, float)),
-    **dict.fromkeys(("layers", "region_names"), list),
-}
 
 
 def layer_boxes(names: Iterable[str], box_px: Int[ndarray, "4"], size_px: tuple[int, int]) -> dict[str, Box]:
@@ -135,7 +147,7 @@ def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
     found = _format_name(file, path)
     if found != FORMAT:
         raise InputFileError(f"{path}: expected a shard (format={FORMAT!r}), found format={found!r}")
-    version = int(file.attrs["schema_version"])
+    version = read_version(file.attrs, path)
     if version > SCHEMA_VERSION:
         raise InputFileError(
             f"{path}: shard schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
@@ -218,18 +230,6 @@ def filters_of(dataset: h5py.Dataset) -> list[int]:
 def has_foreign_filter(dataset: h5py.Dataset) -> bool:
     """Whether a dataset needs a filter that is not one of HDF5's own."""
     return any(code > LARGEST_OWN_FILTER for code in filters_of(dataset))
-
-
-def _check_header(fields: Any) -> None:
-    if not isinstance(fields, dict) or fields.keys() != _HEADER_TYPES.keys():
-        raise ValueError(f"the header is not an object of {', '.join(_HEADER_TYPES)}")
-    wrong = [name for name, kind in _HEADER_TYPES.items() if not isinstance(fields[name], kind)]
-    texts = [*fields["layers"], *fields["region_names"]] if not wrong else []
-    if wrong or not all(isinstance(text, str) for text in texts):
-        raise ValueError(f"the header's {wrong[0] if wrong else 'layers or region_names'} is of another type")
-    unknown = [name for name in fields["layers"] if name not in LAYER_NAMES]
-    if unknown or len(set(fields["layers"])) < len(fields["layers"]):
-        raise ValueError(f"the header names layers {fields['layers']}, known are {', '.join(LAYER_NAMES)}")
 
 
 def _check_images(datasets: Mapping[str, h5py.Dataset], n: int) -> None:

@@ -19,7 +19,7 @@ from jaxtyping import Int64, Shaped
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.checked_hdf5 import read_text
+from pix2face.files.checked_hdf5 import open_unchecked, read_text
 from pix2face.files.text_columns import read_attributes
 from pix2face.geometry.camera import Camera
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, from_stored
@@ -68,7 +68,7 @@ class ShardReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with _reading(path), h5py.File(path, "r") as file:
+        with _reading(path), open_unchecked(path, "a shard") as file:
             datasets = open_datasets(file, path)
             self.header = ShardHeader.from_json(read_text(datasets["header"], path))
             check_layout(datasets, self.header.layers)
@@ -213,7 +213,7 @@ class ShardReader:
 
     def _by_hdf5(self, name: str, place: Any) -> Any:
         """Part of a dataset, read by the HDF5 library."""
-        with h5py.File(self.path, "r") as file:
+        with open_unchecked(self.path) as file:
             return file[name][place]
 
     def _whole(self, index: int, name: str, steps: Shaped[ndarray, "y x *c"]) -> Shaped[ndarray, "h w *c"]:
@@ -307,8 +307,6 @@ def _reading(path: Path) -> Iterator[None]:
     """Turns what h5py raises on a missing, foreign or truncated file into one error of ours."""
     try:
         yield
-    except FileNotFoundError as error:
-        raise InputFileError(f"{path}: no such shard") from error
     except _DAMAGE as error:
         raise InputFileError(
             f"{path}: expected a complete shard, found one that cannot be read ({error}); "

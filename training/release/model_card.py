@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from pix2face.errors import InputFileError
+from pix2face.files.json_text import JsonObject, read_json_file
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
 
 REPORT_FORMAT = "pix2face-evaluation"
+LARGEST_BYTES = 64 << 20
 
 INTENDED_USE = """Dense landmarks, a camera and the coefficients of the morphable model from photographs with faces:
 research, graphics, measuring other systems. Not made, and not tested, for telling who a person is, or for judging
@@ -78,7 +80,7 @@ def _data(header: CheckpointHeader, configuration: Mapping[str, Any]) -> str:
 def _measured(path: Path) -> str:
     """The table of one report."""
     try:
-        report = json.loads(path.read_text(encoding="utf-8"))
+        report = read_json_file(path, JsonObject, "a report that `evaluate` wrote (report.json)", LARGEST_BYTES)
         if report["format"] != REPORT_FORMAT:
             raise ValueError(f"format {report['format']!r}")
         benchmark = report["benchmark"]
@@ -86,7 +88,7 @@ def _measured(path: Path) -> str:
         rows = [row for row in report["table"] if row["method"] == report["method"]]
         lines = [line for row in rows for line in _errors_of(row)]
         by = [table for own in report.get("by", ()) for table in ("", *_errors_by(own))]
-    except (OSError, UnicodeDecodeError, AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputFileError(
             f"{path}: expected a report that `evaluate` wrote (report.json), found another file ({error})"
         ) from error

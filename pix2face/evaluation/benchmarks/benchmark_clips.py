@@ -13,7 +13,8 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkFiles, BenchmarkItem, picture_reader
 from pix2face.evaluation.benchmarks.manifest import Manifest
-from pix2face.geometry.landmarks import N_IBUG68, read_pts
+from pix2face.files.opening import open_regular, read_regular
+from pix2face.geometry.landmarks import LARGEST_PTS_BYTES, N_IBUG68, read_pts
 
 ANNOTATIONS, ANNOTATIONS_3D = "annot", "annot3d"
 PICTURE_SUFFIXES = (".jpg", ".png", ".jpeg")
@@ -78,9 +79,9 @@ def _read_points(manifest: Manifest, path: Path) -> Float64[ndarray, "68 2"]:
 
 def _declared_points(path: Path) -> int | None:
     try:
-        with path.open("rb") as file:
+        with open_regular(path, "an annotation", LARGEST_PTS_BYTES) as file:
             words = file.read(200).partition(b"n_points:")[2].split()
-    except OSError:
+    except InputFileError:
         return None  # read_pts then says why it cannot be read
     return int(words[0]) if words and words[0].isdigit() else None
 
@@ -88,9 +89,9 @@ def _declared_points(path: Path) -> int | None:
 def _read_points3d(manifest: Manifest, path: Path) -> Float64[ndarray, "68 3"]:
     """3D points in the unit of the data: three numbers a line, between braces."""
     try:
-        body = path.read_bytes().partition(b"{")[2].partition(b"}")[0]
+        body = read_regular(path, "points in space", LARGEST_PTS_BYTES).partition(b"{")[2].partition(b"}")[0]
         numbers = np.array(body.split(), dtype=np.float64)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise InputFileError(f"{path}: expected three numbers a line: {error}") from error
     counts = [N_IBUG68] if manifest.n_annotated is None else [manifest.n_annotated, N_IBUG68]
     if len(numbers) not in [3 * count for count in counts]:

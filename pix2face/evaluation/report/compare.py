@@ -1,6 +1,5 @@
 """Compares two evaluations of the same benchmark face by face: which is better, and whether that may be chance."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,12 +20,31 @@ from pix2face.evaluation.figures.bootstrap import (
     weighted_mean_of,
 )
 from pix2face.evaluation.report.report_files import FORMAT, SCHEMA_VERSION
+from pix2face.files.json_text import JsonObject, read_json_file, typed
 from pix2face.geometry.landmark_metrics import POINT_SETS
 
 # What must be the same in both for their errors to mean the same.
 SAME = ("split", "truth", "normaliser", "threshold")
-LARGEST_BYTES = 1 << 30
+# 300-VW, the largest benchmark, makes less.
+LARGEST_BYTES = 128 << 20
 LARGEST_ERROR = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class _Face:
+    name: str
+    clip: str | None
+    errors: dict[str, float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class _Content:
+    """What is read of a report."""
+
+    method: str
+    benchmark: JsonObject
+    subject: JsonObject
+    faces: list[_Face]
 
 
 @final
@@ -81,21 +99,16 @@ def read_report(path: Path) -> StoredReport:
     Raises:
         InputFileError: It cannot be read, is no JSON, no report, of another schema, or lacks something.
     """
-    try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise InputFileError(f"{path}: expected a report.json of evaluate, found {path.stat().st_size >> 20} MB")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputFileError(f"{path}: expected a report.json of evaluate, cannot read it: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    content = read_json_file(path, JsonObject, "a report.json of evaluate", LARGEST_BYTES)
+    if content.get("format") != FORMAT:
         raise InputFileError(f"{path}: expected a report.json of evaluate, found other JSON; evaluate again")
     if content.get("schema_version") != SCHEMA_VERSION:
         raise InputFileError(
             f"{path}: expected schema {SCHEMA_VERSION}, found {content.get('schema_version')!r}; evaluate again"
         )
     try:
-        return _stored_report(path, content)
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
+        return _stored_report(path, typed(content, _Content))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputFileError(
             f"{path}: expected a complete report.json of evaluate, found it damaged: {error}"
         ) from error
@@ -133,21 +146,21 @@ def compare_reports(a: StoredReport, b: StoredReport, bootstrap: Bootstrap) -> C
     )
 
 
-def _stored_report(path: Path, content: Mapping[str, Any]) -> StoredReport:
-    faces = content["faces"]
-    names = [str(face["name"]) for face in faces]
+def _stored_report(path: Path, content: _Content) -> StoredReport:
+    faces = content.faces
+    names = [face.name for face in faces]
     if len(set(names)) < len(names):
         raise ValueError("a face is in it twice")
     errors = {
-        points: {name: _error(face["errors"][points]) for name, face in zip(names, faces, strict=True)}
+        points: {name: _error(face.errors[points]) for name, face in zip(names, faces, strict=True)}
         for points in POINT_SETS
     }
-    benchmark = {key: content["benchmark"][key] for key in (*SAME, "box_rule", "title")}
+    benchmark = {key: content.benchmark[key] for key in (*SAME, "box_rule", "title")}
     if not 0 < float(benchmark["threshold"]) < np.inf:
         raise ValueError(f"a threshold of {benchmark['threshold']}")
-    clips = {name: str(face["clip"] or name) for name, face in zip(names, faces, strict=True)}
+    clips = {name: face.clip or name for name, face in zip(names, faces, strict=True)}
     return StoredReport(
-        path, benchmark, str(content["method"]), errors, clips, str(content["subject"].get("landmarks", "not stated"))
+        path, benchmark, content.method, errors, clips, str(content.subject.get("landmarks", "not stated"))
     )
 
 

@@ -4,11 +4,9 @@ A system that found no face writes NaN, or leaves the face out; both count as fa
 """
 
 import csv
-import io
 import math
-import zipfile
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -16,14 +14,17 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from numpy.lib import format as npy_format
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.evaluate_config import PixelFrame
+from pix2face.files.npz_files import read_npz
+from pix2face.files.opening import text_lines
 from pix2face.geometry.landmarks import N_IBUG68
 
 TO_PROJECT_PX: Mapping[PixelFrame, float] = {"0-based": 0.5, "1-based": -0.5, "half-pixel": 0.0}
 LARGEST_COORDINATE = 1e9
+# Half a million faces, with points in space.
+LARGEST_NPZ_BYTES = LARGEST_CSV_BYTES = 1 << 30
 NPZ_ARRAYS = ("names", "landmarks", "landmarks3d", "pose_deg")
 TRACK_NAME, TRACK_ARRAYS = "track.npz", ("frame", "landmarks2d", "landmarks3d", "pose_deg")
 
@@ -54,9 +55,10 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
     if path.suffix.lower() not in (".npz", ".csv"):
         raise InputFileError(f"{path}: expected predictions as .npz or .csv, found {path.suffix or 'no ending'!r}")
     arrays = _read_npz(path) if path.suffix.lower() == ".npz" else _read_csv(path)
+    n = arrays["names"].size
+    landmarks = _numbers(path, "landmarks", arrays["landmarks"], (n, N_IBUG68), (2, 3))
     names = _names(path, arrays["names"])
-    landmarks = _numbers(path, "landmarks", arrays["landmarks"], (len(names), N_IBUG68), (2, 3))
-    points3d = _optional(path, arrays, "landmarks3d", (len(names), N_IBUG68))
+    points3d = _optional(path, arrays, "landmarks3d", (n, N_IBUG68))
     if points3d is None and landmarks.shape[2] == 3:
         points3d = landmarks
     return PredictedLandmarks(
@@ -64,7 +66,7 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
         names=names,
         landmarks2d=landmarks[..., :2] + TO_PROJECT_PX[frame],
         landmarks3d=points3d,
-        pose_deg=_optional(path, arrays, "pose_deg", (len(names),)),
+        pose_deg=_optional(path, arrays, "pose_deg", (n,)),
     )
 
 
@@ -77,76 +79,51 @@ def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
 
 
 def _read_npz(path: Path) -> dict[str, ndarray]:
-    arrays = _read_arrays(path, NPZ_ARRAYS, "an .npz file of predictions")
+    arrays = read_npz(path, NPZ_ARRAYS, "an .npz file of predictions", LARGEST_NPZ_BYTES)
     lacking = [name for name in ("names", "landmarks") if name not in arrays]
     if lacking:
         raise InputFileError(f"{path}: expected the arrays names and landmarks, missing {' and '.join(lacking)}")
     return arrays
 
 
-def _read_arrays(path: Path, wanted: Collection[str], what: str) -> dict[str, ndarray]:
-    """The wanted arrays of an ``.npz`` file that are in it; pickles are refused."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            return {name: _read_array(archive, found[name]) for name in wanted if name in found}
-    except (OSError, zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
-        raise InputFileError(f"{path}: expected {what}, cannot read it: {error}") from error
-
-
-def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> ndarray:
-    """Reads one array, and allocates no more than the file holds whatever shape it declares."""
-    with archive.open(info) as stream:
-        version = npy_format.read_magic(stream)
-        read_header = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
-        shape, _, dtype = read_header(stream)
-    if math.prod(shape) * dtype.itemsize > info.file_size:
-        raise ValueError(f"{info.filename} is cut off")
-    with archive.open(info) as stream:
-        return np.asarray(npy_format.read_array(stream, allow_pickle=False))
-
-
 def _read_csv(path: Path) -> dict[str, ndarray]:
-    try:
-        rows = [row for row in csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"))) if row]
-    except OSError as error:
-        raise InputFileError(
-            f"{path}: expected a .csv file of predictions, cannot read it: {error.strerror}"
-        ) from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputFileError(f"{path}: expected the text of a .csv file of predictions, found: {error}") from error
-    heading = [word.strip() for word in rows[0]] if rows else []
+    rows = _csv_rows(path)
+    heading = [word.strip() for word in next(rows, [])]
     axes = next((axes for axes in ("xy", "xyz") if heading == _csv_heading(axes)), None)
     if axes is None:
         raise InputFileError(
             f"{path}: expected the heading name,x0,y0,...,x{N_IBUG68 - 1},y{N_IBUG68 - 1} (or name,x0,y0,z0,...), "
-            f"found {','.join(heading[:4]) or 'nothing'}... of {len(heading)} columns"
+            f"found {','.join(heading[:4])[:80] or 'nothing'}... of {len(heading)} columns"
         )
-    wrong = next((number for number, row in enumerate(rows[1:], 2) if len(row) != len(heading)), None)
-    if wrong is not None:
-        raise InputFileError(f"{path}: expected {len(heading)} columns in row {wrong}, found {len(rows[wrong - 1])}")
+    names, numbers = list[str](), list[ndarray]()
+    for number, row in enumerate(rows, 2):
+        if len(row) != len(heading):
+            raise InputFileError(f"{path}: expected {len(heading)} columns in row {number}, found {len(row)}")
+        names.append(row[0])
+        try:
+            numbers.append(np.array([float(word) if word.strip() else math.nan for word in row[1:]]))
+        except ValueError as error:
+            raise InputFileError(f"{path}: expected numbers in row {number}, found: {error}") from error
     return {
-        "names": np.array([row[0] for row in rows[1:]], dtype=np.str_),
-        "landmarks": np.array(_csv_numbers(path, rows[1:])).reshape(len(rows) - 1, N_IBUG68, len(axes)),
+        "names": np.array(names, dtype=object),
+        "landmarks": np.array(numbers).reshape(len(names), N_IBUG68, len(axes)),
     }
+
+
+def _csv_rows(path: Path) -> Iterator[list[str]]:
+    expected = "a .csv file of predictions"
+    try:
+        yield from (row for row in csv.reader(text_lines(path, expected, LARGEST_CSV_BYTES)) if row)
+    except csv.Error as error:
+        raise InputFileError(f"{path}: expected {expected}, found: {error}") from error
 
 
 def _csv_heading(axes: str) -> list[str]:
     return ["name", *(f"{axis}{index}" for index in range(N_IBUG68) for axis in axes)]
 
 
-def _csv_numbers(path: Path, rows: Sequence[Sequence[str]]) -> list[list[float]]:
-    numbers: list[list[float]] = []
-    for row_number, row in enumerate(rows, 2):
-        try:
-            numbers.append([float(word) if word.strip() else math.nan for word in row[1:]])
-        except ValueError as error:
-            raise InputFileError(f"{path}: expected numbers in row {row_number}, found: {error}") from error
-    return numbers
-
-
 def _names(path: Path, names: ndarray) -> tuple[str, ...]:
-    if names.ndim != 1 or names.dtype.kind not in "US" or not len(names):
+    if names.ndim != 1 or names.dtype.kind not in "USO" or not len(names):
         raise InputFileError(
             f"{path}: expected names as a list of texts, found an array of shape {names.shape} and type {names.dtype}"
         )
@@ -173,11 +150,11 @@ def _numbers(
             f"found shape {values.shape} and type {values.dtype}"
         )
     numbers = values.astype(np.float64)
-    finite = numbers[np.isfinite(numbers)]
-    if len(finite) and np.abs(finite).max() > LARGEST_COORDINATE:
+    is_finite = np.isfinite(numbers)
+    largest = max(numbers.max(initial=0, where=is_finite), -numbers.min(initial=0, where=is_finite))
+    if largest > LARGEST_COORDINATE:
         raise InputFileError(
-            f"{path}: expected {name} up to ±{LARGEST_COORDINATE:g}, found {np.abs(finite).max():g}; say NaN where no "
-            "face was found"
+            f"{path}: expected {name} up to ±{LARGEST_COORDINATE:g}, found {largest:g}; say NaN where no face was found"
         )
     return numbers
 
@@ -215,7 +192,7 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    arrays = _read_arrays(path, TRACK_ARRAYS, "what pix2face track wrote")
+    arrays = read_npz(path, TRACK_ARRAYS, "what pix2face track wrote", LARGEST_NPZ_BYTES)
     n = len(arrays.get("frame", ()))
     shapes = {"frame": (n,), "landmarks2d": (n, 68, 2), "landmarks3d": (n, 68, 3), "pose_deg": (n, 3)}
     for name, shape in shapes.items():

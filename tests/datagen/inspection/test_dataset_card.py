@@ -202,7 +202,7 @@ def test_the_same_shards_have_the_same_card_wherever_they_lie(card: Writer, tmp_
 def test_texts_out_of_files_stay_texts(card: Writer) -> None:
     text = card(
         {"picture": HOSTILE, "geometry": HOSTILE},
-        configuration=HOSTILE + "\n```\n# out of the block",
+        configuration=json.dumps({"seed": HOSTILE + "\n```\n# out of the block"}),
         **dict.fromkeys(("model_name", "licence", "generator"), HOSTILE),
         region_names=(HOSTILE,),
     )

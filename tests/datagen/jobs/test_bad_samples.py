@@ -104,7 +104,7 @@ def test_files_of_a_folder_that_are_none(model_path: Path, tmp_path: Path) -> No
     assert list(found) == ["bomb", "cut", "device", "empty", "nowhere", "pipe", "self", "zeros"]
     assert "at most 256 megapixels" in found["bomb"]
     assert "found 0 bytes that are none" in found["empty"]
-    assert "found a folder, device or pipe" in found["device"]
+    assert "found a device, pipe or socket" in found["device"]
     for name in ("nowhere", "self"):
         assert "cannot read it" in found[name]
 

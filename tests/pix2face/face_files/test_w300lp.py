@@ -218,7 +218,7 @@ def test_foreign_files_are_refused_by_name(shared_dir: Path) -> None:
 
 
 def test_missing_and_huge_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="No such file"):
+    with pytest.raises(InputFileError, match="found no such file"):
         read_coefficient_file(tmp_path / "nothing.mat")
     huge = tmp_path / "huge.mat"
     huge.write_bytes(b"\0" * (5 << 20))

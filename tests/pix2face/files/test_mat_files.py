@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as hnp
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.face_files.w300lp import LARGEST_ARRAY_BYTES, LARGEST_FILE_BYTES
+from pix2face.face_files.w300lp import LARGEST_FILE_BYTES
 from pix2face.files.mat_files import mat_names, read_mat
 from tests.fuzz_mat_files import fuzz
 
@@ -178,13 +178,13 @@ def test_a_bomb_does_not_go_off(tmp_path: Path, name: str, shape: tuple[int, int
     path.write_bytes(file_of(struct.pack("<II", 15, len(packed)) + packed))
     with little_memory():
         if name == "a":
-            with pytest.raises(InputFileError, match=r"bomb\.mat.*at most 1048576 are possible"):
-                read_mat(path, ("a",), LARGEST_ARRAY_BYTES)
+            with pytest.raises(InputFileError, match=r"bomb\.mat.*at most 4194304 are possible"):
+                read_mat(path, ("a",), LARGEST_FILE_BYTES)
         else:
-            assert read_mat(path, ("other",), LARGEST_ARRAY_BYTES) == {}
+            assert read_mat(path, ("other",), LARGEST_FILE_BYTES) == {}
 
 
-def test_an_array_is_bounded_by_what_deflate_can_do(tmp_path: Path) -> None:
+def test_a_long_array_of_zeros_is_read_unless_it_is_cut_off(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     n = 4 << 20
     path.write_bytes(file_of(deflated(matrix((1, n), 8 * n, bytes(8 * n)))))
@@ -192,7 +192,7 @@ def test_an_array_is_bounded_by_what_deflate_can_do(tmp_path: Path) -> None:
     assert read_mat(path, ("a",))["a"].shape == (1, n)  # honest, if large
     content = path.read_bytes()
     path.write_bytes(content[:132] + struct.pack("<I", 64) + content[136:200])  # the same, cut to 64 bytes
-    with pytest.raises(InputFileError, match=f"at most {64 * 1032} are possible"):
+    with pytest.raises(InputFileError, match="cannot be read"):
         read_mat(path, ("a",))
 
 

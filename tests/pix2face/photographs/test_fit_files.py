@@ -65,12 +65,12 @@ def test_what_is_no_fit_is_named(tmp_path: Path, content: bytes) -> None:
 
 def test_missing_files_folders_and_giants_are_named(tmp_path: Path) -> None:
     for path in (tmp_path / "nothing.json", tmp_path):
-        with pytest.raises(InputFileError, match="cannot read it"):
+        with pytest.raises(InputFileError, match=r"found (no such file|a folder)"):
             read_fit(path, MODEL)
     giant = tmp_path / "giant.json"
     with giant.open("wb") as file:
         file.truncate(1 << 33)  # a sparse file: must be refused without being read
-    with pytest.raises(InputFileError, match="too large"):
+    with pytest.raises(InputFileError, match="found 8192 MB"):
         read_fit(giant, MODEL)
 
 
@@ -78,7 +78,6 @@ BAD_FIELDS: list[tuple[str, Any]] = [
     ("camera_matrix", [[1, 2], [3, 4]]),
     ("camera_matrix", "nonsense"),
     ("identity", [0.0]),
-    ("identity", [float("nan")] * 12),
     ("expression", None),
     ("expression", [10**400] * 8),
     ("landmarks2d_px", [[1, 2, 3]]),
@@ -92,6 +91,13 @@ def test_a_bad_field_is_named(tmp_path: Path, name: str, value: Any) -> None:
     path = write(tmp_path)
     path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
     with pytest.raises(InputFileError, match=rf"without a valid '({name}|sha256)'"):
+        read_fit(path, MODEL)
+
+
+def test_numbers_are_finite(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"identity": [float("nan")] * 12}))
+    with pytest.raises(InputFileError, match="NaN is not finite"):
         read_fit(path, MODEL)
 
 

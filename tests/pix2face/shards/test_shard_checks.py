@@ -116,8 +116,8 @@ def test_pictures_that_do_not_decode_are_all_named(tmp_path: Path) -> None:
         ("image_bytes", slice(5000, 5010), 7, "expected a picture|the checksum differs"),
         ("checksum", 2, 0, "the checksum differs"),
         ("attributes", 2, b'{"yaw_deg": 9}', "the checksum differs"),
-        ("attributes", 2, b'{"yaw_deg": null}', "no object of texts and numbers"),
-        ("attributes", 2, b"[1]", "no object of texts and numbers"),
+        ("attributes", 2, b'{"yaw_deg": null}', "got `null`"),
+        ("attributes", 2, b"[1]", "Expected `object`, got `array`"),
         ("attributes", 2, b"{", "is damaged"),
     ],
 )
@@ -138,12 +138,12 @@ def change_header(path: Path, **changes: object) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"configuration": "no JSON"}, "the header's configuration is no JSON object"),
-        ({"rejected": "{}"}, "the header's rejected is no JSON list"),
-        ({"pncc_limit_mm": -1.0}, "the header's pncc_limit_mm is -1.0, expected a length"),
+        ({"configuration": "no JSON"}, "the header's configuration: Expecting value"),
+        ({"rejected": "{}"}, "the header's rejected: Expected `array`, got `object`"),
+        ({"pncc_limit_mm": -1.0}, r"Expected `float` > 0.0 - at `\$.pncc_limit_mm`"),
         ({"layers": ["image", "teeth"]}, "the header names layers .*'teeth'"),
-        ({"layers": "image"}, "the header's layers is of another type"),
-        ({"model_name": 3}, "the header's model_name is of another type"),
+        ({"layers": "image"}, r"Expected `array`, got `str` - at `\$.layers`"),
+        ({"model_name": 3}, r"Expected `str`, got `int` - at `\$.model_name`"),
         ({"surplus": 3}, "the header is not an object of model_name"),
     ],
 )

@@ -125,7 +125,7 @@ def test_errors_say_what_to_do(folder: Path, tmp_path: Path) -> None:
         ShardDataset(tmp_path / "nothing")
     with pytest.raises(UsageError, match="found an empty list"):
         ShardDataset([])
-    with pytest.raises(InputFileError, match=r"x\.h5: no such shard"):
+    with pytest.raises(InputFileError, match=r"x\.h5: expected a shard, found no such file"):
         ShardDataset([tmp_path / "x.h5"])
     with pytest.raises(UsageError, match=r"expected layers among image,pncc,.* found 'teeth'"):
         ShardDataset(folder, layers=("image", "teeth"))

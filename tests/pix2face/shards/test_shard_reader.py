@@ -99,7 +99,7 @@ def test_a_shard_that_is_gone_and_a_place_beyond_the_last_are_said(shard: Path) 
     shard.unlink()
     with pytest.raises(InputFileError, match=r"shard-00000\.h5: sample number 1 is damaged .*No such file"):
         reader.read(1)
-    with pytest.raises(InputFileError, match=r"shard-00000\.h5: no such shard"):
+    with pytest.raises(InputFileError, match=r"shard-00000\.h5: expected a shard, found no such file"):
         ShardReader(shard)
 
 

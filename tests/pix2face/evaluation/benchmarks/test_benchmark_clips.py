@@ -135,7 +135,7 @@ def test_an_annotation_that_cannot_be_read_is_the_error_of_its_frame(tmp_path):
     annotation.unlink()
     annotation.mkdir()
     (item,) = find("menpo3d-tracking", tmp_path).items
-    with pytest.raises(InputFileError, match=r"000001\.pts, found none that can be read"):
+    with pytest.raises(InputFileError, match=r"000001\.pts: expected the text of a \.pts annotation, found a folder"):
         item.load()
 
 

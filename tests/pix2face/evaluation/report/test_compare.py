@@ -96,11 +96,11 @@ def test_reports_without_a_common_face_are_refused():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "cannot read it"),
-        ('{"format": "pix2', "cannot read it"),
-        ("\xff", "cannot read it"),
-        ("[" * 100000, "cannot read it"),
-        ("[]", "found other JSON"),
+        ("", "found something else"),
+        ('{"format": "pix2', "found something else"),
+        ("\xff", "found something else"),
+        ("[" * 100000, "found something else"),
+        ("[]", "Expected `object`, got `array`"),
         ('{"a": 1}', "found other JSON"),
         (json.dumps(report_json([0.1], schema_version=1)), "expected schema 2, found 1"),
         (json.dumps(report_json([0.1], benchmark={})), "damaged: 'split'"),
@@ -112,7 +112,7 @@ def test_reports_without_a_common_face_are_refused():
         (json.dumps(report_json([-0.1])), "damaged: an error of -0.1"),
         (json.dumps(report_json([1e308])), "damaged: an error of 1e"),
         (json.dumps(report_json([0.1], benchmark={**BENCHMARK, "threshold": 0})), "a threshold of 0"),
-        (json.dumps(report_json([float("nan")])), "damaged: an error of nan"),
+        (json.dumps(report_json([float("nan")])), "NaN is not finite"),
         (json.dumps(report_json([0.1], faces=report_json([0.1])["faces"] * 2)), "a face is in it twice"),
     ],
 )

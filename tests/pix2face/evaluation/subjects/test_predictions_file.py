@@ -83,7 +83,7 @@ def test_an_empty_cell_is_a_face_that_was_not_found(tmp_path):
         ({"names": NAMES, "landmarks": POINTS, "pose_deg": np.zeros((2, 2))}, "pose_deg"),
         ({"names": NAMES, "landmarks": POINTS, "landmarks3d": POINTS}, "landmarks3d"),
         ({"names": NAMES, "landmarks": POINTS * 1e300}, "up to ±1e.09, found"),
-        ({"names": NAMES.astype(object), "landmarks": POINTS}, "cannot read it"),
+        ({"names": NAMES.astype(object), "landmarks": POINTS}, "cannot be read"),
     ],
 )
 def test_arrays_that_cannot_be_meant_are_refused(tmp_path, arrays, message):
@@ -126,5 +126,5 @@ def test_a_declared_size_is_not_believed(tmp_path):
     with zipfile.ZipFile(tmp_path / "p.npz", "w") as archive:
         archive.writestr("names.npy", b"\x93NUMPY\x01\x00" + bytes([len(header), 0]) + header.encode())
         archive.writestr("landmarks.npy", b"\x93NUMPY\x01\x00" + bytes([len(header), 0]) + header.encode())
-    with pytest.raises(InputFileError, match="cut off"):
+    with pytest.raises(InputFileError, match=r"at most .* possible"):
         read_predictions(tmp_path / "p.npz")

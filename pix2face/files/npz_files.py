@@ -1,0 +1,83 @@
+"""Arrays of numbers and of fixed-length text from ``.npz`` files, of any source.
+
+NumPy's own reader takes the memory that a header asks for, inflates as much as an archive claims to hold, and knows
+compressions (bzip2, LZMA) that make gigabytes of a kilobyte. Here an array is read after its shape was held against
+what the archive holds, and all arrays together against the size of the file.
+"""
+
+import zipfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+from numpy.lib import format as npy_format
+
+from pix2face.errors import InputFileError
+from pix2face.files.opening import check_regular, largest_unfolded
+
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_LARGEST_HEADER_BYTES = 1 << 16
+_HEADERS = {(1, 0): npy_format.read_array_header_1_0, (2, 0): npy_format.read_array_header_2_0}
+
+
+def npz_names(path: Path, largest_bytes: int) -> tuple[str, ...]:
+    """Names of the arrays of a file.
+
+    Raises:
+        InputFileError: As `read_npz`.
+    """
+    with _opened(path, "an .npz file of arrays", largest_bytes) as archive:
+        return tuple(info.filename.removesuffix(".npy") for info in archive.infolist())
+
+
+def read_npz(path: Path, wanted: Collection[str], expected: str, largest_bytes: int) -> dict[str, ndarray]:
+    """Reads arrays by their names; those that the file lacks are left out.
+
+    Args:
+        path: The file.
+        wanted: Names of arrays.
+        expected: What the file should be, for messages.
+        largest_bytes: Larger files are refused.
+
+    Raises:
+        InputFileError: The file is missing, damaged, hostile or of another format, or a wanted array holds neither
+            numbers nor text.
+    """
+    with _opened(path, expected, largest_bytes) as archive:
+        left, arrays = largest_unfolded(path.stat().st_size), dict[str, ndarray]()
+        for info in archive.infolist():
+            name = info.filename.removesuffix(".npy")
+            if name in wanted and name not in arrays:
+                arrays[name] = _read_array(archive, info, left)
+                left -= arrays[name].nbytes
+        return arrays
+
+
+@contextmanager
+def _opened(path: Path, expected: str, largest_bytes: int) -> Iterator[zipfile.ZipFile]:
+    check_regular(path, expected, largest_bytes)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield archive
+    except InputFileError:
+        raise
+    except Exception as error:  # zipfile and zlib raise a dozen kinds on damaged archives
+        raise InputFileError(
+            f"{path}: expected {expected}, found one that cannot be read ({type(error).__name__}: {error})"
+        ) from error
+
+
+def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, largest_bytes: int) -> ndarray:
+    if info.compress_type not in _COMPRESSIONS:
+        raise ValueError(f"{info.filename} is compressed by other means than deflate")
+    with archive.open(info) as stream:
+        read_header = _HEADERS[npy_format.read_magic(stream)]
+        shape, is_fortran, dtype = read_header(stream, max_header_size=_LARGEST_HEADER_BYTES)
+        declared = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        holds = min(info.file_size, largest_bytes)
+        if dtype.kind not in "fiuSU" or declared > holds:
+            raise ValueError(f"{info.filename} declares {dtype} {shape}, at most {holds} bytes of numbers are possible")
+        content = stream.read(declared)
+    return np.frombuffer(content, dtype=dtype).reshape(shape, order="F" if is_fortran else "C")

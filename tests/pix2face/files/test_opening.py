@@ -1,0 +1,71 @@
+"""Files that are none: only regular files of a fitting size are read."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pix2face.errors import InputFileError
+from pix2face.files.opening import LARGEST_LINE_BYTES, check_regular, is_folder, is_regular, read_text_file, text_lines
+
+
+def make_pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def make_giant(path: Path) -> None:
+    path.touch()
+    os.truncate(path, 1 << 33)
+
+
+@pytest.mark.parametrize(
+    ("make", "found"),
+    [
+        (make_pipe, "found a device, pipe or socket; name a file"),
+        (lambda path: path.symlink_to("/dev/zero"), "found a device, pipe or socket; name a file"),
+        (lambda path: path.symlink_to("/dev/null"), "found a device, pipe or socket; name a file"),
+        (Path.mkdir, "found a folder; name a file in it"),
+        (make_giant, "found 8192 MB, where at most 1 MB are read"),
+        (lambda path: None, "found no such file"),
+        (lambda path: path.symlink_to(path), "cannot read it"),
+    ],
+)
+def test_what_is_no_file_of_a_fitting_size_is_said(tmp_path: Path, make: Callable[[Path], None], found: str) -> None:
+    path = tmp_path / "faces.txt"
+    make(path)
+    with pytest.raises(InputFileError, match=rf"faces\.txt: expected a list, {found}"):
+        check_regular(path, "a list", 1 << 20)
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "nul\0character", "x/" * 3000])
+def test_names_that_no_file_can_have_are_of_none(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    assert not is_regular(path)
+    assert not is_folder(path)
+    with pytest.raises(InputFileError, match="expected a list, "):
+        check_regular(path, "a list", 1)
+
+
+def test_no_file_stays_open(tmp_path: Path) -> None:
+    make_pipe(tmp_path / "pipe")
+    (tmp_path / "file").write_bytes(b"ab")
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for name, largest in (("pipe", 1), ("file", 1), ("", 1)):
+        with pytest.raises(InputFileError):
+            check_regular(tmp_path / name, "a list", largest)
+    assert check_regular(tmp_path / "file", "a list", 2) == 2
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_lines_come_one_by_one_and_none_without_end(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes("\ufeffä,b\r\nc\n".encode())
+    assert list(text_lines(path, "a list", 100)) == ["ä,b\r\n", "c\n"]
+    path.write_bytes(b"a\n" + b"x" * LARGEST_LINE_BYTES)
+    with pytest.raises(InputFileError, match="found a line of 1048576 bytes"):
+        list(text_lines(path, "a list", 1 << 30))
+    path.write_bytes(b"\xff\xfe")
+    for read in (lambda: list(text_lines(path, "a list", 9)), lambda: read_text_file(path, "a list", 9)):
+        with pytest.raises(InputFileError, match="expected a list, found binary data"):
+            read()
