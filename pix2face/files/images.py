@@ -1,38 +1,68 @@
 """Reads and writes pictures, and defines what OpenCV leaves open: RGB, 8 bit, orientation, size limit and errors."""
 
-import stat
+import re
 import struct
 from collections.abc import Callable, Mapping
 from io import SEEK_END, BufferedReader, BytesIO
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Shaped, UInt8, UInt16
 from numpy import ndarray
-from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin, WebPImagePlugin
+from PIL import (
+    BmpImagePlugin,
+    GifImagePlugin,
+    Jpeg2KImagePlugin,
+    JpegImagePlugin,
+    PngImagePlugin,
+    PpmImagePlugin,
+    TiffImagePlugin,
+    WebPImagePlugin,
+)
 from PIL.ImageFile import ImageFile
 
 from pix2face.errors import InputFileError
+from pix2face.files.opening import open_regular, read_regular
 
 PHOTOGRAPH_QUALITY = 95
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
-# 16384 x 16384: no camera takes larger pictures, and one of them decodes to 800 MB. A file of some kilobytes may
-# declare a picture that no memory holds.
+# No camera makes larger files or pictures. A file of some kilobytes may declare a picture that no memory holds.
+LARGEST_FILE_BYTES = 1 << 30
 LARGEST_PICTURE_PX = 1 << 28
+LARGEST_DECODING_BYTES = 1 << 30
+# Encoders make ten or so. Each is a pass over the whole picture, of which a file of a megabyte could ask for thousands.
+MOST_SCANS = 100
+
+
+class _UnknownFormatError(Exception):
+    """The file begins like none of the formats that are read."""
+
+
+class _Head(NamedTuple):
+    """How to open the head of a format, and the memory that OpenCV decodes it in."""
+
+    open: Callable[[BytesIO | BufferedReader], ImageFile]
+    bytes_per_pixel: int
+
 
 # Opened by format, since `PIL.Image.open` has a limit of its own that belongs to the whole process.
-_HEADS: Mapping[bytes, Callable[[BytesIO | BufferedReader], ImageFile]] = {
-    b"\xff\xd8": JpegImagePlugin.JpegImageFile,
-    b"\x89PNG": PngImagePlugin.PngImageFile,
-    b"BM": BmpImagePlugin.BmpImageFile,
-    b"RIFF": WebPImagePlugin.WebPImageFile,
+_HEADS: Mapping[bytes, _Head] = {
+    b"\xff\xd8": _Head(JpegImagePlugin.JpegImageFile, 3),
+    b"\x89PNG": _Head(PngImagePlugin.PngImageFile, 3),
+    b"BM": _Head(BmpImagePlugin.BmpImageFile, 3),
+    b"RIFF": _Head(WebPImagePlugin.WebPImageFile, 7),
+    b"GIF8": _Head(GifImagePlugin.GifImageFile, 16),
+    **{b"P%d" % kind: _Head(PpmImagePlugin.PpmImageFile, 6) for kind in range(1, 7)},
+    **dict.fromkeys((b"\0\0\0\x0c", b"\xff\x4f\xff\x51"), _Head(Jpeg2KImagePlugin.Jpeg2KImageFile, 16)),
 }
-# JPEG markers of segments that state their length, and of the frames that every decoder knows.
+_AVIF_BYTES_PER_PIXEL, _AVIF_HEAD_BYTES, _PROGRESSIVE_BYTES_PER_PIXEL = 9, 1 << 16, 9
+# JPEG markers: segments that state their length, frames that every decoder knows, one of them of several passes.
 _JPEG_SEGMENTS = frozenset((0xC4, 0xDB, 0xDD, *range(0xE0, 0xF0), 0xFE))
-_JPEG_FRAMES = frozenset((0xC0, 0xC1, 0xC2))
-_TIFF_STARTS = (b"II*\0", b"MM\0*")
-_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_JPEG_FRAMES, _JPEG_PROGRESSIVE, _JPEG_SCAN = frozenset((0xC0, 0xC1, 0xC2)), 0xC2, 0xDA
+_TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_TIFF_WIDTHS, _TIFF_HEIGHTS, _TIFF_BITS, _TIFF_SAMPLES = (256, 322), (257, 323), 258, 277
 
 
 def read_photograph(path: Path) -> UInt8[ndarray, "h w 3"]:
@@ -42,24 +72,16 @@ def read_photograph(path: Path) -> UInt8[ndarray, "h w 3"]:
         InputFileError: There is no such file, or it cannot be decoded.
     """
     image = _decode(read_bytes(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, str(path))
-    return cv2.cvtColor(_to_8_bit(image), cv2.COLOR_BGR2RGB)
+    return cv2.cvtColor(_to_8_bit(image, str(path)), cv2.COLOR_BGR2RGB)
 
 
 def read_bytes(path: Path) -> bytes:
-    """Reads a file whole.
+    """Reads the file of a picture.
 
     Raises:
-        InputFileError: The file is missing, cannot be read, or is not a regular file (a device, a pipe).
+        InputFileError: The file is missing, too large, cannot be read, or is not a regular file (a device, a pipe).
     """
-    try:
-        mode = path.stat().st_mode
-        if stat.S_ISDIR(mode):
-            raise InputFileError(f"{path}: expected a picture, found a folder; name the pictures in it")
-        if not stat.S_ISREG(mode):
-            raise InputFileError(f"{path}: expected a picture, found a device, pipe or socket; name a file")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputFileError(f"{path}: expected a picture, cannot read it ({error.strerror})") from error
+    return read_regular(path, "a picture", LARGEST_FILE_BYTES)
 
 
 def decode_image(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
@@ -86,53 +108,37 @@ def check_decodes(content: bytes, where: str) -> None:
 
 
 def read_size_px(path: Path) -> tuple[int, int]:
-    """Height and width of a stored picture, from the head of its file; formats without a known head are decoded.
+    """Height and width of a stored picture, from the head of its file.
 
     Damage further on in the file is not noticed.
 
     Raises:
-        InputFileError: No regular file, no picture, or more pixels than `LARGEST_PICTURE_PX`.
+        InputFileError: No regular file, no picture, or one that takes more memory than `LARGEST_DECODING_BYTES`.
     """
-    if not path.is_file():
-        raise InputFileError(f"{path}: expected a picture, found {'no ordinary file' if path.exists() else 'nothing'}")
-    try:
-        with path.open("rb") as file:
-            size = declared_size_px(file, str(path))
-    except OSError as error:
-        raise InputFileError(f"{path}: expected a picture, cannot read it ({error.strerror})") from error
-    if size is None or min(size) < 1:
-        height, width = decode_image(read_bytes(path), str(path)).shape[:2]
-        return height, width
-    return size
+    with open_regular(path, "a picture", LARGEST_FILE_BYTES) as file:
+        return declared_size_px(file, str(path))
 
 
-def declared_size_px(content: bytes | BufferedReader, where: str) -> tuple[int, int] | None:
-    """Height and width as the head of a picture declares them, before anything is decoded; None for unknown formats.
+def declared_size_px(content: bytes | BufferedReader, where: str) -> tuple[int, int]:
+    """Height and width as the head of a picture declares them, before anything is decoded.
 
     Raises:
-        InputFileError: The head is damaged, or declares more pixels than `LARGEST_PICTURE_PX`.
+        InputFileError: The head is damaged or of an unknown format, or declares a picture that takes more memory than
+            `LARGEST_DECODING_BYTES`, or a JPEG of more than `MOST_SCANS` passes.
     """
     file = BytesIO(content) if isinstance(content, bytes) else content
-    start = file.read(4)
-    open_head = next((head for magic, head in _HEADS.items() if start.startswith(magic)), None)
-    file.seek(0)
     try:
-        if isinstance(content, bytes) and (size := _size_of_plain_jpeg(content)):
-            width, height = size
-        elif start in _TIFF_STARTS:
-            width, height = _size_of_tiff(file)
-        elif open_head is not None:
-            width, height = open_head(file).size
-        else:
-            return None
+        plain = _size_of_plain_jpeg(content) if isinstance(content, bytes) else None
+        width, height, bytes_per_pixel = plain or _size_from_head(file)
     except Exception as error:
-        n_bytes = file.seek(0, SEEK_END)
+        found = "that are none" if isinstance(error, _UnknownFormatError) else f"with a damaged head ({error})"
         raise InputFileError(
-            f"{where}: expected a picture (JPEG, PNG, ...), found {n_bytes} bytes with a damaged head ({error})"
+            f"{where}: expected a picture (JPEG, PNG, ...), found {file.seek(0, SEEK_END)} bytes {found}"
         ) from error
-    if height * width > LARGEST_PICTURE_PX:
+    largest_px = min(LARGEST_PICTURE_PX, LARGEST_DECODING_BYTES // bytes_per_pixel)
+    if height * width > largest_px:
         raise InputFileError(
-            f"{where}: expected a picture of at most {LARGEST_PICTURE_PX >> 20} megapixels, found a head that declares "
+            f"{where}: expected a picture of at most {largest_px >> 20} megapixels, found a head that declares "
             f"{width} x {height} pixels"
         )
     return height, width
@@ -168,36 +174,86 @@ def linear_to_srgb(light: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
-def _size_of_plain_jpeg(content: bytes) -> tuple[int, int] | None:
-    """Width and height; None where anything but ordinary segments comes before the frame, or for another format.
+def _size_from_head(file: BytesIO | BufferedReader) -> tuple[int, int, int]:
+    """Width, height, and the memory for a pixel while the picture is decoded."""
+    start = file.read(12)
+    file.seek(0)
+    if start[:4] in _TIFF_STARTS:
+        return _size_of_tiff(file)
+    if start[4:8] == b"ftyp":
+        return _size_of_avif(file.read(_AVIF_HEAD_BYTES))
+    head = next((head for magic, head in _HEADS.items() if start.startswith(magic)), None)
+    if head is None:
+        raise _UnknownFormatError
+    width, height = head.open(file).size
+    if min(width, height) < 1:
+        raise ValueError(f"{width} x {height} pixels")
+    if start.startswith(b"\xff\xd8"):
+        file.seek(0)
+        _check_scans(file.read())
+        return width, height, _PROGRESSIVE_BYTES_PER_PIXEL
+    return width, height, head.bytes_per_pixel
+
+
+def _size_of_plain_jpeg(content: bytes) -> tuple[int, int, int] | None:
+    """As `_size_from_head`; None where anything but ordinary segments precedes the data, or for another format.
 
     A training decodes a picture for every sample. Pillow takes ten times as long to open one.
     """
-    place = 2
-    while content.startswith(b"\xff\xd8") and place + 9 <= len(content) and content[place] == 0xFF:
+    place, size, n_channels, is_progressive = 2, (0, 0), 0, False
+    while content.startswith(b"\xff\xd8") and place + 10 <= len(content) and content[place] == 0xFF:
         marker, length = content[place + 1], int.from_bytes(content[place + 2 : place + 4])
         if marker in _JPEG_FRAMES:
-            height, width = struct.unpack_from(">HH", content, place + 5)
-            return width, height
-        if marker not in _JPEG_SEGMENTS or length < 2:
+            size, n_channels = struct.unpack_from(">HH", content, place + 5), content[place + 9]
+            is_progressive = marker == _JPEG_PROGRESSIVE
+        elif marker == _JPEG_SCAN and min(size) > 0:
+            if is_progressive or content[place + 4] != n_channels:
+                _check_scans(content)
+                return size[1], size[0], _PROGRESSIVE_BYTES_PER_PIXEL
+            return size[1], size[0], _HEADS[b"\xff\xd8"].bytes_per_pixel
+        elif marker not in _JPEG_SEGMENTS or length < 2:
             return None
         place += 2 + length
     return None
 
 
-def _size_of_tiff(file: BytesIO | BufferedReader) -> tuple[int, int]:
-    """Width and height; PIL opens fewer kinds of TIFF files than OpenCV, but reads the tags of all."""
-    tags = TiffImagePlugin.ImageFileDirectory_v2(file.read(8))
+def _check_scans(content: bytes) -> None:
+    n_scans = content.count(b"\xff\xda")
+    if n_scans > MOST_SCANS:
+        raise ValueError(f"{n_scans} scans, where at most {MOST_SCANS} are decoded")
+
+
+def _size_of_tiff(file: BytesIO | BufferedReader) -> tuple[int, int, int]:
+    """As `_size_from_head`; PIL opens fewer kinds of TIFF files than OpenCV, but reads the tags of all."""
+    head = file.read(8)
+    head += file.read(8) if b"+" in head[:4] else b""
+    tags = TiffImagePlugin.ImageFileDirectory_v2(head)
     file.seek(tags.next)
     tags.load(file)
-    return int(tags[_TIFF_WIDTH]), int(tags[_TIFF_HEIGHT])
+    # Tiles are decoded whole, and may be larger than the picture.
+    width, height = (max(int(tags[tag]) for tag in both if tag in tags) for both in (_TIFF_WIDTHS, _TIFF_HEIGHTS))
+    if min(int(tags[_TIFF_WIDTHS[0]]), int(tags[_TIFF_HEIGHTS[0]])) < 1:
+        raise ValueError(f"{width} x {height} pixels")
+    n_bytes = -(-max(map(int, tags.get(_TIFF_BITS, (8,)))) // 8)
+    return width, height, 3 + n_bytes * max(3, int(tags.get(_TIFF_SAMPLES, 1)))
 
 
-def _to_8_bit(image: Shaped[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
+def _size_of_avif(head: bytes) -> tuple[int, int, int]:
+    """As `_size_from_head`: of the largest of its pictures (boxes ``ispe``, ISO/IEC 23008-12)."""
+    sizes = [struct.unpack_from(">II", head, found.end() + 4) for found in re.finditer(rb"ispe", head[:-12])]
+    width, height = max(sizes, key=lambda size: size[0] * size[1])
+    return width, height, _AVIF_BYTES_PER_PIXEL
+
+
+def _to_8_bit(image: Shaped[ndarray, "h w 3"], where: str) -> UInt8[ndarray, "h w 3"]:
     if image.dtype == np.uint16:
-        return (image >> 8).astype(np.uint8)
-    if image.dtype != np.uint8:
+        return np.right_shift(image, 8, out=image).astype(np.uint8)
+    if image.dtype.kind == "f":
         return (np.nan_to_num(np.clip(image, 0, 1)) * 255).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise InputFileError(
+            f"{where}: expected a picture of 8 or 16 bits or of fractions, found numbers of {image.dtype}"
+        )
     return image
 
 

@@ -5,12 +5,12 @@ pipe would be waited for, a device has no end, and a sparse file may claim any s
 held against its size with `largest_unfolded` before memory is taken.
 """
 
+import errno
 import io
 import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 from pix2face.errors import InputFileError
 
@@ -20,6 +20,7 @@ MB = 1 << 20
 UNFOLDED_BYTES = 64 * MB
 UNFOLDED_RATIO = 16
 LARGEST_LINE_BYTES = 1 * MB
+_NO_FILE = "found a device, pipe or socket; name a file"
 
 
 def is_regular(path: Path) -> bool:
@@ -56,7 +57,7 @@ def check_regular(path: Path, expected: str, largest_bytes: int) -> int:
         return os.fstat(file.fileno()).st_size
 
 
-def open_regular(path: Path, expected: str, largest_bytes: int) -> BinaryIO:
+def open_regular(path: Path, expected: str, largest_bytes: int) -> io.BufferedReader:
     """Opens a file for reading; arguments and errors as `check_regular`."""
     try:
         # Path.open has no opener.
@@ -66,7 +67,7 @@ def open_regular(path: Path, expected: str, largest_bytes: int) -> BinaryIO:
     found = os.fstat(file.fileno())
     problem = ""
     if not stat.S_ISREG(found.st_mode):
-        problem = "found a device, pipe or socket; name a file"
+        problem = _NO_FILE
     elif found.st_size > largest_bytes:
         problem = f"found {_size(found.st_size)}, where at most {_size(largest_bytes)} are read"
     if problem:
@@ -127,6 +128,8 @@ def _obstacle(path: Path, error: OSError | ValueError) -> str:
         return "found a folder; name a file in it"
     if isinstance(error, FileNotFoundError):
         return "found no such file"
+    if isinstance(error, OSError) and error.errno == errno.ENXIO:
+        return _NO_FILE
     return f"cannot read it ({error.strerror if isinstance(error, OSError) else error})"
 
 

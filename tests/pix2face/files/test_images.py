@@ -127,9 +127,9 @@ def test_what_is_no_picture_is_named(tmp_path: Path, content: bytes) -> None:
 
 
 def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match=r"nothing\.jpg: expected a picture, cannot read it \(No such file"):
+    with pytest.raises(InputFileError, match=r"nothing\.jpg: expected a picture, found no such file"):
         read_photograph(tmp_path / "nothing.jpg")
-    with pytest.raises(InputFileError, match="expected a picture, found a folder; name the pictures in it"):
+    with pytest.raises(InputFileError, match="expected a picture, found a folder; name a file in it"):
         read_bytes(tmp_path)
 
 
