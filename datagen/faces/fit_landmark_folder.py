@@ -11,17 +11,20 @@ from typing import Any, final
 import numpy as np
 from numpy import ndarray
 
+from datagen.faces.face_checks import check_face, check_orientation
 from datagen.faces.sources import FaceSource, folder_sha256, is_text, picture_of
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError
 from pix2face.face_files.annotations import AnnotatedFace, find_annotations
 from pix2face.face_files.coefficients import Face
-from pix2face.files.images import read_size_px
+from pix2face.files.images import read_orientation, read_size_px
 from pix2face.fitting.from_landmarks import LandmarkFit, LandmarkModel, fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
+from pix2face.geometry.believable_face import PROJECTED, SET_BY_HAND
 from pix2face.geometry.crops import FaceBox
 from pix2face.models.morphable_model import MorphableModel
 
-# With a larger median residual, the points are no face or in another order.
+# With a larger median residual, the points are no face or in another order. The faces that `believable_face` names stay
+# below 1.8 % with the built-in model and below 5.1 % with one of 10 components.
 LARGEST_RESIDUAL = 0.10
 # Points of a smaller weight in the robust fit count as wrong.
 DISTRUST = 0.25
@@ -54,9 +57,10 @@ class AnnotatedFolder(FaceSource):
             height_px, width_px = read_size_px(annotated.image_path)
             fit = fit_annotated_face(self._model, self._contour, annotated)
             attributes = describe_fit(fit, annotated)
+            check_orientation(fit.camera, read_orientation(annotated.image_path))
         except (InputFileError, DegenerateGeometryError) as error:
             raise SampleRejectedError(f"{annotation.name}: {error}") from error
-        return Face(
+        face = Face(
             sample_id=annotation.name,
             identity=fit.identity.astype(np.float32),
             expression=fit.expression.astype(np.float32),
@@ -66,6 +70,8 @@ class AnnotatedFolder(FaceSource):
             image_path=annotated.image_path,
             attributes=attributes,
         )
+        check_face(face, self._model, SET_BY_HAND if annotated.follows_outline else PROJECTED, annotated.landmarks2d)
+        return face
 
 
 def fit_annotated_face(model: LandmarkModel, contour: JawContour, annotated: AnnotatedFace) -> LandmarkFit:

@@ -14,12 +14,14 @@ from typing import final
 
 import numpy as np
 
+from datagen.faces.face_checks import check_face, landmark_model_of
 from datagen.faces.retarget import Retargeter
 from pix2face.errors import InputFileError, ModelMismatchError, SampleRejectedError, UsageError
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import Face, FaceCoefficients, load_coefficients
-from pix2face.face_files.w300lp import N_LIGHTING, camera_of_pose, read_coefficient_file
+from pix2face.face_files.w300lp import N_LIGHTING, camera_of_pose, check_picture_height, read_coefficient_file
 from pix2face.files.images import read_size_px
+from pix2face.geometry.believable_face import GIVEN, PROJECTED
 from pix2face.model_formats.bfm2009 import standard_deviations_of_300wlp
 from pix2face.models.morphable_model import MorphableModel
 
@@ -84,10 +86,11 @@ class TableSource(FaceSource):
         self.licence = self._table.licence or model.licence
         self.n_lighting = 0 if self._table.lighting is None else self._table.lighting.shape[1]
         self.has_photographs = any(self._table.image_paths)
+        self._landmark_model = landmark_model_of(model)
         self.sha256 = _table_sha256(self._table)
 
     def face(self, index: int) -> Face:
-        """Reads one row of the table. A photograph must have the size that the row says."""
+        """Reads one row of the table. A photograph must have the size that the row says, and show a possible face."""
         face = self._table.face(index, self._folder)
         if face.image_path is not None:
             size_px = _declared_size_px(face.image_path)
@@ -96,6 +99,7 @@ class TableSource(FaceSource):
                     f"{face.image_path}: expected a picture of {face.width_px} x {face.height_px} pixels, as the table "
                     f"says, found {size_px[1]} x {size_px[0]}"
                 )
+            check_face(face, self._landmark_model, GIVEN)
         return face
 
 
@@ -115,6 +119,7 @@ class W300LPFolder(FaceSource):
         self._folder = folder
         self._deviations = standard_deviations_of_300wlp(model)
         self._retargeter = None if self._deviations else Retargeter(model, folder)
+        self._landmark_model = landmark_model_of(model)
         paths = coefficient_paths(folder)
         if not paths:
             raise UsageError(
@@ -133,9 +138,10 @@ class W300LPFolder(FaceSource):
         try:
             file = read_coefficient_file(path)
             image_path = picture_beside(path)
+            size_px = read_size_px(image_path)
+            check_picture_height(file, size_px[0])
         except InputFileError as error:
             raise SampleRejectedError(str(error)) from error
-        size_px = _declared_size_px(image_path)
         if self._retargeter is not None:
             identity, expression, camera, method = self._retargeter.fit(file, size_px[0])
         else:
@@ -144,7 +150,7 @@ class W300LPFolder(FaceSource):
             camera, method = camera_of_pose(file.pose, size_px[0]), "coefficients of the file"
         if file.pose.scale < 0:
             method += ", negative scale undone"
-        return Face(
+        face = Face(
             sample_id=self.sample_ids[index],
             identity=identity.astype(np.float32),
             expression=expression.astype(np.float32),
@@ -155,6 +161,8 @@ class W300LPFolder(FaceSource):
             attributes={"geometry": method},
             lighting=file.lighting,
         )
+        check_face(face, self._landmark_model, GIVEN if self._retargeter is None else PROJECTED)
+        return face
 
     def _files_of(self, path: Path) -> tuple[Path | None, ...]:
         """The files that the content of a sample depends on."""

@@ -17,6 +17,7 @@ from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import FaceCoefficients
 from pix2face.face_files.w300lp import CoefficientFile, read_coefficient_file
+from pix2face.geometry.believable_face import GIVEN, measure_face
 from pix2face.geometry.camera import Camera, HeadPose
 
 USUAL_ANGLE_DEG = 99.0
@@ -48,6 +49,10 @@ def summarise_table(table: FaceCoefficients) -> CoefficientSummary:
         attributes = json.loads(table.attributes[index]) if table.attributes else {}
         counter.add_size(*table.sizes_px[index].tolist())
         counter.add_face(sample_id, camera, table.identity[index], table.expression[index], attributes)
+        if table.image_paths[index]:
+            coefficients = np.concatenate([table.identity[index], table.expression[index]])
+            measures = measure_face(camera, coefficients, np.zeros((0, 2)), (1, 1))  # landmarks need the model
+            counter.add_doubts(sample_id, measures.problems(GIVEN))
         n_affine += camera.is_affine
     facts = {
         "faces": f"{len(table)} ({sum(map(bool, table.image_paths))} with a photograph)",

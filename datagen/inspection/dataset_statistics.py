@@ -94,6 +94,7 @@ class DatasetStatistics:
     # values to be kinds
     kinds: Mapping[str, Mapping[str, int]]
     numbers: Mapping[str, tuple[float, float, float]]  # smallest, mean and largest value of each numeric attribute
+    doubtful: tuple[tuple[str, str], ...]  # samples of photographs, and why their ground truth cannot be true
 
     def visible_parts(self) -> dict[str, float]:
         """Share of visible landmarks in each part of the face; empty unless they are the 68 of iBUG."""
@@ -143,6 +144,7 @@ class DatasetStatistics:
                 for name, values in self.numbers.items()
             },
             "rare": self.rare(),
+            "doubtful": [{"sample_id": sample_id, "doubt": doubt} for sample_id, doubt in self.doubtful],
         }
 
 

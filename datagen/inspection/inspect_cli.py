@@ -16,6 +16,7 @@ from datagen.inspection.sample_counts import count_samples
 from datagen.inspection.statistics_tables import picture_png, print_statistics, statistics_page, statistics_picture
 from pix2face.command_line import EXIT_ERROR, check_output_file, counted, optional, printable, progress_bar, say
 from pix2face.errors import UsageError
+from pix2face.shards.sample_truth import WHAT_TO_DO
 from pix2face.shards.shard_checks import verify_folder
 from pix2face.shards.shard_reader import shard_paths
 
@@ -27,7 +28,9 @@ def verify(shards: Annotated[Path, tyro.conf.Positional]) -> int:
     """Read every sample of a folder of shards and check it.
 
     This checks the schema, checksums, ranges and pictures, the layers against each other, and finds ids that occur
-    twice, shards of another job and missing shards.
+    twice, shards of another job and missing shards. Of photographs it also finds ground truth that cannot be true:
+    landmarks outside of the picture, coefficients that nobody has, faces that look away from the camera, and pictures
+    that an orientation tag turns.
 
     Args:
         shards: Folder of shards.
@@ -35,11 +38,15 @@ def verify(shards: Annotated[Path, tyro.conf.Positional]) -> int:
     n_shards = len(shard_paths(shards))
     with progress_bar(console, "verifying", n_shards) as advance:
         report = verify_folder(shards, advance)
-    for problem in report.problems:
+    for problem in (*report.problems, *report.doubtful):
         print(printable(problem))
-    if not report.problems:
+    if not report.problems and not report.doubtful:
         print(f"{counted(n_shards, 'shard')}, {counted(report.n_samples, 'sample')}: no problem found")
         return 0
+    if report.doubtful:
+        print(f"{counted(len(report.doubtful), 'doubt')} about ground truth; {WHAT_TO_DO}")
+    if not report.problems:
+        return EXIT_ERROR
     delete = "delete the damaged shards and " if report.damaged else ""
     print(
         f"{counted(len(report.problems), 'problem')}; {delete}run the same `datagen render` again: "

@@ -1,7 +1,7 @@
 """Counts samples, of shards and of tables. No picture is decoded, so a set may be larger than the memory."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +17,7 @@ from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.geometry.camera import Camera, HeadPose, head_pose
 from pix2face.geometry.crops import FaceBox
 from pix2face.shards.sample_filter import SampleFilter
+from pix2face.shards.sample_truth import doubts_about
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 
 FAR_SD = 3.0
@@ -41,6 +42,7 @@ class SampleCounter:
     visible: ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     kinds: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     numbers: dict[str, tuple[float, float, float, int]] = field(default_factory=dict)
+    doubtful: list[tuple[str, str]] = field(default_factory=list)
 
     def add_size(self, height_px: int, width_px: int) -> None:
         """Counts the size of a picture; 0 is unknown."""
@@ -71,6 +73,10 @@ class SampleCounter:
         self._add_coefficients("identity", identity, sample_id)
         self._add_coefficients("expression", expression, sample_id)
         self._add_attributes(attributes)
+
+    def add_doubts(self, sample_id: str, doubts: Iterable[str]) -> None:
+        """Counts why the ground truth of a sample cannot be true."""
+        self.doubtful += [(sample_id, doubt) for doubt in doubts]
 
     def add_landmarks(self, sample_id: str, landmarks2d: Float[ndarray, "m 2"], visible: Bool[ndarray, " m"]) -> None:
         """Counts the landmarks of a sample, and the longer side of their box as the face's size.
@@ -110,6 +116,7 @@ class SampleCounter:
             visible_share=self.visible / max(self.n_with_landmarks, 1),
             kinds=kinds,
             numbers=numbers,
+            doubtful=tuple(self.doubtful),
         )
 
     def _add_coefficients(self, name: str, values: Float[ndarray, " k"], sample_id: str) -> None:
@@ -155,6 +162,7 @@ def count_samples(shards: Path, on_shard: Callable[[], None] = lambda: None, whe
                 counter.add_size(*reader.size_px(index))
                 counter.add_face(sample.sample_id, sample.camera, sample.identity, sample.expression, sample.attributes)
                 counter.add_landmarks(sample.sample_id, sample.landmarks2d, sample.visible)
+                counter.add_doubts(sample.sample_id, doubts_about(sample, reader.size_px(index)))
         on_shard()
     if chosen is not None:
         chosen.check_names()

@@ -49,6 +49,7 @@ def listings(found: DatasetStatistics) -> list[Listing]:
         tables.append(Listing(f"attribute {name}", ("value", "samples", "share"), lines))
     numbers = tuple((name, *(f"{value:.4g}" for value in values)) for name, values in found.numbers.items())
     tables.append(Listing("attributes that are numbers", ("attribute", "smallest", "mean", "largest"), numbers))
+    tables.append(Listing("ground truth that cannot be true", ("sample", "doubt"), _first(found.doubtful)))
     return [table for table in tables if table.lines]
 
 
@@ -153,6 +154,11 @@ def _most(counts: Mapping[str, int], n_samples: int) -> tuple[tuple[str, ...], .
         n = sum(n for _, n in ordered[N_KINDS_SHOWN:])
         lines.append((f"{len(ordered) - N_KINDS_SHOWN} others", str(n), _per_cent(n / n_samples)))
     return tuple(lines)
+
+
+def _first(lines: tuple[tuple[str, str], ...]) -> tuple[tuple[str, ...], ...]:
+    others = ((f"{len(lines) - N_KINDS_SHOWN} others", ""),) if len(lines) > N_KINDS_SHOWN else ()
+    return lines[:N_KINDS_SHOWN] + others
 
 
 def _draw_histogram(axis: "matplotlib.axes.Axes", histogram: Histogram) -> None:

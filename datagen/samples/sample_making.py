@@ -17,7 +17,7 @@ from datagen.samples.drawn_pictures import PlainPictures, ScenePictures
 from datagen.samples.stage_times import StageTimes
 from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
 from pix2face.face_files.coefficients import Face
-from pix2face.files.images import check_decodes, decode_image, encode_photograph, read_bytes
+from pix2face.files.images import check_decodes, decode_image, encode_photograph, read_bytes, upright_bytes
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel, builtin_model
@@ -131,13 +131,13 @@ class SampleMaker:
         return ScenePictures(self._model, self._gl, self._seed, self._appearance)
 
     def _with_picture(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
-        """Adds the photograph's own bytes, what a variant shows of it, or a picture of the face where one is needed."""
+        """Adds the photograph (its own bytes if they are upright), a crop of it for a variant, or a drawn picture."""
         path = view.face.image_path
         if path is not None:
             # A damaged photograph rejects its sample even where pictures are not kept: which samples a set has does not
             # depend on its layers.
             with times.stage("read, check photograph"):
-                content = read_bytes(path)
+                content = upright_bytes(read_bytes(path), str(path))
                 if view.crop is None:
                     check_decodes(content, str(path))
                 else:

@@ -1,6 +1,7 @@
 """Folders of photographs with 68 annotated points: ``.pts`` (iBUG), ``.mat`` with ``pt3d_68``, dlib's XML.
 
-What differs between them is settled here: where pixels are counted from, which picture belongs to which points, and
+What differs between them is settled here: where pixels are counted from, which picture belongs to which points, which
+points are missing, whether the points can belong to their picture, and
 whether the jaw points follow the outline in the photograph (annotated by hand) or are fixed points of a surface
 (projected from a 3D model).
 """
@@ -18,9 +19,10 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.face_files.w300lp import read_aflw21_landmarks, read_coefficient_file
-from pix2face.files.images import IMAGE_SUFFIXES
-from pix2face.geometry.landmarks import IBUG68, INNER51, N_IBUG68, SCHEMES, read_pts
+from pix2face.face_files.point_checks import check_points
+from pix2face.face_files.w300lp import check_picture_height, read_aflw21_landmarks, read_coefficient_file
+from pix2face.files.images import IMAGE_SUFFIXES, read_orientation, read_size_px
+from pix2face.geometry.landmarks import IBUG68, INNER51, N_IBUG68, SCHEMES, mark_missing, read_pts
 
 # The lists of 300-W for dlib hold 7,764 faces in 23 MB.
 LARGEST_XML_BYTES = 512 << 20
@@ -71,7 +73,10 @@ def find_annotations(folder: Path, scheme: str = IBUG68) -> list[Annotation]:
             f"{folder}: expected photographs with {SCHEMES[scheme]} points each (.pts beside the picture, .mat with "
             "pt3d_68, or dlib's .xml), found none"
         )
-    return [replace(annotation, name=name) for name, annotation in zip(_unique(found), found, strict=True)]
+    return [
+        replace(annotation, name=name, load=partial(_load_checked, annotation))
+        for name, annotation in zip(_unique(found), found, strict=True)
+    ]
 
 
 def read_dlib_xml(path: Path) -> list[tuple[str, Float64[ndarray, "_ 2"] | InputFileError]]:
@@ -158,6 +163,16 @@ def _unique(annotations: list[Annotation]) -> list[str]:
     return names
 
 
+def _load_checked(annotation: Annotation) -> AnnotatedFace:
+    """Loads a face whose points can be those of its picture."""
+    face = annotation.load()
+    size_px = read_size_px(face.image_path)
+    inside = check_points(face.landmarks2d, size_px, read_orientation(face.image_path), annotation.path)
+    if not face.follows_outline:  # points that a camera projected have their place outside of the picture, too
+        return face
+    return replace(face, landmarks2d=np.where(inside[:, None], face.landmarks2d, np.nan))
+
+
 def _load_pts(path: Path, scheme: str) -> AnnotatedFace:
     try:
         landmarks2d = read_pts(path, SCHEMES[scheme])
@@ -171,14 +186,15 @@ def _load_pts(path: Path, scheme: str) -> AnnotatedFace:
 def _load_mat(path: Path, scheme: str) -> AnnotatedFace:
     if scheme == AFLW21_SCHEME:
         return AnnotatedFace(image_path=picture_beside(path), landmarks2d=read_aflw21_landmarks(path))
-    file = read_coefficient_file(path)
+    file, image_path = read_coefficient_file(path), picture_beside(path)
+    check_picture_height(file, read_size_px(image_path)[0])
     if file.landmarks3d is None:
         raise InputFileError(
             f"{path}: expected pt3d_68 (AFLW2000-3D), found none; for files of 300W-LP use `datagen coeffs convert`"
         )
     landmarks3d = file.landmarks3d if scheme == IBUG68 else file.landmarks3d[list(INNER51)]
     return AnnotatedFace(
-        image_path=picture_beside(path),
+        image_path=image_path,
         landmarks2d=landmarks3d[:, :2].copy(),
         depths_px=landmarks3d[:, 2].copy(),
         follows_outline=False,
@@ -212,8 +228,7 @@ class _FacesOfXml:
         elif name == "box" and attributes.get("ignore", "0") != "1":
             self._parts = {}
         elif name == "part" and self._parts is not None:
-            # dlib counts pixels from 0, with integers at their centres.
-            self._parts[attributes["name"]] = float(attributes["x"]) + 0.5, float(attributes["y"]) + 0.5
+            self._parts[attributes["name"]] = float(attributes["x"]), float(attributes["y"])
 
     def end(self, name: str) -> None:
         self._depth -= 1
@@ -234,4 +249,4 @@ class _FacesOfXml:
         points = np.full((N_IBUG68, 2), np.nan)
         for name, position in parts.items():
             points[int(name)] = position
-        return points
+        return mark_missing(points) + 0.5  # dlib counts pixels from 0, with integers at their centres

@@ -1,6 +1,7 @@
 """Coefficient files of 300W-LP and AFLW2000-3D: one MAT 5 file for each picture (docs/reference/conventions.md)."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from pix2face.geometry.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
+from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX, mark_missing
 
 N_IDENTITY = 199
 N_EXPRESSION = 29
@@ -37,6 +38,12 @@ _LENGTHS = {
     "pt2d": 2 * N_IBUG68,
     "pt3d_68": 3 * N_IBUG68,
 }
+# The mean of the 68 landmarks of BFM 2009's mean face.
+LANDMARK_CENTRE_MM = np.array([0.0, -11.8, 89.8])
+# The share of the face's size, see `check_picture_height`; a height that is wrong by 6 % is off by this much.
+LARGEST_HEIGHT_ERROR = 0.15
+# How many coordinates the points of a field have.
+_POINTS = {"pt2d": 2, "pt3d_68": 3}
 
 
 @final
@@ -81,8 +88,9 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
             f"{path}: expected a coefficient file of 300W-LP or AFLW2000-3D, missing are {', '.join(missing)}; "
             f"found {', '.join(mat_names(path)) or 'nothing'} in it"
         )
-    if "pt2d" in fields and fields["pt2d"].shape != (2, 68):
+    if "pt2d" in fields and fields["pt2d"].shape not in ((2, 68), (68, 2)):
         del fields["pt2d"]  # AFLW2000-3D has 21 points there, with -1 for missing ones
+    fields |= {name: _rows_of(path, name, fields[name], n) for name, n in _POINTS.items() if name in fields}
     numbers = _numbers(path, fields)
     pose, points2d, points3d = (numbers.get(name) for name in ("Pose_Para", "pt2d", "pt3d_68"))
     assert pose is not None
@@ -96,8 +104,8 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
         pose=PoseParameters(
             head=HeadPose(*np.degrees(pose[:3]).tolist()), translation_px=pose[3:6], scale=float(pose[6])
         ),
-        landmarks2d=None if points2d is None else matlab_to_pixels(points2d.reshape(2, 68).T),
-        landmarks3d=None if points3d is None else points3d.reshape(3, 68).T * [1, 1, -towards_viewer] - [0.5, 0.5, 0],
+        landmarks2d=None if points2d is None else matlab_to_pixels(points2d.reshape(68, 2)),
+        landmarks3d=None if points3d is None else points3d.reshape(68, 3) * [1, 1, -towards_viewer] - [0.5, 0.5, 0],
         lighting=numbers.get("Illum_Para"),
     )
 
@@ -106,21 +114,16 @@ def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
     """Reads the landmarks of one picture from 300W-LP's ``landmarks/`` folder, in the project's pixels.
 
     ``pts_3d``, the projections of the model's own landmarks, where the file has it; else ``pts_2d``, whose jaw follows
-    the visible outline.
+    the visible outline. NaN where a point is missing.
 
     Raises:
-        InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
+        InputFileError: Missing, truncated or foreign file; wrong counts.
     """
     fields = read_mat(path, ("pts_3d", "pts_2d"), LARGEST_FILE_BYTES)
     name = next((name for name in ("pts_3d", "pts_2d") if name in fields), None)
     if name is None:
         raise InputFileError(f"{path}: expected pts_3d or pts_2d of 300W-LP's landmarks folder, found neither")
-    points = fields[name].astype(np.float64)
-    if points.shape != (68, 2):
-        raise InputFileError(f"{path}: expected {name} of shape (68, 2), found {points.shape}")
-    if not np.isfinite(points).all():
-        raise InputFileError(f"{path}: expected finite numbers in {name}, found NaN or infinity")
-    return matlab_to_pixels(points)
+    return matlab_to_pixels(_rows_of(path, name, fields[name], 2))
 
 
 def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
@@ -142,6 +145,29 @@ def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
         raise InputFileError(f"{path}: expected finite numbers in pt2d, found NaN or infinity")
     missing = points[:, :1] < 0
     return np.where(missing, np.nan, matlab_to_pixels(points))
+
+
+def check_picture_height(file: CoefficientFile, image_height_px: int) -> None:
+    """Checks that a file belongs to a picture of this height, which its pose refers to and its landmarks do not.
+
+    The middle of the landmarks and that of the mean face's landmarks, posed by the file, lie on one height. Of 403
+    files of AFLW2000-3D and 300W-LP, the worst differs by 4 % of the face's size.
+
+    Raises:
+        InputFileError: They lie apart. Nothing is checked where the file has no landmarks of its picture.
+    """
+    is_source = re.search(r"_[1-9]\d*$", file.path.stem) is None
+    points = file.landmarks3d if file.landmarks3d is not None else file.landmarks2d if is_source else None
+    if points is None or np.isnan(points).any():
+        return
+    expected = camera_of_pose(file.pose, image_height_px).project(LANDMARK_CENTRE_MM)[1]
+    off = float(expected - points[:, 1].mean()) / float(np.sqrt(np.prod(np.ptp(points[:, :2], axis=0))))
+    if not abs(off) <= LARGEST_HEIGHT_ERROR:
+        raise InputFileError(
+            f"{file.path}: expected its landmarks where its pose puts the face in a picture of {image_height_px} "
+            f"pixels height, found them {abs(100 * off):.0f} % of the face's size away; was the picture resized or "
+            "cropped after annotation?"
+        )
 
 
 def camera_of_pose(pose: PoseParameters, image_height_px: int) -> Camera:
@@ -176,13 +202,27 @@ def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]
     return points + ONE_BASED_TO_CENTRES_PX
 
 
+def _rows_of(path: Path, name: str, values: ndarray, n_columns: int) -> Float64[ndarray, "68 d"]:
+    """68 points, one a row, from an array that has them as rows or as columns; NaN where a point is missing.
+
+    Raises:
+        InputFileError: The array has another shape, which could be read in more than one way.
+    """
+    if values.shape == (n_columns, N_IBUG68):
+        values = values.T
+    if values.shape != (N_IBUG68, n_columns):
+        shapes = f"({n_columns}, {N_IBUG68}) or ({N_IBUG68}, {n_columns})"
+        raise InputFileError(f"{path}: expected {name} of shape {shapes}, found {values.shape}")
+    return mark_missing(values.astype(np.float64))
+
+
 def _numbers(path: Path, fields: Mapping[str, ndarray]) -> dict[str, Float64[ndarray, " _"]]:
     """Casts the fields and flattens them row by row."""
     numbers = {name: values.ravel().astype(np.float64) for name, values in fields.items()}
     for name, values in numbers.items():
         if len(values) != _LENGTHS[name]:
             raise InputFileError(f"{path}: expected {_LENGTHS[name]} numbers in {name}, found {len(values)}")
-    if not np.isfinite(np.concatenate(list(numbers.values()))).all():
-        bad = ", ".join(name for name, values in numbers.items() if not np.isfinite(values).all())
+    bad = ", ".join(name for name, values in numbers.items() if name not in _POINTS and not np.isfinite(values).all())
+    if bad:
         raise InputFileError(f"{path}: expected finite numbers in {bad}, found NaN or infinity")
     return numbers

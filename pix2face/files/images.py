@@ -25,6 +25,7 @@ from PIL.ImageFile import ImageFile
 
 from pix2face.errors import InputFileError
 from pix2face.files.opening import open_regular, read_regular
+from pix2face.files.orientation import ON_ITS_SIDE, UPRIGHT, orientation_tag
 
 PHOTOGRAPH_QUALITY = 95
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
@@ -71,8 +72,7 @@ def read_photograph(path: Path) -> UInt8[ndarray, "h w 3"]:
     Raises:
         InputFileError: There is no such file, or it cannot be decoded.
     """
-    image = _decode(read_bytes(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, str(path))
-    return cv2.cvtColor(_to_8_bit(image, str(path)), cv2.COLOR_BGR2RGB)
+    return _as_seen(read_bytes(path), str(path))
 
 
 def read_bytes(path: Path) -> bytes:
@@ -87,7 +87,7 @@ def read_bytes(path: Path) -> bytes:
 def decode_image(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
     """Decodes a JPEG or PNG file to RGB.
 
-    The orientation tag is not applied: coefficient files refer to the stored pixels.
+    The orientation tag is not applied: this is for pictures in shards, which have none (``upright_bytes``).
 
     Raises:
         InputFileError: It cannot be decoded.
@@ -107,8 +107,27 @@ def check_decodes(content: bytes, where: str) -> None:
     _decode(content, cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION, where)
 
 
+def upright_bytes(content: bytes, where: str) -> bytes:
+    """A picture file without an orientation tag that turns it: itself, or what people see, encoded anew as JPEG.
+
+    Some programs apply the tag and some do not. A picture without one looks the same to all of them.
+
+    Raises:
+        InputFileError: It has such a tag and cannot be decoded.
+    """
+    if orientation_tag(content) == UPRIGHT:
+        return content
+    return encode_photograph(_as_seen(content, where))
+
+
+def read_orientation(path: Path) -> int:
+    """The orientation tag of a picture file; errors as ``read_size_px``."""
+    with open_regular(path, "a picture", LARGEST_FILE_BYTES) as file:
+        return orientation_tag(file)
+
+
 def read_size_px(path: Path) -> tuple[int, int]:
-    """Height and width of a stored picture, from the head of its file.
+    """Height and width of a picture as people see it (orientation tag applied), from the head of its file.
 
     Damage further on in the file is not noticed.
 
@@ -116,11 +135,14 @@ def read_size_px(path: Path) -> tuple[int, int]:
         InputFileError: No regular file, no picture, or one that takes more memory than `LARGEST_DECODING_BYTES`.
     """
     with open_regular(path, "a picture", LARGEST_FILE_BYTES) as file:
-        return declared_size_px(file, str(path))
+        size = declared_size_px(file, str(path))
+        return size[::-1] if orientation_tag(file) in ON_ITS_SIDE else size
 
 
 def declared_size_px(content: bytes | BufferedReader, where: str) -> tuple[int, int]:
     """Height and width as the head of a picture declares them, before anything is decoded.
+
+    They are those of the stored pixels: the orientation tag is not applied.
 
     Raises:
         InputFileError: The head is damaged or of an unknown format, or declares a picture that takes more memory than
@@ -243,6 +265,11 @@ def _size_of_avif(head: bytes) -> tuple[int, int, int]:
     sizes = [struct.unpack_from(">II", head, found.end() + 4) for found in re.finditer(rb"ispe", head[:-12])]
     width, height = max(sizes, key=lambda size: size[0] * size[1])
     return width, height, _AVIF_BYTES_PER_PIXEL
+
+
+def _as_seen(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
+    image = _decode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, where)
+    return cv2.cvtColor(_to_8_bit(image, where), cv2.COLOR_BGR2RGB)
 
 
 def _to_8_bit(image: Shaped[ndarray, "h w 3"], where: str) -> UInt8[ndarray, "h w 3"]:

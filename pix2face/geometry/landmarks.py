@@ -96,8 +96,17 @@ def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]
         points = np.array(words, dtype=np.float64).reshape(n_landmarks, 2)
     except ValueError as error:
         raise InputFileError(f"expected numbers in {path}: {error}") from error
-    if not np.isfinite(points).all():
-        raise InputFileError(
-            f"expected finite coordinates in {path}, found {(~np.isfinite(points)).sum()} NaN or infinite ones"
-        )
-    return points + ONE_BASED_TO_CENTRES_PX
+    return mark_missing(points) + ONE_BASED_TO_CENTRES_PX
+
+
+def mark_missing(points: Float64[ndarray, "n d"]) -> Float64[ndarray, "n d"]:
+    """Points of a file with NaN in place of those that mean "no point here".
+
+    Tools write -1 -1, 0 0 or NaN for a point that was not annotated. All of these have no positive x or y, and no point
+    of a photograph does.
+
+    Args:
+        points: Coordinates as they stand in the file, x and y first.
+    """
+    is_missing = ~(np.isfinite(points).all(axis=1) & (points[:, :2] > 0).any(axis=1))
+    return np.where(is_missing[:, None], np.nan, points)

@@ -16,6 +16,7 @@ from pix2face.files.json_text import Count, parse_json
 from pix2face.geometry.maps import face_box
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, SEEN_REGIONS, WHOLE_PICTURE_LAYERS, from_stored
 from pix2face.shards.sample import MASK
+from pix2face.shards.sample_truth import doubts_about
 from pix2face.shards.shard_layout import CONTENT_COLUMNS, content_checksum
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
@@ -40,6 +41,7 @@ class FolderReport:
 
     problems: tuple[str, ...]  # in words, one for each
     damaged: tuple[Path, ...]  # shards to delete, so that rendering writes them anew
+    doubtful: tuple[str, ...]  # in words, samples whose bytes are intact and whose ground truth cannot be true
     n_shards: int  # shards that were read
     n_samples: int  # samples of the shards without problems
 
@@ -56,6 +58,7 @@ def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> 
     """
     problems: list[str] = []
     damaged: list[Path] = []
+    doubtful: list[str] = []
     shard_of: dict[str, str] = {}
     headers = {}
     for path in shard_paths(folder):
@@ -66,13 +69,15 @@ def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> 
             twice = sorted({name for name in reader.sample_ids if name in shard_of})
             found += [f"id {name!r} occurs twice, first in {shard_of[name]}" for name in twice]
             shard_of |= dict.fromkeys(reader.sample_ids, path.name)
+        if not found:
+            doubtful += [f"{path.name}: {text}" for text in _doubtful_samples(path)]
         if found:
             damaged.append(path)
             problems += [text if str(path) in text else f"{path.name}: {text}" for text in found]
         on_shard()
     problems += _differences(headers)
     problems += _missing(folder, list(headers.values()))
-    return FolderReport(tuple(problems), tuple(damaged), len(shard_paths(folder)), len(shard_of))
+    return FolderReport(tuple(problems), tuple(damaged), tuple(doubtful), len(shard_paths(folder)), len(shard_of))
 
 
 def verify_shard(path: Path) -> list[str]:
@@ -97,6 +102,17 @@ def verify_shard(path: Path) -> list[str]:
             found = [str(error)]
         problems += [f"sample {sample_id!r}: {text}" for text in found]
     return problems
+
+
+def _doubtful_samples(path: Path) -> list[str]:
+    reader = ShardReader(path)
+    layers = {IMAGE} & {*reader.header.layers}
+    return [
+        f"sample {sample.sample_id!r}: {doubt}"
+        for index in range(len(reader))
+        for sample in [reader.read(index, layers)]
+        for doubt in doubts_about(sample, reader.size_px(index))
+    ]
 
 
 def _sample_problems(reader: ShardReader, index: int, offset_limit_mm: float) -> list[str]:

@@ -107,8 +107,7 @@ MISTAKES = (
     Mistake("300W-LP: a negative scale keeps its rotation", "pix2face/face_files",
             "rotation = np.diag([-1.0, -1.0, 1.0]) @ rotation", "rotation = rotation", FACE_FILES),
     Mistake("dlib: half a pixel in XML annotations", "pix2face/face_files",
-            'float(attributes["x"]) + 0.5, float(attributes["y"]) + 0.5', 'float(attributes["x"]), float(attributes["y"])',
-            FACE_FILES),
+            "return mark_missing(points) + 0.5", "return mark_missing(points)", FACE_FILES),
     Mistake("AFLW: half a pixel in the 21 points", "pix2face/face_files",
             "np.where(missing, np.nan, matlab_to_pixels(points))", "np.where(missing, np.nan, points)", FACE_FILES),
     # Rasteriser, models.

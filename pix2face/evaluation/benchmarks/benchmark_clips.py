@@ -11,7 +11,13 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkFiles, BenchmarkItem, picture_reader
+from pix2face.evaluation.benchmarks.benchmark_data import (
+    BenchmarkFace,
+    BenchmarkFiles,
+    BenchmarkItem,
+    complete,
+    picture_reader,
+)
 from pix2face.evaluation.benchmarks.manifest import Manifest
 from pix2face.files.opening import open_regular, read_regular
 from pix2face.geometry.landmarks import LARGEST_PTS_BYTES, N_IBUG68, read_pts
@@ -63,7 +69,7 @@ def _read_frame(
     return BenchmarkFace(
         name=name,
         group=group,
-        landmarks2d=_read_points(manifest, annotation),
+        landmarks2d=complete(_read_points(manifest, annotation), annotation),
         read_image=read_image,
         clip=name.partition("/")[0],
         landmarks3d=_read_points3d(manifest, points3d) if points3d.is_file() else None,

@@ -10,7 +10,7 @@ from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.images import decode_image, read_bytes
+from pix2face.files.images import read_photograph
 from pix2face.geometry.camera import HeadPose
 from pix2face.geometry.maps import FaceMaps
 
@@ -90,12 +90,24 @@ def wrap_angle_deg(angle_deg: float) -> float:
     return (angle_deg + 180) % 360 - 180
 
 
+def complete(landmarks2d: Float64[ndarray, "68 2"], where: Path) -> Float64[ndarray, "68 2"]:
+    """True points of which none is missing, since errors are means over all of them.
+
+    Raises:
+        InputFileError: Some are.
+    """
+    n_missing = int(np.isnan(landmarks2d).any(axis=1).sum())
+    if n_missing:
+        raise InputFileError(f"{where}: expected all of the {len(landmarks2d)} true points, found {n_missing} missing")
+    return landmarks2d
+
+
 def picture_reader(path: Path) -> Callable[[], UInt8[ndarray, "h w 3"]]:
     """A function that reads a picture file."""
 
     def read() -> UInt8[ndarray, "h w 3"]:
         if not path.is_file():
             raise InputFileError(f"expected a picture at {path}, found none")
-        return decode_image(read_bytes(path), str(path))
+        return read_photograph(path)
 
     return read

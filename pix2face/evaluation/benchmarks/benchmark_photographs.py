@@ -15,6 +15,7 @@ from pix2face.evaluation.benchmarks.benchmark_data import (
     BenchmarkFace,
     BenchmarkFiles,
     BenchmarkItem,
+    complete,
     picture_reader,
     wrap_angle_deg,
     yaw_bin,
@@ -107,7 +108,8 @@ def _read_npy_landmarks(path: Path) -> Float64[ndarray, "n 68 2"]:
 
 
 def _read_pts_face(name: str, group: str, image: Path, truth: Path) -> BenchmarkFace:
-    return BenchmarkFace(name=name, group=group, landmarks2d=read_pts(truth), read_image=picture_reader(image))
+    landmarks2d = complete(read_pts(truth), truth)
+    return BenchmarkFace(name=name, group=group, landmarks2d=landmarks2d, read_image=picture_reader(image))
 
 
 def _read_w300lp_face(name: str, image: Path, truth: Path, other: OtherLandmarks | None) -> BenchmarkFace:
@@ -117,7 +119,7 @@ def _read_w300lp_face(name: str, image: Path, truth: Path, other: OtherLandmarks
     head = file.pose.head
     yaw_deg = wrap_angle_deg(head.yaw_deg)
     is_unusual = max(abs(head.pitch_deg), abs(head.yaw_deg), abs(head.roll_deg)) > USUAL_ANGLE_DEG
-    landmarks2d = file.landmarks3d[:, :2] if other is None else other[image.name]
+    landmarks2d = complete(file.landmarks3d[:, :2], truth) if other is None else other[image.name]
     if not np.isfinite(landmarks2d).all():
         raise InputFileError(f"{image.name}: expected finite re-annotated landmarks, found NaN or infinity")
     return BenchmarkFace(

@@ -1,5 +1,6 @@
 """``datagen verify``: what it prints, and that what it tells to do repairs a folder."""
 
+import json
 import shlex
 import subprocess
 from dataclasses import replace
@@ -10,6 +11,7 @@ import pytest
 from datagen.cli import main
 from pix2face.shards.shard_writing import write_shard
 from tests.pix2face.shard_files import HEADER, make_triplet
+from tests.pix2face.shards.test_shard_checks import doubtful_photographs
 
 
 @pytest.fixture
@@ -50,4 +52,22 @@ def test_missing_shards_need_no_deletion(folder: Path, capsys: pytest.CaptureFix
     assert capsys.readouterr().out.splitlines() == [
         "1 missing: shard-00002.h5",
         "1 problem; run the same `datagen render` again: it writes what is missing",
+    ]
+
+
+def test_what_cannot_be_true_needs_no_deletion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_shard(tmp_path / "shard-00000.h5", HEADER, doubtful_photographs())
+    assert main(["verify", str(tmp_path)]) == 2
+    *lines, what_to_do = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert what_to_do.startswith("4 doubts about ground truth; convert or fit their annotations again")
+    assert main(["stats", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "ground truth that cannot be true" in printed
+    assert "face/2" in printed
+    assert main(["stats", str(tmp_path), "--json"]) == 0
+    assert [one["sample_id"] for one in json.loads(capsys.readouterr().out)["doubtful"]] == [
+        "face/1",
+        "face/2",
+        "face/3",
     ]

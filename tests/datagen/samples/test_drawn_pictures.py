@@ -26,12 +26,14 @@ from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.face_files.coefficients import Face, save_coefficients
 from pix2face.files.images import encode_photograph
+from pix2face.files.orientation import orientation_tag
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, SCENE_LAYERS
 from pix2face.shards.sample import Sample
 from pix2face.shards.sample_filter import AttributeExpression
 from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import ShardWriter
+from tests.pix2face.files.test_images import with_orientation
 from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl
@@ -220,6 +222,23 @@ def test_what_is_seen_is_refused_where_nothing_stands_before_faces(gl: GLContext
         UsageError, match=f"--layers {layer}: expected an appearance .*found plain; leave the layer out"
     ):
         SampleMaker(builtin_model(), gl, 0, ("image", layer), PRESETS[PLAIN])
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6])
+def test_photographs_are_stored_as_people_see_them(
+    maker: SampleMaker, faces: list[Face], tmp_path: Path, orientation: int
+) -> None:
+    """Picture and maps have one frame, whether a program applies the orientation tag or not."""
+    upright = np.zeros((SIZE, SIZE, 3), np.uint8)
+    upright[: SIZE // 2] = 200
+    stored = np.rot90(upright, {1: 0, 3: 2, 6: 1}[orientation]).copy()
+    content = with_orientation(encode_photograph(stored), orientation)
+    (tmp_path / "photograph.jpg").write_bytes(content)
+    sample = maker.make(replace(faces[0], image_path=tmp_path / "photograph.jpg"))
+    assert sample.image_bytes is not None
+    assert (sample.image_bytes == content) == (orientation == 1)
+    assert orientation_tag(sample.image_bytes) == 1
+    assert np.abs(sample.image.astype(int) - upright).mean() < 4
 
 
 def test_photographs_have_no_such_layer(maker: SampleMaker, faces: list[Face], tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import contextlib
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import scipy.io
@@ -18,6 +19,10 @@ def write_pts(path: Path, points: ndarray = POINTS) -> None:
     lines = "\n".join(f"{x} {y}" for x, y in points)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(f"version: 1\nn_points: 68\n{{\n{lines}\n}}\n")
+
+
+def write_picture(path: Path, height_px: int = 140, width_px: int = 140) -> None:
+    assert cv2.imwrite(str(path), np.zeros((height_px, width_px, 3), np.uint8))
 
 
 def box(points: ndarray = POINTS, attributes: str = "") -> str:
@@ -45,13 +50,13 @@ def test_each_format_is_brought_to_the_projects_pixels(tmp_path: Path) -> None:
     mat = {
         "Shape_Para": np.zeros(199),
         "Exp_Para": np.zeros(29),
-        "Pose_Para": np.array([[0, 0, 0, 1, 1, 1, 0.001]]),
+        "Pose_Para": np.array([[0, 0, 0, 68, 85, 1, 0.001]]),
         "pt3d_68": np.vstack([POINTS.T, np.arange(68.0)]),
     }
     scipy.io.savemat(tmp_path / "a" / "posed.mat", mat)
     write_xml(tmp_path / "list.xml", {"a/face.jpg": box() + box(POINTS + 1)})
     for name in ("face.jpg", "posed.jpg"):
-        (tmp_path / "a" / name).write_bytes(b"picture")
+        write_picture(tmp_path / "a" / name)
     faces = load_all(tmp_path)
     assert list(faces) == ["a/face", "a/face/face0", "a/face/face1", "a/posed"]
     for name, first in {"a/face": -0.5, "a/face/face0": 0.5, "a/face/face1": 1.5, "a/posed": -0.5}.items():
@@ -96,7 +101,7 @@ def test_bad_faces_are_named_and_the_others_are_kept(tmp_path: Path) -> None:
         tmp_path / "list.xml", {"gone.jpg": box(), "five.jpg": five, "named.jpg": named + box(attributes="ignore='1'")}
     )
     write_pts(tmp_path / "good.pts")
-    (tmp_path / "good.png").write_bytes(b"picture")
+    write_picture(tmp_path / "good.png")
     faces = load_all(tmp_path)
     assert isinstance(faces.pop("good"), AnnotatedFace)
     for name, message in {

@@ -13,6 +13,7 @@ from pix2face.face_files.w300lp import (
     CoefficientFile,
     PoseParameters,
     camera_of_pose,
+    check_picture_height,
     pose_of_camera,
     read_aflw21_landmarks,
     read_coefficient_file,
@@ -192,7 +193,8 @@ def write_mat(path: Path, **fields: object) -> Path:
         ({"Pose_Para": "seven"}, "Pose_Para should be an array of numbers and is text"),
         ({"Pose_Para": np.array([[0, 0, 0, 225, 225, 0, 0]])}, "expected a scale in Pose_Para, found 0"),
         ({"Illum_Para": np.zeros((1, 9))}, "expected 10 numbers in Illum_Para, found 9"),
-        ({"pt3d_68": np.zeros((3, 67))}, "expected 204 numbers in pt3d_68, found 201"),
+        ({"pt3d_68": np.zeros((3, 67))}, r"expected pt3d_68 of shape \(3, 68\) or \(68, 3\), found \(3, 67\)"),
+        ({"pt3d_68": np.ones((1, 204))}, r"expected pt3d_68 of shape .* found \(1, 204\)"),
     ],
 )
 def test_bad_content_is_named(tmp_path: Path, fields: dict[str, object], message: str) -> None:
@@ -245,13 +247,41 @@ def test_lighting_is_read_where_it_is_there(tmp_path: Path) -> None:
 
 def test_landmark_files_prefer_the_models_own_points(tmp_path: Path) -> None:
     path = tmp_path / "face_pts.mat"
-    scipy.io.savemat(path, {"pts_2d": np.zeros((68, 2)), "pts_3d": np.full((68, 2), 7.0)})
+    scipy.io.savemat(path, {"pts_2d": np.ones((68, 2)), "pts_3d": np.full((68, 2), 7.0)})
     np.testing.assert_array_equal(read_landmark_file(path), np.full((68, 2), 6.5))
     scipy.io.savemat(path, {"pts_2d": np.full((68, 2), 3.0)})
     np.testing.assert_array_equal(read_landmark_file(path), np.full((68, 2), 2.5))
     scipy.io.savemat(path, {"pts_2d": np.zeros((67, 2))})
-    with pytest.raises(InputFileError, match=r"expected pts_2d of shape \(68, 2\)"):
+    with pytest.raises(InputFileError, match=r"expected pts_2d of shape \(2, 68\) or \(68, 2\), found \(67, 2\)"):
         read_landmark_file(path)
+
+
+def test_transposed_points_are_read_as_what_they_are(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    points3d, points2d = rng.uniform(1, 400, (3, 68)), rng.uniform(1, 400, (2, 68))
+    usual = read_coefficient_file(write_mat(tmp_path / "a.mat", pt3d_68=points3d, pt2d=points2d))
+    turned = read_coefficient_file(write_mat(tmp_path / "b.mat", pt3d_68=points3d.T, pt2d=points2d.T))
+    np.testing.assert_array_equal(turned.landmarks3d, usual.landmarks3d)
+    np.testing.assert_array_equal(turned.landmarks2d, usual.landmarks2d)
+    scipy.io.savemat(tmp_path / "c_pts.mat", {"pts_2d": points2d})
+    np.testing.assert_array_equal(read_landmark_file(tmp_path / "c_pts.mat"), points2d.T - 0.5)
+
+
+def test_missing_points_are_missing(tmp_path: Path) -> None:
+    points3d = np.random.default_rng(0).uniform(1, 400, (3, 68))
+    points3d[:, 3], points3d[0, 9], points3d[:2, 11] = -1, np.nan, 0
+    file = read_coefficient_file(write_mat(tmp_path / "a.mat", pt3d_68=points3d))
+    assert file.landmarks3d is not None
+    assert np.flatnonzero(np.isnan(file.landmarks3d).all(axis=1)).tolist() == [3, 9, 11]
+    assert np.isnan(file.landmarks3d).sum() == 9
+
+
+def test_a_file_beside_a_picture_of_another_height_is_told(dev_files: list[CoefficientFile]) -> None:
+    for file in dev_files:
+        check_picture_height(file, 450)
+        for height_px in (224, 400, 500, 900):
+            with pytest.raises(InputFileError, match="was the picture resized"):
+                check_picture_height(file, height_px)
 
 
 def test_landmarks_sit_on_the_photographs(shared_dir: Path, dev_files: list[CoefficientFile]) -> None:

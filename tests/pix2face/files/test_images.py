@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError
-from pix2face.files.images import decode_image, encode_image, encode_photograph, read_bytes, read_photograph
+from pix2face.files.images import (
+    decode_image,
+    encode_image,
+    encode_photograph,
+    read_bytes,
+    read_photograph,
+    upright_bytes,
+)
+from pix2face.files.orientation import orientation_tag
 
 # Where each Exif orientation puts the picture on the screen, from the stored rows and columns.
 AS_SEEN = {
@@ -58,7 +66,16 @@ def test_the_orientation_tag_is_applied_to_photographs(tmp_path: Path, orientati
     assert np.abs(found.astype(int) - expected).mean() < 4
 
 
-def test_the_orientation_tag_is_left_alone_where_coefficients_refer_to_stored_pixels() -> None:
+@pytest.mark.parametrize("orientation", AS_SEEN)
+def test_stored_pictures_look_the_same_whether_the_tag_is_applied_or_not(orientation: int) -> None:
+    content = upright_bytes(with_orientation(jpeg(picture()), orientation), "here")
+    found = decode_image(content, "here")
+    assert orientation_tag(content) == 1
+    assert np.abs(found.astype(int) - AS_SEEN[orientation](picture())).mean() < 8
+    np.testing.assert_array_equal(found, cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1])
+
+
+def test_the_orientation_tag_is_left_alone_in_stored_pictures() -> None:
     plain = jpeg(picture())
     np.testing.assert_array_equal(decode_image(with_orientation(plain, 6), "here"), decode_image(plain, "here"))
 

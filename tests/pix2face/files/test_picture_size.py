@@ -8,9 +8,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
+from PIL.Image import Exif
 
 from pix2face.errors import InputFileError
-from pix2face.files.images import check_decodes, declared_size_px, decode_image, read_photograph, read_size_px
+from pix2face.files.images import (
+    check_decodes,
+    declared_size_px,
+    decode_image,
+    read_photograph,
+    read_size_px,
+    upright_bytes,
+)
+from pix2face.files.orientation import orientation_tag
 
 SIDE_PX = 60_000
 
@@ -213,3 +223,20 @@ def test_folders_and_missing_files_are_refused(tmp_path: Path) -> None:
         read_size_px(tmp_path)
     with pytest.raises(InputFileError, match="found no such file"):
         read_size_px(tmp_path / "none.jpg")
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_the_size_is_that_of_the_picture_as_people_see_it(tmp_path: Path, suffix: str, orientation: int) -> None:
+    tags, path = Exif(), tmp_path / f"picture.{suffix}"
+    tags[274] = orientation
+    Image.fromarray(np.zeros((20, 33, 3), np.uint8)).save(path, exif=tags)
+    assert orientation_tag(path.read_bytes()) == orientation
+    assert read_size_px(path) == read_photograph(path).shape[:2] == ((33, 20) if orientation > 4 else (20, 33))
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".bmp", ".webp", ".tif"])
+def test_a_picture_without_an_orientation_stays_byte_for_byte(suffix: str) -> None:
+    content = encoded(suffix)
+    assert orientation_tag(content) == orientation_tag(content[:60]) == orientation_tag(b"") == 1
+    assert upright_bytes(content, "picture") is content

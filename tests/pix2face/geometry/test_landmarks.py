@@ -74,7 +74,6 @@ def test_read_pts_reads_the_photographs_annotations(shared_dir):
         (b"version: 1\nn_points: 68\n{\n1 2\n3 4\n}", "68 points in .* found n_points: 68 and 2 points"),
         (b"version: 1\nn_points: 2\n{\n1 2\n3 4\n}", "found n_points: 2"),
         (b"version: 1\nn_points: 68\n{\n" + b"1 x\n" * 68 + b"}", "expected numbers"),
-        (b"version: 1\nn_points: 68\n{\n" + b"1 nan\n" * 68 + b"}", "expected finite .* found 68"),
         (b"version: 1\nn_points: 68\n{\n" + b"1 2\n" * 67 + b"1}", "found n_points: 68 and 67.5 points"),
     ],
 )
@@ -84,6 +83,17 @@ def test_damaged_annotations_are_refused_by_name(tmp_path, content, message):
     with pytest.raises(InputFileError, match=message) as caught:
         read_pts(path)
     assert "damaged.pts" in str(caught.value)
+
+
+@pytest.mark.parametrize("marker", ["-1 -1", "-1.000 -1.000", "0 0", "nan nan", "12 nan", "-99 -99", "inf 3"])
+def test_marks_of_missing_points_are_read_as_missing(tmp_path, marker):
+    path = write_pts(tmp_path / "a.pts")
+    lines = path.read_text().splitlines()
+    lines[3 + 7] = marker
+    path.write_text("\n".join(lines))
+    points = read_pts(path)
+    assert np.flatnonzero(np.isnan(points).any(axis=1)).tolist() == [7]
+    assert np.isnan(points[7]).all()
 
 
 def test_missing_annotation_is_named(tmp_path):

@@ -13,9 +13,12 @@ import pytest
 
 from pix2face.errors import UsageError
 from pix2face.files.checked_hdf5 import fixed_text
-from pix2face.shards.sample import Sample
+from pix2face.files.images import encode_photograph
+from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.shards.sample import PICTURE, PictureKind, Sample
 from pix2face.shards.shard_checks import verify_folder, verify_shard
 from pix2face.shards.shard_writing import write_shard
+from tests.pix2face.files.test_images import with_orientation
 from tests.pix2face.shard_files import HEADER, every_layer, make_triplet
 
 
@@ -234,3 +237,36 @@ def test_a_shard_of_another_job_is_named(tmp_path: Path) -> None:
 def test_a_folder_without_shards_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no shard-"):
         verify_folder(tmp_path)
+
+
+def photograph(number: int, **changes: object) -> Sample:
+    """A sample of a photograph whose face looks into the camera."""
+    camera = weak_perspective_camera(WeakPerspective(0.1, rotation_of_pose(HeadPose(0, 10, 0)), np.full(2, 12.0)))
+    sample = replace(make_triplet(number), camera=camera, attributes={PICTURE: PictureKind.PHOTOGRAPH})
+    return replace(sample, **changes)
+
+
+def doubtful_photographs() -> list[Sample]:
+    """One that is right, and one for each way to be wrong: as shards held them before annotations were checked."""
+    turned = weak_perspective_camera(WeakPerspective(0.1, rotation_of_pose(HeadPose(0, 170, 0)), np.full(2, 12.0)))
+    tagged = with_orientation(encode_photograph(np.full((24, 24, 3), 90, np.uint8)), 6)
+    return [
+        photograph(0),
+        photograph(1, camera=turned),
+        photograph(2, identity=np.full(5, 16.0)),
+        photograph(3, landmarks2d=np.full((68, 2), 30.0)),
+        photograph(4, image_bytes=tagged),
+        replace(photograph(5, camera=turned), attributes={PICTURE: PictureKind.SYNTHETIC}),
+    ]
+
+
+def test_ground_truth_that_cannot_be_true_is_found_in_intact_shards(tmp_path: Path) -> None:
+    path = tmp_path / "shard-00000.h5"
+    write_shard(path, HEADER, doubtful_photographs())
+    assert verify_shard(path) == []
+    report = verify_folder(tmp_path)
+    assert report.problems == report.damaged == ()
+    expected = ("looks 170° away", "nobody has its coefficients", "100 % of the landmarks", "orientation tag 6")
+    for number, (found, text) in enumerate(zip(report.doubtful, expected, strict=True), start=1):
+        assert found.startswith(f"shard-00000.h5: sample 'face/{number}': ")
+        assert text in found

@@ -82,7 +82,7 @@ def test_aflw_is_read_with_yaw_and_half_pixel(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"pt3d_68": np.full((3, 68), np.nan)}, "finite"),
+        ({"pt3d_68": np.full((3, 68), np.nan)}, "found 68 missing"),
         ({"Pose_Para": np.full((1, 7), np.nan)}, "finite"),
         ({"pt3d_68": np.zeros((3, 21))}, "68"),
     ],

@@ -1,0 +1,28 @@
+"""Doubts about samples whose bytes are intact: ground truth that cannot be that of the photograph."""
+
+import numpy as np
+
+from pix2face.files.orientation import UPRIGHT, orientation_tag
+from pix2face.geometry.believable_face import GIVEN, measure_face
+from pix2face.shards.sample import PICTURE, PictureKind, Sample
+
+WHAT_TO_DO = (
+    "convert or fit their annotations again, which rejects or corrects them now, and render again; or leave them out "
+    "with --where"
+)
+
+
+def doubts_about(sample: Sample, size_px: tuple[int, int]) -> list[str]:
+    """Why a sample of a photograph cannot be true, in words; empty where there is no doubt, and for drawn pictures.
+
+    Args:
+        sample: The sample. The orientation of its picture is checked where it was read with one.
+        size_px: Height and width of its picture.
+    """
+    if sample.attributes.get(PICTURE) != PictureKind.PHOTOGRAPH:
+        return []
+    coefficients = np.concatenate([sample.identity, sample.expression])
+    doubts = measure_face(sample.camera, coefficients, sample.landmarks2d, size_px).problems(GIVEN)
+    if sample.image_bytes is not None and (tag := orientation_tag(sample.image_bytes)) != UPRIGHT:
+        doubts.append(f"its picture has the orientation tag {tag}, which some programs apply and its maps do not")
+    return doubts
