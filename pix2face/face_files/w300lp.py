@@ -158,10 +158,11 @@ def check_picture_height(file: CoefficientFile, image_height_px: int) -> None:
     """
     is_source = re.search(r"_[1-9]\d*$", file.path.stem) is None
     points = file.landmarks3d if file.landmarks3d is not None else file.landmarks2d if is_source else None
-    if points is None or np.isnan(points).any():
+    size_px = 0.0 if points is None else float(np.sqrt(np.prod(np.ptp(points[:, :2], axis=0))))
+    if points is None or not size_px > 0:  # none, some missing, or no face at all
         return
     expected = camera_of_pose(file.pose, image_height_px).project(LANDMARK_CENTRE_MM)[1]
-    off = float(expected - points[:, 1].mean()) / float(np.sqrt(np.prod(np.ptp(points[:, :2], axis=0))))
+    off = float(expected - points[:, 1].mean()) / size_px
     if not abs(off) <= LARGEST_HEIGHT_ERROR:
         raise InputFileError(
             f"{file.path}: expected its landmarks where its pose puts the face in a picture of {image_height_px} "

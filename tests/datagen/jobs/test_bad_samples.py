@@ -79,7 +79,9 @@ def test_files_of_a_folder_that_are_none(model_path: Path, tmp_path: Path) -> No
     pixels = camera.project(model.mean[model.landmarks["ibug68"]].astype(np.float64))
     jpeg = cv2.imencode(".jpg", np.full((SIZE_PX, SIZE_PX, 3), 99, np.uint8))[1].tobytes()
     for name in ("a good", "bomb", "empty", "zeros", "cut"):
-        write_mat(folder / f"{name}.mat", pixels, 0.0, pt3d_68=np.vstack([pixels.T + 0.5, np.zeros(68)]))
+        pose = np.array([[0, 0, 0, SIZE_PX / 2, SIZE_PX / 2, 0, 0.25e-3]])
+        points = np.vstack([pixels.T + 0.5, np.zeros(68)])
+        write_mat(folder / f"{name}.mat", pixels, 0.0, pt3d_68=points, Pose_Para=pose)
         (folder / f"{name}.jpg").write_bytes(jpeg)
     (folder / "bomb.jpg").write_bytes(png_bomb())
     (folder / "empty.jpg").write_bytes(b"")
