@@ -17,12 +17,16 @@ from pix2face.commands.face_options import PhotographOptions
 from pix2face.commands.photograph_jobs import SeenFace, Tally, for_each_face, located
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
+from pix2face.files.opening import is_regular, open_regular
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import crop_image
 from pix2face.geometry.maps import point_cloud
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_files import read_fit
 from pix2face.photographs.view_page import ViewedFace, face_data, view_page
+
+# A fit has fewer points than the crop that the network looks at has pixels.
+LARGEST_CLOUD_BYTES = 64 << 20
 
 
 @final
@@ -104,10 +108,10 @@ def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:
 
 
 def _stored_points(path: Path) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:
-    if not path.is_file():
+    if not is_regular(path):
         return np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.uint8)
     try:
-        with path.open("rb") as file:
+        with open_regular(path, "a point cloud", LARGEST_CLOUD_BYTES) as file:
             cloud = trimesh.load(file, file_type="ply")
         if not isinstance(cloud, trimesh.PointCloud):
             raise TypeError("a mesh")

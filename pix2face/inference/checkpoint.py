@@ -5,22 +5,38 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, final
+from typing import Annotated, Any, final
 
+import msgspec
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.files.json_text import Integer, JsonObject, Positive, parse_json, typed
+from pix2face.files.opening import check_regular, is_folder, is_regular
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.crops import INFERENCE_SCALE
 from pix2face.inference import CHECKPOINT_NAME
 from pix2face.networks.architectures import build_network
 from pix2face.networks.paper import MAP_PLANES, paper_widths
 
+# Sides of inputs and filters of levels, as far as a network could be run on.
+Side = Annotated[int, msgspec.Meta(ge=1, le=1024)]
+Widths = Annotated[tuple[Side, ...], msgspec.Meta(max_length=16)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+LARGEST_FILE_BYTES, MOST_HEADER_VALUES = 1 << 33, 1_000_000
 METADATA_KEY = "pix2face-checkpoint"
 SCHEMA_VERSION = 2
+
+
+@dataclass(frozen=True)
+class _FirstSchema:
+    """What the first schema said of the network."""
+
+    size_px: Side
+    filters: Side
 
 
 @final
@@ -30,20 +46,20 @@ class CheckpointHeader:
 
     model_name: str  # the morphable model whose PNCC and offset the network predicts
     model_sha256: str
-    size_px: int  # side of the network's input
-    widths: tuple[int, ...]  # filters of each of its levels
-    pncc_scale_mm: float  # the first three planes times this are PNCC in mm
-    offset_scale_mm: float  # the other three planes times this are offsets in mm
-    smallest_radius_mm: float  # distance from the origin to the nearest point of the mean face
+    size_px: Side  # side of the network's input
+    widths: Widths  # filters of each of its levels
+    pncc_scale_mm: Positive  # the first three planes times this are PNCC in mm
+    offset_scale_mm: Positive  # the other three planes times this are offsets in mm
+    smallest_radius_mm: NotNegative  # distance from the origin to the nearest point of the mean face
     licence: str  # terms that the training data put on the weights
     configuration: str  # of the training, as JSON
-    epoch: int  # complete ones
-    samples: int = 0  # samples seen in training
-    crop_scale: float = INFERENCE_SCALE  # side of the crop, in units of the longer side of the face's box
+    epoch: Integer  # complete ones
+    samples: Integer = 0  # samples seen in training
+    crop_scale: Positive = INFERENCE_SCALE  # side of the crop, in units of the longer side of the face's box
     architecture: str = "paper"  # one of ``networks.architectures.ARCHITECTURES``
     planes: int = MAP_PLANES  # 6 of the maps, then logits: the 7th of the mask, the 8th of the part of it that is seen
     # Vertices of the schemes for which they were chosen on fits to this network's own maps.
-    landmarks: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    landmarks: Mapping[str, tuple[Integer, ...]] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
 
     @property
@@ -56,16 +72,19 @@ class CheckpointHeader:
         """Restores a header from the JSON form of ``asdict``, of this schema or an earlier one.
 
         Raises:
-            TypeError: A field is missing, unknown, or of another type.
-            ValueError: One has a value that no network has.
+            ValueError: A field is missing, unknown, of another type, or has a value that no network has.
         """
         known = dict(fields)
-        if known["schema_version"] == 1:  # the paper's network was the only one, told by its first level
-            known |= {"widths": paper_widths(known["size_px"], known.pop("filters")), "schema_version": SCHEMA_VERSION}
-        known["widths"] = tuple(int(width) for width in known.get("widths", ()))
-        chosen = dict(known.get("landmarks", {}))
-        known["landmarks"] = {str(scheme): tuple(map(int, vertices)) for scheme, vertices in chosen.items()}
-        return cls(**known)
+        if known.get("schema_version") == 1:  # the paper's network was the only one, told by its first level
+            old: _FirstSchema = typed(known, _FirstSchema)
+            known |= {"widths": paper_widths(old.size_px, old.filters), "schema_version": SCHEMA_VERSION}
+            del known["filters"]
+        unknown = known.keys() - cls.__dataclass_fields__.keys()
+        if unknown:
+            raise ValueError(f"the unknown field {min(unknown)!r}")
+        header: CheckpointHeader = typed(known, cls)
+        parse_json(header.configuration, JsonObject)
+        return header
 
     def check_model(self, name: str, sha256: str) -> None:
         """Checks that a model is the one whose maps the network predicts.
@@ -103,7 +122,7 @@ def load_header(path: Path) -> CheckpointHeader:
     fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
     try:
         return CheckpointHeader.from_json(fields)
-    except (KeyError, TypeError, ValueError) as error:
+    except ValueError as error:
         raise _unusable(path, error) from error
 
 
@@ -115,11 +134,22 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
     """
     header, tensors = load_header(path), read_tensors(path)
     try:
+        _check_shapes(header, tensors)
         network = build_network(header.architecture, header.size_px, header.widths, header.planes)
         network.load_state_dict(_in_precision(tensors, torch.float32))
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise _unusable(path, error) from error
     return header, network.eval()
+
+
+def _check_shapes(header: CheckpointHeader, tensors: Mapping[str, Tensor]) -> None:
+    """Compares what the header says of the weights with what is there, before memory for them is taken."""
+    with torch.device("meta"):
+        expected = build_network(header.architecture, header.size_px, header.widths, header.planes).state_dict()
+    for name in sorted(expected.keys() | tensors.keys()):
+        wanted, found = (tuple(own[name].shape) if name in own else None for own in (expected, tensors))
+        if wanted != found:
+            raise ValueError(f"{name} should be {wanted or 'missing'} and is {found or 'missing'}")
 
 
 def _unusable(path: Path, error: Exception) -> InputFileError:
@@ -151,10 +181,10 @@ def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:
     with _open(path) as file:
         metadata = file.metadata() or {}
     try:
-        header = json.loads(metadata[key])
-        version = int(header["schema_version"])
-    except (KeyError, TypeError, ValueError) as error:
-        found = ", ".join(sorted(metadata)) or "no metadata"
+        header: dict[str, Any] = parse_json(metadata[key], JsonObject, MOST_HEADER_VALUES)
+        version = typed(header.get("schema_version"), Integer)
+    except (KeyError, ValueError) as error:
+        found = f"{', '.join(sorted(metadata)) or 'no metadata'} ({error})"
         raise InputFileError(f"{path}: expected {key} in the safetensors header, found {found}") from error
     if version > newest_schema:
         raise InputFileError(
@@ -176,14 +206,15 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
     """Opens a safetensors file, which checks that it is whole."""
-    if path.is_dir():
+    if is_folder(path):
         raise InputFileError(f"{path}: expected a checkpoint, found a folder; training writes {path / CHECKPOINT_NAME}")
-    if not path.is_file():
+    if not is_regular(path):
         raise InputFileError(f"{path}: no such file; `train --shards DIR` writes checkpoints, --checkpoint names one")
+    check_regular(path, "a checkpoint", LARGEST_FILE_BYTES)
     try:
         with safe_open(path, framework="pt") as file:
             yield file
-    except (SafetensorError, OSError) as error:
+    except (SafetensorError, OSError, MemoryError) as error:  # MemoryError: of a file that cannot be mapped
         raise InputFileError(
             f"{path}: expected a complete safetensors file, found one that cannot be read ({error}); "
             "fetch or write it again"

@@ -11,11 +11,14 @@ import torch
 from torch import Tensor
 
 from pix2face.errors import InputFileError, UsageError
+from pix2face.files.json_text import Integer, JsonObject, parse_json, typed
+from pix2face.files.opening import is_regular, read_regular
 from pix2face.files.writing import written_in_one_step
 from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_checkpoint
 
 INPUT_NAME, OUTPUT_NAME = "image", "maps"
 OPSET = 18
+LARGEST_FILE_BYTES = 1 << 30  # larger weights lie in a file of their own, which is not read
 DESCRIPTION = (
     "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
     "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, where "
@@ -69,18 +72,19 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]
         UsageError: onnxruntime is not installed.
     """
     runtime = _package("onnxruntime")
-    if not path.is_file():
+    if not is_regular(path):
         raise InputFileError(f"{path}: no such file; `pix2face export` writes ONNX files")
+    content = read_regular(path, "an ONNX file", LARGEST_FILE_BYTES)
     try:
-        session = runtime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+        session = runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
     except Exception as error:  # the runtime's errors have no base of their own
         raise InputFileError(f"{path}: expected an ONNX file, found one that cannot be read ({error})") from error
     try:
-        fields = json.loads(session.get_modelmeta().custom_metadata_map[METADATA_KEY])
-        if int(fields["schema_version"]) > SCHEMA_VERSION:
+        fields = parse_json(session.get_modelmeta().custom_metadata_map[METADATA_KEY], JsonObject)
+        if typed(fields.get("schema_version"), Integer) > SCHEMA_VERSION:
             raise InputFileError(f"{path}: schema {fields['schema_version']} is newer than {SCHEMA_VERSION}; upgrade")
         header = CheckpointHeader.from_json(fields)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
+    except (KeyError, ValueError) as error:
         raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
 
     def network(images: Tensor) -> Tensor:

@@ -20,6 +20,7 @@ Frame = UInt8[ndarray, "h w 3"]
 
 # What a folder of pictures is shown at; a video says its own.
 PICTURES_FPS = 25.0
+LARGEST_FRAME_PX = 1 << 26  # twice that of 8K
 FASTEST_FPS = 1000.0  # beyond, a header is damaged
 # Headers often announce a frame or two that are not there.
 MISSING_FRAMES_TOLERATED = 2
@@ -175,6 +176,11 @@ def _capture(path: Path) -> Iterator[cv2.VideoCapture]:
         if not capture.isOpened():
             raise InputFileError(
                 f"{path}: expected a video that FFmpeg decodes, found {path.stat().st_size} bytes that are none"
+            )
+        width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if width * height > LARGEST_FRAME_PX:
+            raise InputFileError(
+                f"{path}: expected frames of at most {LARGEST_FRAME_PX >> 20} megapixels, found {width} x {height}"
             )
         capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         yield capture
