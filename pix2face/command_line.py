@@ -147,10 +147,10 @@ def check_max_rejected(max_rejected: int) -> None:
         raise UsageError(f"--max-rejected: expected 0 or more, found {max_rejected}")
 
 
-def write_rejected(folder: Path, rejected: Iterable[tuple[str, str]]) -> None:
+def write_rejected(path: Path, rejected: Iterable[tuple[str, str]]) -> None:
     """Lists samples that could not be used: id and reason of each, one JSON object a line."""
     lines = (json.dumps({"sample_id": sample_id, "reason": reason}) for sample_id, reason in rejected)
-    with written_in_one_step(folder / REJECTED_FILE) as temporary:
+    with written_in_one_step(path) as temporary:
         temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 

@@ -15,11 +15,10 @@ from datagen.faces.model_transfer import Through, transfer_table
 from datagen.faces.sources import coefficient_paths
 from datagen.inspection.coefficient_summary import CoefficientSummary, group_reasons, summarise_folder, summarise_table
 from datagen.inspection.statistics_tables import print_statistics
-from datagen.jobs.conversion import ConversionJob, ConversionSummary, convert, open_job
+from datagen.jobs.conversion import ConversionJob, ConversionSummary, convert, open_job, rejected_path
 from datagen.process_pool import process_pool
 from pix2face.command_line import (
     EXIT_REJECTED,
-    REJECTED_FILE,
     check_max_rejected,
     check_output_file,
     counted,
@@ -40,7 +39,7 @@ class _ConversionConfig:
     """What the commands that write tables of photographs share.
 
     Attributes:
-        out: Table to write (.h5). Faces that cannot be used are listed in rejected.jsonl beside it.
+        out: Table to write (.h5). Faces that cannot be used are listed in NAME.rejected.jsonl beside it.
         model: `builtin`, or a model file made by `datagen model import`.
         workers: Number of processes that read and fit.
         max_rejected: Number of rejected faces that is accepted; with more, the exit status is 3.
@@ -145,7 +144,7 @@ def _run(job: ConversionJob, config: _ConversionConfig) -> int:
 def _report(summary: ConversionSummary, config: _ConversionConfig) -> int:
     say(console, f"{counted(summary.n_faces, 'face')} -> {config.out}")
     if summary.rejected:
-        say(console, f"{len(summary.rejected)} rejected, listed in {config.out.parent / REJECTED_FILE}:")
+        say(console, f"{len(summary.rejected)} rejected, listed in {rejected_path(config.out)}:")
         for reason, count in group_reasons(summary.rejected)[:SHOWN_REASONS]:
             say(console, f"  {count} x {reason}")
     model = "" if config.model == BUILTIN_MODEL else f" --model {config.model}"

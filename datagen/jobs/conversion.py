@@ -21,7 +21,7 @@ import numpy as np
 from datagen.faces.fit_landmark_folder import AnnotatedFolder
 from datagen.faces.sources import FaceSource, W300LPFolder, is_text
 from pix2face import __version__
-from pix2face.command_line import write_rejected
+from pix2face.command_line import REJECTED_FILE, write_rejected
 from pix2face.errors import SampleRejectedError, UsageError
 from pix2face.face_files.coefficient_writing import CoefficientWriter, TableHeader
 from pix2face.face_files.coefficients import Face, configuration_to_json
@@ -103,10 +103,15 @@ def convert(
                     rejected.append(outcome)
                     writer.reject(*outcome)
             on_progress(len(outcomes))
-        write_rejected(out.parent, rejected)
+        write_rejected(rejected_path(out), rejected)
         if not writer.n_faces:
             raise UsageError(f"{job.folder}: expected at least one face that can be used; the first: {rejected[0][1]}")
     return ConversionSummary(writer.n_faces, tuple(rejected))
+
+
+def rejected_path(table: Path) -> Path:
+    """The list of rejected faces beside a table: NAME.rejected.jsonl, since a folder may hold several tables."""
+    return table.with_suffix(f".{REJECTED_FILE}")
 
 
 def read_faces(job: ConversionJob, start: int, stop: int) -> list[Outcome]:

@@ -23,7 +23,7 @@ from datagen.jobs.work_units import finish_units
 from datagen.opengl.gl_context import GLSettings
 from datagen.samples.sample_making import check_appearance
 from datagen.samples.stage_times import StageTimes
-from pix2face.command_line import write_rejected
+from pix2face.command_line import REJECTED_FILE, write_rejected
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
 from pix2face.models.surface_attributes import check_layers
 from pix2face.shards.shard_reader import ShardReader
@@ -128,7 +128,7 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
 
     finish_units(missing, place, submit, on_finished)
     n_triplets, rejected = _count(out, n_units)
-    write_rejected(out, rejected)
+    write_rejected(out / REJECTED_FILE, rejected)
     write_card(out)
     return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(missing), times, tuple(peaks))
 

@@ -1,6 +1,7 @@
 """Folders become tables: complete, the same for any number of workers, hard to break."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -95,12 +96,29 @@ def test_the_table_holds_what_the_folder_gives(
 
 def test_bad_files_are_listed_beside_the_table_and_in_it(converted: tuple[Path, ConversionSummary]) -> None:
     out, summary = converted
-    lines = [json.loads(line) for line in (out.parent / "rejected.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (out.parent / "faces.rejected.jsonl").read_text().splitlines()]
     assert [line["sample_id"] for line in lines] == ["AFW/alone", "AFW/broken"]
     assert "expected its picture alone.jpg" in lines[0]["reason"]
     assert "expected a MAT 5 file" in lines[1]["reason"]
     expected = tuple((line["sample_id"], line["reason"]) for line in lines)
     assert load_coefficients(out).rejected == summary.rejected == expected
+
+
+def test_two_tables_in_one_folder_keep_their_lists(folder: Path, model_path: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "AFW_Flip", tmp_path / "photographs")
+    for path in sorted((tmp_path / "photographs").glob("*.mat"))[2:]:
+        path.unlink()
+    job = ConversionJob(tmp_path / "photographs", "300wlp", str(model_path))
+    for name, bad in (("a", "first"), ("b", "second")):
+        (job.folder / f"{bad}.mat").write_bytes(b"noise")
+        convert(job, tmp_path / f"{name}.h5", None, lambda n: None)
+        (job.folder / f"{bad}.mat").unlink()
+    for name, bad in (("a", "first"), ("b", "second")):
+        (line,) = (tmp_path / f"{name}.rejected.jsonl").read_text().splitlines()
+        assert json.loads(line)["sample_id"] == bad
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
+        *("a.h5", "a.rejected.jsonl", "b.h5", "b.rejected.jsonl"),
+    }
 
 
 def test_more_workers_give_the_same_bytes(
@@ -153,7 +171,7 @@ def test_the_command_says_what_it_did(
     assert main(arguments) == 3
     said = capsys.readouterr().err
     assert "133 faces ->" in said
-    assert "2 rejected, listed in" in said
+    assert f"2 rejected, listed in {tmp_path}/faces.rejected.jsonl:" in said
     assert "1 x ... expected its picture alone.jpg beside it, found none" in said
     assert f"datagen render --coeffs {out} --model {model_path}" in said
     assert main([*arguments, "--max-rejected", "2"]) == 0

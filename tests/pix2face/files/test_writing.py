@@ -1,6 +1,8 @@
 """A file is there whole or not at all."""
 
 import os
+import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,9 +17,27 @@ def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
         assert not path.exists()
     assert path.read_text() == "whole"
     assert list(path.parent.iterdir()) == [path]
-    ordinary = tmp_path / "ordinary"
-    ordinary.touch()
-    assert path.stat().st_mode == ordinary.stat().st_mode
+
+
+def replace_by_a_private_file(path: Path) -> None:
+    private = path.with_name("private")
+    private.touch(mode=0o600)
+    private.replace(path)
+
+
+@pytest.mark.parametrize("write", [lambda path: path.write_text("whole"), replace_by_a_private_file])
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_the_umask_decides_on_the_permissions(
+    tmp_path: Path, umask: int, mode: int, write: Callable[[Path], object]
+) -> None:
+    (tmp_path / ".a.part").touch(mode=0o640)  # of a run that was killed
+    before = os.umask(umask)
+    try:
+        with written_in_one_step(tmp_path / "a") as temporary:
+            write(temporary)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == mode
 
 
 def write_half(path: Path, failure: type[BaseException]) -> None:

@@ -47,6 +47,11 @@ def test_header_and_weights_come_back(tmp_path):
     torch.testing.assert_close(loaded(picture), network(picture), rtol=0, atol=0)
 
 
+def test_whoever_may_read_new_files_may_read_a_checkpoint(checkpoint):
+    (checkpoint.parent / "ordinary").touch()
+    assert checkpoint.stat().st_mode == (checkpoint.parent / "ordinary").stat().st_mode
+
+
 def test_nothing_but_the_checkpoint_is_left_in_its_folder(checkpoint):
     assert list(checkpoint.parent.iterdir()) == [checkpoint]
 
