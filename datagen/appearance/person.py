@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.random_streams import rounded
-from pix2face.geometry.camera import Camera, HeadPose, head_pose, rotation_of_pose
+from pix2face.geometry.camera import Camera, HeadPose, published_pose, rotation_of_pose
 
 
 @final
@@ -65,7 +65,7 @@ def draw_torso(rng: np.random.Generator) -> Torso:
 
 def head_from_torso(torso: Torso, camera: Camera) -> Float64[ndarray, "3 3"]:
     """The rotation from a body that is aligned with the head to the body as it stands, model frame."""
-    head = head_pose(camera)
+    head = published_pose(camera)  # unlike `head_pose`, this leaves pictures of profiles beyond 90° as they were
     pitch = min(max(torso.nod * head.pitch_deg, -MOST_NOD_DEG), MOST_NOD_DEG)
     yaw = min(max(torso.turn * head.yaw_deg, -MOST_TURN_DEG), MOST_TURN_DEG)
     roll = min(max(torso.tilt * head.roll_deg, -MOST_TILT_DEG), MOST_TILT_DEG)

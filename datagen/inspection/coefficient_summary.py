@@ -18,7 +18,7 @@ from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import FaceCoefficients
 from pix2face.face_files.w300lp import CoefficientFile, read_coefficient_file
 from pix2face.geometry.believable_face import GIVEN, measure_face
-from pix2face.geometry.camera import Camera, HeadPose
+from pix2face.geometry.camera import Camera, HeadPose, unfolded
 
 USUAL_ANGLE_DEG = 99.0
 # Messages are shorter; what another program wrote as a reason may not be.
@@ -83,7 +83,7 @@ def summarise_folder(folder: Path, on_progress: Callable[[int], None]) -> Coeffi
             head = file.pose.head
             angles = np.array([head.pitch_deg, head.yaw_deg, head.roll_deg])
             counter.n += 1
-            counter.add_pose(HeadPose(*((angles + 180) % 360 - 180).tolist()))
+            counter.add_pose(unfolded(HeadPose(*((angles + 180) % 360 - 180).tolist())))
             kinds.update(_kinds(file))
             kinds["unusual angle"] += bool((np.abs(angles) > USUAL_ANGLE_DEG).any())
         on_progress(1)

@@ -17,8 +17,8 @@ from pix2face.geometry.camera import (
     Camera,
     HeadPose,
     WeakPerspective,
-    head_pose,
     nearest_weak_perspective,
+    published_pose,
     rotation_of_pose,
     weak_perspective_camera,
 )
@@ -195,7 +195,7 @@ def pose_of_camera(camera: Camera, image_height_px: int) -> PoseParameters:
     parameters = nearest_weak_perspective(camera)
     tx, ty = parameters.translation_px
     translation = np.array([tx + 0.5, image_height_px - ty + 0.5, 0.0])
-    return PoseParameters(head=head_pose(camera), translation_px=translation, scale=parameters.scale / 1000)
+    return PoseParameters(head=published_pose(camera), translation_px=translation, scale=parameters.scale / 1000)
 
 
 def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:

@@ -156,7 +156,27 @@ def linearised(camera: Camera) -> Camera:
 
 
 def head_pose(camera: Camera) -> HeadPose:
-    """Pitch, yaw and roll of the head in the camera, in the convention of 300W-LP (docs/reference/conventions.md)."""
+    """Pitch, yaw and roll of the head in the camera (docs/reference/conventions.md).
+
+    Pitch is within ±90°. So yaw, within ±180°, says how far a head is turned also beyond a profile.
+    """
+    return unfolded(published_pose(camera))
+
+
+def unfolded(pose: HeadPose) -> HeadPose:
+    """The angles of the same rotation whose pitch is within ±90°: R(p, y, r) = R(p ± 180°, 180° - y, r ± 180°)."""
+    if abs(pose.pitch_deg) <= 90:
+        return pose
+
+    def half_a_turn(angle_deg: float) -> float:
+        return angle_deg - math.copysign(180, angle_deg)
+
+    yaw_deg = math.copysign(180, pose.yaw_deg) - pose.yaw_deg
+    return HeadPose(half_a_turn(pose.pitch_deg), yaw_deg, half_a_turn(pose.roll_deg))
+
+
+def published_pose(camera: Camera) -> HeadPose:
+    """The same angles as files of 300W-LP hold them: yaw is within ±90°, beyond which pitch and roll turn over."""
     # R = Rx Ry Rz of the negated angles; by hand, since the general way takes longer than all else about landmarks.
     r = (FRONTAL @ nearest_weak_perspective(camera).rotation).tolist()
     cos_yaw = math.hypot(r[0][0], r[0][1])

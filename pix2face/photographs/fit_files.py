@@ -37,7 +37,7 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_h
     """
     pose = head_pose(fitted.camera)
     published = pose_of_camera(fitted.camera, image_height_px)
-    angles = np.radians([pose.pitch_deg, pose.yaw_deg, pose.roll_deg])
+    angles = np.radians([published.head.pitch_deg, published.head.yaw_deg, published.head.roll_deg])
     return json.dumps(
         {
             "photograph": photograph,

@@ -5,10 +5,11 @@ import pytest
 
 from datagen.random_streams import generator_for
 from datagen.sampling.faces import SampledView, draw_expression, draw_view, sample_faces
+from datagen.sampling.sampling_config import DEFAULT_GEOMETRY
 from pix2face.errors import UsageError
 from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.face_files.coefficients import FaceCoefficients
-from pix2face.geometry.camera import Camera, head_pose, pinhole_of
+from pix2face.geometry.camera import Camera, head_pose, pinhole_of, published_pose
 from pix2face.geometry.crops import FaceBox
 from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
@@ -65,6 +66,15 @@ def test_poses_and_distances_cover_what_the_module_says(table: FaceCoefficients)
     assert np.percentile(np.abs(yaws), 95) > 60
     assert np.median(np.abs(yaws)) < 35
     assert abs(float(np.mean(yaws))) < 8
+
+
+def test_profiles_have_their_yaw_and_no_pitch_of_their_backs() -> None:
+    cameras = [Camera(matrix) for matrix in sample_faces(builtin_model(), 300, 0, 64, DEFAULT_GEOMETRY).cameras]
+    poses = [head_pose(camera) for camera in cameras]
+    assert max(abs(pose.pitch_deg) for pose in poses) <= 90
+    beyond = [pose for pose in poses if abs(pose.yaw_deg) > 90]
+    assert len(beyond) > 3
+    assert sum(abs(published_pose(camera).pitch_deg) > 90 for camera in cameras) == len(beyond)
 
 
 @pytest.mark.parametrize(

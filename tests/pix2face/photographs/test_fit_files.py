@@ -11,7 +11,15 @@ import pytest
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.face_files.w300lp import PoseParameters, camera_of_pose
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera
+from pix2face.geometry.camera import (
+    Camera,
+    HeadPose,
+    Pinhole,
+    WeakPerspective,
+    pinhole_camera,
+    rotation_of_pose,
+    weak_perspective_camera,
+)
 from pix2face.photographs.fit_files import fit_to_json, read_fit, write_fit
 from tests.pix2face.photographs.seen_faces import HEIGHT_PX, photographed_face
 from tests.synthetic_models import small_head_model
@@ -116,3 +124,14 @@ def test_the_published_pose_leads_back_to_the_camera() -> None:
     head = HeadPose(*np.degrees([pitch, yaw, roll]))
     camera = camera_of_pose(PoseParameters(head=head, translation_px=np.array([tx, ty, tz]), scale=scale), HEIGHT_PX)
     np.testing.assert_allclose(camera.project(fitted().landmarks3d), fitted().landmarks2d, atol=1e-6)
+
+
+def test_beyond_a_profile_each_pose_has_its_own_range() -> None:
+    """``pose_deg`` says how far the head is turned; ``pose_para`` is what tools of 300W-LP compute."""
+    rotation = rotation_of_pose(HeadPose(12, 100, -5))
+    turned = replace(fitted(), camera=weak_perspective_camera(WeakPerspective(1.5, rotation, np.full(2, 90.0))))
+    fields = json.loads(fit_to_json(turned, MODEL, "x.jpg", HEIGHT_PX))
+    stated = [fields["pose_deg"][name] for name in ("pitch", "yaw", "roll")]
+    np.testing.assert_allclose(stated, [12, 100, -5], atol=1e-6)
+    published = np.degrees(fields["pose_para"][:3])
+    np.testing.assert_allclose(published, [-168, 80, 175], atol=1e-6)
