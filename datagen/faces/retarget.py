@@ -22,6 +22,7 @@ from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejec
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.w300lp import CoefficientFile, camera_of_pose, read_coefficient_file, read_landmark_file
 from pix2face.files.images import read_size_px
+from pix2face.files.opening import is_regular
 from pix2face.fitting.from_landmarks import LandmarkFit, LandmarkModel, fit_landmarks
 from pix2face.geometry.camera import Camera, WeakPerspective, nearest_weak_perspective, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel
@@ -81,7 +82,7 @@ class Retargeter:
         return fit_landmarks(self._model, file.landmarks2d)
 
     def _fit_copy(self, file: CoefficientFile, sibling: Path, image_height_px: int) -> Geometry:
-        if not sibling.is_file():
+        if not is_regular(sibling):
             raise InputFileError(
                 f"its pt2d belongs to the source photograph, and neither a landmarks folder nor {sibling.name} is there"
             )
@@ -115,7 +116,7 @@ class Retargeter:
         name = f"{path.stem}_pts.mat"
         for root in path.parents:
             candidate = root / "landmarks" / path.parent.relative_to(root) / name
-            if candidate.is_file():
+            if is_regular(candidate):
                 return candidate
             if root == self._folder.parent:
                 break

@@ -6,7 +6,6 @@ so that model is fitted to the landmarks of each file instead (retargeting).
 
 import hashlib
 import json
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import Face, FaceCoefficients, load_coefficients
 from pix2face.face_files.w300lp import N_LIGHTING, camera_of_pose, check_picture_height, read_coefficient_file
 from pix2face.files.images import read_size_px
+from pix2face.files.opening import walk_files
 from pix2face.geometry.believable_face import GIVEN, PROJECTED
 from pix2face.model_formats.bfm2009 import standard_deviations_of_300wlp
 from pix2face.models.morphable_model import MorphableModel
@@ -222,8 +222,5 @@ def is_text(name: str) -> bool:
 
 def coefficient_paths(folder: Path) -> list[Path]:
     """All .mat files except landmark files, sorted. Links to folders are not followed, since they may form loops."""
-    paths = []
-    for root, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if name != LANDMARK_FOLDER)
-        paths += [Path(root) / name for name in names if name.endswith(".mat") and not name.endswith("_pts.mat")]
-    return sorted(paths)
+    paths = walk_files(folder, (".mat",), left_out=(LANDMARK_FOLDER,))
+    return sorted(path for path in paths if not path.name.lower().endswith("_pts.mat"))

@@ -22,10 +22,12 @@ from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.point_checks import check_points
 from pix2face.face_files.w300lp import check_picture_height, read_aflw21_landmarks, read_coefficient_file
 from pix2face.files.images import IMAGE_SUFFIXES, read_orientation, read_size_px
+from pix2face.files.opening import is_regular, read_regular, walk_files
 from pix2face.geometry.landmarks import IBUG68, INNER51, N_IBUG68, SCHEMES, mark_missing, read_pts
 
 # The lists of 300-W for dlib hold 7,764 faces in 23 MB.
-LARGEST_XML_BYTES = 512 << 20
+LARGEST_XML_BYTES = 128 << 20
+MOST_BOXES, LONGEST_PATH, LONGEST_SHOWN = 500_000, 4096, 80
 INNER51_SCHEME, AFLW21_SCHEME = "inner51", "aflw21"
 IN_MAT_FILES, IN_LISTS = (IBUG68, INNER51_SCHEME, AFLW21_SCHEME), (IBUG68, INNER51_SCHEME)
 # 300-VW keeps points and frames in sister folders.
@@ -93,14 +95,11 @@ def read_dlib_xml(path: Path) -> list[tuple[str, Float64[ndarray, "_ 2"] | Input
     parser = expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = faces.start, faces.end
     parser.EntityDeclHandler = faces.refuse_entity
+    content = read_regular(path, "a list of faces in dlib's XML", LARGEST_XML_BYTES)
     try:
-        if path.stat().st_size > LARGEST_XML_BYTES:
-            raise InputFileError(f"{path}: expected at most {LARGEST_XML_BYTES >> 20} MB")
-        with path.open("rb") as file:
-            parser.ParseFile(file)
-    except OSError as error:
-        raise InputFileError(f"{path}: expected a list of faces, cannot read it: {error.strerror}") from error
-    except (expat.ExpatError, ValueError, KeyError) as error:
+        # At once: parts of a long attribute would be looked through again with each part that is added.
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError, LookupError, TypeError) as error:  # the last two: of the encoding
         raise InputFileError(
             f"{path}: expected a list of faces in dlib's XML, found something else ({type(error).__name__}: {error})"
         ) from error
@@ -119,23 +118,20 @@ def picture_beside(path: Path) -> Path:
     for folder in folders:
         for suffix in IMAGE_SUFFIXES:
             for candidate in (folder / f"{path.stem}{suffix}", folder / f"{path.stem}{suffix.upper()}"):
-                if candidate.is_file():
+                if is_regular(candidate):
                     return candidate
     raise InputFileError(f"{path}: expected its picture {path.with_suffix('.jpg').name} beside it, found none")
 
 
 def _annotations(folder: Path, scheme: str) -> Iterator[Annotation]:
-    for root, folders, names in os.walk(folder):
-        folders.sort()
-        for name in sorted(names):
-            path = Path(root) / name
-            stem = path.relative_to(folder).with_suffix("").as_posix()
-            if path.suffix == ".pts":
-                yield Annotation(stem, partial(_load_pts, path, scheme), path)
-            elif path.suffix == ".mat" and not name.endswith("_pts.mat") and scheme in IN_MAT_FILES:
-                yield Annotation(stem, partial(_load_mat, path, scheme), path)
-            elif path.suffix == ".xml" and scheme in IN_LISTS:
-                yield from _annotations_of_xml(path, folder, scheme)
+    for path in walk_files(folder, (".pts", ".mat", ".xml")):
+        stem, suffix = path.relative_to(folder).with_suffix("").as_posix(), path.suffix.lower()
+        if suffix == ".pts":
+            yield Annotation(stem, partial(_load_pts, path, scheme), path)
+        elif suffix == ".mat" and not path.name.lower().endswith("_pts.mat") and scheme in IN_MAT_FILES:
+            yield Annotation(stem, partial(_load_mat, path, scheme), path)
+        elif suffix == ".xml" and scheme in IN_LISTS:
+            yield from _annotations_of_xml(path, folder, scheme)
 
 
 def _annotations_of_xml(path: Path, folder: Path, scheme: str) -> Iterator[Annotation]:
@@ -204,7 +200,7 @@ def _load_mat(path: Path, scheme: str) -> AnnotatedFace:
 def _load_box(path: Path, image_path: Path, points: ndarray | InputFileError, scheme: str) -> AnnotatedFace:
     if isinstance(points, InputFileError):
         raise points
-    if not image_path.is_file():
+    if not is_regular(image_path):
         raise InputFileError(f"{path}: expected the picture {image_path}, found none")
     return AnnotatedFace(image_path=image_path, landmarks2d=points if scheme == IBUG68 else points[list(INNER51)])
 
@@ -225,6 +221,8 @@ class _FacesOfXml:
         self._depth += 1
         if name == "image":
             self._image = attributes["file"]
+            if len(self._image) > LONGEST_PATH:  # no file has such a name; the end of it does not help either
+                self._image = f"{self._image[:LONGEST_SHOWN]}..."
         elif name == "box" and attributes.get("ignore", "0") != "1":
             self._parts = {}
         elif name == "part" and self._parts is not None:
@@ -233,6 +231,8 @@ class _FacesOfXml:
     def end(self, name: str) -> None:
         self._depth -= 1
         if name == "box" and self._parts is not None:
+            if len(self.found) >= MOST_BOXES:
+                raise ValueError(f"it has more than {MOST_BOXES} boxes")
             self.found.append((self._image, self._points(self._parts)))
             self._parts = None
 
@@ -242,7 +242,7 @@ class _FacesOfXml:
     def _points(self, parts: dict[str, tuple[float, float]]) -> Float64[ndarray, "_ 2"] | InputFileError:
         unknown = [name for name in parts if not (name.isdecimal() and int(name) < N_IBUG68)]
         if unknown or len(parts) < N_IBUG68 // 2:
-            found = f"{len(parts)} parts" + (f", one named {unknown[0]!r}" if unknown else "")
+            found = f"{len(parts)} parts" + (f", one named {unknown[0][:LONGEST_SHOWN]!r}" if unknown else "")
             return InputFileError(
                 f"{self._path}: expected {N_IBUG68} parts, named 00 to 67, in a box of {self._image}, found {found}"
             )

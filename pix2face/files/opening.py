@@ -9,7 +9,7 @@ import errno
 import io
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from pix2face.errors import InputFileError
@@ -37,6 +37,24 @@ def is_folder(path: Path) -> bool:
         return path.is_dir()
     except OSError:
         return False
+
+
+def walk_files(folder: Path, suffixes: tuple[str, ...], left_out: Collection[str] = ()) -> Iterator[Path]:
+    """What lies below a folder under names that end in some suffixes, in lower case or not.
+
+    A folder of such a name comes, too, so that whoever reads it says that it is no file. The ``._*`` files that macOS
+    writes beside others are left out, and links to folders are not followed, since they may form loops.
+
+    Args:
+        folder: Where to look, with subfolders.
+        suffixes: In lower case.
+        left_out: Names of subfolders in which nothing is looked for.
+    """
+    for root, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if name not in left_out)
+        for name in sorted([*folders, *names]):
+            if name.lower().endswith(suffixes) and not name.startswith("._"):
+                yield Path(root) / name
 
 
 def check_regular(path: Path, expected: str, largest_bytes: int) -> int:

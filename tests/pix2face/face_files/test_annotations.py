@@ -2,6 +2,7 @@
 
 import contextlib
 from pathlib import Path
+from time import process_time
 
 import cv2
 import numpy as np
@@ -162,3 +163,43 @@ def test_nothing_to_find_is_said(tmp_path: Path) -> None:
         find_annotations(tmp_path / "nothing")
     with pytest.raises(UsageError, match=r"\.pts beside the picture, \.mat with pt3d_68"):
         find_annotations(tmp_path)
+
+
+def test_names_in_any_case_are_found_and_folders_and_notes_of_macos_are_none(tmp_path: Path) -> None:
+    write_pts(tmp_path / "upper.PTS")
+    write_picture(tmp_path / "upper.JPG")
+    write_pts(tmp_path / "._upper.pts")
+    (tmp_path / "folder.pts").mkdir()
+    (tmp_path / "folder.MAT").mkdir()
+    write_pts(tmp_path / "folder.pts" / "inner.pts")
+    write_picture(tmp_path / "folder.pts" / "inner.png")
+    faces = load_all(tmp_path)
+    assert list(faces) == ["folder", "folder#2", "folder.pts/inner", "upper"]
+    assert isinstance(faces["upper"], AnnotatedFace)
+    assert isinstance(faces["folder.pts/inner"], AnnotatedFace)
+    for name in ("folder", "folder#2"):
+        assert "found a folder; name a file in it" in str(faces[name])
+
+
+def test_a_name_that_no_file_can_have_is_one_entry(tmp_path: Path) -> None:
+    write_picture(tmp_path / "good.jpg")
+    write_xml(tmp_path / "list.xml", {"x" * 300 + ".jpg": box(), "good.jpg": box(), "y" * 10**6: box()})
+    faces = load_all(tmp_path)
+    assert [isinstance(face, AnnotatedFace) for face in faces.values()] == [True, False, False]
+    assert all(len(f"{name}{face}") < 1000 for name, face in faces.items() if isinstance(face, str))
+
+
+@pytest.mark.parametrize("encoding", ["rot13", "utf-7", "zlib", "no-such", "idna"])
+def test_an_encoding_that_is_none_of_text_is_refused(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "a.xml").write_text(f"<?xml version='1.0' encoding='{encoding}'?><dataset></dataset>")
+    with pytest.raises(InputFileError, match=r"a\.xml: expected a list of faces in dlib's XML, found something else"):
+        read_dlib_xml(tmp_path / "a.xml")
+
+
+def test_a_long_attribute_is_read_in_a_moment(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(f"<dataset><image file='{'x' * 60_000_000}'><box/></image></dataset>")
+    start = process_time()
+    ((name, found),) = read_dlib_xml(tmp_path / "a.xml")
+    assert process_time() - start < 2
+    assert name == "x" * 80 + "..."
+    assert isinstance(found, InputFileError)
