@@ -11,6 +11,16 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
+def signals_blocked() -> Iterator[None]:
+    """Starts processes that no signal of this kind ever reaches: they inherit what is blocked while the block runs."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def first_signal(ask: Callable[[int], None]) -> Iterator[None]:
     """While the block runs, the first signal asks.
 

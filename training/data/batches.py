@@ -7,6 +7,7 @@ transposed on the way.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from mmap import mmap
 from typing import final
 
 import torch
@@ -17,6 +18,8 @@ from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from training.data.decoded_sample import DecodedSample
 
 LARGEST_BYTE = 255
+# Three planes each of a picture (bytes), PNCC and offset (two bytes), and the mask.
+_BYTES_A_PIXEL = 3 + 6 + 6 + 1
 
 
 @final
@@ -67,18 +70,35 @@ def target_planes(batch: Batch, pncc_scale_mm: float, offset_scale_mm: float) ->
     return planes.div_((scales_mm * FIXED_POINT_STEPS_PER_MM)[:, None, None])
 
 
-def empty_batch(n_samples: int, size_px: int, *, has_seen: bool) -> Batch:
-    """A batch full of 0, channels last in memory."""
+def batch_bytes(n_samples: int, size_px: int, *, has_seen: bool) -> int:
+    """The memory that a batch takes."""
+    return n_samples * size_px**2 * (_BYTES_A_PIXEL + has_seen)
 
-    def planes(dtype: torch.dtype) -> Tensor:
-        return torch.zeros(n_samples, size_px, size_px, 3, dtype=dtype).permute(0, 3, 1, 2)
+
+def empty_batch(n_samples: int, size_px: int, *, has_seen: bool, memory: mmap | None = None) -> Batch:
+    """A batch full of 0, channels last in memory.
+
+    Args:
+        n_samples: At least 1.
+        size_px: Side of the pictures.
+        has_seen: Whether it has ``seen``.
+        memory: Where it lies, of ``batch_bytes``, which may hold another batch already; None takes new memory.
+    """
+    n_bytes = batch_bytes(n_samples, size_px, has_seen=has_seen)
+    content = torch.zeros(n_bytes, dtype=torch.uint8) if memory is None else torch.frombuffer(memory, dtype=torch.uint8)
+    pixels = n_samples * size_px**2
+    sizes = [6 * pixels, 6 * pixels, 3 * pixels, pixels, has_seen * pixels]
+    pncc, offset, image, mask, seen = torch.split_with_sizes(content, sizes)
+
+    def planes(values: Tensor) -> Tensor:
+        return values.view(n_samples, size_px, size_px, 3).permute(0, 3, 1, 2)
 
     return Batch(
-        image=planes(torch.uint8),
-        pncc=planes(torch.int16),
-        offset=planes(torch.int16),
-        mask=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8),
-        seen=torch.zeros(n_samples, size_px, size_px, dtype=torch.uint8) if has_seen else None,
+        image=planes(image),
+        pncc=planes(pncc.view(torch.int16)),
+        offset=planes(offset.view(torch.int16)),
+        mask=mask.view(n_samples, size_px, size_px),
+        seen=seen.view(n_samples, size_px, size_px) if has_seen else None,
     )
 
 

@@ -5,10 +5,10 @@ a training was interrupted.
 """
 
 from collections.abc import Sequence
+from mmap import mmap
 from typing import final
 
 import numpy as np
-from torch.utils.data import Dataset
 
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.geometry.crops import FaceBox
@@ -24,36 +24,45 @@ from training.recipe.recipe import Recipe
 
 
 @final
-class DrawDataset(Dataset[Batch]):
+class DrawDataset:
     """Numbered draws from shards, a batch at a time. The cache keeps decoded samples for this process and others."""
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
         self._recipe = recipe
+        self.size_px, self.has_seen = recipe.size_px, shards.knows_seen
         self._order = DrawOrder(shards.sets, recipe.seed)
         self._samples = SampleStore(shards, recipe, cache)
-        self._has_seen = shards.knows_seen
-        self._n_samples = len(shards)
-
-    def __len__(self) -> int:
-        return self._n_samples
 
     def __getitem__(self, draw: int) -> Batch:
         """One draw, as a batch of one."""
-        return self.__getitems__([draw])
+        return self.batch([draw])
 
-    def __getitems__(self, draws: Sequence[int]) -> Batch:
+    def batch(self, draws: Sequence[int]) -> Batch:
         """Some draws, by their numbers from 0 without end.
 
         Raises:
             InputFileError: A sample is damaged.
             UsageError: A picture is too small to be cut from.
         """
-        batch = empty_batch(len(draws), self._recipe.size_px, has_seen=self._has_seen)
-        for place, draw in enumerate(draws):
-            self._fill(batch_row(batch, place), draw)
+        batch = self.empty_batch(len(draws))
+        self.fill(batch, draws)
         return batch
 
-    def _fill(self, row: DecodedSample, draw: int) -> None:
+    def empty_batch(self, n_samples: int, memory: mmap | None = None) -> Batch:
+        """A batch for ``fill`` (see `batches.empty_batch`)."""
+        return empty_batch(n_samples, self.size_px, has_seen=self.has_seen, memory=memory)
+
+    def fill(self, batch: Batch, draws: Sequence[int]) -> None:
+        """Fills a batch, which is full of 0 and has a row for each draw.
+
+        Raises:
+            InputFileError: A sample is damaged.
+            UsageError: A picture is too small to be cut from.
+        """
+        for place, draw in enumerate(draws):
+            self._fill_row(batch_row(batch, place), draw)
+
+    def _fill_row(self, row: DecodedSample, draw: int) -> None:
         recipe = self._recipe
         sample = self._samples.get(self._order.sample_of(draw))
         rng = np.random.default_rng([JITTER_STREAM, recipe.seed, draw])

@@ -7,7 +7,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
-from torch.utils.data import Sampler
 
 from pix2face.errors import UsageError
 from training.data.shard_index import SampleSet
@@ -58,8 +57,8 @@ class DrawOrder:
 
 
 @final
-class DrawBatches(Sampler[list[int]]):
-    """The part of one machine in batches of consecutive draws; ``plan`` says which batches come next.
+class DrawBatches:
+    """The part of one machine in batches of consecutive draws.
 
     Args:
         batch_size: Draws of a batch, over all machines.
@@ -77,19 +76,12 @@ class DrawBatches(Sampler[list[int]]):
                 f"multiple of {n_ranks}"
             )
         self._batch_size, self._rank, self._n_ranks = batch_size, rank, n_ranks
-        self.plan(0, 0)
 
-    def plan(self, first_draw: int, n_batches: int) -> None:
-        """Lets the next iteration give this number of batches, from a draw on."""
-        self._first_draw, self._n_batches = first_draw, n_batches
-
-    def __len__(self) -> int:
-        return self._n_batches
-
-    def __iter__(self) -> Iterator[list[int]]:
+    def plan(self, first_draw: int, n_batches: int) -> Iterator[list[int]]:
+        """The draws of each of this number of batches, from a draw of the whole training on."""
         own = self._batch_size // self._n_ranks
-        for batch in range(self._n_batches):
-            first = self._first_draw + batch * self._batch_size + self._rank * own
+        for batch in range(n_batches):
+            first = first_draw + batch * self._batch_size + self._rank * own
             yield list(range(first, first + own))
 
 

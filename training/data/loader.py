@@ -1,23 +1,18 @@
-"""Batches in time: worker processes that load ahead, and a clock that says how long the trainer waited for them."""
+"""Batches in time: loaded ahead by processes, with a clock that says how long the trainer waited for them."""
 
-import signal
 import time
-from collections.abc import Iterator
-from typing import Any, final
+from collections.abc import Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from typing import final
 
-import cv2
-from torch.utils.data import DataLoader
-
-from pix2face.errors import Pix2FaceError
 from training.data.batches import Batch
 from training.data.dataset import DrawDataset
 from training.data.draw_order import DrawBatches
+from training.data.loading_processes import LoadingProcesses
 from training.data.shard_index import ShardIndex
 from training.data.shared_cache import SharedCache
 from training.recipe.recipe import Recipe
-
-# Batches that each worker has ready or in work: enough to bridge the writing of a checkpoint.
-PREFETCHED = 4
 
 
 @final
@@ -54,48 +49,47 @@ class BatchLoader:
         self.wait_seconds = 0.0
         self._draws = DrawBatches(recipe.batch_size, rank, n_ranks)
         cache = SharedCache(len(shards.shard), cache_bytes) if cache_bytes else None
-        self._loader: DataLoader[Batch] = DataLoader(
-            DrawDataset(shards, recipe, cache),
-            batch_sampler=self._draws,
-            num_workers=workers,
-            collate_fn=_as_it_is,  # the data set makes whole batches
-            persistent_workers=workers > 0,
-            prefetch_factor=PREFETCHED if workers else None,
-            # Forking a process with threads may hang it.
-            multiprocessing_context="spawn" if workers else None,
-            worker_init_fn=_prepare_worker,
-            pin_memory=pin_memory,
-        )
+        self._dataset = DrawDataset(shards, recipe, cache)
+        self._workers, self._pin_memory = workers, pin_memory
 
-    def batches(self, first_draw: int, n_batches: int) -> Iterator[Batch]:
+    def batches(self, first_draw: int, n_batches: int) -> Generator[Batch, None, None]:
         """Some batches, from a draw on. Ask for all that are left of a training: workers then never run dry.
+
+        Close what it returns (``contextlib.closing``) to end the workers before all batches were taken.
 
         Raises:
             InputFileError: A sample is damaged.
+            Pix2FaceError: A worker died.
         """
-        self._draws.plan(first_draw, n_batches)
-        try:
+        with closing(self._loaded(first_draw, n_batches)) as loaded:
+            batches = _pinned(loaded) if self._pin_memory else loaded
             began = time.perf_counter()
-            for batch in self._loader:
+            for batch in batches:
                 self.wait_seconds += time.perf_counter() - began
                 yield batch
                 began = time.perf_counter()
-        except Pix2FaceError as error:
-            # Where a worker wrapped its traceback around it, the error becomes one line again.
-            last_line = str(error).strip().splitlines()[-1]
-            raise type(error)(last_line.removeprefix(f"{type(error).__module__}.{type(error).__name__}: ")) from error
+
+    def _loaded(self, first_draw: int, n_batches: int) -> Generator[Batch, None, None]:
+        draws = self._draws.plan(first_draw, n_batches)
+        if not self._workers or not n_batches:
+            yield from map(self._dataset.batch, draws)
+            return
+        processes = LoadingProcesses(self._dataset, self._workers)
+        try:
+            yield from processes.batches(draws)
+        finally:
+            processes.end()
 
 
-def _as_it_is(batch: Any) -> Any:
-    return batch
+def _pinned(batches: Iterator[Batch]) -> Iterator[Batch]:
+    """Copies each batch to pinned memory in a thread, while the batch before is in use."""
 
+    def following() -> Batch | None:
+        batch = next(batches, None)
+        return None if batch is None else batch.pin_memory()
 
-def _prepare_worker(worker: int) -> None:
-    """Makes a worker process a quiet one.
-
-    Workers run side by side; OpenCV's threads in each of them would only be in each other's way. Signals to the whole
-    group of processes are the trainer's to obey: it still wants a batch for the step under way, and ends the workers.
-    """
-    cv2.setNumThreads(1)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
+    with ThreadPoolExecutor(1) as thread:
+        coming = thread.submit(following)
+        while (batch := coming.result()) is not None:
+            coming = thread.submit(following)
+            yield batch

@@ -6,9 +6,9 @@ Nothing is ever evicted: training passes over all samples ask for each equally o
 import mmap
 import os
 import tempfile
-from multiprocessing import get_context
+from multiprocessing.context import assert_spawning
 from multiprocessing.reduction import DupFd
-from multiprocessing.synchronize import Lock
+from types import TracebackType
 from typing import Any, final
 
 import numpy as np
@@ -28,9 +28,10 @@ class SharedCache:
 
     def __init__(self, n_places: int, budget_bytes: int) -> None:
         table_bytes = _WORD * (2 * n_places + 1)
-        self._open(_anonymous_file(table_bytes + budget_bytes), n_places, budget_bytes, get_context("spawn").Lock())
+        self._open(anonymous_file(table_bytes + budget_bytes), n_places, budget_bytes, _PipeLock(*os.pipe()))
 
     def __getstate__(self) -> dict[str, Any]:
+        assert_spawning(self)
         sizes = self._n_places, self._budget_bytes
         return {"descriptor": DupFd(self._descriptor), "sizes": sizes, "lock": self._lock}
 
@@ -60,7 +61,7 @@ class SharedCache:
         with self._lock:
             self._table[place, 0] = start + 1
 
-    def _open(self, descriptor: int, n_places: int, budget_bytes: int, lock: Lock) -> None:
+    def _open(self, descriptor: int, n_places: int, budget_bytes: int, lock: "_PipeLock") -> None:
         self._descriptor, self._n_places, self._budget_bytes, self._lock = descriptor, n_places, budget_bytes, lock
         memory = memoryview(mmap.mmap(descriptor, 0))
         words = np.frombuffer(memory, np.int64, 2 * n_places + 1)
@@ -68,7 +69,42 @@ class SharedCache:
         self._pieces = memory[words.nbytes :]
 
 
-def _anonymous_file(n_bytes: int) -> int:
+@final
+class _PipeLock:
+    """A lock between processes that needs neither ``/dev/shm`` nor locks of a file system: a byte in a pipe.
+
+    Args:
+        reading: The pipe's end to read from.
+        writing: The other end.
+    """
+
+    def __init__(self, reading: int, writing: int) -> None:
+        self._reading, self._writing = reading, writing
+        self.__exit__()
+
+    def __getstate__(self) -> tuple[Any, Any]:
+        return DupFd(self._reading), DupFd(self._writing)
+
+    def __setstate__(self, state: tuple[Any, Any]) -> None:
+        self._reading, self._writing = (end.detach() for end in state)
+
+    def __enter__(self) -> None:
+        os.read(self._reading, 1)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None = None,
+        error: BaseException | None = None,
+        trace: TracebackType | None = None,
+    ) -> None:
+        os.write(self._writing, b".")
+
+    def __del__(self) -> None:
+        os.close(self._reading)
+        os.close(self._writing)
+
+
+def anonymous_file(n_bytes: int) -> int:
     """The descriptor of a file without a name, full of 0, that takes no memory before it is written to.
 
     It is not in /dev/shm, whose size containers limit: writing beyond the limit ends a process without a message.

@@ -7,6 +7,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -146,27 +147,29 @@ class _Training:
         n_left = recipe.steps - self._learner.steps_done
         # Those beyond the last step are for the norms.
         n_beyond = recipe.norm_batches if n_left and self._learner.has_batch_norms else 0
-        batches = loader.batches(self._samples, n_left + n_beyond)
-        for batch in itertools.islice(batches, n_left):
-            report = self._step(batch, loader.wait_seconds)
-            observers.on_step(report)
-            is_end = report.step == recipe.epoch_steps
-            if n_beyond and self._learner.steps_done == recipe.steps:
-                self._learner.measure_norms(batches)
-            if self._log:
-                if is_end:
-                    self._log.flush()
-                if validator and validator.is_due(report.samples, report.images, is_end=is_end):
-                    self._validate(validator, report, observers)
-            if is_end or time.monotonic() - self._state_written >= 60 * self._surroundings.state_minutes:
-                self._save()
-            if self._is_asked_to_stop(observers):
-                self._save()
-                self._surroundings.processes.wait_for_all()
-                raise TrainingStopped(f"stopped after {report.samples} samples; the same command goes on from there")
-        for _ in batches:  # the loader's workers end as they do after any whole iteration
-            pass
+        with closing(loader.batches(self._samples, n_left + n_beyond)) as batches:
+            for batch in itertools.islice(batches, n_left):
+                report = self._step(batch, loader.wait_seconds)
+                observers.on_step(report)
+                if n_beyond and self._learner.steps_done == recipe.steps:
+                    self._learner.measure_norms(batches)
+                self._record(report, validator, observers)
         self._surroundings.processes.wait_for_all()
+
+    def _record(self, report: StepReport, validator: Validator | None, observers: Observers) -> None:
+        """Validates, writes and stops where that is due after a step."""
+        is_end = report.step == self._recipe.epoch_steps
+        if self._log:
+            if is_end:
+                self._log.flush()
+            if validator and validator.is_due(report.samples, report.images, is_end=is_end):
+                self._validate(validator, report, observers)
+        if is_end or time.monotonic() - self._state_written >= 60 * self._surroundings.state_minutes:
+            self._save()
+        if self._is_asked_to_stop(observers):
+            self._save()
+            self._surroundings.processes.wait_for_all()
+            raise TrainingStopped(f"stopped after {report.samples} samples; the same command goes on from there")
 
     def _step(self, batch: Batch, waited_seconds: float) -> StepReport:
         epoch, step = divmod(self._learner.steps_done, self._recipe.epoch_steps)

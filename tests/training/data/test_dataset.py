@@ -45,7 +45,7 @@ def test_a_draw_is_the_same_whoever_computes_it(shards, cropping):
     dataset, other = DrawDataset(shards, recipe), DrawDataset(shards, recipe, SharedCache(5, 10**7))
     for draw in (7, 0, 3, 7):
         assert_same(dataset[draw], other[draw])
-    together = other.__getitems__([7, 0, 3])
+    together = other.batch([7, 0, 3])
     assert_same(together.rows(1, 2), dataset[0])
     assert len(together) == 3
 
@@ -153,7 +153,7 @@ def test_values_are_in_the_networks_range(shards):
 
 
 def test_batches_are_channels_last_in_memory(shards):
-    batch = DrawDataset(shards, RECIPE).__getitems__([0, 1])
+    batch = DrawDataset(shards, RECIPE).batch([0, 1])
     for planes in (batch.image, batch.pncc, network_input(batch), target_planes(batch, 1.0, 1.0)):
         assert planes.is_contiguous(memory_format=torch.channels_last)
 

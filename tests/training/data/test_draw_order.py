@@ -56,18 +56,16 @@ def test_weights_do_not_pair_samples_with_places_in_a_batch():
 
 
 def test_batches_are_consecutive_draws():
-    draws = DrawBatches(4)
-    assert list(draws) == []
-    draws.plan(8, 3)
-    assert list(draws) == [[8, 9, 10, 11], [12, 13, 14, 15], [16, 17, 18, 19]]
-    assert len(draws) == 3
+    batches = DrawBatches(4)
+    assert list(batches.plan(8, 0)) == []
+    draws = list(batches.plan(8, 3))
+    assert draws == [[8, 9, 10, 11], [12, 13, 14, 15], [16, 17, 18, 19]]
     assert all(b[0] == a[-1] + 1 for a, b in pairwise(draws))
 
 
 @pytest.mark.parametrize("n_ranks", [1, 2, 4])
 def test_machines_divide_each_batch(n_ranks):
-    whole, parts = DrawBatches(8), [DrawBatches(8, rank, n_ranks) for rank in range(n_ranks)]
-    for draws in (whole, *parts):
-        draws.plan(16, 5)
+    machines = [DrawBatches(8, rank, n_ranks) for rank in range(n_ranks)]
+    whole, *parts = (batches.plan(16, 5) for batches in (DrawBatches(8), *machines))
     for batch, *own in zip(whole, *parts, strict=True):
         assert list(chain.from_iterable(own)) == batch
