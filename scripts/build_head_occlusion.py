@@ -21,6 +21,7 @@ from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
 from pix2face.geometry.camera import WeakPerspective, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.models.rasterise import SURFACE_DEPTH
 
 TARGET = Path(__file__).parents[1] / "datagen" / "assets" / "head_occlusion.h5"
 MAP_PX, N_DIRECTIONS = 512, 384
@@ -83,7 +84,7 @@ def _is_seen(
     scale = 0.47 * MAP_PX / float(np.linalg.norm(vertices - centre, axis=1).max())
     middle = np.full(2, MAP_PX / 2) - scale * (rotation @ centre)[:2]
     camera = weak_perspective_camera(WeakPerspective(scale, rotation, middle))
-    depth = renderer.render(vertices, camera).surface_depth
+    depth = renderer.render(vertices, camera)[SURFACE_DEPTH]
     column, row = np.clip(np.floor(camera.project(raised)), 0, MAP_PX - 1).astype(int).T
     return camera.depth(raised) <= depth[row, column] + BIAS_MM
 

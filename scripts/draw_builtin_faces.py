@@ -19,6 +19,7 @@ from datagen.sampling.faces import draw_expression
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel, open_model
+from pix2face.models.rasterise import SURFACE_DEPTH
 
 VIEWS = (HeadPose(0, 0, 0), HeadPose(0, 40, 0), HeadPose(0, 85, 0))
 TILE_PX, PX_PER_MM = 170, 0.6
@@ -57,7 +58,7 @@ def draw_face(renderer: Renderer, model: MorphableModel, index: int, with_expres
         camera = weak_perspective_camera(pose_camera)
         tile = renderer.render_image(vertices, camera, appearance, background)
         landmarks = model.landmarks[IBUG68]
-        visible = visible_landmarks(vertices, landmarks, camera, renderer.render(vertices, camera))
+        visible = visible_landmarks(vertices, landmarks, camera, renderer.render(vertices, camera)[SURFACE_DEPTH])
         for (x, y), seen in zip(camera.project(vertices[landmarks]), visible, strict=True):
             tile[int(y), int(x)] = (40, 255, 40) if seen else (255, 60, 60)
         tiles.append(tile)

@@ -33,7 +33,7 @@ from datagen.sampling.faces import sample_faces
 from pix2face.errors import Pix2FaceError
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import builtin_model
-from pix2face.models.rasterise import RenderedMaps, render_maps
+from pix2face.models.rasterise import render_maps
 
 SIZE_PX, N_FACES, SEED = 128, 4, 7
 SECONDS_AT_MOST = 300
@@ -157,8 +157,8 @@ def check_rendering(gl: GLContext, rasteriser: Rasteriser) -> RenderCheck:
                 start = time.perf_counter()
                 found = renderer.render(vertices, camera)
                 seconds.append(time.perf_counter() - start)
-            mask_px += int(expected.mask.sum())
-            mask_differs_px += int((found.mask != expected.mask).sum())
+            mask_px += int(expected["mask"].sum())
+            mask_differs_px += int((found["mask"] != expected["mask"]).sum())
             errors_mm.append(_errors_mm(found, expected))
     except Pix2FaceError as error:
         return RenderCheck(rasteriser, str(error))
@@ -168,8 +168,8 @@ def check_rendering(gl: GLContext, rasteriser: Rasteriser) -> RenderCheck:
     return RenderCheck(rasteriser, "", mask_px, mask_differs_px, off, worst, 1000 * min(seconds))
 
 
-def _errors_mm(found: RenderedMaps, expected: RenderedMaps) -> np.ndarray:
+def _errors_mm(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> np.ndarray:
     """The largest difference of PNCC, offset and depth at each pixel that is face to both, mm."""
-    both = found.mask & expected.mask
-    maps = [np.abs(getattr(found, name) - getattr(expected, name))[both].max(axis=-1) for name in ("pncc", "offset")]
-    return np.asarray(np.max([*maps, np.abs(found.depth - expected.depth)[both]], axis=0))
+    both = found["mask"] & expected["mask"]
+    apart = [np.abs(found[name] - expected[name])[both] for name in ("pncc", "offset", "depth")]
+    return np.column_stack(apart).max(axis=1)

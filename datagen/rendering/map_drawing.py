@@ -15,7 +15,7 @@ from datagen.rendering.gl_mesh import SIZES_KEPT, TEXTURE_UNITS, GLMesh, list_te
 from datagen.rendering.screen_projection import ScreenProjection
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.rasterise import RenderedMaps
+from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS, Attribute
 
 
@@ -52,7 +52,7 @@ class MapDrawer:
         self._corners: dict[str, moderngl.Texture] = {}
         self._values: dict[str, moderngl.Texture] = {}
 
-    def draw(self, projection: ScreenProjection, height: int, width: int, with_regions: bool) -> RenderedMaps:
+    def draw(self, projection: ScreenProjection, height: int, width: int, with_regions: bool) -> dict[str, ndarray]:
         """Draws the maps that every rendering has, after the rasteriser has seen the projection."""
         left, top, right, bottom = projection.box_px
         inside = slice(top, bottom), slice(left, right)
@@ -77,7 +77,8 @@ class MapDrawer:
             np.bitwise_and(distance.view(np.int32), -mask[inside].astype(np.int32), out=depth.view(np.int32)[inside])
             if with_regions:
                 regions[inside] = np.abs(region)
-        return RenderedMaps(pncc, offset, mask, depth, surface_depth, {REGIONS: regions} if with_regions else {})
+        drawn = {"pncc": pncc, "offset": offset, "mask": mask, "depth": depth, SURFACE_DEPTH: surface_depth}
+        return drawn | {REGIONS: regions} if with_regions else drawn
 
     def attribute(
         self,

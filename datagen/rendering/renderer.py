@@ -6,7 +6,6 @@ One of two rasterisers finds the triangle that each pixel sees; one pass makes e
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
 from functools import cache
 from typing import final
 
@@ -25,7 +24,7 @@ from datagen.rendering.screen_projection import project_to_screen
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.rasterise import RenderedMaps
+from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
 # A landmark is a point of the surface, but the depth at its pixel is taken up to 0.7 px beside it, where a slanting
@@ -67,13 +66,16 @@ class Renderer:
         other._set_size(height, width)
         return other
 
-    def render(self, vertices: Float32[ndarray, "v 3"], camera: Camera, layers: Sequence[str] = ()) -> RenderedMaps:
+    def render(self, vertices: Float32[ndarray, "v 3"], camera: Camera, layers: Sequence[str] = ()) -> dict[str, ndarray]:
         """Renders PNCC, offset, mask, depth and what is asked for of one face.
 
         Args:
             vertices: This face, mm, model frame, not posed.
             camera: From the model frame to this image.
             layers: Further ones, of ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
+
+        Returns:
+            As ``pix2face.models.rasterise.render_maps``.
 
         Raises:
             DegenerateGeometryError: The camera flattens space, part of the face is behind a pinhole, or a vertex is
@@ -89,10 +91,11 @@ class Renderer:
         self._mesh.load(projection)
         self._maps.seen_per_pixel = self._triangles.see(projection, *size)
         rendered = self._maps.draw(projection, *size, REGIONS in layers)
-        attributes = [name for name in layers if name in ATTRIBUTES]
-        drawn = {name: self._maps.attribute(name, vertices, camera, projection, size) for name in attributes}
+        for name in layers:
+            if name in ATTRIBUTES:
+                rendered[name] = self._maps.attribute(name, vertices, camera, projection, size)
         self._gl.check()
-        return replace(rendered, extra={**drawn, **rendered.extra}) if drawn else rendered
+        return rendered
 
     def render_image(
         self,
@@ -137,20 +140,23 @@ _RASTERISERS: dict[str, type[ComputeRasteriser] | type[FragmentRasteriser]] = {
 
 
 def visible_landmarks(
-    vertices: Float[ndarray, "v 3"], landmarks: Int[ndarray, " m"], camera: Camera, rendered: RenderedMaps
+    vertices: Float[ndarray, "v 3"],
+    landmarks: Int[ndarray, " m"],
+    camera: Camera,
+    surface_depth: Float32[ndarray, "h w"],
 ) -> Bool[ndarray, " m"]:
     """Which landmarks lie in the image and on its nearest surface.
 
     Args:
         vertices: This face, mm, model frame.
         landmarks: Vertex of each landmark.
-        camera: What ``rendered`` was seen through.
-        rendered: For its ``surface_depth``: hair, neck and the inside of the head hide as well.
+        camera: From the model frame to this image.
+        surface_depth: As rendered through this camera, mm. Hair, neck and the inside of the head hide as well.
     """
     points = vertices[landmarks]
-    height, width = rendered.surface_depth.shape
+    height, width = surface_depth.shape
     column, row = np.floor(camera.project(points)).astype(np.int64).T
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    surface = rendered.surface_depth[np.where(inside, row, 0), np.where(inside, column, 0)]
+    surface = surface_depth[np.where(inside, row, 0), np.where(inside, column, 0)]
     # At the silhouette the centre of the landmark's own pixel may be background (inf): it counts as seen.
     return np.asarray(inside & (camera.depth(points) < surface + LANDMARK_TOLERANCE_MM))

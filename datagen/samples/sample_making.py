@@ -21,6 +21,7 @@ from pix2face.files.images import check_decodes, decode_image, encode_photograph
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import REGIONS, check_layers
 from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LANDMARKS, LAYERS, SCENE_LAYERS, SEEN_REGIONS
 from pix2face.shards.sample import MASK, PICTURE, PictureKind, Sample
@@ -100,7 +101,7 @@ class SampleMaker:
         with times.stage("rasterise, read back"):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
             rendered = renderer.render(vertices, face.camera, self._rendered)
-        if not rendered.mask.any():
+        if not rendered[MASK].any():
             raise SampleRejectedError(f"{face.sample_id}: nothing of the face lies in the picture")
         with times.stage("landmarks, pose"):
             landmarks = self._model.landmarks.get(IBUG68, np.zeros(0, np.int32))
@@ -111,13 +112,13 @@ class SampleMaker:
             sample = Sample(
                 sample_id=face.sample_id,
                 image_bytes=None,
-                layers={name: rendered.layer(name) for name in rendered_layers},
+                layers={name: rendered[name] for name in rendered_layers},
                 camera=face.camera,
                 identity=face.identity,
                 expression=face.expression,
                 landmarks2d=face.camera.project(landmarks3d),
                 landmarks3d=landmarks3d,
-                visible=visible_landmarks(vertices, landmarks, face.camera, rendered),
+                visible=visible_landmarks(vertices, landmarks, face.camera, rendered[SURFACE_DEPTH]),
                 attributes={**asdict(head_pose(face.camera)), **face.attributes},
             )
         sample = self._with_picture(sample, view, vertices, times)

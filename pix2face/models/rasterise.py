@@ -9,8 +9,8 @@ renderer shares:
   of the camera, so that mirrored crops work.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -22,6 +22,8 @@ from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
+# The depth of whatever is nearest, face or not, in mm; inf outside the head. Renderers give it beside the layers.
+SURFACE_DEPTH = "surface_depth"
 # How many (triangle, pixel) candidates are tested at a time: bounds the memory to some 100 MB.
 CANDIDATES_AT_A_TIME = 500_000
 
@@ -35,23 +37,6 @@ class Fragments:
     # Weights of its three vertices at the pixel centre on the surface (perspective-correct); 0 outside.
     barycentric: Float64[ndarray, "h w 3"]
     depth: Float64[ndarray, "h w"]  # of the surface, in mm, as ``Camera.depth`` has it; inf outside
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class RenderedMaps:
-    """The ground truth of one picture. PNCC, offset and depth are 0 outside the mask."""
-
-    pncc: Float32[ndarray, "h w 3"]  # points of the mean face, mm, model frame
-    offset: Float32[ndarray, "h w 3"]  # what leads from there to this face, mm, model frame
-    mask: Bool[ndarray, "h w"]  # where the nearest surface is the outside of a face region
-    depth: Float32[ndarray, "h w"]  # mm
-    surface_depth: Float32[ndarray, "h w"]  # of whatever is nearest, face or not, in mm; inf outside the head
-    extra: Mapping[str, ndarray] = field(default_factory=dict)  # ``normals``, ``uv``, ``regions`` as in a shard
-
-    def layer(self, name: str) -> ndarray:
-        """One layer by its name."""
-        return self.extra[name] if name in self.extra else np.asarray(getattr(self, name))
 
 
 def rasterise(
@@ -102,11 +87,15 @@ def render_maps(
     height: int,
     width: int,
     layers: Sequence[str] = (),
-) -> RenderedMaps:
-    """Renders PNCC, offset, mask and depth of one face: what the OpenGL renderer must reproduce.
+) -> dict[str, ndarray]:
+    """Renders PNCC, offset, mask, depth and what is asked for of one face: what the OpenGL renderer must reproduce.
 
     The vertices are those of this face (mm, model frame, not posed). Further layers are those of
     ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
+
+    Returns:
+        ``pncc``, ``offset``, ``mask``, ``depth`` and the further layers, as ``pix2face.shards.layers`` describes them,
+        and ``SURFACE_DEPTH``, (h, w) float32.
 
     Raises:
         DegenerateGeometryError: The camera flattens space, or part of the face is behind a pinhole.
@@ -128,14 +117,14 @@ def render_maps(
     if REGIONS in layers:
         region = model.triangle_regions[fragments.triangle] + np.uint8(1)
         extra[REGIONS] = np.where(fragments.triangle >= 0, region, 0).astype(np.uint8)
-    return RenderedMaps(
-        pncc=pncc.astype(np.float32),
-        offset=offset.astype(np.float32),
-        mask=mask,
-        depth=np.where(mask, fragments.depth, 0).astype(np.float32),
-        surface_depth=fragments.depth.astype(np.float32),
-        extra=extra,
-    )
+    return {
+        "pncc": pncc.astype(np.float32),
+        "offset": offset.astype(np.float32),
+        "mask": mask,
+        "depth": np.where(mask, fragments.depth, 0).astype(np.float32),
+        SURFACE_DEPTH: fragments.depth.astype(np.float32),
+        **extra,
+    }
 
 
 def _attribute(
