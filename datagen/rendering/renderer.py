@@ -24,7 +24,6 @@ from datagen.rendering.screen_projection import project_to_screen
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
 # A landmark is a point of the surface, but the depth at its pixel is taken up to 0.7 px beside it, where a slanting
@@ -66,7 +65,9 @@ class Renderer:
         other._set_size(height, width)
         return other
 
-    def render(self, vertices: Float32[ndarray, "v 3"], camera: Camera, layers: Sequence[str] = ()) -> dict[str, ndarray]:
+    def render(
+        self, vertices: Float32[ndarray, "v 3"], camera: Camera, layers: Sequence[str] = ()
+    ) -> dict[str, ndarray]:
         """Renders PNCC, offset, mask, depth and what is asked for of one face.
 
         Args:

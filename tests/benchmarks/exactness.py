@@ -23,7 +23,7 @@ from pix2face.geometry.jitter import JitterRange, crop_maps, draw_jitter, jitter
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps, fixed_point_to_maps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from pix2face.models.rasterise import RenderedMaps, render_maps
+from pix2face.models.rasterise import render_maps
 from pix2face.shards.layers import LAYERS, to_stored
 from tests.benchmarks.surroundings import surroundings
 
@@ -32,11 +32,11 @@ RENDERED = ((64, 12), (200, 6), (256, 6), (450, 3))
 LIMIT_MM = {"compute": 0.002, "fragment": 0.02}
 
 
-def errors_mm(found: RenderedMaps, expected: RenderedMaps) -> ndarray:
+def errors_mm(found: dict[str, ndarray], expected: dict[str, ndarray]) -> ndarray:
     """Largest difference in PNCC, offset and depth of each pixel that both call face."""
-    both = found.mask & expected.mask
-    differences = [np.abs(getattr(found, name) - getattr(expected, name))[both] for name in ("pncc", "offset")]
-    return np.maximum(np.max(differences, axis=(0, 2)), np.abs(found.depth - expected.depth)[both])
+    both = found["mask"] & expected["mask"]
+    differences = [np.abs(found[name] - expected[name])[both] for name in ("pncc", "offset")]
+    return np.maximum(np.max(differences, axis=(0, 2)), np.abs(found["depth"] - expected["depth"])[both])
 
 
 def faces(model: MorphableModel, n: int, size_px: int) -> list[tuple[ndarray, Camera]]:
@@ -55,7 +55,7 @@ def rendering_errors(gl: GLContext, rasteriser: str, size_px: int, n: int) -> tu
     for vertices, camera in faces(model, n, size_px):
         found, expected = renderer.render(vertices, camera), render_maps(model, vertices, camera, size_px, size_px)
         errors.append(errors_mm(found, expected))
-        mask_differs += int((found.mask != expected.mask).sum())
+        mask_differs += int((found["mask"] != expected["mask"]).sum())
     return np.concatenate(errors), mask_differs
 
 
@@ -74,25 +74,27 @@ def jitter_errors(n: int, picture_px: int, crop_px: int) -> tuple[ndarray, float
         box = FaceBox.around(camera.project(vertices[model.landmarks[IBUG68]]))
         crop = jitter_crop(box, draw_jitter(rng, JitterRange()), crop_px)
         source = render_maps(model, vertices, camera, picture_px, picture_px)
-        pncc, offset = (fixed_point_to_maps(to_stored(LAYERS["pncc"], own)) for own in (source.pncc, source.offset))
-        cropped = crop_maps(FaceMaps(pncc, offset, source.mask), crop)
+        pncc, offset = (
+            fixed_point_to_maps(to_stored(LAYERS["pncc"], own)) for own in (source["pncc"], source["offset"])
+        )
+        cropped = crop_maps(FaceMaps(pncc, offset, source["mask"]), crop)
         truth = render_maps(model, vertices, crop_camera(camera, crop), crop_px, crop_px)
         inner = _away_from_folds(truth)
         covered = min(covered, float(cropped.mask[inner].mean()))
         inner &= cropped.mask
-        for ours, true in ((cropped.pncc, truth.pncc), (cropped.offset, truth.offset)):
+        for ours, true in ((cropped.pncc, truth["pncc"]), (cropped.offset, truth["offset"])):
             errors.append(np.linalg.norm(ours - true, axis=2)[inner])
     return np.concatenate(errors), covered
 
 
-def _away_from_folds(rendered: RenderedMaps) -> ndarray:
+def _away_from_folds(rendered: dict[str, ndarray]) -> ndarray:
     """Face pixels more than 3 px from where the surface ends or jumps by 1 cm in depth."""
     kernel = np.ones((3, 3), np.uint8)
-    depth = np.where(np.isfinite(rendered.surface_depth), rendered.surface_depth, 1e5)
+    depth = np.where(np.isfinite(rendered["surface_depth"]), rendered["surface_depth"], 1e5)
     fold = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 10
-    mask = rendered.mask.astype(np.uint8)
+    mask = rendered["mask"].astype(np.uint8)
     fold |= cv2.dilate(mask, kernel) != cv2.erode(mask, kernel)
-    return (cv2.distanceTransform((~fold).astype(np.uint8), cv2.DIST_L2, 5) > 3) & rendered.mask
+    return (cv2.distanceTransform((~fold).astype(np.uint8), cv2.DIST_L2, 5) > 3) & rendered["mask"]
 
 
 def _rendered(gl: GLContext, rasteriser: str) -> dict[str, object]:

@@ -115,7 +115,7 @@ def measure(model: MorphableModel, gl: GLContext, repeats: int) -> list[dict[str
                 "vertices": len(model.mean),
                 "triangles": len(model.triangles),
                 "size_px": size,
-                "face_pixels": int(sized["compute"].render(vertices, camera_for(size)).mask.sum()),
+                "face_pixels": int(sized["compute"].render(vertices, camera_for(size))["mask"].sum()),
                 "render_ms": total,
                 "steps_least_ms": parts,
                 "render_compute_in_reference_kernels": total["compute"]["least"] / total["reference"]["least"],

@@ -126,7 +126,7 @@ def reference_chain(folder: Path, model_path: Path) -> dict[str, float]:
             marks.append(time.process_time())
             maps = renderer.with_size(*image.shape[:2]).render(vertices, face.camera)
             marks.append(time.process_time())
-            for values in (maps.pncc, maps.offset):
+            for values in (maps["pncc"], maps["offset"]):
                 cv2.imencode(".png", np.clip(values * 128 + 32768, 0, 65535).astype(np.uint16))
             marks.append(time.process_time())
             for name, passed in zip(times, np.diff(marks), strict=True):

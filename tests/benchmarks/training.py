@@ -189,7 +189,7 @@ def inference(options: Options) -> dict[str, Any]:
         WeakPerspective(0.5, rotation_of_pose(HeadPose(5, 20, 0)), np.full(2, recipe.size_px / 2))
     )
     rendered = render_maps(model, model.mean, pose, recipe.size_px, recipe.size_px)
-    maps = FaceMaps(rendered.pncc, rendered.offset, rendered.mask)
+    maps = FaceMaps(rendered["pncc"], rendered["offset"], rendered["mask"])
     ways = {
         "network": lambda: predictor.predict(image, box),
         "fit": lambda: fit_face(maps, model, paper_fit(regularisation=PREDICTED_MAPS_REGULARISATION)),

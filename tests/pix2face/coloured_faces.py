@@ -34,8 +34,8 @@ def draw_faces(
     image = np.zeros((*size, 3), dtype=np.uint8)
     for camera in cameras:
         seen = render_maps(model, model.mean, camera, *size)
-        colours = np.clip(np.rint((seen.pncc / SPAN_MM + 0.5) * 254 + 1), 1, 255)
-        image[seen.mask] = colours[seen.mask]
+        colours = np.clip(np.rint((seen["pncc"] / SPAN_MM + 0.5) * 254 + 1), 1, 255)
+        image[seen["mask"]] = colours[seen["mask"]]
     return image
 
 

@@ -27,12 +27,12 @@ def head_triplet(model: MorphableModel, seed: int) -> Sample:
     camera = weak_perspective_camera(WeakPerspective(0.2, rotation, centre))
     rendered = render_maps(model, vertices, camera, PICTURE_PX, PICTURE_PX)
     image = rng.integers(0, 60, size=(PICTURE_PX, PICTURE_PX, 3)).astype(np.uint8)
-    image[rendered.mask] = np.clip(150 - rendered.depth[rendered.mask], 0, 255).astype(np.uint8)[:, None]
+    image[rendered["mask"]] = np.clip(150 - rendered["depth"][rendered["mask"]], 0, 255).astype(np.uint8)[:, None]
     landmarks3d = vertices[model.landmarks["ibug68"]]
     return Sample(
         sample_id=f"head-{seed:03d}",
         image_bytes=encode_image(image),
-        layers={"pncc": rendered.pncc, "offset": rendered.offset, "mask": rendered.mask},
+        layers={"pncc": rendered["pncc"], "offset": rendered["offset"], "mask": rendered["mask"]},
         camera=camera,
         identity=identity[0],
         expression=expression[0],

@@ -45,7 +45,7 @@ def test_backgrounds_are_pictures_of_the_size_asked_for(seed: int) -> None:
 def test_the_head_covers_the_background_where_its_surface_is(gl: GLContext) -> None:
     model = builtin_model()
     renderer = Renderer(model, SIZE, SIZE, gl)
-    covered = np.isfinite(renderer.render(model.mean, CAMERA).surface_depth)
+    covered = np.isfinite(renderer.render(model.mean, CAMERA)["surface_depth"])
     green = np.zeros((SIZE, SIZE, 3), np.uint8)
     green[..., 1] = 255
     for seed in range(5):

@@ -16,7 +16,6 @@ from datagen.opengl.gl_context import COMPUTE_VERSION, GLContext, GLSettings, Ra
 from datagen.opengl.osmesa_context import OSMESA_LIBRARIES
 from datagen.rendering.renderer import Renderer
 from pix2face.geometry.camera import Camera
-from pix2face.models.rasterise import RenderedMaps
 
 
 @pytest.fixture(params=["compute", "fragment"])
@@ -42,7 +41,7 @@ def test_a_render_that_is_a_tenth_of_a_pixel_off_is_noticed(
     right = Renderer.render
     shift = np.array([[1.0, 0, 0.1], [0, 1, 0], [0, 0, 1]])
 
-    def shifted(self: Renderer, vertices: np.ndarray, camera: Camera) -> RenderedMaps:
+    def shifted(self: Renderer, vertices: np.ndarray, camera: Camera) -> dict[str, np.ndarray]:
         return right(self, vertices, camera.transformed(shift))
 
     monkeypatch.setattr(Renderer, "render", shifted)

@@ -55,7 +55,7 @@ for index, vertices in enumerate(model.vertices(table.identity, table.expression
     for name in ("radiance", "coverage", "labels"):
         found.setdefault(name, []).append(getattr(picture, name))
     for name in ("pncc", "offset", "mask", "depth", "normals", "regions"):
-        found.setdefault(name, []).append(maps.layer(name))
+        found.setdefault(name, []).append(maps[name])
 np.savez(out, **{name: np.stack(values) for name, values in found.items()})
 """
 

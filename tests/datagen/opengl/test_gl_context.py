@@ -42,7 +42,7 @@ with gl:
     renderer = Renderer(model, {SIZE}, {SIZE}, gl)
     maps = [renderer.render(v, Camera(m)) for v, m in zip(vertices, table.cameras)]
 np.savez(sys.argv[1], backend=gl.backend, **{{
-    name: np.stack([getattr(m, name) for m in maps]) for name in ("pncc", "offset", "mask", "depth")
+    name: np.stack([m[name] for m in maps]) for name in ("pncc", "offset", "mask", "depth")
 }})
 """
 

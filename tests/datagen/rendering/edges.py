@@ -13,8 +13,8 @@ FINER = 8
 def true_coverage(renderer: Renderer, vertices: ndarray, camera: Camera) -> tuple[ndarray, ndarray]:
     """Of the head and of the face mask, by a renderer of pictures ``FINER`` times as large in both directions."""
     maps = renderer.render(vertices, camera.transformed(np.diag([FINER, FINER, 1.0])))
-    size = tuple(side // FINER for side in reversed(maps.mask.shape))
-    parts = (np.isfinite(maps.surface_depth), maps.mask > 0)
+    size = tuple(side // FINER for side in reversed(maps["mask"].shape))
+    parts = (np.isfinite(maps["surface_depth"]), maps["mask"] > 0)
     head, face = (cv2.resize(part.astype(np.float32), size, interpolation=cv2.INTER_AREA) for part in parts)
     return head, face
 

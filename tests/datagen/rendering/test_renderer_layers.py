@@ -22,7 +22,7 @@ from pix2face.geometry.camera import (
 )
 from pix2face.models import rasterise as oracle
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from pix2face.models.rasterise import render_maps
+from pix2face.models.rasterise import SURFACE_DEPTH, render_maps
 from pix2face.models.surface_attributes import ATTRIBUTES, EXTRA_LAYERS, Attribute, camera_from_model_axes
 from pix2face.shards.layers import LAYERS
 from tests.meshes import mesh_model
@@ -31,6 +31,7 @@ from tests.synthetic_models import small_head_model
 pytestmark = pytest.mark.gl
 
 SIZE = 128
+ALWAYS_RENDERED = {"pncc", "offset", "mask", "depth", SURFACE_DEPTH}
 ROTATION = rotation_of_pose(HeadPose(-8, 40, 10))
 AFFINE = weak_perspective_camera(WeakPerspective(0.45, ROTATION, np.array([61.3, 64.8])))
 PINHOLE = pinhole_camera(Pinhole(250, np.array([64.0, 60]), ROTATION, np.array([5.0, -3, 520])))
@@ -44,16 +45,16 @@ def test_they_equal_those_of_the_oracle(gl: GLContext, rasteriser: str, camera: 
     model = builtin_model()
     found = Renderer(model, SIZE, SIZE, gl, rasteriser).render(model.mean, camera, EXTRA_LAYERS)
     expected = render_maps(model, model.mean, camera, SIZE, SIZE, EXTRA_LAYERS)
-    assert set(found.extra) == set(expected.extra) == set(EXTRA_LAYERS)
+    assert set(found) == set(expected) == {*ALWAYS_RENDERED, *EXTRA_LAYERS}
     for name in EXTRA_LAYERS:
-        values, truth, layer = found.layer(name), expected.layer(name), LAYERS[name]
+        values, truth, layer = found[name], expected[name], LAYERS[name]
         assert values.shape == truth.shape == layer.shape(SIZE, SIZE)
         assert values.dtype == truth.dtype == np.dtype(layer.dtype)
         if name == "regions":
             assert (values != truth).sum() <= 3
             continue
-        both = found.mask & expected.mask
-        assert not values[~found.mask].any()
+        both = found["mask"] & expected["mask"]
+        assert not values[~found["mask"]].any()
         assert np.quantile(np.abs(values - truth)[both], 0.9999) < 0.5 / layer.steps_per_unit
 
 
@@ -61,14 +62,14 @@ def test_normals_are_unit_vectors_that_face_the_camera(gl: GLContext) -> None:
     model = builtin_model()
     camera = weak_perspective_camera(WeakPerspective(0.45, rotation_of_pose(HeadPose(0, 0, 0)), np.full(2, 64.0)))
     rendered = Renderer(model, SIZE, SIZE, gl).render(model.mean, camera, ("normals",))
-    normals = rendered.extra["normals"][rendered.mask]
+    normals = rendered["normals"][rendered["mask"]]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
     assert (normals[:, 2] < 0).mean() > 0.97  # z runs away from the camera
     # The subject's left cheek is on the picture's right, and looks there; the forehead looks up, which is -y.
-    right = rendered.extra["normals"][64, 100]
+    right = rendered["normals"][64, 100]
     assert right[0] > 0.3
-    low, high = np.flatnonzero(rendered.mask[:, 64])[[-3, 3]]
-    assert rendered.extra["normals"][low, 64, 1] > 0 > rendered.extra["normals"][high, 64, 1]
+    low, high = np.flatnonzero(rendered["mask"][:, 64])[[-3, 3]]
+    assert rendered["normals"][low, 64, 1] > 0 > rendered["normals"][high, 64, 1]
 
 
 def test_a_mirrored_camera_mirrors_the_normals(gl: GLContext) -> None:
@@ -80,18 +81,18 @@ def test_a_mirrored_camera_mirrors_the_normals(gl: GLContext) -> None:
             for each in (camera, camera.transformed(mirror))
         )
         assert np.linalg.det(camera_from_model_axes(camera.transformed(mirror))) < 0
-        both = straight.mask & mirrored.mask[:, ::-1]
-        flipped = mirrored.extra["normals"][:, ::-1] * [-1, 1, 1]
-        assert np.quantile(np.abs(flipped - straight.extra["normals"])[both], 0.999) < 1e-3
+        both = straight["mask"] & mirrored["mask"][:, ::-1]
+        flipped = mirrored["normals"][:, ::-1] * [-1, 1, 1]
+        assert np.quantile(np.abs(flipped - straight["normals"])[both], 0.999) < 1e-3
 
 
 def test_regions_hold_on_the_whole_head(gl: GLContext) -> None:
     model = small_head_model()
     rendered = Renderer(model, SIZE, SIZE, gl).render(model.mean, AFFINE, ("regions",))
-    regions = rendered.extra["regions"]
-    np.testing.assert_array_equal(regions > 0, np.isfinite(rendered.surface_depth))
+    regions = rendered["regions"]
+    np.testing.assert_array_equal(regions > 0, np.isfinite(rendered["surface_depth"]))
     face = [1 + model.region_names.index(name) for name in model.face_regions]
-    assert np.isin(regions[rendered.mask], face).all()
+    assert np.isin(regions[rendered["mask"]], face).all()
     assert (regions == 1 + model.region_names.index("scalp")).sum() > 200
 
 
@@ -104,8 +105,8 @@ def test_texture_coordinates_may_split_at_vertices(gl: GLContext) -> None:
     split = replace(model, uv=uv, uv_triangles=np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
     found = Renderer(split, SIZE, SIZE, gl).render(model.mean, AFFINE, ("uv",))
     expected = render_maps(split, model.mean, AFFINE, SIZE, SIZE, ("uv",))
-    both = found.mask & expected.mask
-    assert np.quantile(np.abs(found.extra["uv"] - expected.extra["uv"])[both], 0.999) < 1e-3
+    both = found["mask"] & expected["mask"]
+    assert np.quantile(np.abs(found["uv"] - expected["uv"])[both], 0.999) < 1e-3
 
 
 def test_a_model_without_texture_coordinates_is_named(gl: GLContext) -> None:
@@ -120,10 +121,9 @@ def test_a_model_without_texture_coordinates_is_named(gl: GLContext) -> None:
 
 def test_what_was_not_asked_for_is_not_there(gl: GLContext) -> None:
     model = small_head_model()
-    assert not Renderer(model, 32, 32, gl).render(model.mean, AFFINE).extra
-    assert set(Renderer(model, 32, 32, gl).render(model.mean, AFFINE, ("image", "pncc", "normals")).extra) == {
-        "normals"
-    }
+    renderer = Renderer(model, 32, 32, gl)
+    assert set(renderer.render(model.mean, AFFINE)) == ALWAYS_RENDERED
+    assert set(renderer.render(model.mean, AFFINE, ("image", "pncc", "normals"))) == {*ALWAYS_RENDERED, "normals"}
 
 
 def test_a_new_attribute_is_one_entry_of_the_table(gl: GLContext, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,6 +137,6 @@ def test_a_new_attribute_is_one_entry_of_the_table(gl: GLContext, monkeypatch: p
     model = small_head_model()
     found = Renderer(model, SIZE, SIZE, gl).render(model.mean, AFFINE, ("height",))
     expected = render_maps(model, model.mean, AFFINE, SIZE, SIZE, ("height",))
-    both = found.mask & expected.mask
-    assert np.abs(found.extra["height"] - expected.extra["height"])[both].max() < 0.05
-    np.testing.assert_allclose(found.extra["height"][both][:, 0], (found.pncc + found.offset)[both][:, 1], atol=0.05)
+    both = found["mask"] & expected["mask"]
+    assert np.abs(found["height"] - expected["height"])[both].max() < 0.05
+    np.testing.assert_allclose(found["height"][both][:, 0], (found["pncc"] + found["offset"])[both][:, 1], atol=0.05)

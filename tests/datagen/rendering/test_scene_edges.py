@@ -53,7 +53,7 @@ def test_the_measure_notices_half_a_pixel(gl: GLContext) -> None:
 def test_the_label_of_the_head_is_where_the_maps_see_the_head(gl: GLContext, make_model, camera: Camera) -> None:
     model = make_model()
     maps = Renderer(model, SIZE, SIZE, gl).render(model.mean, camera)
-    expected = np.isfinite(maps.surface_depth)
+    expected = np.isfinite(maps["surface_depth"])
     with plain_drawer(model, gl) as drawer:
         picture = drawer.draw(scene_of(model), camera, SIZE, SIZE)
     differ = (picture.labels == 1) != expected

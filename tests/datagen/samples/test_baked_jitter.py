@@ -72,9 +72,9 @@ def test_the_maps_of_a_variant_are_rendered_by_its_camera(shards):
         vertices = model.vertices(triplet.identity[None], triplet.expression[None])[0]
         expected = render_maps(model, vertices, triplet.camera, SIZE_PX, SIZE_PX)
         assert image.shape == (SIZE_PX, SIZE_PX, 3)
-        assert (expected.mask != triplet.maps.mask).sum() < 10
-        both = expected.mask & triplet.maps.mask
-        assert np.quantile(np.abs(expected.pncc - triplet.maps.pncc)[both], 0.999) < 0.03
+        assert (expected["mask"] != triplet.maps.mask).sum() < 10
+        both = expected["mask"] & triplet.maps.mask
+        assert np.quantile(np.abs(expected["pncc"] - triplet.maps.pncc)[both], 0.999) < 0.03
         np.testing.assert_allclose(triplet.landmarks2d, triplet.camera.project(triplet.landmarks3d), atol=1e-3)
         n_mirrored += triplet.attributes["jitter_mirrored"] == 1
     assert 2 < n_mirrored < N_FACES * N_VARIANTS - 2

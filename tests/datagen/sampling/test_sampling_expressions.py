@@ -186,10 +186,10 @@ def test_shut_eyes_are_shut_whatever_the_gaze_and_the_head(gl) -> None:
     renderer, camera = Renderer(model, 100, 240, gl), frontal(27, 100, 2.0)
     eyes = [model.region_names.index(name) + 1 for name in ("eyes", "iris", "pupil")]
     vertices = model.vertices(table.identity, table.expression)
-    visible = [np.isin(renderer.render(v, camera, ("regions",)).extra["regions"], eyes).sum() for v in vertices]
+    visible = [np.isin(renderer.render(v, camera, ("regions",))["regions"], eyes).sum() for v in vertices]
     assert max(visible) == 0
     open_eyes = model.vertices(table.identity[:1], 0 * table.expression[:1])[0]
-    assert np.isin(renderer.render(open_eyes, camera, ("regions",)).extra["regions"], eyes).sum() > 200
+    assert np.isin(renderer.render(open_eyes, camera, ("regions",))["regions"], eyes).sum() > 200
 
 
 @pytest.mark.gl
@@ -214,6 +214,6 @@ def test_no_tooth_comes_through_lip_or_chin_in_300_samples(gl) -> None:
         n_wide += 1
         vertices = model.vertices(table.identity[index][None], table.expression[index][None])[0]
         seen, behind = whole.render(vertices, camera, ("regions",)), skin_only.render(vertices, camera)
-        tooth = (seen.extra["regions"] == is_tooth) & behind.mask
-        assert (behind.surface_depth[tooth] - seen.surface_depth[tooth] < 25).sum() <= 4, index
+        tooth = (seen["regions"] == is_tooth) & behind["mask"]
+        assert (behind["surface_depth"][tooth] - seen["surface_depth"][tooth] < 25).sum() <= 4, index
     assert n_wide >= 60

@@ -83,8 +83,8 @@ def render_known_face(
     else:
         camera = weak_perspective_at(rotation, centre)
     rendered = render_maps(model, vertices, camera, SIZE_PX, SIZE_PX)
-    maps = FaceMaps(coded(rendered.pncc), coded(rendered.offset), rendered.mask)
-    return KnownFace(camera, principal_point, identity, expression, vertices, maps, rendered.surface_depth)
+    maps = FaceMaps(coded(rendered["pncc"]), coded(rendered["offset"]), rendered["mask"])
+    return KnownFace(camera, principal_point, identity, expression, vertices, maps, rendered["surface_depth"])
 
 
 def coded(values_mm: ndarray) -> ndarray:

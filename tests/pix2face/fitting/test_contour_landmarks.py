@@ -29,7 +29,7 @@ def test_jaw_points_on_the_far_side_of_a_turned_face_lie_at_its_edge():
     np.testing.assert_array_equal(slid[list(INNER51)], fit.landmarks2d[list(INNER51)])
     moved = np.linalg.norm(slid - fit.landmarks2d, axis=1)[JAW]
     far = JAW[:8] if moved[:8].sum() > moved[9:].sum() else JAW[9:]
-    mask = np.isfinite(render_maps(model, model.mean, fit.camera, 300, 300).surface_depth)
+    mask = np.isfinite(render_maps(model, model.mean, fit.camera, 300, 300)["surface_depth"])
     edge = np.stack(np.nonzero(mask ^ np.roll(mask, 1, axis=1)), axis=1)[:, ::-1]
     to_edge = lambda points: np.array([np.linalg.norm(edge - point, axis=1).min() for point in points])  # noqa: E731
     upper = list(far)[:5] if far[0] == 0 else list(far)[-5:]

@@ -89,20 +89,22 @@ def test_the_nearest_triangle_wins_whatever_the_order() -> None:
 def test_the_mean_face_has_no_offset_and_its_own_points_as_pncc() -> None:
     model = small_head_model()
     maps = render_maps(model, model.mean, AFFINE, SIZE, SIZE)
-    assert maps.mask.sum() > 300
-    assert not maps.offset.any()
-    assert not maps.pncc[~maps.mask].any()
-    row, column = np.nonzero(maps.mask)
-    np.testing.assert_allclose(AFFINE.project(maps.pncc[maps.mask]), np.column_stack([column, row]) + 0.5, atol=1e-4)
+    assert maps["mask"].sum() > 300
+    assert not maps["offset"].any()
+    assert not maps["pncc"][~maps["mask"]].any()
+    row, column = np.nonzero(maps["mask"])
+    np.testing.assert_allclose(
+        AFFINE.project(maps["pncc"][maps["mask"]]), np.column_stack([column, row]) + 0.5, atol=1e-4
+    )
 
 
 def test_what_is_not_face_hides_but_is_not_in_the_mask() -> None:
     model = small_head_model()
     behind = weak(WeakPerspective(SIZE / 300, rotation_of_pose(HeadPose(0, 180, 0)), np.full(2, SIZE / 2)))
     maps = render_maps(model, model.mean, behind, SIZE, SIZE)
-    assert np.isfinite(maps.surface_depth).sum() > 500
+    assert np.isfinite(maps["surface_depth"]).sum() > 500
     # Seen from behind, ears at most stick out.
-    assert maps.mask.sum() < 0.1 * np.isfinite(maps.surface_depth).sum()
+    assert maps["mask"].sum() < 0.1 * np.isfinite(maps["surface_depth"]).sum()
 
 
 def test_a_mirroring_camera_still_shows_the_outside() -> None:
@@ -111,8 +113,8 @@ def test_a_mirroring_camera_still_shows_the_outside() -> None:
     straight = shows_outside(AFFINE, model.mean, model.triangles)
     np.testing.assert_array_equal(shows_outside(mirrored, model.mean, model.triangles), straight)
     np.testing.assert_array_equal(
-        render_maps(model, model.mean, mirrored, SIZE, SIZE).mask[:, ::-1].sum(),
-        render_maps(model, model.mean, AFFINE, SIZE, SIZE).mask.sum(),
+        render_maps(model, model.mean, mirrored, SIZE, SIZE)["mask"][:, ::-1].sum(),
+        render_maps(model, model.mean, AFFINE, SIZE, SIZE)["mask"].sum(),
     )
 
 

@@ -51,14 +51,14 @@ class PhotographedFace:
         """Skin from bright to dark with the depth, before blue noise."""
         seen = render_maps(self.model, self.vertices, self.camera, HEIGHT_PX, WIDTH_PX)
         image = np.random.default_rng(0).integers(0, 80, (HEIGHT_PX, WIDTH_PX, 3)) + np.array([0, 0, 100])
-        image[seen.mask] = (150 - seen.depth[seen.mask])[:, None] + np.array([40, 10, 0])
+        image[seen["mask"]] = (150 - seen["depth"][seen["mask"]])[:, None] + np.array([40, 10, 0])
         return np.clip(image, 0, 255).astype(np.uint8)
 
     def maps(self) -> FaceMaps:
         """What an exact network predicts in the crop of the face."""
         camera = crop_camera(self.camera, square_crop(self.box, INFERENCE_SCALE, SIZE_PX))
         maps = render_maps(self.model, self.vertices, camera, SIZE_PX, SIZE_PX)
-        return FaceMaps(maps.pncc, maps.offset, maps.mask)
+        return FaceMaps(maps["pncc"], maps["offset"], maps["mask"])
 
 
 class SureDetector:

@@ -66,7 +66,7 @@ def test_the_overlay_covers_the_face_where_the_camera_puts_it(camera: Camera) ->
     shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX)
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
     own_camera, background = crop_camera(fit.camera, crop), crop_image(grey_picture(), crop)
-    face = render_maps(MODEL, fit.vertices, own_camera, SIZE_PX, SIZE_PX).mask
+    face = render_maps(MODEL, fit.vertices, own_camera, SIZE_PX, SIZE_PX)["mask"]
     dots = dotted(own_camera.project(fit.landmarks3d))
     changed = (shown != background).any(axis=2)
     assert 5000 < face.sum() < 30_000

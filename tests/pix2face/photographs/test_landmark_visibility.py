@@ -21,7 +21,7 @@ def test_what_is_visible_is_what_a_renderer_shows(yaw_deg):
     model, camera = builtin_model(), camera_of(yaw_deg)
     chosen = np.random.default_rng(0).choice(np.flatnonzero(model.is_face_vertex), 300, replace=False)
     visible = visible_vertices(model.mean, model.triangles, camera, chosen, tolerance_mm=3)
-    surface = render_maps(model, model.mean, camera, SIZE_PX, SIZE_PX).surface_depth
+    surface = render_maps(model, model.mean, camera, SIZE_PX, SIZE_PX)["surface_depth"]
     column, row = np.floor(camera.project(model.mean[chosen])).astype(int).T
     around = np.stack([surface[row + down, column + right] for down in (-1, 0, 1) for right in (-1, 0, 1)])
     ahead = camera.depth(model.mean[chosen]) - around

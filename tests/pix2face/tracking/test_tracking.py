@@ -227,7 +227,7 @@ def test_the_identity_of_a_clip_is_that_of_all_frames_together_and_expressions_f
         vertices = model.vertices(identity[None], expression[None])[0]
         crop = square_crop(FaceBox.around(camera.project(vertices[model.landmarks["ibug68"]])), 1.4, 128)
         rendered = render_maps(model, vertices, crop_camera(camera, crop), 128, 128)
-        maps = FaceMaps(rendered.pncc, rendered.offset, rendered.mask)
+        maps = FaceMaps(rendered["pncc"], rendered["offset"], rendered["mask"])
         own = measure_picture(
             maps, model, paper_fit(camera="weak-perspective", regularisation=1e-3), principal_point_px=None
         )

@@ -25,8 +25,8 @@ def eyes_at_the_outline(renderer: Renderer, vertices: ndarray, yaw_deg: float) -
     """How many mm2 of eyes are seen, and how many mm of the head's outline they form."""
     camera = camera_at(yaw_deg, 0, SIZE, px_per_mm=PX_PER_MM / SIZE)
     maps = renderer.render(vertices, camera, ("regions",))
-    eyes = np.isin(maps.layer("regions"), EYES)
-    behind = (~np.isfinite(maps.surface_depth)).astype(np.uint8)
+    eyes = np.isin(maps["regions"], EYES)
+    behind = (~np.isfinite(maps["surface_depth"])).astype(np.uint8)
     at_outline = eyes & (cv2.dilate(behind, np.ones((3, 3), np.uint8)) > 0)
     return eyes.sum() / PX_PER_MM**2, at_outline.sum() / PX_PER_MM
 
