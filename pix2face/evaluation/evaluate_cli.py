@@ -137,8 +137,10 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
     _check_of_networks_alone(config)
     if config.how.camera != DEFAULT_FIT.camera and config.predictions is not None:
         raise UsageError("--camera: expected a checkpoint or --oracle; landmarks of a file are not fitted")
-    if config.align is not None and manifest.alignment is None:
-        raise UsageError(f"--align {config.align}: expected a split with 3D landmarks, found {config.split}")
+    has_space = manifest.alignment not in (None, "depth")
+    if config.align is not None and config.align != manifest.alignment and (config.align == "depth" or not has_space):
+        place = "" if manifest.alignment is None else " in a picture" if config.align == "depth" else " in space"
+        raise UsageError(f"--align {config.align}: expected a split with 3D landmarks{place}, found {config.split}")
     if config.boxes != "truth":
         if config.predictions is not None or config.oracle:
             raise UsageError(f"--boxes {config.boxes}: expected a checkpoint to measure; nothing else looks at boxes")

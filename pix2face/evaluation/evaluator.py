@@ -31,6 +31,7 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import MorphableModel
 
 BASELINE = "baseline"
+NOT_FOUND = FoundFace(landmarks2d=None)
 
 
 @final
@@ -49,7 +50,9 @@ class FaceResult:
     failure: str | None  # why it was not found
     pose_deg: Float64[ndarray, "3"] | None = None  # found pitch, yaw, roll
     pose_errors_deg: PoseErrors | None = None
-    distances3d: Float64[ndarray, "68"] | None = None  # of each landmark in 3D, unit of the data; infinity if not found
+    z_px: Float64[ndarray, "68"] | None = None  # of the found landmarks in the picture, towards the viewer
+    # of each landmark in 3D, in the unit of the data (a fraction for the alignment `depth`); infinity if not found
+    distances3d: Float64[ndarray, "68"] | None = None
     baseline_distances3d: Float64[ndarray, "68"] | None = None  # the same for the mean face
     maps: MapErrors | None = None
     coefficients: CoefficientErrors | None = None
@@ -97,21 +100,32 @@ class Evaluator:
             failure=failure,
             pose_deg=found.pose_deg,
             pose_errors_deg=_compare_poses(face, found),
-            distances3d=self._distances3d(face, None if landmarks2d is None else found.landmarks3d),
-            baseline_distances3d=self._distances3d(face, model_landmarks(self.model).astype(np.float64)),
+            z_px=None if landmarks2d is None else found.z_px,
+            distances3d=self._distances3d(face, found if landmarks2d is not None else NOT_FOUND),
+            baseline_distances3d=self._distances3d(face, self._baseline(baseline)),
             maps=compare_maps(found, face),
             coefficients=compare_coefficients(self.model, found, face),
         )
 
-    def _distances3d(
-        self, face: BenchmarkFace, landmarks3d: Float64[ndarray, "68 3"] | None
-    ) -> Float64[ndarray, "68"] | None:
+    def _baseline(self, landmarks2d: Float64[ndarray, "68 2"]) -> FoundFace:
+        landmarks3d = model_landmarks(self.model).astype(np.float64)
+        scale = float(np.ptp(landmarks2d[:, 0]) / np.ptp(landmarks3d[:, 0]))
+        return FoundFace(landmarks2d=landmarks2d, landmarks3d=landmarks3d, z_px=scale * landmarks3d[:, 2])
+
+    def _distances3d(self, face: BenchmarkFace, found: FoundFace) -> Float64[ndarray, "68"] | None:
         if face.landmarks3d is None:
             return None
-        if landmarks3d is None:
+        points, unit = found.landmarks3d, 1.0
+        if self.alignment == "depth":
+            unit, points = normalising_distance(face.landmarks2d, self.normaliser), None
+            if found.landmarks2d is not None:
+                if found.z_px is None:
+                    return None  # the subject finds places in the picture alone
+                points = np.column_stack([found.landmarks2d, found.z_px])
+        if points is None:
             return np.full(68, np.inf)
         try:
-            return distances3d(landmarks3d, face.landmarks3d, self.alignment)
+            return distances3d(points, face.landmarks3d, self.alignment) / unit
         except DegenerateGeometryError:
             return np.full(68, np.inf)
 

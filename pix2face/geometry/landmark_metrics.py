@@ -20,11 +20,12 @@ from pix2face.geometry.rigid_alignment import fit_rigid
 Normaliser = Literal["outer-eye", "inter-pupil", "box-sqrt", "box-diagonal"]
 
 # How 3D landmarks are laid onto the true ones before their distances are measured.
-Alignment = Literal["none", "rigid", "similarity"]
+Alignment = Literal["none", "rigid", "similarity", "depth"]
 ALIGNMENTS: dict[Alignment, str] = {
     "none": "as they are: same unit, axes and origin needed",
     "rigid": "moved and turned by least squares over all points, not scaled: same unit needed",
     "similarity": "moved, turned and scaled by least squares over all points",
+    "depth": "as they are in the picture, z (towards the viewer, in pixels) moved by its mean over all points",
 }
 
 ALL68 = tuple(range(68))
@@ -141,6 +142,8 @@ def aligned(
         raise DegenerateGeometryError("expected finite 3D landmarks, found NaN or infinity")
     if alignment == "none":
         return points.astype(np.float64)
+    if alignment == "depth":
+        return points + [0, 0, np.mean(truth[:, 2] - points[:, 2])]
     rigid, scale = fit_rigid(points, truth)
     if alignment == "rigid":
         return rigid.apply(points)

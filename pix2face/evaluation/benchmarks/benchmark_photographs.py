@@ -120,12 +120,14 @@ def _read_w300lp_face(name: str, image: Path, truth: Path, other: OtherLandmarks
     yaw_deg = wrap_angle_deg(head.yaw_deg)
     is_unusual = max(abs(head.pitch_deg), abs(head.yaw_deg), abs(head.roll_deg)) > USUAL_ANGLE_DEG
     landmarks2d = complete(file.landmarks3d[:, :2], truth) if other is None else other[image.name]
+    landmarks3d = file.landmarks3d * [1, 1, -1] if other is None else None  # towards the viewer, as in the file
     if not np.isfinite(landmarks2d).all():
         raise InputFileError(f"{image.name}: expected finite re-annotated landmarks, found NaN or infinity")
     return BenchmarkFace(
         name=name,
         group=yaw_bin(yaw_deg),
         landmarks2d=landmarks2d,
+        landmarks3d=landmarks3d,
         read_image=picture_reader(image),
         yaw_deg=yaw_deg,
         has_unusual_angle=is_unusual,

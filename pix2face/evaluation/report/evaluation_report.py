@@ -77,7 +77,7 @@ class Report:
     settings: EvaluationSettings
     subject: dict[str, Any]  # what was evaluated: checkpoint, model, fit, versions
     rows: tuple[ReportRow, ...]  # of each method for all and for inner points; what was measured comes first
-    rows3d: tuple[ReportRow, ...]  # the same for distances in 3D, in the unit of the data; empty without 3D truth
+    rows3d: tuple[ReportRow, ...]  # the same for distances in 3D, in ``unit3d``; empty without 3D truth
     by: tuple[ErrorsByAttribute, ...]  # errors over 68 points of what was measured, in bins of attributes of renders
     poses: Mapping[str, PoseSummary] | None  # by bin of |yaw|, and for all faces; None without poses
     maps: MapErrors | None  # means over the images; None where the truth has no maps
@@ -95,6 +95,11 @@ class Report:
     def normaliser(self) -> str:
         """What errors are divided by, in words."""
         return f"the {NORMALISERS[self.manifest.normaliser]}"
+
+    @property
+    def unit3d(self) -> str:
+        """The unit of distances in 3D, in words; fractions of it for landmarks in the picture."""
+        return self.normaliser if self.settings.alignment == "depth" else "the data's"
 
     @property
     def n_failed(self) -> int:
@@ -228,7 +233,7 @@ def _rows3d(
     table: _Table, manifest: Manifest, results: Sequence[FaceResult], settings: EvaluationSettings
 ) -> tuple[ReportRow, ...]:
     known = [result for result in results if result.distances3d is not None]
-    if not known or manifest.threshold3d is None:
+    if manifest.threshold3d is None or not any(result.failure is None for result in known):
         return ()
     in_space = replace(
         table,

@@ -114,7 +114,7 @@ def _table3d(report: Report) -> dict[str, Any] | None:
         return None
     alignment = report.settings.alignment
     return {
-        "unit": "the data's",
+        "unit": report.unit3d,
         "alignment": alignment,
         "alignment_in_words": ALIGNMENTS[alignment],
         "threshold": report.manifest.threshold3d,
@@ -159,11 +159,18 @@ def _write_landmarks(report: Report, path: Path) -> None:
     landmarks = [nothing if result.landmarks2d is None else result.landmarks2d for result in report.results]
     poses = [no_pose if result.pose_deg is None else result.pose_deg for result in report.results]
     has_pose = any(result.pose_deg is not None for result in report.results)
+    has_depth = report.settings.alignment == "depth" and any(result.z_px is not None for result in report.results)
+    depths = [nothing[:, 0] if result.z_px is None else result.z_px for result in report.results]
     names = tuple(result.name for result in report.results)
     pose_deg = np.stack(poses) if has_pose else None
-    write_predictions(
-        path, PredictedLandmarks(source=path, names=names, landmarks2d=np.stack(landmarks), pose_deg=pose_deg)
+    found = PredictedLandmarks(
+        source=path,
+        names=names,
+        landmarks2d=np.stack(landmarks),
+        z_px=np.stack(depths) if has_depth else None,
+        pose_deg=pose_deg,
     )
+    write_predictions(path, found)
 
 
 def _page(report: Report, contents: Mapping[str, bytes], frontal_face: Float64[ndarray, "68 2"]) -> str:

@@ -56,7 +56,8 @@ def curve3d_png(report: Report) -> bytes | None:
         f"{method}, 68 points": error_curve(np.array(values), report.manifest.threshold3d) * [1, 100]
         for method, values in zip(report.methods, (found, baseline), strict=True)
     }
-    unit = f"in the data's unit (alignment: {report.settings.alignment})"
+    words = f"as a fraction of {report.unit3d}" if report.settings.alignment == "depth" else "in the data's unit"
+    unit = f"{words} (alignment: {report.settings.alignment})"
     return _curves_png(curves, report.manifest.title, f"mean distance of a face in 3D, {unit}", len(found))
 
 

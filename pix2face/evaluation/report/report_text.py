@@ -80,14 +80,20 @@ def _part_table(report: Report) -> ReportTable:
 def _table3d(report: Report) -> ReportTable | None:
     if not report.rows3d:
         return None
-    threshold = report.manifest.threshold3d or 0
-    columns = ["distance in 3D", "points", "mean", "interval", "median", f"AUC to {threshold:g}, %", "not found"]
+    threshold, is_share = report.manifest.threshold3d or 0, report.settings.alignment == "depth"
+    factor, unit = (100, f"% of {report.unit3d}") if is_share else (1, "the data's unit")
+    upper = f"{factor * threshold:g} %" if is_share else f"{threshold:g}, %"
+    columns = ["distance in 3D", "points", "mean", "interval", "median", f"AUC to {upper}", "not found"]
     lines = []
     for row in report.rows3d:
         own = row.all_images
-        figures = [_number(own.mean, 1, 3), _interval(row.intervals["mean"], 1), _number(own.median, 1, 3)]
+        figures = [
+            _number(own.mean, factor, 3),
+            _interval(row.intervals["mean"], factor),
+            _number(own.median, factor, 3),
+        ]
         lines.append([row.method, row.points, *figures, _number(own.area_under_curve, 100, 1), str(own.n_failed)])
-    caption = "Mean distance of the landmarks in 3D after alignment, in the data's unit; AUC in %."
+    caption = f"Mean distance of the landmarks in 3D after alignment, in {unit}; AUC in %."
     return ReportTable(caption, columns, lines)
 
 
@@ -225,7 +231,8 @@ def _space_notes(report: Report) -> list[str]:
     if not report.rows3d:
         return []
     alignment = report.settings.alignment
-    return [f"3D: distance in the data's unit; landmarks compared [{alignment}] {ALIGNMENTS[alignment]}."]
+    unit = f"% of {report.unit3d}" if alignment == "depth" else "the data's unit"
+    return [f"3D: distance in {unit}; landmarks compared [{alignment}] {ALIGNMENTS[alignment]}."]
 
 
 def _pose_notes(report: Report) -> list[str]:

@@ -38,6 +38,7 @@ class PredictedLandmarks:
     names: tuple[str, ...]  # names of the faces, all different
     landmarks2d: Float64[ndarray, "n 68 2"]  # pixels of the picture, centres at +0.5; NaN where no face was found
     landmarks3d: Float64[ndarray, "n 68 3"] | None = None  # in the system's own unit and axes
+    z_px: Float64[ndarray, "n 68"] | None = None  # in the picture, towards the viewer, up to a constant
     pose_deg: Float64[ndarray, "n 3"] | None = None  # pitch, yaw, roll with the signs of 300W-LP
 
 
@@ -66,6 +67,7 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
         names=names,
         landmarks2d=landmarks[..., :2] + TO_PROJECT_PX[frame],
         landmarks3d=points3d,
+        z_px=landmarks[..., 2] if landmarks.shape[2] == 3 else None,
         pose_deg=_optional(path, arrays, "pose_deg", (n,)),
     )
 
@@ -73,6 +75,8 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
 def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
     """Writes the ``.npz`` that ``read_predictions`` reads, 0-based with integer centres."""
     names, landmarks = np.asarray(predicted.names, dtype=np.str_), predicted.landmarks2d - TO_PROJECT_PX["0-based"]
+    if predicted.z_px is not None:
+        landmarks = np.concatenate([landmarks, predicted.z_px[..., None]], axis=2)
     optional: dict[str, Any] = {"landmarks3d": predicted.landmarks3d, "pose_deg": predicted.pose_deg}
     known = {name: values for name, values in optional.items() if values is not None}
     np.savez_compressed(path, names=names, landmarks=landmarks, **known)

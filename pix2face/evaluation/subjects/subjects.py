@@ -16,7 +16,7 @@ from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
 from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
-from pix2face.geometry.camera import Camera, head_pose
+from pix2face.geometry.camera import Camera, head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
@@ -32,6 +32,7 @@ class FoundFace:
     landmarks2d: Float64[ndarray, "68 2"] | None  # image pixels; None where it found nothing
     failure: str | None = None  # why it found nothing
     landmarks3d: Float64[ndarray, "68 3"] | None = None  # in the subject's own unit and axes
+    z_px: Float64[ndarray, "68"] | None = None  # of the landmarks in the picture, towards the viewer, up to a constant
     pose_deg: Float64[ndarray, "3"] | None = None  # pitch, yaw, roll with the signs of 300W-LP
     maps: FaceMaps | None = None  # in the pixels of the crop
     crop: Crop | None = None
@@ -138,7 +139,10 @@ class PredictionsSubject:
         points3d, poses = self.predicted.landmarks3d, self.predicted.pose_deg
         pose = None if poses is None or not np.isfinite(poses[row]).all() else poses[row]
         return FoundFace(
-            landmarks2d=landmarks2d, landmarks3d=None if points3d is None else points3d[row], pose_deg=pose
+            landmarks2d=landmarks2d,
+            landmarks3d=None if points3d is None else points3d[row],
+            z_px=None if self.predicted.z_px is None else self.predicted.z_px[row],
+            pose_deg=pose,
         )
 
 
@@ -173,9 +177,11 @@ class OracleSubject:
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error))
         vertices = self.model.vertices(fitted.identity[None], fitted.expression[None])[0]
+        landmarks3d = vertices[self.model.landmarks[IBUG68]].astype(np.float64)
         return FoundFace(
             landmarks2d=fitted.matched2d,
-            landmarks3d=vertices[self.model.landmarks[IBUG68]].astype(np.float64),
+            landmarks3d=landmarks3d,
+            z_px=z_in_picture(fitted.camera, landmarks3d),
             pose_deg=pose_of(fitted.camera, self.model_from_stated),
             identity=fitted.identity,
             expression=fitted.expression,
@@ -195,12 +201,18 @@ def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRA
     return np.array([pose.pitch_deg, pose.yaw_deg, pose.roll_deg])
 
 
+def z_in_picture(camera: Camera, points3d: Float64[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
+    """How near model points are to the viewer, in pixels of the picture, up to a constant: z of ``pt3d_68``."""
+    return -nearest_weak_perspective(camera).scale * camera.depth(points3d)
+
+
 def _found(
     fitted: FaceFit, model_from_stated: Float64[ndarray, "3 3"], prediction: Prediction | None = None
 ) -> FoundFace:
     return FoundFace(
         landmarks2d=fitted.landmarks2d,
         landmarks3d=fitted.landmarks3d,
+        z_px=z_in_picture(fitted.camera, fitted.landmarks3d),
         pose_deg=pose_of(fitted.camera, model_from_stated),
         maps=None if prediction is None else prediction.maps,
         crop=None if prediction is None else prediction.crop,

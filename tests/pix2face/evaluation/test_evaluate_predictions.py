@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.pix2face.benchmark_files import write_photograph, write_pts
+from tests.pix2face.benchmark_files import write_mat, write_photograph, write_pts
 from tests.pix2face.evaluation_calls import (
     LANDMARKS,
     MODEL,
@@ -121,3 +121,70 @@ def test_clips_are_drawn_as_a_whole_and_counted(tmp_path, small_model, capsys):
     assert report["bootstrap"]["drawn"] == "clips"
     assert report["table"][0]["groups"]["training"]["n_images"] == 2
     assert [face["clip"] for face in report["faces"]] == ["001", "001", "401", "401", "402", "402"]
+
+
+def write_aflw(folder, n=3):
+    """Faces whose true z differs from the mean face's, and their points in space as pixels count from 0."""
+    rng, points = np.random.default_rng(0), []
+    for number in range(n):
+        z = 0.3 * MODEL.mean[MODEL.landmarks["ibug68"], 2] + rng.normal(0, 5, 68)
+        write_photograph(folder / f"image0000{2 + 2 * number}.jpg")
+        truth = np.vstack([LANDMARKS.T + 0.5, z])
+        write_mat(folder / f"image0000{2 + 2 * number}.mat", LANDMARKS, 0, pt3d_68=truth)
+        points.append(np.column_stack([LANDMARKS - 0.5, z]))
+    return [f"image0000{2 + 2 * number}" for number in range(n)], np.stack(points)
+
+
+def rows3d(tmp_path):
+    table = stored_report(tmp_path)["table3d"]
+    return table and {(row["method"], row["points"]): row["all_images"]["mean"] for row in table["table"]}
+
+
+def test_a_mirrored_z_is_an_error_in_3d(tmp_path, small_model, capsys):
+    names, points = write_aflw(tmp_path)
+    box = np.sqrt(np.prod(np.ptp(LANDMARKS, axis=0)))
+    call = ("--predictions", tmp_path / "p.npz")
+    np.savez(tmp_path / "p.npz", names=names, landmarks=points + [0, 0, 40])  # z has no origin
+    assert measure(tmp_path, *call, split="aflw2000-3d") == 0
+    assert rows3d(tmp_path)["predictions", "68"] == pytest.approx(0, abs=1e-9)
+    assert rows3d(tmp_path)["baseline", "68"] > 0.01
+    assert "3D: distance in % of the sqrt(width x height)" in capsys.readouterr().out
+    assert stored_report(tmp_path)["table3d"]["alignment"] == "depth"
+
+    np.savez(tmp_path / "p.npz", names=names, landmarks=points * [1, 1, -1])
+    assert measure(tmp_path, *call, split="aflw2000-3d") == 0
+    from_mean = points[..., 2] - points[..., 2].mean(axis=1, keepdims=True)
+    expected = (2 * np.abs(from_mean)).mean() / box
+    assert stored_report(tmp_path)["table"][0]["all_images"]["mean"] == pytest.approx(0, abs=1e-9)
+    assert rows3d(tmp_path)["predictions", "68"] == pytest.approx(expected)
+    (tmp_path / "out" / "landmarks.npz").rename(tmp_path / "p.npz")
+    assert measure(tmp_path, *call, split="aflw2000-3d") == 0
+    assert rows3d(tmp_path)["predictions", "68"] == pytest.approx(expected)
+
+
+def test_landmarks_of_two_dimensions_have_no_row_in_3d(tmp_path, small_model):
+    names, points = write_aflw(tmp_path)
+    points[1] = np.nan
+    np.savez(tmp_path / "p.npz", names=names, landmarks=points[..., :2])
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz", split="aflw2000-3d") == 0
+    assert rows3d(tmp_path) is None
+
+
+def test_faces_that_were_not_found_count_in_3d(tmp_path, small_model):
+    names, points = write_aflw(tmp_path)
+    np.savez(tmp_path / "p.npz", names=names[:2], landmarks=points[:2])
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz", split="aflw2000-3d") == 0
+    own = stored_report(tmp_path)["table3d"]["table"][0]["all_images"]
+    assert (own["n_images"], own["n_failed"]) == (3, 1)
+
+
+def test_fits_have_a_row_in_3d(tmp_path, small_model):
+    write_aflw(tmp_path)
+    assert measure(tmp_path, "--oracle", split="aflw2000-3d") == 0
+    assert 0 < rows3d(tmp_path)["oracle", "68"] < rows3d(tmp_path)["baseline", "68"] + 0.05
+
+
+@pytest.mark.parametrize(("split", "align"), [("aflw2000-3d", "rigid"), ("ibug", "similarity"), ("ibug", "depth")])
+def test_alignments_that_a_split_cannot_have_are_refused(tmp_path, small_model, capsys, split, align):
+    assert measure(tmp_path, "--oracle", "--align", align, split=split) == 2
+    assert f"--align {align}: expected a split with 3D landmarks" in capsys.readouterr().err

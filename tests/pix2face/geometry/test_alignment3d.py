@@ -27,6 +27,13 @@ def test_none_leaves_points_where_they_are():
     assert distances3d(TRUTH + [3, 0, 4], TRUTH, "none") == pytest.approx(5)
 
 
+def test_depth_moves_z_alone_and_mirrors_nothing():
+    assert distances3d(TRUTH + [0, 0, 70], TRUTH, "depth").max() < 1e-9
+    np.testing.assert_allclose(distances3d(TRUTH + [3, 4, 70], TRUTH, "depth"), 5)
+    from_mean = TRUTH[:, 2] - TRUTH[:, 2].mean()
+    np.testing.assert_allclose(distances3d(TRUTH * [1, 1, -1], TRUTH, "depth"), 2 * np.abs(from_mean))
+
+
 def test_similarity_is_the_best_of_all_scales():
     noisy = TRUTH + np.random.default_rng(1).normal(0, 5, TRUTH.shape)
     best = (distances3d(noisy, TRUTH, "similarity") ** 2).sum()
