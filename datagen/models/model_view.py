@@ -14,7 +14,7 @@ from datagen.rendering.renderer import Renderer
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM, split_at_seams
+from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM, material_stem, split_at_seams
 
 if TYPE_CHECKING:
     import trimesh
@@ -70,10 +70,10 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
 
         mesh = mesh_of(model)
         if isinstance(mesh.visual, trimesh.visual.TextureVisuals):
-            mesh.visual.material.name = out.stem  # so that each .obj refers to files of its own
+            mesh.visual.material.name = material_stem(out.stem)  # so that each .obj refers to files of its own
         if suffix == ".glb":
             mesh.vertices = mesh.vertices * GLTF_UNITS_PER_MM
-        mesh.export(out, **({"mtl_name": f"{out.stem}.mtl"} if suffix == ".obj" else {}))
+        mesh.export(out, **({"mtl_name": f"{material_stem(out.stem)}.mtl"} if suffix == ".obj" else {}))
     elif not cv2.imwrite(str(out), component_sheet(model, n_components)[..., ::-1]):
         raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 MeshFormat = Literal["obj", "ply", "glb"]
 
 GLTF_UNITS_PER_MM = 1e-3
+# Of the stem of an .obj that its material cannot have. With what is added, any file system takes the name.
+READABLE_LETTERS = 40
 
 
 @final
@@ -76,10 +78,15 @@ def write_mesh(path: Path, mesh: FaceMesh) -> None:
 
 
 def material_stem(stem: str) -> str:
-    """What the files beside an .obj are called: its own stem where the format, which has no quotes, can name it."""
-    if re.fullmatch(r"(?!-)[^\s#\\\x00-\x1f\x7f\ud800-\udfff]+", stem):
+    """What the files beside an .obj are called: its own stem where the format, which has no quotes, can name it.
+
+    Readers end a name at a space, a comment at ``#``, and take what begins with ``-`` for an option. Letters of any
+    script are safe in UTF-8. What is not safe becomes ``_``, and a checksum tells such names apart.
+    """
+    safe = re.sub(r"^-|[\s#\\\x00-\x1f\x7f\ud800-\udfff]", "_", stem)
+    if safe == stem:
         return stem
-    return f"material-{zlib.crc32(stem.encode(errors='surrogateescape')):08x}"
+    return f"{safe[:READABLE_LETTERS]}-{zlib.crc32(stem.encode(errors='surrogateescape')):08x}"
 
 
 def split_at_seams(
@@ -118,13 +125,13 @@ def _write_obj(path: Path, mesh: FaceMesh) -> None:
         _write_material(path.with_name(f"{material_stem(path.stem)}.mtl"), mesh.texture)
     else:
         lines += [f"f {a} {b} {c}" for a, b, c in triangles]
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:
     picture = path.with_name(f"{path.stem}-texture.png")
     picture.write_bytes(encode_image(texture))
-    path.write_text(f"newmtl face\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n")
+    path.write_text(f"newmtl face\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n", encoding="utf-8")
 
 
 def _write_ply(path: Path, mesh: FaceMesh) -> None:

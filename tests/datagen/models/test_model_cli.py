@@ -163,8 +163,11 @@ def test_meshes_open_in_other_programs(tmp_path: Path, suffix: str) -> None:
 
 
 def test_textured_meshes_keep_their_seams(tmp_path: Path) -> None:
-    out = tmp_path / "head.obj"
+    out = tmp_path / "my head.obj"
     assert main(["model", "view", "builtin", "--out", str(out)]) == 0
+    (material,) = tmp_path.glob("*.mtl")
+    assert " " not in material.name
+    assert f"mtllib {material.name}\n" in out.read_text()
     mesh = trimesh.load(out, process=False, force="mesh")
     model = builtin_model()
     np.testing.assert_allclose(mesh.triangles, model.mean[model.triangles], atol=1e-3)

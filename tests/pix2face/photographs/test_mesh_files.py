@@ -107,9 +107,30 @@ def test_the_material_keeps_a_name_that_the_format_can_hold(stem: str) -> None:
     assert material_stem(stem) == stem
 
 
-@pytest.mark.parametrize("stem", ["my photo", "a#b", "-x", "tab\tline\n", "caf\udce9", "a\\b", "\x1b[31m"])
-def test_other_names_get_a_material_of_their_own(tmp_path: Path, stem: str) -> None:
-    assert re.fullmatch(r"material-[0-9a-f]{8}", material_stem(stem))
+@pytest.mark.parametrize("stem", ["Jos\xe9", "\u65e5\u672c\u8a9e", "\u041c\u0430\u0440\u0438\u044f", "e\u0301"])
+def test_other_readers_find_the_texture_of_a_name_in_any_script(tmp_path: Path, stem: str) -> None:
+    texture = np.full((8, 8, 3), 77, dtype=np.uint8)
+    write_mesh(tmp_path / f"{stem}.obj", FaceMesh(face(TEXTURED), TEXTURED, texture=texture))
+    assert {path.name for path in tmp_path.iterdir()} == {f"{stem}.obj", f"{stem}.mtl", f"{stem}-texture.png"}
+    read = trimesh.load(tmp_path / f"{stem}.obj", force="mesh")
+    np.testing.assert_array_equal(np.asarray(read.visual.material.image), texture)
+
+
+UNSAFE = {
+    "my photo": "my_photo",
+    "a#b": "a_b",
+    "-x": "_x",
+    "tab\tline\n": "tab_line_",
+    "caf\udce9": "caf_",
+    "a\\b": "a_b",
+    "\x1b[31m": "_[31m",
+    "a long name " * 20: "a_long_name_a_long_name_a_long_name_a_lo",
+}
+
+
+@pytest.mark.parametrize(("stem", "readable"), UNSAFE.items())
+def test_other_names_get_a_material_of_their_own(tmp_path: Path, stem: str, readable: str) -> None:
+    assert re.fullmatch(rf"{re.escape(readable)}-[0-9a-f]{{8}}", material_stem(stem))
     assert material_stem(stem) != material_stem(stem + "x")
     texture = np.full((8, 8, 3), 77, dtype=np.uint8)
     write_mesh(tmp_path / f"{stem}.obj", FaceMesh(face(TEXTURED), TEXTURED, texture=texture))
