@@ -1,7 +1,6 @@
 """The whole of inference behind one object: photographs in; maps, cameras, meshes and landmarks out."""
 
 from collections.abc import Sequence
-from dataclasses import astuple
 from pathlib import Path
 from typing import final
 
@@ -19,6 +18,13 @@ from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.photographs.given_photographs import (
+    GivenBoxes,
+    GivenPhotograph,
+    as_boxes,
+    as_photograph,
+    as_photographs,
+)
 from pix2face.photographs.refined_detection import find_faces
 
 
@@ -26,8 +32,10 @@ from pix2face.photographs.refined_detection import find_faces
 class Pix2Face:
     """Dense 3D faces from photographs: a network, its morphable model and a face detector.
 
-    It keeps nothing between calls. Photographs are RGB, 8 bit, as ``pix2face.files.images.read_photograph`` reads them;
-    pixels are (x, y) with centres at +0.5; millimetres are those of the model frame (docs/reference/conventions.md).
+    It keeps nothing between calls. A photograph is a path, a PIL image, or an RGB array of 8 bits as
+    ``pix2face.files.images.read_photograph`` makes it; paths and PIL images are turned upright by their orientation
+    tag. A face box is a ``FaceBox`` or (left, top, right, bottom), tight around the 68 landmarks. Pixels are (x, y)
+    with centres at +0.5; millimetres are those of the model frame (docs/reference/conventions.md).
 
     Args:
         predictor: The network.
@@ -68,7 +76,7 @@ class Pix2Face:
     def load(
         cls,
         checkpoint: Path | str | None = None,
-        model: MorphableModel | str | None = BUILTIN_MODEL,
+        model: MorphableModel | Path | str | None = BUILTIN_MODEL,
         device: str | None = None,
         detector: str = DEFAULT_DETECTOR,
         refine: bool = True,
@@ -93,82 +101,89 @@ class Pix2Face:
         """
         path = PACKAGED if checkpoint is None else Path(checkpoint)
         predictor = Predictor.load(path, device)
-        opened = open_model(model) if isinstance(model, str) else model
-        if opened is not None and (isinstance(model, str) if own_landmarks is None else own_landmarks):
+        opened = open_model(str(model)) if isinstance(model, str | Path) else model
+        if opened is not None and (opened is not model if own_landmarks is None else own_landmarks):
             opened = with_own_landmarks(opened, predictor.header)
         return cls(predictor, opened, open_detector(detector), refine)
 
-    def find_faces(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
+    def find_faces(self, image: GivenPhotograph) -> list[FaceBox]:
         """The boxes of the faces in a photograph, largest first; empty where there is none.
 
         Raises:
-            UsageError: The photograph is not 8-bit RGB.
+            InputFileError: The photograph's file is missing, or cannot be decoded.
+            UsageError: The photograph is neither a path, nor a PIL image, nor an 8-bit RGB array.
         """
-        check_photograph(image)
+        image = as_photograph(image)
         detector = self._detector or open_detector()
         if self._refine and self._model is not None:
             return find_faces(image, detector, self.predictor, self._model)
         return detector.detect(image)
 
-    def predict(self, image: UInt8[ndarray, "h w 3"], boxes: Sequence[FaceBox] | None = None) -> list[Prediction]:
+    def predict(self, image: GivenPhotograph, boxes: GivenBoxes | None = None) -> list[Prediction]:
         """The maps of every face of one photograph.
 
         Args:
-            image: RGB.
-            boxes: Where the faces are, as tight boxes of their landmarks; None detects them.
+            image: The photograph.
+            boxes: Where the faces are; None detects them.
 
         Returns:
             One for each box, in their order; empty where there is no face.
 
         Raises:
             DegenerateGeometryError: A box has no extent, or the network's output is not finite.
+            InputFileError: As ``find_faces``.
+            UsageError: As ``find_faces``, or a box is not four numbers.
         """
         return self.predict_batch([image], None if boxes is None else [boxes])[0]
 
     def predict_batch(
-        self, images: Sequence[UInt8[ndarray, "_ _ 3"]], boxes: Sequence[Sequence[FaceBox]] | None = None
+        self, images: Sequence[GivenPhotograph], boxes: Sequence[GivenBoxes] | None = None
     ) -> list[list[Prediction]]:
         """The maps of every face of several photographs, of any sizes; the network sees many faces at once.
 
         Args:
-            images: RGB.
+            images: The photographs.
             boxes: For each photograph as in ``predict``.
 
         Raises:
             DegenerateGeometryError: As ``predict``.
-            UsageError: Photographs and lists of boxes differ in number, or a photograph is not 8-bit RGB.
+            InputFileError: As ``find_faces``.
+            UsageError: As ``predict``, or photographs and lists of boxes differ in number.
         """
-        for image in images:
-            check_photograph(image)
+        photographs = as_photographs(images)
         if boxes is None:
-            boxes = [self.find_faces(image) for image in images]
-        if len(boxes) != len(images):
-            raise UsageError(f"expected boxes for each of {len(images)} photographs, found {len(boxes)} lists of boxes")
-        faces = [(image, box) for image, own in zip(images, boxes, strict=True) for box in own]
-        for _, box in faces:
-            check_box(box)
+            boxes = [self.find_faces(image) for image in photographs]
+        if len(boxes) != len(photographs):
+            raise UsageError(
+                f"expected boxes for each of {len(photographs)} photographs, found {len(boxes)} lists of boxes"
+            )
+        boxes_of = [as_boxes(own) for own in boxes]
+        faces = [(image, box) for image, own in zip(photographs, boxes_of, strict=True) for box in own]
         predictions = self.predictor.predict_many(faces)
         for prediction in predictions:
             prediction.check_finite()
-        ends = np.cumsum([len(own) for own in boxes]).tolist()
-        return [predictions[end - len(own) : end] for end, own in zip(ends, boxes, strict=True)]
+        ends = np.cumsum([len(own) for own in boxes_of]).tolist()
+        return [predictions[end - len(own) : end] for end, own in zip(ends, boxes_of, strict=True)]
 
     def fit(
         self,
-        image: UInt8[ndarray, "h w 3"],
-        boxes: Sequence[FaceBox] | None = None,
+        image: GivenPhotograph,
+        boxes: GivenBoxes | None = None,
         options: FitOptions = DEFAULT_FIT,
     ) -> list[FaceFit]:
         """Camera, coefficients, mesh and landmarks of every face of one photograph, in its pixels.
 
         Args:
-            image: RGB.
+            image: The photograph.
             boxes: As in ``predict``.
             options: Camera, regularisation and so on.
 
         Raises:
             DegenerateGeometryError: As ``predict``, or the maps of a face do not determine it.
+            InputFileError: As ``find_faces``.
+            UsageError: As ``predict``, or there is no morphable model.
         """
+        image = as_photograph(image)
         height, width = image.shape[:2]
         return [self.fit_prediction(prediction, (height, width), options) for prediction in self.predict(image, boxes)]
 
@@ -198,14 +213,14 @@ class Pix2Face:
 
     def fit_joint(
         self,
-        images: Sequence[UInt8[ndarray, "_ _ 3"]],
-        boxes: Sequence[FaceBox] | None = None,
+        images: Sequence[GivenPhotograph],
+        boxes: GivenBoxes | None = None,
         options: FitOptions = DEFAULT_FIT,
     ) -> list[FaceFit]:
         """Fits photographs of one person: one identity, and for each photograph its camera and expression (Eq. 5).
 
         Args:
-            images: RGB, each showing the person.
+            images: The photographs, each showing the person.
             boxes: For each photograph where the person is; None takes the largest face.
             options: As in ``fit``.
 
@@ -214,12 +229,14 @@ class Pix2Face:
 
         Raises:
             DegenerateGeometryError: As ``fit``, or no face is found in a photograph.
-            UsageError: As ``predict_batch``.
+            InputFileError: As ``find_faces``.
+            UsageError: As ``predict_batch``, or there is no morphable model.
         """
+        photographs = as_photographs(images)
         if boxes is None:
-            boxes = [self._largest_face(image, index) for index, image in enumerate(images)]
-        predictions = [prediction for (prediction,) in self.predict_batch(images, [[box] for box in boxes])]
-        sizes = [(image.shape[0], image.shape[1]) for image in images]
+            boxes = [self._largest_face(image, index) for index, image in enumerate(photographs)]
+        predictions = [prediction for (prediction,) in self.predict_batch(photographs, [[box] for box in boxes])]
+        sizes = [(image.shape[0], image.shape[1]) for image in photographs]
         return self.fit_predictions_joint(predictions, sizes, options)
 
     def fit_predictions_joint(
@@ -254,33 +271,3 @@ class Pix2Face:
         if not boxes:
             raise DegenerateGeometryError(f"no face found in photograph {index} (from 0); say where it is with boxes")
         return boxes[0]
-
-
-SMALLEST_BOX_PX = 1.0
-
-
-def check_photograph(image: ndarray) -> None:
-    """Makes sure that an array is a photograph.
-
-    Raises:
-        UsageError: It is not 8-bit RGB, or empty.
-    """
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or not image.size:
-        raise UsageError(
-            f"expected a photograph of shape (height, width, 3), RGB, uint8, found {image.dtype} of shape "
-            f"{image.shape}; pix2face.files.images.read_photograph brings any file there"
-        )
-
-
-def check_box(box: FaceBox) -> None:
-    """Makes sure that a box can hold a face.
-
-    Raises:
-        DegenerateGeometryError: It has no extent, or is not finite.
-    """
-    if not (
-        np.isfinite(astuple(box)).all() and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX
-    ):
-        raise DegenerateGeometryError(
-            f"expected a face box (left, top, right, bottom) of at least {SMALLEST_BOX_PX:g} pixel, found {box}"
-        )

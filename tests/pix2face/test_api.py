@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 from numpy import ndarray
+from PIL import Image
 from torch import Tensor
 
 import pix2face
 from pix2face import Pix2Face
-from pix2face.api import check_photograph
-from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
+from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import Predictor
@@ -29,6 +29,7 @@ from tests.pix2face.photographs.seen_faces import (
     network_of,
     photographed_face,
     write_checkpoint,
+    write_picture,
 )
 from tests.synthetic_models import small_head_model
 
@@ -133,21 +134,6 @@ def sides(box: FaceBox) -> ndarray:
     return np.array([box.left, box.top, box.right, box.bottom])
 
 
-@pytest.mark.parametrize(
-    "image",
-    [
-        np.zeros((20, 30), dtype=np.uint8),
-        np.zeros((20, 30, 4), dtype=np.uint8),
-        np.zeros((20, 30, 3), dtype=np.float32),
-        np.zeros((0, 30, 3), dtype=np.uint8),
-    ],
-)
-def test_pictures_of_another_kind_are_named(image: ndarray) -> None:
-    # Types are checked only under the tests: what a user meets is the check inside.
-    with pytest.raises(UsageError, match=r"expected a photograph of shape .height, width, 3., RGB, uint8, found"):
-        check_photograph(image)
-
-
 BAD_BOXES = [
     FaceBox(10, 10, 10, 10),
     FaceBox(30, 10, 10, 40),
@@ -160,6 +146,22 @@ BAD_BOXES = [
 def test_boxes_without_extent_are_named(face: PhotographedFace, box: FaceBox) -> None:
     with pytest.raises(DegenerateGeometryError, match="expected a face box"):
         seeing(face).predict(face.photograph(), [box])
+
+
+def test_photographs_and_boxes_are_taken_as_callers_have_them(face: PhotographedFace, tmp_path: Path) -> None:
+    path = write_picture(tmp_path / "person.png", face.photograph())
+    given = [path, str(path), Image.open(path), face.photograph()]
+    box = tuple(float(side) for side in sides(face.box))
+    seen = seeing(face)
+    assert all(seen.find_faces(image) == [face.box] for image in given)
+    (expected,) = seen.fit(face.photograph(), [face.box], options=EXACT)
+    for image in given:
+        for fit in (*seen.fit(image, [box], EXACT), *seen.fit_joint([image], [box], EXACT)):
+            np.testing.assert_allclose(fit.landmarks2d, expected.landmarks2d, atol=0.1)
+        ((prediction,),) = seen.predict_batch([image], [np.array([box])])
+        np.testing.assert_array_equal(prediction.maps.pncc, seen.predict(path, [face.box])[0].maps.pncc)
+    with pytest.raises(InputFileError, match="found no such file"):
+        seen.fit(tmp_path / "mistyped.png")
 
 
 def test_boxes_for_other_photographs_are_refused(face: PhotographedFace) -> None:
@@ -221,9 +223,10 @@ def test_it_is_loaded_from_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     checkpoint = write_checkpoint(tmp_path / "runs" / "one" / "checkpoint.safetensors", model)
     image = np.zeros((HEIGHT_PX, 260, 3), dtype=np.uint8)
     by_name = Pix2Face.load(str(checkpoint), str(model_path), "cpu")
+    by_path = Pix2Face.load(checkpoint, model_path, "cpu")
     monkeypatch.setattr("pix2face.api.PACKAGED", checkpoint)
     by_default = Pix2Face.load(model=model)
-    for loaded in (by_name, by_default):
+    for loaded in (by_name, by_path, by_default):
         assert isinstance(loaded.model, MorphableModel)
         assert len(loaded.predict(image, [FaceBox(20, 20, 120, 120)])) == 1
     with pytest.raises(UsageError, match="nonsense"):
@@ -240,7 +243,6 @@ def test_the_package_names_it_and_nothing_else() -> None:
 
 def test_the_example_runs(tmp_path: Path, face: PhotographedFace, monkeypatch: pytest.MonkeyPatch) -> None:
     from examples.fit_photograph import main
-    from tests.pix2face.photographs.seen_faces import write_picture
 
     photograph = write_picture(tmp_path / "person.png", face.photograph())
     monkeypatch.setattr(Pix2Face, "load", lambda checkpoint=None: seeing(face))
