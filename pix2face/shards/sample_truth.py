@@ -3,8 +3,8 @@
 import numpy as np
 
 from pix2face.files.orientation import UPRIGHT, orientation_tag
-from pix2face.geometry.believable_face import GIVEN, measure_face
-from pix2face.shards.sample import PICTURE, PictureKind, Sample
+from pix2face.geometry.believable_face import GIVEN, JITTERED, measure_face
+from pix2face.shards.sample import JITTER_OF, PICTURE, PictureKind, Sample
 
 WHAT_TO_DO = (
     "convert or fit their annotations again, which rejects or corrects them now, and render again; or leave them out "
@@ -22,7 +22,8 @@ def doubts_about(sample: Sample, size_px: tuple[int, int]) -> list[str]:
     if sample.attributes.get(PICTURE) != PictureKind.PHOTOGRAPH:
         return []
     coefficients = np.concatenate([sample.identity, sample.expression])
-    doubts = measure_face(sample.camera, coefficients, sample.landmarks2d, size_px).problems(GIVEN)
+    limits = JITTERED if JITTER_OF in sample.attributes else GIVEN
+    doubts = measure_face(sample.camera, coefficients, sample.landmarks2d, size_px).problems(limits)
     if sample.image_bytes is not None and (tag := orientation_tag(sample.image_bytes)) != UPRIGHT:
         doubts.append(f"its picture has the orientation tag {tag}, which some programs apply and its maps do not")
     return doubts

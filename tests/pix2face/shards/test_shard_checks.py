@@ -15,7 +15,7 @@ from pix2face.errors import UsageError
 from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.files.images import encode_photograph
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.shards.sample import PICTURE, PictureKind, Sample
+from pix2face.shards.sample import JITTER_OF, PICTURE, PictureKind, Sample
 from pix2face.shards.shard_checks import verify_folder, verify_shard
 from pix2face.shards.shard_writing import write_shard
 from tests.pix2face.files.test_images import with_orientation
@@ -257,6 +257,10 @@ def doubtful_photographs() -> list[Sample]:
         photograph(3, landmarks2d=np.full((68, 2), 30.0)),
         photograph(4, image_bytes=tagged),
         replace(photograph(5, camera=turned), attributes={PICTURE: PictureKind.SYNTHETIC}),
+        replace(
+            photograph(6, landmarks2d=np.full((68, 2), 30.0)),
+            attributes={PICTURE: PictureKind.PHOTOGRAPH, JITTER_OF: "face"},
+        ),
     ]
 
 
