@@ -17,6 +17,8 @@ from pix2face.shards.sample import Sample
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
 TILE_PX, HEADING_PX = 180, 40
+# All layers of such a sample, painted, take a gigabyte and some seconds.
+LARGEST_SHOWN_PX = 1 << 24
 VISIBLE_COLOUR, HIDDEN_COLOUR = (60, 255, 60), (255, 80, 80)
 
 
@@ -81,7 +83,7 @@ def spread_samples(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Sample]]
     """Reads n samples one by one, evenly spread over a folder of shards.
 
     Raises:
-        UsageError: There are no shards, or no samples in them.
+        UsageError: There are no shards, no samples in them, or samples too large to be shown.
     """
     paths = shard_paths(shards)
     starts = np.cumsum([0, *(len(ShardReader(path)) for path in paths)])
@@ -93,6 +95,12 @@ def spread_samples(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Sample]]
     for shard in np.unique(which):
         reader = ShardReader(paths[shard])
         for position in positions[which == shard]:
+            height, width = reader.size_px(int(position - starts[shard]))
+            if height * width > LARGEST_SHOWN_PX:
+                raise UsageError(
+                    f"{reader.path}: expected samples of at most {LARGEST_SHOWN_PX >> 20} megapixels to show, found one "
+                    f"of {width} x {height} pixels; render some faces smaller to look at them"
+                )
             yield reader.header, reader.read(int(position - starts[shard]))
 
 

@@ -181,6 +181,9 @@ def check_layout(datasets: Mapping[str, h5py.Dataset], layers: Sequence[str]) ->
         )
         if not fits or dataset.dtype != column.dtype:
             raise ValueError(f"{name} is {dataset.dtype} {dataset.shape}, expected {column.dtype} {shape}")
+    counts = {name: datasets[name].shape[1] for name in ("landmarks2d", "landmarks3d", "visible")}
+    if len(set(counts.values())) > 1:
+        raise ValueError(f"the numbers of landmarks differ: {counts}")
     for name in TEXTS:
         if datasets[name].dtype.kind != "S" or datasets[name].shape != (n,):
             raise ValueError(
