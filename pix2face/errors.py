@@ -4,9 +4,16 @@ The command lines turn each of them into one line and an exit status. A message 
 where, and what to do.
 """
 
+# A message may quote a file, whose names and numbers may be of any length.
+LONGEST_MESSAGE = 2000
+
 
 class Pix2FaceError(Exception):
     """Base of everything that is the fault of input or surroundings, not of the code."""
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        return text if len(text) <= LONGEST_MESSAGE else f"{text[: LONGEST_MESSAGE - 500]} ... {text[-500:]}"
 
 
 class InputFileError(Pix2FaceError):

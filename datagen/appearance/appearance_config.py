@@ -7,7 +7,6 @@ prints; a new part is a field here and in `appearance.Appearance`.
 import hashlib
 import inspect
 import json
-import math
 import re
 import textwrap
 import tomllib
@@ -29,6 +28,7 @@ from pix2face.files.opening import is_regular, read_text_file
 
 DEFAULT, HARD, PLAIN = "default", "hard", "plain"
 LARGEST_FILE_BYTES = 1 << 20
+LARGEST_INTEGER = 2**63 - 1  # of TOML
 
 
 @final
@@ -165,6 +165,10 @@ def to_toml(configuration: Any, table: str = "") -> str:
 
 
 def _value(old: Any, new: Any, where: str, option: str) -> Any:
+    if isinstance(new, int) and abs(new) > LARGEST_INTEGER:
+        raise InputFileError(
+            f"{where}: {option}: expected {_kind(old)}, found a whole number of {len(str(new))} digits"
+        )
     if is_dataclass(old):
         if not isinstance(new, dict):
             raise InputFileError(f"{where}: {option}: expected a table, found {new!r}")
@@ -174,7 +178,7 @@ def _value(old: Any, new: Any, where: str, option: str) -> Any:
             raise InputFileError(f"{where}: {option}: expected {len(old)} values, found {new}")
         return tuple(_value(*pair, where, option) for pair in zip(old, new, strict=True)) if old else tuple(new)
     if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
-        return float(new) if abs(new) < 2**63 else math.copysign(math.inf, new)  # beyond any limit
+        return float(new)
     if type(old) is not type(new):
         raise InputFileError(f"{where}: {option}: expected {_kind(old)} such as {old!r}, found {new!r}")
     return new

@@ -22,7 +22,8 @@ UNWRITTEN_BYTES = 1 << 16
 LARGEST_ATTRIBUTE_BYTES = 1 << 20
 MOST_GROUPS = 10_000
 # What the library raises on damaged files, wherever it comes upon the damage.
-_LIBRARY_ERRORS = (OSError, KeyError, RuntimeError, ValueError, SystemError)
+# AttributeError: of a group where an array should be.
+_LIBRARY_ERRORS = (OSError, KeyError, RuntimeError, ValueError, SystemError, AttributeError)
 
 
 @contextmanager

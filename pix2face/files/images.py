@@ -51,7 +51,7 @@ class _Head(NamedTuple):
 # Opened by format, since `PIL.Image.open` has a limit of its own that belongs to the whole process.
 _HEADS: Mapping[bytes, _Head] = {
     b"\xff\xd8": _Head(JpegImagePlugin.JpegImageFile, 3),
-    b"\x89PNG": _Head(PngImagePlugin.PngImageFile, 3),
+    b"\x89PNG": _Head(PngImagePlugin.PngImageFile, 6),
     b"BM": _Head(BmpImagePlugin.BmpImageFile, 3),
     b"RIFF": _Head(WebPImagePlugin.WebPImageFile, 7),
     b"GIF8": _Head(GifImagePlugin.GifImageFile, 16),

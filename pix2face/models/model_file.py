@@ -234,7 +234,10 @@ def _read_basis(file: h5py.File, name: str) -> Float32[ndarray, "k v 3"]:
 
 
 def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
-    return cast(ndarray, file[name][()].astype(dtype))
+    item = file[name]
+    if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiub":
+        raise TypeError(f"{name} is no array of numbers")
+    return cast(ndarray, item[()].astype(dtype))
 
 
 def _content_sha256(file: h5py.File, path: Path) -> str:
