@@ -98,8 +98,8 @@ def spread_samples(shards: Path, n: int) -> Iterator[tuple[ShardHeader, Sample]]
             height, width = reader.size_px(int(position - starts[shard]))
             if height * width > LARGEST_SHOWN_PX:
                 raise UsageError(
-                    f"{reader.path}: expected samples of at most {LARGEST_SHOWN_PX >> 20} megapixels to show, found one "
-                    f"of {width} x {height} pixels; render some faces smaller to look at them"
+                    f"{reader.path}: expected samples of at most {LARGEST_SHOWN_PX >> 20} megapixels to show, found "
+                    f"one of {width} x {height} pixels; render some faces smaller to look at them"
                 )
             yield reader.header, reader.read(int(position - starts[shard]))
 
