@@ -28,6 +28,7 @@ from pix2face import __version__
 from pix2face.errors import Pix2FaceError, UsageError
 from pix2face.files.writing import written_in_one_step
 
+EXIT_BROKEN_PIPE = 1
 EXIT_ERROR = 2
 EXIT_REJECTED = 3
 EXIT_INTERRUPTED = 130
@@ -47,8 +48,10 @@ def run_commands(
         arguments: Without the program's name; None takes those of the process.
 
     Returns:
-        The exit status: what the command returned, 2 on an error of ours, 130 when interrupted.
+        The exit status: what the command returned, 2 on an error of ours, 130 when interrupted, 1 where nobody reads
+        the output any more.
     """
+    _replace_missing_streams()
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given[:1] == ["--version"]:
         sys.stdout.write(f"{program} {__version__}\n")
@@ -60,7 +63,13 @@ def run_commands(
         # Fits solve systems of some hundred unknowns: threads of the linear algebra only wait for each other, and
         # beside any other job they make a solve up to a hundred times slower. torch has threads of its own.
         with threadpool_limits(1, user_api="blas"):
-            return _run(program, description, commands, given)
+            status = _run(program, description, commands, given)
+        sys.stdout.flush()  # else a failure to write the last lines would come too late to be said
+        return status
+    except BrokenPipeError:
+        # As rich does where it prints. What is still to be written must not fail once more while Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_BROKEN_PIPE
     except (Pix2FaceError, OSError) as error:
         # OSError: no such right, no space, a file where a folder should be: what no command can foresee.
         sys.stderr.write(f"{program}: error: {printable(str(error))}\n")
@@ -72,6 +81,13 @@ def run_commands(
     except KeyboardInterrupt:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
         return EXIT_INTERRUPTED
+
+
+def _replace_missing_streams() -> None:
+    """Drops what is printed where a program was started without a standard output or error."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 (until the process ends)
 
 
 def _run(program: str, description: str, commands: Mapping[str, Callable[..., int]], arguments: list[str]) -> int:

@@ -158,7 +158,7 @@ def _hdf5_example(path: Path, header: ShardHeader) -> str:
     layer = next((layer for name, layer in LAYERS.items() if name in header.layers), None)
     if layer is None:
         return ""
-    with h5py.File(path, "r") as file:
+    with h5py.File(path, "r", locking=False) as file:
         is_planar, needs_plugin = is_predicted(file[layer.name]), has_foreign_filter(file[layer.name])
     imports = "import h5py, hdf5plugin  # pip install hdf5plugin" if needs_plugin else "import h5py"
     lines = [imports, 'with h5py.File("shard-00000.h5") as file:', f'    values = file["{layer.name}"][0]']

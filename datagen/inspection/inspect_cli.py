@@ -16,6 +16,7 @@ from datagen.inspection.sample_counts import count_samples
 from datagen.inspection.statistics_tables import picture_png, print_statistics, statistics_page, statistics_picture
 from pix2face.command_line import EXIT_ERROR, check_output_file, counted, optional, printable, progress_bar, say
 from pix2face.errors import UsageError
+from pix2face.files.writing import write_file
 from pix2face.shards.sample_truth import WHAT_TO_DO
 from pix2face.shards.shard_checks import verify_folder
 from pix2face.shards.shard_reader import shard_paths
@@ -78,14 +79,11 @@ def preview(
     check_output_file(out, (".jpg", ".jpeg", ".png", ".html"))
     if out.suffix.lower() == ".html":
         page = preview_page(printable(f"Samples of {shards}"), spread_samples(shards, n or N_ON_A_PAGE))
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(page, encoding="utf-8")
+        write_file(out, page)
         say(console, f"page ({len(page) / 1e6:.1f} MB) -> {out}")
         return 0
     sheet = contact_sheet(shards, n or N_ON_A_SHEET)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(out), sheet[..., ::-1]):
-        raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
+    write_file(out, cv2.imencode(out.suffix, sheet[..., ::-1])[1].tobytes())
     say(console, f"contact sheet -> {out}")
     return 0
 
@@ -116,9 +114,9 @@ def stats(
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         if out.suffix.lower() == ".html":
-            out.write_text(statistics_page(printable(f"Statistics of {shards}"), found), encoding="utf-8")
+            write_file(out, statistics_page(printable(f"Statistics of {shards}"), found))
         else:
-            out.write_bytes(picture_png(statistics_picture(found)))
+            write_file(out, picture_png(statistics_picture(found)))
         say(console, f"statistics -> {out}")
     return 0
 

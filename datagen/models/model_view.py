@@ -11,7 +11,7 @@ from numpy import ndarray
 from datagen.appearance.plain_appearance import PlainAppearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
-from pix2face.errors import UsageError
+from pix2face.files.writing import write_file
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM, material_stem, split_at_seams
@@ -74,8 +74,9 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         if suffix == ".glb":
             mesh.vertices = mesh.vertices * GLTF_UNITS_PER_MM
         mesh.export(out, **({"mtl_name": f"{material_stem(out.stem)}.mtl"} if suffix == ".obj" else {}))
-    elif not cv2.imwrite(str(out), component_sheet(model, n_components)[..., ::-1]):
-        raise UsageError(f"{out}: expected a file that can be written, found that it cannot")
+    else:
+        sheet = component_sheet(model, n_components)
+        write_file(out, cv2.imencode(suffix, sheet[..., ::-1])[1].tobytes())
 
 
 def mesh_of(model: MorphableModel) -> "trimesh.Trimesh":

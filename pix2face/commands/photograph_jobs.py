@@ -15,6 +15,7 @@ from pix2face.command_line import EXIT_REJECTED, progress_bar, say
 from pix2face.commands.face_options import FaceFinder
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
+from pix2face.files.writing import write_file
 from pix2face.geometry.crops import crop_image
 from pix2face.inference.predictor import Prediction
 from pix2face.photographs.fit_pictures import draw_maps
@@ -104,7 +105,7 @@ def write_maps_picture(out: Path, face: SeenFace) -> None:
 
 def write_picture(path: Path, picture: Photograph) -> None:
     """Writes a picture; unlike OpenCV's own function it takes every name and says when it fails."""
-    path.write_bytes(cv2.imencode(path.suffix, picture[..., ::-1])[1].tobytes())
+    write_file(path, cv2.imencode(path.suffix, picture[..., ::-1])[1].tobytes())
 
 
 def _faces(stem: str, path: Path, finder: FaceFinder, tally: Tally, taken: set[str]) -> list[SeenFace]:

@@ -19,6 +19,7 @@ from pix2face.commands.face_options import FaceOptions
 from pix2face.detectors.detection import open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
+from pix2face.files.writing import write_file
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import FaceBox
 from pix2face.tracking.clip_fit import FrameFitter
@@ -107,7 +108,7 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
             **_job_summary(config, source, fitter, n_frames),
             "faces": [face_summary(*own, config.out) for own in zip(faces, followers, strict=True)],
         }
-        (config.out / "track.json").write_text(json.dumps(summary, indent=1) + "\n")
+        write_file(config.out / "track.json", json.dumps(summary, indent=1) + "\n")
     for face, follower in zip(faces, followers, strict=True):
         for line in face_report(face, follower, config.smoothing):
             say(console, line)

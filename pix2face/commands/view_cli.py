@@ -18,6 +18,7 @@ from pix2face.commands.photograph_jobs import SeenFace, Tally, for_each_face, lo
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.files.opening import is_regular, open_regular
+from pix2face.files.writing import write_file
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import crop_image
 from pix2face.geometry.maps import point_cloud
@@ -74,7 +75,7 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
     if shown:
         config.out.parent.mkdir(parents=True, exist_ok=True)
         page = view_page(shown, f"pix2face: {config.inputs[0].stem}")
-        config.out.write_text(page, encoding="utf-8", errors="backslashreplace")
+        write_file(config.out, page.encode("utf-8", errors="backslashreplace"))
     else:
         say(console, f"no face to show: {config.out} is not written")
     tally.n_photographs = len(config.inputs)

@@ -52,7 +52,7 @@ class CoefficientWriter:
         header = self._header
         with ExitStack() as stack:
             temporary = stack.enter_context(written_in_one_step(self._path))
-            self._file = stack.enter_context(h5py.File(temporary, "w", track_order=False))
+            self._file = stack.enter_context(h5py.File(temporary, "w", track_order=False, locking=False))
             write_table_header(self._file, header)
             self._create("identity", (header.n_identity,), np.float32)
             self._create("expression", (header.n_expression,), np.float32)

@@ -89,7 +89,7 @@ class FaceCoefficients:
 
 def save_coefficients(table: FaceCoefficients, path: Path) -> None:
     """Writes a table. The file appears under its name only when it is complete."""
-    with written_in_one_step(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
+    with written_in_one_step(path) as temporary, h5py.File(temporary, "w", track_order=False, locking=False) as file:
         write_table_header(file, table)
         for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
             file.create_dataset(name, data=getattr(table, name), track_times=False)

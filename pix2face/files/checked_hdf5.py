@@ -30,12 +30,14 @@ _LIBRARY_ERRORS = (OSError, KeyError, RuntimeError, ValueError, SystemError, Att
 def open_unchecked(path: Path, expected: str = "an HDF5 file") -> Iterator[h5py.File]:
     """Opens a file for reading; `check_contained` must follow before any of its data is read.
 
+    Nothing is locked, as HDF5 would by default: finished files do not change, and some file systems have no locks.
+
     Raises:
         InputFileError: It is missing, or no regular file.
         OSError: It is no HDF5 file, or damaged.
     """
     check_regular(path, expected, LARGEST_FILE_BYTES)
-    with h5py.File(path, "r") as file:
+    with h5py.File(path, "r", locking=False) as file:
         yield file
 
 

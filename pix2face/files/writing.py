@@ -1,33 +1,76 @@
 """Files that appear under their names only when they are complete."""
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
+# What a system answers to a write that the disk or a limit does not allow.
+_WRITE_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EROFS)
+
 
 @contextmanager
-def written_in_one_step(path: Path, *, is_contended: bool = False) -> Iterator[Path]:
+def written_in_one_step(path: Path, *, is_contended: bool = False, is_synced: bool = True) -> Iterator[Path]:
     """Yields a hidden name beside a file; what is written there takes the file's place when the block ends.
 
     The content has reached the disk before it is renamed. If the block raises, nothing is left of it, and an older file
     of the same name stays. The file's folder is made. The file has the permissions of any new file, whatever writes it.
     With ``is_contended``, several processes may write the same file at once: each has a hidden name of its own.
+    Without ``is_synced`` the content may reach the disk later: for what is quickly made again.
+
+    Raises:
+        OSError: The file cannot be written, for instance since the disk is full. The error names it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     unique = f".{uuid4().hex[:12]}" if is_contended else ""
     temporary = path.with_name(f".{path.name}{unique}.part")
     try:
-        yield temporary
+        with naming_failed_writes(path):
+            yield temporary
         usual = _mode_of_a_new_file(path.parent)
         if temporary.stat().st_mode != usual:  # safetensors makes files that only their owner can read
             temporary.chmod(usual)
-        _sync(temporary)
+        if is_synced:
+            _sync(temporary)
         temporary.replace(path)
-        _sync(path.parent)
+        if is_synced:
+            _sync(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_file(path: Path, content: bytes | str) -> None:
+    """Writes a small file (text as UTF-8) that appears under its name only when it is complete.
+
+    Raises:
+        OSError: The file cannot be written, for instance since the disk is full. The error names it.
+    """
+    with written_in_one_step(path, is_synced=False) as temporary:
+        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+@contextmanager
+def naming_failed_writes(path: Path) -> Iterator[None]:
+    """Lets the errors of a failed write name the file.
+
+    Neither Python nor libraries name it where a disk is full, and libraries have exceptions of their own for it.
+
+    Raises:
+        OSError: The block could not write.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+    except Exception as error:
+        for number in _WRITE_ERRORS:
+            if os.strerror(number) in str(error):
+                raise OSError(number, os.strerror(number), str(path)) from error
+        raise
 
 
 def _mode_of_a_new_file(folder: Path) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.files.json_text import Integer, read_json_file
+from pix2face.files.writing import write_file
 from pix2face.geometry.landmarks import SCHEMES
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection
@@ -74,7 +75,7 @@ def save_landmarks(
         "origin": origin,
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(content, indent=1) + "\n")
 
 
 def load_landmarks(path: Path) -> LandmarkChoice:

@@ -102,7 +102,7 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
     takes a quarter of the size. Imported models are not quantised, so they stay exact.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with h5py.File(path, "w", track_order=False) as file:
+    with h5py.File(path, "w", track_order=False, locking=False) as file:
         file.attrs["format"] = fixed_text(FORMAT)
         file.attrs["schema_version"] = SCHEMA_VERSION
         for name in _TEXTS:

@@ -14,6 +14,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.face_files.w300lp import pose_of_camera
 from pix2face.files.json_text import JsonObject, read_json_file
+from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import (
     Camera,
@@ -61,7 +62,7 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_h
 def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path, image_height_px: int) -> None:
     """Writes a fit; the photograph is named by its way from the file's folder."""
     way = os.path.relpath(photograph.absolute(), path.parent.absolute())
-    path.write_text(fit_to_json(fitted, model, way, image_height_px))
+    write_file(path, fit_to_json(fitted, model, way, image_height_px))
 
 
 def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:

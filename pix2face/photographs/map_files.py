@@ -1,9 +1,9 @@
 """Predicted maps as files: ``.npz``, 16-bit PNG and OpenEXR (layouts: docs/reference/file_formats.md)."""
 
 import json
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.files.images import encode_image
+from pix2face.files.writing import write_file
 from pix2face.inference.predictor import Prediction
 
 # 16-bit PNG: code = 128 mm + 32768, so a step is 1/128 mm; 0 is kept for pixels outside the mask.
@@ -51,13 +52,15 @@ def maps_to_png16(values_mm: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w
 
 def _write_npz(folder: Path, name: str, prediction: Prediction) -> None:
     maps = prediction.maps
+    content = BytesIO()
     np.savez_compressed(
-        folder / f"{name}.npz",
+        content,
         pncc=maps.pncc,
         offset=maps.offset,
         mask=maps.mask,
         image_from_crop=prediction.crop.image_from_crop,
     )
+    write_file(folder / f"{name}.npz", content.getvalue())
 
 
 def _write_png16(folder: Path, name: str, prediction: Prediction) -> None:
@@ -65,9 +68,9 @@ def _write_png16(folder: Path, name: str, prediction: Prediction) -> None:
     pncc, offset = (maps_to_png16(values, maps.mask) for values in (maps.pncc, maps.offset))
     planes = {"pncc": pncc, "offset": offset, "mask": maps.mask.astype(np.uint8) * 255}  # x, y, z as red, green, blue
     for suffix, plane in planes.items():
-        (folder / f"{name}-{suffix}.png").write_bytes(encode_image(plane))
+        write_file(folder / f"{name}-{suffix}.png", encode_image(plane))
     crop = {"image_from_crop": prediction.crop.image_from_crop.tolist(), "size_px": prediction.crop.size_px}
-    (folder / f"{name}-crop.json").write_text(json.dumps(crop, indent=1))
+    write_file(folder / f"{name}-crop.json", json.dumps(crop, indent=1))
 
 
 def _write_exr(folder: Path, name: str, prediction: Prediction) -> None:
@@ -87,7 +90,7 @@ def _write_exr(folder: Path, name: str, prediction: Prediction) -> None:
     with tempfile.TemporaryDirectory() as temporary:  # OpenEXR takes no name that is not UTF-8
         path = Path(temporary) / "maps.exr"
         OpenEXR.File(header, channels).write(str(path))
-        shutil.copyfile(path, folder / f"{name}.exr")
+        write_file(folder / f"{name}.exr", path.read_bytes())
 
 
 # Each writes the maps of one face under a name in a folder.

@@ -18,6 +18,7 @@ from PIL import Image
 
 from pix2face.errors import UsageError
 from pix2face.files.images import encode_image, srgb_to_linear
+from pix2face.files.writing import write_file
 from pix2face.models.morphable_model import MorphableModel
 
 if TYPE_CHECKING:
@@ -125,20 +126,20 @@ def _write_obj(path: Path, mesh: FaceMesh) -> None:
         _write_material(path.with_name(f"{material_stem(path.stem)}.mtl"), mesh.texture)
     else:
         lines += [f"f {a} {b} {c}" for a, b, c in triangles]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_file(path, "\n".join(lines) + "\n")
 
 
 def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:
     picture = path.with_name(f"{path.stem}-texture.png")
-    picture.write_bytes(encode_image(texture))
-    path.write_text(f"newmtl face\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n", encoding="utf-8")
+    write_file(picture, encode_image(texture))
+    write_file(path, f"newmtl face\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n")
 
 
 def _write_ply(path: Path, mesh: FaceMesh) -> None:
     import trimesh  # half a second, which commands that write no such mesh save
 
     plain = trimesh.Trimesh(mesh.vertices, mesh.model.triangles, vertex_colors=mesh.vertex_colours, process=False)
-    path.write_bytes(_exported(plain, "ply"))
+    write_file(path, _exported(plain, "ply"))
 
 
 def _write_glb(path: Path, mesh: FaceMesh) -> None:
@@ -155,7 +156,7 @@ def _write_glb(path: Path, mesh: FaceMesh) -> None:
     else:
         colours = None if mesh.vertex_colours is None else linear_colours(mesh.vertex_colours)
         shown = trimesh.Trimesh(vertices, mesh.model.triangles, vertex_colors=colours, process=False)
-    path.write_bytes(_exported(shown, "glb"))
+    write_file(path, _exported(shown, "glb"))
 
 
 def _exported(mesh: "trimesh.Trimesh", kind: MeshFormat) -> bytes:

@@ -248,7 +248,7 @@ def _check_written(temporary: Path, content: bytes, path: Path) -> None:
     if temporary.read_bytes() != content:
         raise InputFileError(f"{path}: written, but does not read back the same; is the disk sound?")
     try:
-        with h5py.File(temporary, "r") as file:
+        with h5py.File(temporary, "r", locking=False) as file:
             for name in LAYERS:
                 if name in file and file[name].size:
                     file[name][0]

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.files.writing import written_in_one_step
+from pix2face.files.writing import write_file, written_in_one_step
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.models.morphable_model import MorphableModel
@@ -89,7 +89,7 @@ class TrackFiles:
             self._npz.append(_frame_arrays(face))
         if self._pts is not None:
             path = self._pts / f"{face.box.frame:06d}.pts"
-            path.write_text(pts_text(face.landmarks2d), encoding="ascii")
+            write_file(path, pts_text(face.landmarks2d))
 
     def _csv_row(self, face: TrackedFace) -> list[object]:
         box, pose = face.box.box, head_pose(face.fit.camera)

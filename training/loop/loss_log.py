@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
+from pix2face.files.writing import naming_failed_writes, write_file
+
 STEPS_A_LINE = 50
 
 
@@ -40,7 +42,7 @@ class LossLog:
         self._since = time.monotonic()
         path.parent.mkdir(parents=True, exist_ok=True)
         kept = _lines_until(path, samples) if samples and path.is_file() else []
-        path.write_text("".join(kept), encoding="utf-8")
+        write_file(path, "".join(kept))
 
     def add(self, report: StepReport) -> None:
         """Takes a step; every 50th writes a line."""
@@ -73,7 +75,7 @@ class LossLog:
         self._since = time.monotonic()
 
     def _write(self, line: Mapping[str, Any]) -> None:
-        with self._path.open("a", encoding="utf-8") as file:
+        with naming_failed_writes(self._path), self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
 
 

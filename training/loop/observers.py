@@ -1,5 +1,6 @@
 """Shows a training on the command line, as a progress bar, and in TensorBoard."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from jaxtyping import Float32
 from torch import Tensor, nn
 
 from pix2face.errors import UsageError
+from pix2face.files.writing import naming_failed_writes
 from pix2face.networks.architectures import MASK_PLANE
 from pix2face.networks.paper import MAP_PLANES
 from training.data.batches import network_input, target_planes
@@ -94,29 +96,43 @@ class TensorboardLog:
             raise UsageError(
                 "expected the package tensorboard, which --tensorboard needs; run: pip install 'pix2face[tensorboard]'"
             ) from error
-        self._writer: Any = SummaryWriter(str(folder))
-        self._validator = validator
+        self._folder, self._validator = folder, validator
+        self._hook = threading.excepthook
+        threading.excepthook = self._say_later
+        with naming_failed_writes(folder):
+            self._writer: Any = SummaryWriter(str(folder))
 
     def step(self, report: StepReport) -> None:
         """Takes a step; every 50th is written."""
         if report.step % STEPS_A_LINE:
             return
-        for name, value in {"total": report.loss, **report.parts}.items():
-            self._writer.add_scalar(f"loss/{name}", value, report.samples)
-        self._writer.add_scalar("learning rate", report.learning_rate, report.samples)
+        with naming_failed_writes(self._folder):
+            for name, value in {"total": report.loss, **report.parts}.items():
+                self._writer.add_scalar(f"loss/{name}", value, report.samples)
+            self._writer.add_scalar("learning rate", report.learning_rate, report.samples)
 
     def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
         """Writes the scores of a validation, and pictures by the network."""
-        for name, value in scores.as_numbers().items():
-            self._writer.add_scalar(f"validation/{name}", value, samples)
-        if self._validator:
-            pictures = prediction_pictures(network, self._validator)
-            self._writer.add_image("picture, PNCC, truth, offset, truth, mask", pictures, samples)
-        self._writer.flush()
+        with naming_failed_writes(self._folder):
+            for name, value in scores.as_numbers().items():
+                self._writer.add_scalar(f"validation/{name}", value, samples)
+            if self._validator:
+                pictures = prediction_pictures(network, self._validator)
+                self._writer.add_image("picture, PNCC, truth, offset, truth, mask", pictures, samples)
+            self._writer.flush()
 
     def close(self) -> None:
         """Writes the rest."""
-        self._writer.close()
+        try:
+            with naming_failed_writes(self._folder):
+                self._writer.close()
+        finally:
+            threading.excepthook = self._hook
+
+    def _say_later(self, failure: threading.ExceptHookArgs) -> None:
+        """Lets TensorBoard's thread fail to write without a traceback: the next call raises the same error."""
+        if not issubclass(failure.exc_type, OSError):
+            self._hook(failure)
 
 
 def prediction_pictures(network: nn.Module, validator: Validator) -> Float32[Tensor, "3 h w"]:

@@ -10,6 +10,7 @@ import tyro
 from rich.console import Console
 
 from pix2face.command_line import optional, prepare_output_folder, say
+from pix2face.files.writing import write_file
 from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import load_landmarks
 from training.release.model_card import model_card
@@ -49,7 +50,7 @@ def export(config: Annotated[ExportConfig, tyro.conf.arg(name="")]) -> int:
     weights = config.out / WEIGHTS_NAME
     save_checkpoint(weights, header, network, torch.float16)
     written = [weights, config.out / CARD_NAME]
-    written[1].write_text(model_card(header, weights, config.report), encoding="utf-8")
+    write_file(written[1], model_card(header, weights, config.report))
     if config.onnx:
         from pix2face.inference.onnx_export import export_onnx  # torch's exporter takes seconds to load
 

@@ -13,6 +13,7 @@ from pix2face.errors import UsageError
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Bootstrap, Interval
 from pix2face.evaluation.report.compare import Comparison, PointComparison, StoredReport, compare_reports, read_report
 from pix2face.evaluation.report.report_text import NO_FIGURE, terminal_table
+from pix2face.files.writing import write_file
 
 
 @final
@@ -49,7 +50,7 @@ def compare(config: Annotated[CompareConfig, tyro.conf.arg(name="")]) -> int:
     if config.out is not None:
         config.out.parent.mkdir(parents=True, exist_ok=True)
         facts = {"a": str(a.path), "b": str(b.path), "bootstrap": asdict(bootstrap), **asdict(comparison)}
-        config.out.write_text(json.dumps(facts, indent=1, allow_nan=False), encoding="utf-8")
+        write_file(config.out, json.dumps(facts, indent=1, allow_nan=False))
     return 0
 
 

@@ -21,6 +21,7 @@ from pix2face.evaluation.report.report_pictures import Cases, cases_sheet, curve
 from pix2face.evaluation.report.report_text import ReportTable, all_tables, report_notes
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
 from pix2face.files.images import encode_photograph
+from pix2face.files.writing import write_file
 from pix2face.geometry.landmark_metrics import ALIGNMENTS, POINT_SETS
 from pix2face.geometry.landmarks import IBUG68_PARTS
 
@@ -61,7 +62,7 @@ def write_report(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            (folder / name).write_bytes(content)
+            write_file(folder / name, content)
         _write_landmarks(report, folder / "landmarks.npz")
     except OSError as error:
         raise UsageError(f"{folder}: expected a folder that the report can be written to ({error.strerror})") from error

@@ -8,6 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, final
 
@@ -19,6 +20,7 @@ from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.evaluate_config import PixelFrame
 from pix2face.files.npz_files import read_npz
 from pix2face.files.opening import text_lines
+from pix2face.files.writing import write_file
 from pix2face.geometry.landmarks import N_IBUG68
 
 TO_PROJECT_PX: Mapping[PixelFrame, float] = {"0-based": 0.5, "1-based": -0.5, "half-pixel": 0.0}
@@ -79,7 +81,9 @@ def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
         landmarks = np.concatenate([landmarks, predicted.z_px[..., None]], axis=2)
     optional: dict[str, Any] = {"landmarks3d": predicted.landmarks3d, "pose_deg": predicted.pose_deg}
     known = {name: values for name, values in optional.items() if values is not None}
-    np.savez_compressed(path, names=names, landmarks=landmarks, **known)
+    content = BytesIO()
+    np.savez_compressed(content, names=names, landmarks=landmarks, **known)
+    write_file(path, content.getvalue())
 
 
 def _read_npz(path: Path) -> dict[str, ndarray]:
