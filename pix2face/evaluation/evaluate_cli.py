@@ -77,7 +77,10 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
         console.print(table)
     for note in (*report_notes(report), f"Written: {', '.join(str(path) for path in written)}"):
         say(console, note)
-    return EXIT_REJECTED if len(report.unreadable) > config.max_rejected else 0
+    is_lacking = report.lacks_files and not config.allow_missing
+    if is_lacking:
+        say(Console(stderr=True), f"{report.title}: the exit status is 3; --allow-missing accepts missing files")
+    return EXIT_REJECTED if is_lacking or len(report.unreadable) > config.max_rejected else 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

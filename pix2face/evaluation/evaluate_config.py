@@ -48,6 +48,7 @@ class EvaluateConfig:
         resamples: Bootstrap resamples behind each interval; 0 for no intervals.
         seed: Seed of the bootstrap.
         max_rejected: How many faces with damaged files are tolerated; more make the exit status 3.
+        allow_missing: Exit with status 0 although files of the benchmark are missing; without it the status is 3.
     """
 
     split: Split
@@ -70,3 +71,4 @@ class EvaluateConfig:
     resamples: int = 1000
     seed: int = 0
     max_rejected: int = 0
+    allow_missing: bool = False

@@ -96,7 +96,7 @@ def track(folder: Path) -> None:
 
 
 def measure(folder: Path) -> None:
-    call(folder, evaluate, "--split", "ibug", "--data", folder, "--resamples", 0)
+    call(folder, evaluate, "--split", "ibug", "--data", folder, "--allow-missing", "--resamples", 0)
 
 
 def select_landmarks(folder: Path) -> None:

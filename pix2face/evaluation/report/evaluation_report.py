@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from pix2face.command_line import counted
 from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS, Unreadable
 from pix2face.evaluation.benchmarks.manifest import Manifest
 from pix2face.evaluation.evaluator import BASELINE, FaceResult
@@ -90,6 +91,29 @@ class Report:
     def methods(self) -> tuple[str, str]:
         """What was measured, and the baseline."""
         return self.settings.method, BASELINE
+
+    @property
+    def title(self) -> str:
+        """The benchmark's name and, where not all of it was evaluated, how much was."""
+        manifest, what = self.manifest, "clips" if self.manifest.kind == "clips" else "images"
+        if self._n_evaluated < manifest.n_samples:
+            return f"{manifest.title}; only {self._n_evaluated} of {manifest.n_samples} {what}"
+        return f"{manifest.title}; {counted(len(self.missing), 'frame')} missing" if self.missing else manifest.title
+
+    @property
+    def lacks_files(self) -> bool:
+        """Whether files of the benchmark are not on disk."""
+        lacks_clips = self.manifest.kind == "clips" and self._n_evaluated < self.manifest.n_samples
+        return bool(self.missing) or lacks_clips
+
+    @property
+    def _n_evaluated(self) -> int:
+        """How many of the benchmark's images, or of its clips, were evaluated."""
+        if self.manifest.kind != "clips":
+            return len(self.results)
+        clips = {result.clip for result in self.results}
+        named = {clip for part in self.manifest.parts for clip in part.clips}  # none where a clip may have any name
+        return len(clips & named if named else clips)
 
     @property
     def normaliser(self) -> str:

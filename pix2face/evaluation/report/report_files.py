@@ -48,7 +48,7 @@ def write_report(
     Raises:
         UsageError: The folder cannot be written to.
     """
-    errors_of = f"{report.manifest.title}: mean errors in % of {report.normaliser}"
+    errors_of = f"{report.title}: mean errors in % of {report.normaliser}"
     contents = {
         "report.json": json.dumps(report_as_json(report), indent=1, allow_nan=False).encode(),
         "curve.png": curve_png(report),
@@ -71,7 +71,7 @@ def write_report(
 
 def report_as_json(report: Report) -> dict[str, Any]:
     """The report as plain data for a JSON file. Errors are fractions; that of a face that was not found is null."""
-    facts = asdict(report.manifest)
+    facts = {**asdict(report.manifest), "title": report.title}
     for lists in ("parts", "landmark_indices", "other_truths", "reannotated_files", "pictures_in", "by"):
         del facts[lists]  # the manifest has them
     settings = report.settings
@@ -176,7 +176,7 @@ def _write_landmarks(report: Report, path: Path) -> None:
 
 def _page(report: Report, contents: Mapping[str, bytes], frontal_face: Float64[ndarray, "68 2"]) -> str:
     """One HTML file that needs nothing beside it and nothing from the network; every text is escaped."""
-    title, method = escape(report.manifest.title), report.settings.method
+    title, method = escape(report.title), report.settings.method
     subject = next(
         (report.subject[key] for key in ("checkpoint", "predictions", "oracle") if key in report.subject), ""
     )

@@ -41,9 +41,7 @@ def curve_png(report: Report) -> bytes:
         for method in report.methods
         for points in POINT_SETS
     }
-    return _curves_png(
-        curves, report.manifest.title, f"mean error of a face, % of {report.normaliser}", len(report.results)
-    )
+    return _curves_png(curves, report.title, f"mean error of a face, % of {report.normaliser}", len(report.results))
 
 
 def curve3d_png(report: Report) -> bytes | None:
@@ -58,7 +56,7 @@ def curve3d_png(report: Report) -> bytes | None:
     }
     words = f"as a fraction of {report.unit3d}" if report.settings.alignment == "depth" else "in the data's unit"
     unit = f"{words} (alignment: {report.settings.alignment})"
-    return _curves_png(curves, report.manifest.title, f"mean distance of a face in 3D, {unit}", len(found))
+    return _curves_png(curves, report.title, f"mean distance of a face in 3D, {unit}", len(found))
 
 
 def face_svg(mean: Float64[ndarray, "68"], face: Float64[ndarray, "68 2"], unit: str = "%") -> str:

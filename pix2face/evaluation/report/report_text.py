@@ -144,7 +144,7 @@ def all_tables(report: Report) -> list[ReportTable]:
 def report_tables(report: Report) -> list[Table]:
     """The tables for a terminal, the first below the title."""
     return [
-        terminal_table("" if index else report.manifest.title, table.columns, table.lines)
+        terminal_table("" if index else report.title, table.columns, table.lines)
         for index, table in enumerate(all_tables(report))
     ]
 

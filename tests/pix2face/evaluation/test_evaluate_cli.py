@@ -1,10 +1,12 @@
 """The command from its arguments to files and exit status, with a network that has learned nothing."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.evaluation.evaluate_cli import main
 from pix2face.fitting.face_fit import fit_face
 from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph
@@ -38,6 +40,36 @@ def test_photographs_give_a_table_and_files_with_every_face_counted(tmp_path, sm
     assert report["subject"]["checkpoint_header"]["configuration"] == {"preset": "test"}
     assert len(report["subject"]["hashes"]["checkpoint"]) == 64
     assert report["table"][2]["all_images"]["mean"] == pytest.approx(0, abs=1e-6)  # the mean face itself
+
+
+def test_a_part_of_a_benchmark_is_called_one_in_every_title_and_by_the_exit_status(tmp_path, small_model, capsys):
+    write_ibug(tmp_path)
+    predictions = predictions_for(tmp_path / "other.npz", ["image_003_1", "image_004_1"])
+    call = ["--split", "ibug", "--data", tmp_path, "--predictions", predictions, "--out", tmp_path / "out"]
+    call = [str(own) for own in (*call, "--resamples", 0)]
+    assert main(call) == 3
+    printed = capsys.readouterr()
+    title = "300-W, challenging subset: iBUG; only 2 of 135 images"
+    assert " ".join(printed.out.split()).startswith(title)
+    assert printed.err.endswith(f"{title}: the exit status is 3; --allow-missing accepts missing files\n")
+    assert f"<h1>{title}</h1>" in (tmp_path / "out" / "index.html").read_text()
+    assert stored_report(tmp_path)["benchmark"]["title"] == title
+    assert main([*call, "--allow-missing"]) == 0
+    printed = capsys.readouterr()
+    assert " ".join(printed.out.split()).startswith(title)
+    assert "exit status" not in printed.err
+
+
+def test_a_whole_benchmark_is_no_part(tmp_path, small_model, capsys, monkeypatch):
+    write_heldout(tmp_path / "shards", MODEL, n=2)
+    whole = replace(load_manifest("builtin-heldout"), n_samples=2)
+    monkeypatch.setattr("pix2face.evaluation.evaluate_cli.load_manifest", lambda split: whole)
+    call = ["--split", "builtin-heldout", "--data", tmp_path / "shards", "--oracle", "--out", tmp_path / "out"]
+    assert main([str(own) for own in (*call, "--resamples", 0)]) == 0
+    printed = capsys.readouterr()
+    assert stored_report(tmp_path)["benchmark"]["title"] == "held-out faces of the built-in model, rendered"
+    assert "; only" not in printed.out
+    assert "exit status" not in printed.err
 
 
 def test_data_folder_from_the_environment(tmp_path, small_model, monkeypatch):
@@ -149,8 +181,8 @@ def test_renders_without_what_their_split_takes_say_how_to_make_them(tmp_path, s
 def test_faces_that_another_system_did_not_find_are_counted_in_their_bin(tmp_path, small_model):
     write_heldout(tmp_path / "shards", MODEL, n=2)
     predictions = predictions_for(tmp_path / "other.npz", ["seed1000000/0000000"])
-    call = ["--split", "builtin-heldout", "--data", tmp_path / "shards", "--out", tmp_path / "out"]
-    assert main([str(own) for own in (*call, "--predictions", predictions, "--by", "skin.melanin")]) == 0
+    call = ["--data", tmp_path / "shards", "--predictions", predictions, "--by", "skin.melanin"]
+    assert measure(tmp_path, *call, split="builtin-heldout") == 0
     light, dark = (row["errors"] for row in stored_report(tmp_path)["by"][0]["bins"])
     assert (light["n_failed"], dark["n_failed"]) == (0, 1)
     assert (dark["mean"], dark["failure_rate"]) == (None, 1)

@@ -114,9 +114,11 @@ def test_clips_are_drawn_as_a_whole_and_counted(tmp_path, small_model, capsys):
         for frame in ("000001", "000002"):
             write_photograph(tmp_path / clip / "imgs" / f"{frame}.png")
             write_pts(tmp_path / clip / "annot" / f"{frame}.pts", LANDMARKS)
+    assert measure(tmp_path, "--oracle", "--contour", "2d", "--no-allow-missing", split="300vw") == 3
     assert measure(tmp_path, "--oracle", "--contour", "2d", split="300vw") == 0
     printed, report = capsys.readouterr().out, stored_report(tmp_path)
     assert "Evaluated 6 frames of 3 clips; 300vw has 64 clips to test on." in printed
+    assert "300-VW; only 2 of 64 clips" in printed
     assert "bootstrap over clips" in printed
     assert report["bootstrap"]["drawn"] == "clips"
     assert report["table"][0]["groups"]["training"]["n_images"] == 2

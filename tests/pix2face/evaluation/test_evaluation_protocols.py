@@ -61,6 +61,7 @@ def test_the_two_truths_of_aflw_differ_by_what_numpy_says(shared_dir, tmp_path, 
         str(tmp_path / "p.npz"),
         "--frame",
         "1-based",
+        "--allow-missing",
     ]
     call += ["--normaliser", normaliser, "--out", str(tmp_path / "out"), "--resamples", "20"]
     assert main(call + (["--threshold", str(threshold)] if threshold else [])) == 0
@@ -95,6 +96,7 @@ def test_the_roles_of_the_two_truths_may_be_swapped(shared_dir, tmp_path):
         str(tmp_path / "p.npz"),
         "--frame",
         "1-based",
+        "--allow-missing",
     ]
     assert main([*call, "--truth", "reannotated", "--out", str(tmp_path / "out"), "--resamples", "0"]) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
@@ -120,6 +122,7 @@ def test_menpo_is_measured_by_eyes_in_the_plane_and_by_the_datas_unit_in_space(t
     predicted = np.broadcast_to(LANDMARKS - 0.5 + [3, 4], (3, 68, 2))
     np.savez(tmp_path / "p.npz", names=names, landmarks=predicted, landmarks3d=2 * (space + noise) @ turn.T + 7)
     call = ["--split", "menpo3d-tracking", "--data", str(tmp_path / "data"), "--predictions", str(tmp_path / "p.npz")]
+    call.append("--allow-missing")
     figures = {}
     for alignment in ("none", "rigid", "similarity"):
         assert main([*call, "--align", alignment, "--out", str(tmp_path / alignment), "--resamples", "30"]) == 0

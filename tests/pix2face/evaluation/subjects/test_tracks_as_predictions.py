@@ -52,6 +52,7 @@ def test_tracks_are_measured_as_they_are(tmp_path, monkeypatch, capsys):
         tmp_path / "tracks",
         "--out",
         tmp_path / "o",
+        "--allow-missing",
     ]
     assert main([str(word) for word in call]) == 0
     report = json.loads((tmp_path / "o" / "report.json").read_text())
