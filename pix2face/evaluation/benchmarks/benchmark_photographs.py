@@ -1,6 +1,7 @@
 """Benchmarks of photographs: a picture beside its annotation, in the folders that they are distributed in."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -21,7 +22,8 @@ from pix2face.evaluation.benchmarks.benchmark_data import (
     yaw_bin,
 )
 from pix2face.evaluation.benchmarks.manifest import BenchmarkPart, Manifest
-from pix2face.face_files.w300lp import read_coefficient_file
+from pix2face.face_files.w300lp import check_picture_height, read_coefficient_file
+from pix2face.files.images import read_size_px
 from pix2face.geometry.landmarks import ONE_BASED_TO_CENTRES_PX, read_pts
 
 # Landmarks by file name, in place of those beside the pictures.
@@ -116,6 +118,11 @@ def _read_w300lp_face(name: str, image: Path, truth: Path, other: OtherLandmarks
     file = read_coefficient_file(truth)
     if file.landmarks3d is None:
         raise InputFileError(f"{truth}: expected the landmarks pt3d_68, found none; is this a file of AFLW2000-3D?")
+    size_px = None
+    with suppress(InputFileError):  # a damaged picture is told by what looks at it
+        size_px = read_size_px(image)
+    if size_px is not None:
+        check_picture_height(file, size_px[0])
     head = file.pose.head
     yaw_deg = wrap_angle_deg(head.yaw_deg)
     is_unusual = max(abs(head.pitch_deg), abs(head.yaw_deg), abs(head.roll_deg)) > USUAL_ANGLE_DEG

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -198,12 +199,25 @@ def test_reannotated_landmarks_that_do_not_fit_are_refused(tmp_path):
         find_benchmark(load_manifest("aflw2000-3d"), tmp_path, small_head_model(), file)
 
 
+def test_truth_beside_a_picture_that_was_resized_is_refused(tmp_path):
+    write_photograph(tmp_path / "image00002.jpg")
+    write_mat(tmp_path / "image00002.mat", LANDMARKS, 0)
+    (item,) = find("aflw2000-3d", tmp_path).items
+    item.load()
+    cv2.imwrite(str(tmp_path / "image00002.jpg"), np.zeros((150, 150, 3), np.uint8))
+    with pytest.raises(InputFileError, match="was the picture resized"):
+        item.load()
+    (tmp_path / "image00002.jpg").write_bytes(b"damaged")
+    item.load()  # where pictures are not looked at, it does not matter
+
+
 def test_poses_that_cannot_be_trusted_are_left_out(tmp_path):
     poses = {"image00002": (10, 1e-3), "image00004": (120, 1e-3), "image00006": (10, -1e-3)}
     for name, (yaw_deg, scale) in poses.items():
         write_photograph(tmp_path / f"{name}.jpg")
         pose = np.array([[0, np.radians(yaw_deg), 0, 100, 100, 0, scale]], dtype=np.float32)
-        write_mat(tmp_path / f"{name}.mat", LANDMARKS, 0, Pose_Para=pose)
+        # With a negative scale, these angles turn the face upside down.
+        write_mat(tmp_path / f"{name}.mat", LANDMARKS if scale > 0 else 200 - LANDMARKS, 0, Pose_Para=pose)
     faces = [item.load() for item in find("aflw2000-3d", tmp_path).items]
     assert faces[0].pose.yaw_deg == pytest.approx(10, abs=1e-4)
     assert [face.pose for face in faces[1:]] == [None, None]
