@@ -1,6 +1,7 @@
 """The whole of inference behind one object: photographs in; maps, cameras, meshes and landmarks out."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import final
 
@@ -8,12 +9,13 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.detectors.detection import DEFAULT_DETECTOR, Detector, open_detector
+from pix2face.detectors.detection import DEFAULT_DETECTOR, DetectedFace, Detector, open_detector
+from pix2face.detectors.protocol import box_and_score, sure_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.fitting.joint_fit import fit_joint
-from pix2face.geometry.crops import FaceBox, image_centre_in_crop
+from pix2face.geometry.crops import image_centre_in_crop
 from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
@@ -42,6 +44,8 @@ class Pix2Face:
         model: The morphable model that the network was trained for; None where maps are all that is wanted.
         detector: What finds faces; None takes the default of ``pix2face.detectors.detection``.
         refine: Whether a first prediction in the detector's boxes corrects, confirms and refutes them; needs the model.
+        min_score: Smallest score of a detected face. None keeps the faces with a score of 1 or more and, where boxes
+            are refined, those of the others that a first prediction confirms.
 
     Raises:
         ModelMismatchError: The network was trained for another model.
@@ -53,6 +57,8 @@ class Pix2Face:
         model: MorphableModel | None,
         detector: Detector | None = None,
         refine: bool = True,
+        *,
+        min_score: float | None = None,
     ) -> None:
         if model is not None:
             predictor.header.check_model(model.name, model.sha256)
@@ -60,6 +66,7 @@ class Pix2Face:
         self._model = model
         self._detector = detector
         self._refine = refine
+        self._min_score = min_score
 
     @property
     def model(self) -> MorphableModel:
@@ -82,6 +89,7 @@ class Pix2Face:
         refine: bool = True,
         *,
         own_landmarks: bool | None = None,
+        min_score: float | None = None,
     ) -> "Pix2Face":
         """Opens a checkpoint and the model that it was trained for.
 
@@ -93,6 +101,7 @@ class Pix2Face:
             refine: As in the class.
             own_landmarks: Whether landmarks that the checkpoint brings along take the place of the model's; None means
                 that they do unless a model is given, not the name of one.
+            min_score: As in the class.
 
         Raises:
             InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
@@ -104,10 +113,10 @@ class Pix2Face:
         opened = open_model(str(model)) if isinstance(model, str | Path) else model
         if opened is not None and (opened is not model if own_landmarks is None else own_landmarks):
             opened = with_own_landmarks(opened, predictor.header)
-        return cls(predictor, opened, open_detector(detector), refine)
+        return cls(predictor, opened, open_detector(detector), refine, min_score=min_score)
 
-    def find_faces(self, image: GivenPhotograph) -> list[FaceBox]:
-        """The boxes of the faces in a photograph, largest first; empty where there is none.
+    def find_faces(self, image: GivenPhotograph) -> list[DetectedFace]:
+        """The faces in a photograph with their boxes and scores, largest first; empty where there is none.
 
         Raises:
             InputFileError: The photograph's file is missing, or cannot be decoded.
@@ -116,8 +125,8 @@ class Pix2Face:
         image = as_photograph(image)
         detector = self._detector or open_detector()
         if self._refine and self._model is not None:
-            return find_faces(image, detector, self.predictor, self._model)
-        return detector.detect(image)
+            return find_faces(image, detector, self.predictor, self._model, self._min_score)
+        return sure_faces(detector.candidates(image), self._min_score)
 
     def predict(self, image: GivenPhotograph, boxes: GivenBoxes | None = None) -> list[Prediction]:
         """The maps of every face of one photograph.
@@ -158,10 +167,11 @@ class Pix2Face:
                 f"expected boxes for each of {len(photographs)} photographs, found {len(boxes)} lists of boxes"
             )
         boxes_of = [as_boxes(own) for own in boxes]
-        faces = [(image, box) for image, own in zip(photographs, boxes_of, strict=True) for box in own]
-        predictions = self.predictor.predict_many(faces)
-        for prediction in predictions:
+        faces = [(image, *box_and_score(box)) for image, own in zip(photographs, boxes_of, strict=True) for box in own]
+        found = self.predictor.predict_many([(image, box) for image, box, _ in faces])
+        for prediction in found:
             prediction.check_finite()
+        predictions = [replace(own, score=score) for own, (_, _, score) in zip(found, faces, strict=True)]
         ends = np.cumsum([len(own) for own in boxes_of]).tolist()
         return [predictions[end - len(own) : end] for end, own in zip(ends, boxes_of, strict=True)]
 
@@ -204,12 +214,9 @@ class Pix2Face:
             DegenerateGeometryError: The maps do not determine camera and coefficients, or are not finite.
         """
         prediction.check_finite()
-        return fit_face(
-            prediction.maps,
-            self.model,
-            options,
-            principal_point_px=image_centre_in_crop(prediction.crop, image_size_px),
-        ).in_image(prediction.crop)
+        principal_point = image_centre_in_crop(prediction.crop, image_size_px)
+        fitted = fit_face(prediction.maps, self.model, options, principal_point_px=principal_point)
+        return _in_photograph(fitted, prediction)
 
     def fit_joint(
         self,
@@ -264,10 +271,15 @@ class Pix2Face:
         fits = fit_joint(
             (prediction.maps for prediction in predictions), self.model, options, principal_points_px=principal_points
         )
-        return [fit.in_image(prediction.crop) for fit, prediction in zip(fits, predictions, strict=True)]
+        return [_in_photograph(fit, prediction) for fit, prediction in zip(fits, predictions, strict=True)]
 
-    def _largest_face(self, image: UInt8[ndarray, "h w 3"], index: int) -> FaceBox:
+    def _largest_face(self, image: UInt8[ndarray, "h w 3"], index: int) -> DetectedFace:
         boxes = self.find_faces(image)
         if not boxes:
             raise DegenerateGeometryError(f"no face found in photograph {index} (from 0); say where it is with boxes")
         return boxes[0]
+
+
+def _in_photograph(fitted: FaceFit, prediction: Prediction) -> FaceFit:
+    """A fit to a prediction in the pixels of the photograph, with the box and the score of the face."""
+    return replace(fitted.in_image(prediction.crop), box=prediction.box, score=prediction.score)

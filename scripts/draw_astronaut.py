@@ -40,10 +40,9 @@ def main() -> int:
     options = parser.parse_args()
     image = np.ascontiguousarray(astronaut())  # type: ignore[no-untyped-call]
     pix2face = Pix2Face.load(device="cpu")
-    (box,) = pix2face.find_faces(image)
-    (prediction,) = pix2face.predict(image, [box])
+    (prediction,) = pix2face.predict(image)
     fit = pix2face.fit_prediction(prediction, (image.shape[0], image.shape[1]))
-    photograph = crop_image(image, square_crop(box, pix2face.predictor.header.crop_scale, TILE_PX))
+    photograph = crop_image(image, square_crop(prediction.box, pix2face.predictor.header.crop_scale, TILE_PX))
     maps = prediction.maps
     drawn = [
         smooth_map(values, maps.mask, limit, photograph)

@@ -1,5 +1,6 @@
 """What every command asks for that reads faces: which network and model, and where the faces are."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, final
@@ -11,6 +12,7 @@ from numpy import ndarray
 from pix2face.api import Pix2Face
 from pix2face.command_line import optional
 from pix2face.detectors.detection import DEFAULT_DETECTOR
+from pix2face.detectors.protocol import Box
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.face_files.box_files import LARGEST_BOX_PX, BoxFile, read_box_file
 from pix2face.geometry.crops import FaceBox
@@ -80,12 +82,15 @@ class FaceOptions:
             videos the first column is frame, from 0; the boxes.csv that `pix2face track` wrote is such a file.
         detector: Detector that finds faces: lbp, lbp-quick (five times as fast, finds fewer) or dlib (as in the paper;
             pip install 'pix2face[dlib]').
+        min_score: Smallest score of a detected face. Larger scores are surer; without it, faces with a score of 1 or
+            more are kept, and in photographs also those of the others that a first prediction confirms.
         refine: Correct each box by a first prediction; in photographs also confirm or refute what the detector found.
     """
 
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
     boxes: Annotated[Path | None, optional("PATH")] = None
     detector: str = DEFAULT_DETECTOR
+    min_score: Annotated[float | None, optional("FLOAT")] = None
     refine: bool = True
 
 
@@ -139,6 +144,7 @@ class PhotographOptions:
                 faces.detector,
                 faces.refine,
                 own_landmarks=network.landmarks is None,
+                min_score=faces.min_score,
             )
         except ModelMismatchError as error:
             if needs_model:
@@ -161,13 +167,13 @@ class FaceFinder:
         """Returns a finder that takes the largest face of each photograph."""
         return replace(self, largest=True)
 
-    def boxes_of(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
-        """The boxes to look at in a photograph, largest first.
+    def boxes_of(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> Sequence[Box]:
+        """Where to look in a photograph, the largest face first.
 
         Raises:
             DegenerateGeometryError: There is none, or one that was given lies beside the photograph.
         """
-        boxes = self._given(path, image) or self.pix2face.find_faces(image)
+        boxes: Sequence[Box] = self._given(path, image) or self.pix2face.find_faces(image)
         if not boxes:
             raise DegenerateGeometryError("no face found; say where it is with --box left top right bottom")
         return boxes[:1] if self.largest else boxes

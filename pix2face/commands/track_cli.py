@@ -17,11 +17,11 @@ from rich.console import Console
 from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
 from pix2face.commands.face_options import FaceOptions
 from pix2face.detectors.detection import open_detector
+from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import write_file
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
-from pix2face.geometry.crops import FaceBox
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.face_follower import (
     IDENTITY_FRAMES,
@@ -46,7 +46,7 @@ from pix2face.tracking.video import FrameSource, OverlayVideo, open_frames
 
 console = Console(stderr=True)
 
-Find = Callable[[int, UInt8[ndarray, "_ _ 3"]], Sequence[FaceBox] | None]
+Find = Callable[[int, UInt8[ndarray, "_ _ 3"]], Sequence[Box] | None]
 
 # Below, the maps of a face tell little: a pixel of the network's input is then a part of a pixel of the video.
 SMALL_FACE_PX = 40.0
@@ -150,7 +150,7 @@ def _finder(config: TrackConfig, source: FrameSource) -> Find:
     """
     if config.faces.boxes is None:
         detector = open_detector(config.faces.detector)
-        return lambda index, image: detector.detect(image)
+        return lambda index, image: sure_faces(detector.candidates(image), config.faces.min_score)
     given = read_box_file(config.faces.boxes)
     if source.pictures:
         return lambda index, image: given.of_frame(index) or given.of_image(source.pictures[index]) or None
@@ -254,6 +254,7 @@ def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, 
         "frames": n_frames,
         "frames_announced": source.n_announced,
         "detector": None if config.faces.boxes else config.faces.detector,
+        "min_score": config.faces.min_score,
         "smoothing": config.smoothing,
         "camera": config.how.camera,
         "regularisation": config.how.regularisation,

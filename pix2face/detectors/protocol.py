@@ -10,6 +10,8 @@ from numpy import ndarray
 
 from pix2face.geometry.crops import FaceBox
 
+SURE_SCORE = 1.0  # from this score on, a detector is sure of a face
+
 
 @final
 @dataclass(frozen=True)
@@ -26,6 +28,9 @@ class DetectedFace:
     score: float
 
 
+Box = FaceBox | DetectedFace  # given, or found with a score
+
+
 @runtime_checkable
 class Detector(Protocol):
     """Finds faces."""
@@ -37,10 +42,20 @@ class Detector(Protocol):
         """The sure and the doubtful faces, surest first."""
 
 
+def sure_faces(candidates: Sequence[DetectedFace], min_score: float | None = None) -> list[DetectedFace]:
+    """The faces with a score of at least ``min_score`` (1 if it is None), largest first."""
+    least = SURE_SCORE if min_score is None else min_score
+    return sorted((face for face in candidates if face.score >= least), key=lambda face: -face.box.longer_side)
+
+
 def sure_boxes(candidates: Sequence[DetectedFace]) -> list[FaceBox]:
     """The boxes of the faces with a score of at least 1, largest first."""
-    boxes = [face.box for face in candidates if face.score >= 1]
-    return sorted(boxes, key=lambda box: -box.longer_side)
+    return [face.box for face in sure_faces(candidates)]
+
+
+def box_and_score(face: Box) -> tuple[FaceBox, float | None]:
+    """The box of a face and its score, which is None for a box that somebody gave."""
+    return (face.box, face.score) if isinstance(face, DetectedFace) else (face, None)
 
 
 def box_of_window(centre_px: tuple[float, float], side_px: float, calibration: "WindowCalibration") -> FaceBox:

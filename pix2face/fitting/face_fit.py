@@ -14,7 +14,7 @@ from pix2face.fitting.jaw_contour import JAW, JawContour
 from pix2face.fitting.picture_measurement import Constraints, measure_picture
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.crops import Crop
+from pix2face.geometry.crops import Crop, FaceBox
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
@@ -32,6 +32,8 @@ class FaceFit:
         model: What the coefficients are of.
         landmarks2d: Projections of the landmark vertices, seen or hidden, pixels (x, y), centres at +0.5.
         landmarks3d: The landmark vertices, mm, model frame.
+        box: Where the network looked for the face, pixels; None for a fit to maps of unknown origin.
+        score: The score that the detector gave the face; None if the box was given.
     """
 
     camera: Camera
@@ -40,6 +42,8 @@ class FaceFit:
     model: MorphableModel
     landmarks2d: Float64[ndarray, "m 2"]
     landmarks3d: Float64[ndarray, "m 3"]
+    box: FaceBox | None = None
+    score: float | None = None
 
     @cached_property
     def vertices(self) -> Float32[ndarray, "v 3"]:

@@ -29,6 +29,8 @@ class Prediction:
 
     maps: FaceMaps  #: in the pixels of the crop
     crop: Crop  #: leads back to the pixels of the picture
+    box: FaceBox  #: where the network looked, pixels of the picture
+    score: float | None = None  #: the detector's for this face; None if the box was given
     n_undefined: int = 0  #: pixels where the network's output is not finite; they are outside the mask
 
     def check_finite(self) -> None:
@@ -108,8 +110,10 @@ class Predictor:
         planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
         found = [read_planes(own, self.header) for own in planes]
         return [
-            Prediction(replace(maps, in_photograph=pixels_in_image(crop, image.shape[:2])), crop, n_undefined)
-            for (maps, n_undefined), crop, (image, _) in zip(found, crops, faces, strict=True)
+            Prediction(
+                replace(maps, in_photograph=pixels_in_image(crop, image.shape[:2])), crop, box, n_undefined=n_undefined
+            )
+            for (maps, n_undefined), crop, (image, box) in zip(found, crops, faces, strict=True)
         ]
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:

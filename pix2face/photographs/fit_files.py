@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from pix2face.geometry.camera import (
     pinhole_of,
     weak_perspective_camera,
 )
+from pix2face.geometry.crops import FaceBox
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.landmark_visibility import visible_landmarks
 
@@ -42,6 +43,8 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_h
     return json.dumps(
         {
             "photograph": photograph,
+            "box_px": None if fitted.box is None else astuple(fitted.box),
+            "score": fitted.score,
             "model": {"name": model.name, "sha256": model.sha256},
             "camera_kind": _camera_kind(fitted.camera),
             "camera_matrix": fitted.camera.matrix.tolist(),
@@ -89,11 +92,14 @@ def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
             )
         identity = _numbers(fields, "identity", (model.n_identity,))
         expression = _numbers(fields, "expression", (model.n_expression,))
+        # Fits of earlier versions have neither.
+        box = None if fields.get("box_px") is None else FaceBox(*_numbers(fields, "box_px", (4,)).tolist())
+        score = None if fields.get("score") is None else float(_numbers(fields, "score", ()))
     except (KeyError, TypeError, ValueError) as error:
         raise InputFileError(
             f"{path}: expected a fit that `pix2face fit` wrote, found one without a valid {error}; fit again"
         ) from error
-    return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d), photograph
+    return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d, box, score), photograph
 
 
 def _camera_kind(camera: Camera) -> str:

@@ -1,5 +1,6 @@
 """Pictures of a fitted face: overlay, maps; and its point cloud."""
 
+from dataclasses import astuple
 from pathlib import Path
 
 import cv2
@@ -23,6 +24,7 @@ LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.
 OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
+LETTER_SCALE, LETTER_PX = 0.36, 10  # of OpenCV's font, and the height of its letters at this scale
 
 
 def draw_landmarks(
@@ -38,10 +40,21 @@ def draw_landmarks(
     return picture
 
 
+def draw_box(
+    picture: UInt8[ndarray, "h w 3"], box: FaceBox, score: float | None, colour: tuple[int, int, int] = LANDMARK_COLOUR
+) -> None:
+    """Draws a face box into a picture, with its score above it if it has one."""
+    left, top, right, bottom = (int(side) for side in np.clip(astuple(box), -LARGEST_PX, LARGEST_PX))
+    cv2.rectangle(picture, (left, top), (right, bottom), colour, 1, cv2.LINE_AA)
+    if score is not None:
+        place = (max(left, 0), max(top - 4, LETTER_PX))
+        cv2.putText(picture, f"{score:.2f}", place, cv2.FONT_HERSHEY_SIMPLEX, LETTER_SCALE, colour, 1, cv2.LINE_AA)
+
+
 def draw_overlay(
     image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int = OVERLAY_PX
 ) -> UInt8[ndarray, "s s 3"]:
-    """The fitted face, shaded, over its part of the picture, with the landmarks; it shows twice the face box.
+    """The fitted face, shaded, over its part of the picture, with landmarks, box and score; it shows twice the face.
 
     Raises:
         DegenerateGeometryError: The landmarks have no extent.
@@ -49,7 +62,12 @@ def draw_overlay(
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, size_px)
     camera, background = crop_camera(fit.camera, crop), crop_image(image, crop)
     blend = shaded_face(background, fit.vertices, model, camera)
-    return draw_landmarks(blend, crop.to_crop(fit.landmarks2d))
+    overlay = draw_landmarks(blend, crop.to_crop(fit.landmarks2d))
+    if fit.box is not None:
+        left, top, right, bottom = astuple(fit.box)
+        corners = crop.to_crop(np.array([[left, top], [right, bottom]]))
+        draw_box(overlay, FaceBox(*corners.ravel().tolist()), fit.score)
+    return overlay
 
 
 def shaded_face(
@@ -85,7 +103,6 @@ PANEL_PX = 640
 # A face of some 240 mm, chin to hair line, with a margin.
 MM_A_PANEL = 280.0
 COLOURS = ((20, 140, 20), (210, 40, 40))
-LETTER_SCALE = 0.36
 
 
 def draw_model_landmarks(model: MorphableModel, choices: list[Int[ndarray, " m"]]) -> UInt8[ndarray, "h w 3"]:

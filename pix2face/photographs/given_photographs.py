@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +10,16 @@ from jaxtyping import Real, UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
+from pix2face.detectors.protocol import DetectedFace
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.geometry.crops import FaceBox
 
 #: A path, a PIL image, or an RGB array of 8 bits as `pix2face.files.images.read_photograph` makes it.
 GivenPhotograph = str | os.PathLike[str] | Image.Image | UInt8[ndarray, "_ _ 3"]
-#: Boxes of faces, tight around the landmarks. Each is a ``FaceBox``, or its left, top, right and bottom in pixels.
-GivenBoxes = Sequence[FaceBox | Sequence[float] | Real[ndarray, "4"]] | Real[ndarray, "_ 4"]
+#: Boxes of faces, tight around the landmarks. Each is a ``FaceBox``, its left, top, right and bottom in pixels, or a
+#: face of ``Pix2Face.find_faces``, whose score is kept.
+GivenBoxes = Sequence[FaceBox | DetectedFace | Sequence[float] | Real[ndarray, "4"]] | Real[ndarray, "_ 4"]
 
 SMALLEST_BOX_PX = 1.0
 _WANTED = "expected a photograph: a path, a PIL image, or an array of shape (height, width, 3), RGB, uint8"
@@ -57,8 +59,8 @@ def as_photographs(images: object) -> list[UInt8[ndarray, "_ _ 3"]]:
     return [as_photograph(image) for image in images]
 
 
-def as_boxes(boxes: object) -> list[FaceBox]:
-    """Face boxes that are given as ``FaceBox`` or as four numbers each.
+def as_boxes(boxes: object) -> list[FaceBox | DetectedFace]:
+    """Face boxes that are given as ``FaceBox``, as four numbers each, or as detected faces, which stay such.
 
     Raises:
         DegenerateGeometryError: A box has no extent, or is not finite.
@@ -66,7 +68,7 @@ def as_boxes(boxes: object) -> list[FaceBox]:
     """
     if not isinstance(boxes, Iterable) or isinstance(boxes, str):
         raise UsageError(f"expected face boxes [(left, top, right, bottom), ...], found {boxes!r}")
-    return [_as_box(box) for box in boxes]
+    return [replace(own, box=_as_box(own.box)) if isinstance(own, DetectedFace) else _as_box(own) for own in boxes]
 
 
 def _as_box(box: object) -> FaceBox:

@@ -3,6 +3,7 @@
 import json
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import astuple
 from io import BytesIO
 from pathlib import Path
 
@@ -59,6 +60,8 @@ def _write_npz(folder: Path, name: str, prediction: Prediction) -> None:
         offset=maps.offset,
         mask=maps.mask,
         image_from_crop=prediction.crop.image_from_crop,
+        box_px=np.array(astuple(prediction.box)),
+        score=np.array(np.nan if prediction.score is None else prediction.score),
     )
     write_file(folder / f"{name}.npz", content.getvalue())
 
@@ -69,7 +72,12 @@ def _write_png16(folder: Path, name: str, prediction: Prediction) -> None:
     planes = {"pncc": pncc, "offset": offset, "mask": maps.mask.astype(np.uint8) * 255}  # x, y, z as red, green, blue
     for suffix, plane in planes.items():
         write_file(folder / f"{name}-{suffix}.png", encode_image(plane))
-    crop = {"image_from_crop": prediction.crop.image_from_crop.tolist(), "size_px": prediction.crop.size_px}
+    crop = {
+        "image_from_crop": prediction.crop.image_from_crop.tolist(),
+        "size_px": prediction.crop.size_px,
+        "box_px": astuple(prediction.box),
+        "score": prediction.score,
+    }
     write_file(folder / f"{name}-crop.json", json.dumps(crop, indent=1))
 
 
@@ -86,6 +94,8 @@ def _write_exr(folder: Path, name: str, prediction: Prediction) -> None:
         "type": OpenEXR.scanlineimage,
         "unit": "mm",
         "image_from_crop": prediction.crop.image_from_crop,
+        "box_px": tuple(np.array(astuple(prediction.box), dtype=np.float32).reshape(2, 2)),
+        **({} if prediction.score is None else {"score": float(prediction.score)}),
     }
     with tempfile.TemporaryDirectory() as temporary:  # OpenEXR takes no name that is not UTF-8
         path = Path(temporary) / "maps.exr"

@@ -13,7 +13,14 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.detectors.protocol import DetectedFace, Detector, overlap, without_doubles
+from pix2face.detectors.protocol import (
+    SURE_SCORE,
+    DetectedFace,
+    Detector,
+    overlap,
+    sure_faces,
+    without_doubles,
+)
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
@@ -118,12 +125,16 @@ def _residual_px(maps: FaceMaps, camera: Camera) -> float:
 
 
 def confirm_faces(
-    image: UInt8[ndarray, "h w 3"], candidates: Sequence[DetectedFace], predictor: Predictor, model: MorphableModel
-) -> list[FaceBox]:
+    image: UInt8[ndarray, "h w 3"],
+    candidates: Sequence[DetectedFace],
+    predictor: Predictor,
+    model: MorphableModel,
+    sure_score: float = SURE_SCORE,
+) -> list[DetectedFace]:
     """The candidates that are faces, with refined boxes, largest first.
 
-    A candidate that its detector stands by stays unless the prediction refutes it; a doubtful one comes in only where
-    the prediction confirms it.
+    A candidate with the score ``sure_score`` or more stays unless the prediction refutes it; a doubtful one comes in
+    only where the prediction confirms it.
     """
     kept = []
     predictions = predictor.predict_many([(image, face.box) for face in candidates])
@@ -131,15 +142,24 @@ def confirm_faces(
         refined = refined_box(prediction, face.box, model)
         if refined is None or refined.is_refuted:
             continue
-        if face.score >= 1 or refined.is_confirmed:
+        if face.score >= sure_score or refined.is_confirmed:
             kept.append(DetectedFace(refined.box if refined.is_plausible else face.box, face.score))
-    boxes = [face.box for face in without_doubles(kept, SAME_FACE_OVERLAP)]
-    return sorted(boxes, key=lambda box: -box.longer_side)
+    return sorted(without_doubles(kept, SAME_FACE_OVERLAP), key=lambda face: -face.box.longer_side)
 
 
 def find_faces(
-    image: UInt8[ndarray, "h w 3"], detector: Detector, predictor: Predictor, model: MorphableModel
-) -> list[FaceBox]:
-    """The faces of a picture (RGB), found by a detector, refined and confirmed by the network; largest first."""
+    image: UInt8[ndarray, "h w 3"],
+    detector: Detector,
+    predictor: Predictor,
+    model: MorphableModel,
+    min_score: float | None = None,
+) -> list[DetectedFace]:
+    """The faces of a picture (RGB), found by a detector, refined and confirmed by the network; largest first.
+
+    With ``min_score``, these are the candidates with this score or more that the network does not refute; without it,
+    those with a score of 1 or more and those of the others that the network confirms.
+    """
     candidates = detector.candidates(image)
-    return confirm_faces(image, candidates, predictor, model) if candidates else []
+    if min_score is None:
+        return confirm_faces(image, candidates, predictor, model)
+    return confirm_faces(image, sure_faces(candidates, min_score), predictor, model, min_score)

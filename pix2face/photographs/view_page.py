@@ -53,7 +53,7 @@ def face_data(face: ViewedFace, model: MorphableModel) -> str:
     pose, camera = head_pose(face.fit.camera), nearest_weak_perspective(crop_camera(face.fit.camera, crop))
     fields = {
         "name": printable(face.name),
-        "facts": f"pitch {pose.pitch_deg:.0f}°, yaw {pose.yaw_deg:.0f}°, roll {pose.roll_deg:.0f}°",
+        "facts": f"pitch {pose.pitch_deg:.0f}°, yaw {pose.yaw_deg:.0f}°, roll {pose.roll_deg:.0f}°{_score(face.fit)}",
         "photograph": _data_address(crop_image(face.image, crop)),
         "photograph_px": PHOTOGRAPH_PX,
         "landmarks2d": np.round(crop.to_crop(face.fit.landmarks2d), 2).tolist(),
@@ -66,6 +66,10 @@ def face_data(face: ViewedFace, model: MorphableModel) -> str:
         **_mesh_fields(face, model),
     }
     return json.dumps(fields)
+
+
+def _score(fit: FaceFit) -> str:
+    return "" if fit.score is None else f", score {fit.score:.2f}"
 
 
 def view_page(faces: Sequence[str], title: str) -> str:

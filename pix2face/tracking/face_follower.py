@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
+from pix2face.detectors.protocol import Box
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
@@ -62,7 +63,7 @@ class TrackedFrame:
 
 def find_boxes(
     source: FrameSource,
-    find: Callable[[int, Photograph], Sequence[FaceBox] | None],
+    find: Callable[[int, Photograph], Sequence[Box] | None],
     tracker: FaceTracker,
     *,
     every: int = 1,

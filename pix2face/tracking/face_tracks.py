@@ -18,12 +18,12 @@ from typing import Literal, final
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pix2face.detectors.protocol import overlap
+from pix2face.detectors.protocol import Box, box_and_score, overlap
 from pix2face.geometry.crops import FaceBox
 
 BoxSource = Literal["detected", "interpolated", "held"]
 
-BOX_COLUMNS = ("frame", "track", "left", "top", "right", "bottom")
+BOX_COLUMNS = ("frame", "track", "left", "top", "right", "bottom", "score")
 
 # A face is followed over a gap of so many seconds; after that, what appears is a new one.
 LONGEST_GAP_SECONDS = 2.0
@@ -58,6 +58,7 @@ class FrameBox:
     box: FaceBox  # pixels of the frame
     source: BoxSource  # held: before the first detection, after the last, or across a change of track
     track: int  # it changes where the clip does
+    score: float | None = None  # of a detected box; None where it was given, interpolated or held
 
 
 @final
@@ -65,7 +66,7 @@ class FaceTracker:
     """Matches detections to faces frame by frame, and writes them down.
 
     Args:
-        file: Open for writing text; gets one line a detection (``frame,track,left,top,right,bottom``).
+        file: Open for writing text; gets one line a detection (``frame,track,left,top,right,bottom,score``).
         fps: Frames a second.
     """
 
@@ -82,8 +83,9 @@ class FaceTracker:
         """The faces so far."""
         return tuple(self._tracks)
 
-    def push(self, frame: int, boxes: Sequence[FaceBox]) -> None:
+    def push(self, frame: int, faces: Sequence[Box]) -> None:
         """Takes the detections of a frame; frames come in their order, and may be left out."""
+        boxes = [box_and_score(face)[0] for face in faces]
         # A face of the frame that was looked at before is not lost, however long ago that was.
         gap = max(LONGEST_GAP_SECONDS * self._fps, frame - self._before)
         self._live = {track: box for track, box in self._live.items() if frame - self._tracks[track].last <= gap}
@@ -99,8 +101,8 @@ class FaceTracker:
                 track, before.first, frame, before.n_detected + 1, before.weight + box.longer_side
             )
             self._live[track] = box
-            sides = (f"{side:.3f}" for side in astuple(box))
-            self._rows.writerow([frame, track, *sides])
+            sides, score = (f"{side:.3f}" for side in astuple(box)), box_and_score(faces[index])[1]
+            self._rows.writerow([frame, track, *sides, "" if score is None else f"{score:.4g}"])
 
     def _match(self, frame: int, boxes: Sequence[FaceBox]) -> dict[int, int]:
         """The face of each box that is near to one: the assignment with the least sum of distances."""
@@ -157,7 +159,8 @@ def read_boxes(path: Path, tracks: Iterable[int]) -> Iterator[FrameBox]:
         for row in csv.DictReader(file):
             if int(row["track"]) in wanted:
                 box = FaceBox(*(float(row[side]) for side in ("left", "top", "right", "bottom")))
-                yield FrameBox(int(row["frame"]), box, "detected", int(row["track"]))
+                score = float(row["score"]) if row["score"] else None
+                yield FrameBox(int(row["frame"]), box, "detected", int(row["track"]), score)
 
 
 def boxes_of_every_frame(detected: Iterable[FrameBox], frames: range) -> Iterator[FrameBox]:

@@ -11,7 +11,6 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import IO, Final, Literal, final
 
-import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
@@ -20,7 +19,7 @@ from pix2face.files.writing import write_file, written_in_one_step
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.fit_pictures import draw_landmarks
+from pix2face.photographs.fit_pictures import draw_box, draw_landmarks
 from pix2face.photographs.landmark_visibility import visible_landmarks
 from pix2face.tracking.face_follower import TrackedFace, TrackedFrame
 from pix2face.tracking.face_tracks import BoxSource
@@ -29,7 +28,7 @@ TrackFormat = Literal["csv", "npz", "pts", "video"]
 BOX_SOURCES: Final[tuple[BoxSource, ...]] = ("detected", "interpolated", "held")
 
 CSV_COLUMNS: Final = (
-    *("frame", "time_s", "box", "fit", "left", "top", "right", "bottom"),
+    *("frame", "time_s", "box", "fit", "left", "top", "right", "bottom", "score"),
     *("pitch_deg", "yaw_deg", "roll_deg", "px_per_mm"),
     *(f"{axis}{index}" for index in range(N_IBUG68) for axis in "xy"),
 )
@@ -99,7 +98,7 @@ class TrackFiles:
         return [
             *(face.box.frame, f"{face.box.frame / self._fps:.4f}"),
             *(face.box.source, "fitted" if face.is_fitted else "carried"),
-            *(*sides, *angles, f"{scale:.6g}"),
+            *(*sides, _score(face), *angles, f"{scale:.6g}"),
             *(f"{value:.3f}" for value in face.landmarks2d.reshape(-1)),
         ]
 
@@ -166,15 +165,18 @@ class GrowingNpz:
 
 
 def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
-    """A frame with the landmarks and boxes of its faces: green where seen, orange where filled in."""
+    """A frame with the landmarks, boxes and scores of its faces: green where seen, orange where filled in."""
     picture = frame.image
     for face in frame.faces.values():
         is_seen = face.is_fitted and face.box.source == "detected"
         colour = SEEN_COLOUR if is_seen else FILLED_COLOUR
         picture = draw_landmarks(picture, face.landmarks2d, colour)
-        left, top, right, bottom = (int(side) for side in np.clip(astuple(face.box.box), -1e6, 1e6))
-        cv2.rectangle(picture, (left, top), (right, bottom), colour, 1, cv2.LINE_AA)
+        draw_box(picture, face.box.box, face.box.score, colour)
     return picture
+
+
+def _score(face: TrackedFace) -> str:
+    return "" if face.box.score is None else f"{face.box.score:.4g}"
 
 
 def pts_text(landmarks2d: ndarray) -> str:
@@ -198,6 +200,7 @@ def _frame_arrays(face: TrackedFace) -> dict[str, ndarray]:
     return {
         "frame": np.array(face.box.frame, dtype=np.int64),
         "box": np.array(astuple(box), dtype=np.float32),
+        "score": np.array(np.nan if face.box.score is None else face.box.score, dtype=np.float32),
         "box_source": np.array(BOX_SOURCES.index(face.box.source), dtype=np.uint8),
         "is_fitted": np.array(face.is_fitted),
         "landmarks2d": face.landmarks2d.astype(np.float32),

@@ -89,7 +89,7 @@ def _errors(face: FaceBox, box: FaceBox) -> list[float]:
 
 def refined(detector: Detector, predictor: Predictor) -> Finder:
     """The detector with its boxes refined and confirmed by the network."""
-    return lambda image: find_faces(image, detector, predictor, builtin_model())
+    return lambda image: [face.box for face in find_faces(image, detector, predictor, builtin_model())]
 
 
 def main() -> int:

@@ -32,7 +32,7 @@ from tests.benchmarks.surroundings import surroundings
 
 def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callable[[], object]]:
     """The ways of one face, and the first step of them alone."""
-    (box, *_) = faces.find_faces(image)
+    box = faces.find_faces(image)[0].box
     height, width = image.shape[:2]
     (prediction,) = faces.predict(image, [box])
     header = faces.predictor.header

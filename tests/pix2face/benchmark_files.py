@@ -122,7 +122,7 @@ class StubPredictor:
     def predict(self, box: FaceBox) -> Prediction:
         along_x = np.array([1, 0, 0], dtype=np.float32) * np.ones((100, 100, 1), dtype=np.float32)
         maps = FaceMaps(self.pncc_mm * along_x, self.offset_mm * along_x, np.ones((100, 100), dtype=bool))
-        return Prediction(maps, square_crop(box, 1.4, 100))
+        return Prediction(maps, square_crop(box, 1.4, 100), box)
 
 
 def stub_fit(landmarks2d: Float64[ndarray, "68 2"]) -> FaceFit:

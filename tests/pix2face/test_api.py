@@ -12,6 +12,7 @@ from torch import Tensor
 
 import pix2face
 from pix2face import Pix2Face
+from pix2face.detectors.detection import DetectedFace
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.geometry.crops import FaceBox
@@ -124,10 +125,28 @@ def test_a_joint_fit_takes_the_largest_face_and_names_the_photograph_without_one
 
 def test_refining_corrects_the_box_of_a_detector(face: PhotographedFace) -> None:
     """The stub sees the face as it is in the crop of the true box, whatever it is shown: the box is then that one."""
-    (box,) = seeing(face, refine=True).find_faces(face.photograph())
-    assert np.abs(np.array([box.left, box.top, box.right, box.bottom]) - sides(face.box)).max() < 1.5
+    (refined,) = seeing(face, refine=True).find_faces(face.photograph())
+    assert np.abs(sides(refined.box) - sides(face.box)).max() < 1.5
     (unrefined,) = seeing(face).find_faces(face.photograph())
-    assert unrefined == face.box
+    assert unrefined == DetectedFace(face.box, 1.0)
+
+
+def test_box_and_score_go_through_to_the_fit(face: PhotographedFace) -> None:
+    image, shifted = face.photograph(), FaceBox(*(sides(face.box) + 1).tolist())
+    pix2face = Pix2Face(exact_predictor(MODEL, [face.maps()]), MODEL, SureDetector([face.box]), refine=False)
+    for boxes, expected in (
+        (None, (face.box, 1.0)),
+        ([shifted], (shifted, None)),
+        ([DetectedFace(shifted, 0.4)], (shifted, 0.4)),
+    ):
+        (prediction,), (fit,) = pix2face.predict(image, boxes), pix2face.fit(image, boxes, EXACT)
+        (joint,) = pix2face.fit_joint([image], boxes, EXACT)
+        for own in (prediction, fit, joint):
+            assert (own.box, own.score) == expected
+    strict = Pix2Face(
+        exact_predictor(MODEL, [face.maps()]), MODEL, SureDetector([face.box]), refine=False, min_score=1.1
+    )
+    assert strict.find_faces(image) == []
 
 
 def sides(box: FaceBox) -> ndarray:
@@ -153,7 +172,7 @@ def test_photographs_and_boxes_are_taken_as_callers_have_them(face: Photographed
     given = [path, str(path), Image.open(path), face.photograph()]
     box = tuple(float(side) for side in sides(face.box))
     seen = seeing(face)
-    assert all(seen.find_faces(image) == [face.box] for image in given)
+    assert all(seen.find_faces(image) == [DetectedFace(face.box, 1.0)] for image in given)
     (expected,) = seen.fit(face.photograph(), [face.box], options=EXACT)
     for image in given:
         for fit in (*seen.fit(image, [box], EXACT), *seen.fit_joint([image], [box], EXACT)):

@@ -231,6 +231,7 @@ def test_nothing_is_overwritten_whatever_the_names(fit: Run, face: PhotographedF
 def two_faces(model: MorphableModel, monkeypatch: pytest.MonkeyPatch) -> list[PhotographedFace]:
     """Two faces, the first the larger one, are detected in every photograph."""
     faces = [photographed_face(model, seed, centre) for seed, centre in ((1, (140, 100)), (2, (90, 120)))]
+    faces.sort(key=lambda face: -face.box.longer_side)
     detector = SureDetector([face.box for face in faces])
     monkeypatch.setattr("pix2face.api.open_detector", lambda name="lbp": detector)
     return faces

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from pix2face.commands.cli import main
 from pix2face.commands.photograph_jobs import SeenFace
+from pix2face.detectors.detection import DetectedFace
 from pix2face.inference.predictor import Predictor
 from tests.pix2face.photographs.seen_faces import (
     PhotographedFace,
-    SureDetector,
     header_of,
     network_of,
     photographed_face,
@@ -44,9 +44,10 @@ def two_of_one_person(
 
     class OneByOne:
         def detect(self, image: np.ndarray) -> list:
-            return [next(detectors)]
+            raise AssertionError("scores are wanted")
 
-        candidates = SureDetector.candidates
+        def candidates(self, image: np.ndarray) -> list:
+            return [DetectedFace(next(detectors), 1.0)]
 
     monkeypatch.setattr("pix2face.api.open_detector", lambda name="lbp": OneByOne())
     return first, second

@@ -15,14 +15,15 @@ from pix2face.inference.predictor import Prediction
 from pix2face.photographs.map_files import MAP_FORMATS, PNG16_STEPS_PER_MM, maps_to_png16, parse_formats
 
 SIZE_PX = 48
+BOX = FaceBox(10, 20, 91, 95)
 
 
-def prediction(largest_mm: float = 250.0, seed: int = 0) -> Prediction:
+def prediction(largest_mm: float = 250.0, seed: int = 0, score: float | None = 1.25) -> Prediction:
     rng = np.random.default_rng(seed)
     mask = rng.random((SIZE_PX, SIZE_PX)) < 0.4
     planes = rng.uniform(-largest_mm, largest_mm, (2, SIZE_PX, SIZE_PX, 3)).astype(np.float32) * mask[..., None]
     planes[:, 0, 0], mask[0, 0] = 0, True  # 0 mm inside the mask is not the background
-    return Prediction(FaceMaps(planes[0], planes[1], mask), square_crop(FaceBox(10, 20, 91, 95), 1.4, SIZE_PX))
+    return Prediction(FaceMaps(planes[0], planes[1], mask), square_crop(BOX, 1.4, SIZE_PX), BOX, score)
 
 
 def test_npz_is_exact(tmp_path: Path) -> None:
@@ -32,6 +33,10 @@ def test_npz_is_exact(tmp_path: Path) -> None:
         for name in ("pncc", "offset", "mask"):
             np.testing.assert_array_equal(file[name], getattr(given.maps, name))
         np.testing.assert_array_equal(file["image_from_crop"], given.crop.image_from_crop)
+        assert (file["box_px"].tolist(), float(file["score"])) == ([10, 20, 91, 95], 1.25)
+    MAP_FORMATS["npz"](tmp_path, "given", prediction(score=None))
+    with np.load(tmp_path / "given.npz", allow_pickle=False) as file:
+        assert np.isnan(file["score"])
 
 
 def test_16_bit_png_is_within_half_a_step(tmp_path: Path) -> None:
@@ -52,6 +57,7 @@ def test_16_bit_png_is_within_half_a_step(tmp_path: Path) -> None:
     crop = json.loads((tmp_path / "face-crop.json").read_text())
     np.testing.assert_array_equal(crop["image_from_crop"], given.crop.image_from_crop)
     assert crop["size_px"] == SIZE_PX
+    assert (crop["box_px"], crop["score"]) == ([10, 20, 91, 95], 1.25)
 
 
 @pytest.mark.parametrize("value", [300.0, -256.0, np.nan, np.inf])
@@ -80,6 +86,8 @@ def test_exr_is_exact(tmp_path: Path) -> None:
     np.testing.assert_array_equal(channels["mask"].pixels, given.maps.mask.astype(np.float32))
     np.testing.assert_array_equal(file.header()["image_from_crop"], given.crop.image_from_crop)
     assert file.header()["unit"] == "mm"
+    assert file.header()["score"] == 1.25
+    np.testing.assert_array_equal(file.header()["box_px"], [[10, 20], [91, 95]])
 
 
 def test_formats_are_read_from_a_list() -> None:

@@ -83,8 +83,9 @@ def test_doubtful_candidates_come_in_only_where_the_maps_fit_a_face(scene):
     ]
     found = confirm_faces(noisy, candidates, colour_predictor(model), model)
     assert len(found) == 2
-    assert all(max(overlap(box, own) for own in found) > 0.9 for box in boxes)
-    assert found[0].longer_side >= found[1].longer_side
+    assert all(max(overlap(box, own.box) for own in found) > 0.9 for box in boxes)
+    assert {face.score for face in found} == {0.5, 2.0}
+    assert found[0].box.longer_side >= found[1].box.longer_side
 
 
 def test_a_crowd_goes_through_the_network_in_portions(scene):
@@ -112,7 +113,7 @@ def test_find_faces_runs_the_chain(scene):
     model, image, boxes = scene
     found = find_faces(image, BlobDetector(), colour_predictor(model), model)
     assert len(found) == 2
-    assert all(max(overlap(box, own) for own in found) > 0.9 for box in boxes)
+    assert all(max(overlap(box, own.box) for own in found) > 0.9 for box in boxes)
     assert find_faces(np.zeros_like(image), BlobDetector(), colour_predictor(model), model) == []
 
 
@@ -135,3 +136,23 @@ def test_what_is_hardly_seen_is_no_face(
     refined = RefinedBox(FaceBox(0, 0, 10, 10), residual_mm, 0.8, seen_share)
     assert refined.is_refuted is is_refuted
     assert refined.is_confirmed is is_confirmed
+
+
+class ScoredDetector:
+    """Finds three faces, of which one is sure, one doubtful and one no face at all."""
+
+    def __init__(self, boxes):
+        self._faces = [DetectedFace(boxes[0], 1.5), DetectedFace(boxes[1], 0.7), DetectedFace(FaceBox(0, 0, 8, 8), 0.6)]
+
+    def candidates(self, image):
+        return self._faces
+
+    def detect(self, image):
+        raise AssertionError("scores are wanted")
+
+
+@pytest.mark.parametrize(("min_score", "found"), [(None, {1.5, 0.7}), (0.65, {1.5, 0.7}), (1.0, {1.5}), (2.0, set())])
+def test_a_smallest_score_is_for_all_that_is_kept(scene, min_score, found):
+    model, image, boxes = scene
+    kept = find_faces(image, ScoredDetector(boxes), colour_predictor(model), model, min_score)
+    assert {face.score for face in kept} == found

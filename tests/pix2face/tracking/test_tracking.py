@@ -146,7 +146,7 @@ def _detections(clip: Clip):
     tracker, detector = FaceTracker(file, 25), BlobDetector()
     find_boxes(clip.source, lambda index, image: detector.detect(image), tracker)
     for line in file.getvalue().splitlines()[1:]:
-        frame, track, *sides = line.split(",")
+        frame, track, *sides, _ = line.split(",")
         yield FrameBox(int(frame), FaceBox(*map(float, sides)), "detected", int(track))
 
 
