@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, final
 
+from pix2face.errors import UsageError
+
 # Work is spread over processes: threads of software OpenGL and of linear algebra would only fight for the same cores.
 # Without a thread of its own llvmpipe draws in the caller's.
 ONE_THREAD = {"LP_NUM_THREADS": "0", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -25,7 +27,13 @@ def process_pool(workers: int) -> Iterator[Executor]:
     limit_threads()  # inherited by the processes, before they load anything
     context = multiprocessing.get_context("spawn")
     worker_end, own_end = context.Pipe(duplex=False)
-    pool = _UninterruptedPool(workers, context, initializer=_hang_on_lifeline, initargs=(worker_end,))
+    try:
+        pool = _UninterruptedPool(workers, context, initializer=_hang_on_lifeline, initargs=(worker_end,))
+    except OSError as error:
+        raise UsageError(
+            "expected a /dev/shm that can be written to, where processes keep their semaphores, found: "
+            f"{error.strerror}; mount one of some kilobytes"
+        ) from error
     try:
         yield pool
     except BaseException:

@@ -53,9 +53,6 @@ def run_commands(
     """
     _replace_missing_streams()
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if given[:1] == ["--version"]:
-        sys.stdout.write(f"{program} {__version__}\n")
-        return 0
     if "" in commands and given and given[0] in commands:
         chosen = commands[given[0]]
         return run_commands(f"{program} {given[0]}", _first_line(chosen), {"": chosen}, given[1:])
@@ -91,6 +88,9 @@ def _replace_missing_streams() -> None:
 
 
 def _run(program: str, description: str, commands: Mapping[str, Callable[..., int]], arguments: list[str]) -> int:
+    if arguments[:1] == ["--version"]:
+        sys.stdout.write(f"{program} {__version__}\n")
+        return 0
     named = {name: command for name, command in commands.items() if name}
     version = "" if " " in program else f"\n\n`{program} --version` prints the version."
     if "" not in commands:

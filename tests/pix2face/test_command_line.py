@@ -1,8 +1,10 @@
 """Errors of ours become one line and an exit status; names are printed as they stand."""
 
 import io
+import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -127,6 +129,38 @@ def test_a_call_that_cannot_be_parsed_is_status_2(arguments: list[str], capsys: 
     with pytest.raises(SystemExit) as caught:
         run(count, *arguments)
     assert caught.value.code == 2
+
+
+def test_a_reader_that_has_seen_enough_ends_a_program_quietly(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with open(writing, "w") as nobody:  # noqa: PTH123 (a descriptor)
+        monkeypatch.setattr(sys, "stdout", nobody)
+        assert run(count, "--version") == 1
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full, which only Linux has")
+def test_output_that_cannot_be_written_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    full = Path("/dev/full").open("w")  # noqa: SIM115 (closing it fails, too)
+    monkeypatch.setattr(sys, "stdout", full)
+    assert run(count, "--version") == 2
+    assert capsys.readouterr().err == "program: error: [Errno 28] No space left on device\n"
+    with suppress(OSError):
+        full.close()
+
+
+def test_a_program_needs_no_output_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)  # as Python has it after >&-
+    monkeypatch.setattr(sys, "stderr", None)
+    assert run(count, "--version") == 0
+    assert run(raising(UsageError("no"))) == 2
+    for stream in (sys.stdout, sys.stderr):
+        stream.close()
 
 
 def test_linear_algebra_has_one_thread_while_a_command_runs() -> None:
