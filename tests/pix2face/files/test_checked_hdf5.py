@@ -1,5 +1,6 @@
 """HDF5 files that point elsewhere or declare more than they hold."""
 
+import fcntl
 from pathlib import Path
 
 import h5py
@@ -138,3 +139,16 @@ def test_attributes_that_are_missing_or_no_text_are_named(tmp_path: Path) -> Non
         del file.attrs["licence"]
     with pytest.raises(InputFileError, match="expected text at licence"):
         load_model(path)
+
+
+def test_reading_needs_no_locks(tmp_path: Path) -> None:
+    """HDF5 would lock what it reads, which fails where a file system has no locks, or another program holds one."""
+    path = tmp_path / "locked.h5"
+    with h5py.File(path, "w") as file:
+        file["values"] = np.arange(3)
+    with path.open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(OSError, match="unable to lock file"), h5py.File(path, "r", locking=True):
+            pass
+        with open_hdf5(path) as file:
+            assert read_array(file, "values", path).tolist() == [0, 1, 2]

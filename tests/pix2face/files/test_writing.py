@@ -1,5 +1,6 @@
 """A file is there whole or not at all."""
 
+import errno
 import os
 import stat
 from collections.abc import Callable
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pix2face.files.writing import written_in_one_step
+from pix2face.files.writing import write_file, written_in_one_step
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -76,3 +77,22 @@ def test_content_reaches_the_disk_before_it_is_renamed(tmp_path: Path, monkeypat
     with written_in_one_step(path) as temporary:
         temporary.write_text("whole")
     assert synced == [(str(temporary), False), (str(tmp_path), True)]
+
+
+FULL = "No space left on device"
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, FULL), ValueError(f"I/O error: {FULL}")])
+def test_a_full_disk_names_the_file_and_leaves_the_old_one(error: Exception, tmp_path: Path) -> None:
+    path = tmp_path / "table.h5"
+    write_file(path, "old")
+
+    def fail() -> None:
+        with written_in_one_step(path) as unfinished:
+            unfinished.write_text("half")
+            raise error
+
+    with pytest.raises(OSError, match=rf"{FULL}: '\S*/table\.h5'"):
+        fail()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
