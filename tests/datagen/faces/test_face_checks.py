@@ -85,12 +85,12 @@ def test_missing_points_are_missing_and_the_rest_is_fitted(
         (lambda p: np.column_stack([p[:, 0], HEIGHT_PX - p[:, 1]]), r"looks 1\d\d° away .*does y grow upwards"),
         (lambda p: p[:, ::-1], r"looks 1\d\d° away .*are x and y swapped\?"),
         (lambda p: p / [WIDTH_PX, HEIGHT_PX], r"expected points of a face in pixels.*divided by the size"),
-        (lambda p: 2 * p / [WIDTH_PX, HEIGHT_PX] - 1, "expected points of a face in pixels|at least half of the 68"),
+        (lambda p: 2 * p / [WIDTH_PX, HEIGHT_PX] - 1, "expected points of a face in pixels|at least 34 of the 68"),
         (lambda p: 2 * p, r"of 68 outside; was the picture resized or cropped after annotation\?"),
         (lambda p: np.roll(p, 1, axis=0), "nobody has its coefficients .*in their order"),
         (lambda p: p.T.reshape(68, 2), "nobody has its coefficients .*in their order"),
         (lambda p: np.tile(p[30], (68, 1)), "found all of them within 0 x 0 pixels"),
-        (marked((-1, -1), list(range(40))), "at least half of the 68 points of a face, found 28"),
+        (marked((-1, -1), list(range(40))), "at least 34 of the 68 points of a face, found 28"),
     ],
 )
 def test_points_that_make_no_face_are_refused_with_the_likely_cause(

@@ -92,6 +92,25 @@ def test_missing_parts_are_missing_points(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.delete(points, 5, axis=0), np.delete(POINTS, 5, axis=0) + 0.5)
 
 
+@pytest.mark.parametrize("marker", ["x='-1' y='-1'", "x='0' y='0'", "x='nan' y='9'"])
+def test_marked_parts_are_missing_points(tmp_path: Path, marker: str) -> None:
+    write_xml(tmp_path / "list.xml", {"face.jpg": box().replace("x='10' y='11'", marker)})
+    (points,) = [points for _, points in read_dlib_xml(tmp_path / "list.xml")]
+    assert isinstance(points, np.ndarray)
+    assert np.flatnonzero(np.isnan(points).all(axis=1)).tolist() == [5]
+
+
+@pytest.mark.parametrize(("scheme", "refused"), [("inner51", []), ("aflw21", ["image01198"])])
+def test_every_scheme_of_the_files_at_hand_is_read(shared_dir: Path, scheme: str, refused: list[str]) -> None:
+    found = []
+    for annotation in find_annotations(shared_dir / "data" / "aflw2000_3d" / "dev", scheme):
+        try:
+            annotation.load()
+        except InputFileError:
+            found.append(annotation.name)
+    assert found == refused  # that file has 23 points where the others have 21
+
+
 def test_bad_faces_are_named_and_the_others_are_kept(tmp_path: Path) -> None:
     write_pts(tmp_path / "alone.pts")
     (tmp_path / "broken.pts").write_text("version: 1\nn_points: 68\n{\n1 2\n")

@@ -43,5 +43,14 @@ def test_missing_points_do_not_count_as_outside() -> None:
     points[:34] = np.nan
     assert check_points(points, SIZE_PX, 1, WHERE).sum() == 34
     points[34] = np.nan
-    with pytest.raises(InputFileError, match="at least half of the 68 points of a face, found 33"):
+    with pytest.raises(InputFileError, match="at least 34 of the 68 points of a face, found 33"):
+        check_points(points, SIZE_PX, 1, WHERE)
+
+
+def test_of_points_that_stand_only_where_they_are_seen_two_are_enough() -> None:
+    points = POINTS[:21].copy()
+    points[2:] = np.nan
+    assert check_points(points, SIZE_PX, 1, WHERE).sum() == 2
+    points[1:] = np.nan
+    with pytest.raises(InputFileError, match="at least 2 of the 21 points of a face, found 1"):
         check_points(points, SIZE_PX, 1, WHERE)
