@@ -111,24 +111,32 @@ def write_gnm(path: Path, head: Head, *, quads: ndarray | None = None, compresse
     return path
 
 
-def write_surrey(folder: Path, head: Head, *, colour: bool = False) -> Path:
-    """A model file and its blendshapes in Surrey's layout: unit-norm columns, variances, little-endian."""
+def write_surrey(folder: Path, head: Head, *, colour: bool = False, version: int = 1, expression: str = "") -> Path:
+    """A model file and its blendshapes in Surrey's layout: unit-norm columns, variances, little-endian.
+
+    From version 2 on, the model file itself has no expressions, or those of a "pca" model, or "blendshapes".
+    """
     n = head.mean.size
-    columns = head.identity.reshape(len(head.identity), n).T
-    norms = np.linalg.norm(columns, axis=0)
-    out = struct.pack("<I", 1) + _matrix(head.mean.reshape(n, 1)) + _matrix(columns / norms)
-    out += _matrix((norms**2)[:, None]) + _triangles(head.triangles)
+    out = struct.pack("<I", version) + _eos_pca(head.mean, head.identity, head.triangles)
     if colour:
         out += _matrix(np.full((n, 1), 0.5)) + _matrix(np.full((n, 1), 0.25)) + _matrix(np.array([[4.0]]))
     else:
         out += _matrix(np.zeros((0, 0))) * 3
     out += _triangles(np.zeros((0, 3)))
-    uv = np.linspace(0, 1, 2 * len(head.mean)).reshape(-1, 2)
-    out += struct.pack("<Q", len(uv)) + uv.astype("<f8").tobytes()
     shapes = struct.pack("<Q", len(head.expression))
     for i, shape in enumerate(head.expression):
-        name = f"shape {i}".encode()
-        shapes += struct.pack("<Q", len(name)) + name + _matrix(shape.reshape(n, 1))
+        shapes += _eos_text(f"shape {i}") + _matrix(shape.reshape(n, 1))
+    if version >= 2:
+        models = {"": b"", "blendshapes": struct.pack("<i", 1) + shapes}
+        models["pca"] = struct.pack("<i", 0) + _eos_pca(np.full_like(head.mean, 2.0), head.expression, head.triangles)
+        out += bytes([not expression]) + models[expression]
+    if version >= 3:  # two landmarks
+        out += b"\0" + struct.pack("<Q", 2) + _eos_text("chin") + struct.pack("<i", 0)
+        out += _eos_text("9") + struct.pack("<i", 1)
+    uv = np.linspace(0, 1, 2 * len(head.mean)).reshape(-1, 2)
+    out += struct.pack("<Q", len(uv)) + uv.astype("<f8").tobytes()
+    if version >= 4:
+        out += _triangles(head.triangles)
     (folder / "expression_blendshapes.bin").write_bytes(shapes)
     (folder / "model.bin").write_bytes(out)
     return folder / "model.bin"
@@ -226,6 +234,17 @@ def write_guo(folder: Path, mean: ndarray, expression: ndarray) -> None:
     rows = np.concatenate([mean.reshape(1, -1), expression.reshape(len(expression), -1) / deviations[:, None]]) * 1000
     (folder / "Exp_Pca.bin").write_bytes(struct.pack("<i", len(expression)) + rows.astype("<f4").tobytes())
     (folder / "std_exp.txt").write_text(" ".join(f"{value:.9g}" for value in deviations) + "\n")
+
+
+def _eos_pca(mean: ndarray, basis: ndarray, triangles: ndarray) -> bytes:
+    columns = basis.reshape(len(basis), mean.size).T
+    norms = np.linalg.norm(columns, axis=0)
+    parts = _matrix(mean.reshape(-1, 1)) + _matrix(columns / norms) + _matrix((norms**2)[:, None])
+    return parts + _triangles(triangles)
+
+
+def _eos_text(text: str) -> bytes:
+    return struct.pack("<Q", len(text)) + text.encode()
 
 
 def _part(file: h5py.File, name: str, mean: ndarray, basis: ndarray) -> None:

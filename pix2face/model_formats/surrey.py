@@ -1,10 +1,14 @@
-"""Surrey Face Model as its public, shape-only file (``.bin``), with the expression blendshapes that come beside it.
+"""Surrey Face Model, and other models that the eos library saves (``.bin``), with the blendshapes that come beside it.
 
 Little-endian: u32 version; mean, basis, variances, each as rows, columns (i32) and column-major f32; u64 count and
 triples of i32; a colour model of the same form, empty in the public file; u64 count and f64 texture coordinates.
 Blendshapes: u64 count; for each, u64 length, name, and a matrix of one column.
 
-Source: Huber et al. 2016, A Multiresolution 3D Morphable Face Model and Fitting Framework.
+The public file has version 1. Before the texture coordinates, version 2 adds an optional expression model (a byte that
+is 1 where there is none; else i32: 0 for a PCA model, 1 for blendshapes; then the model), and version 3 optional
+landmarks (the same byte, u64 count, names and i32 vertices). Version 4 ends with triangles of texture coordinates.
+
+Source: Huber et al. 2016, A Multiresolution 3D Morphable Face Model and Fitting Framework; the eos library.
 """
 
 import re
@@ -14,7 +18,7 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Float64, Int32
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
@@ -27,9 +31,11 @@ from pix2face.models.model_file import StoredModel
 N_VERTICES = 3448
 # The largest resolution that is given out, with colours, takes 60 MB.
 LARGEST_FILE_BYTES = 256 << 20
-KNOWN_VERSIONS = range(1, 8)
+# A small number and a mean of one column tell the format; the layouts of these versions are known.
+POSSIBLE_VERSIONS, KNOWN_VERSIONS = range(1, 64), range(1, 5)
 BLENDSHAPE_PATTERN = "*blendshapes*.bin"
 _HEAD = struct.Struct("<Iii")
+_PCA_MODEL, _BLENDSHAPES = 0, 1
 _NAME = re.compile(r"[\w +-]{1,64}")
 
 
@@ -38,7 +44,7 @@ def is_surrey(content: bytes) -> bool:
     if len(content) < _HEAD.size:
         return False
     version, rows, columns = _HEAD.unpack_from(content)
-    return version in KNOWN_VERSIONS and columns == 1 and rows > 0 and rows % 3 == 0
+    return version in POSSIBLE_VERSIONS and columns == 1 and rows > 0 and rows % 3 == 0
 
 
 def read_surrey(path: Path) -> StoredModel:
@@ -51,28 +57,38 @@ def read_surrey(path: Path) -> StoredModel:
         InputFileError: Missing, truncated or foreign file, or arrays that do not fit each other.
     """
     reader = _Reader(path)
-    reader.number("<I")
-    shape = reader.pca_model()
-    colour = reader.pca_model()
+    version = reader.number("<I")
+    if version not in KNOWN_VERSIONS:
+        raise InputFileError(
+            f"{path}: expected a model of the eos library of version {KNOWN_VERSIONS[0]} to {KNOWN_VERSIONS[-1]}, "
+            f"found version {version}"
+        )
+    shape, colour = reader.pca_model(), reader.pca_model()
     mean = coordinates(f"{path} (mean)", shape.mean)
     polygons = triangle_polygons(f"{path} (triangles)", shape.triangles, len(mean))
-    uv = reader.texture_coordinates(len(mean))
-    shapes = _read_blendshapes(path.parent, len(mean))
-    expression = np.stack(list(shapes.values())) if shapes else np.zeros((0, len(mean), 3), np.float32)
+    expression = _Expression.none(len(mean))
+    if version >= 2 and reader.has_value():
+        expression = reader.expression_model(len(mean))
+    if not len(expression.basis):
+        expression = _Expression.of_shapes(_read_blendshapes(path.parent, len(mean)), len(mean))
+    if version >= 3 and reader.has_value():
+        reader.skip_landmarks()
+    uv, uv_polygons = reader.texture(polygons, len(mean), has_triangles=version >= 4)
+    n_shapes = len(expression.names)
     return StoredModel(
         name="Surrey Face Model",
         licence="University of Surrey: academic research and internal evaluation; the low resolution shape model is "
         "public, see its readme",
-        origin=f"Huber et al. 2016, {path.name}" + (f"; {len(shapes)} blendshapes" if shapes else ""),
-        mean=mean.astype(np.float32),
+        origin=f"Huber et al. 2016, {path.name}" + (f"; {n_shapes} blendshapes" if n_shapes else ""),
+        mean=(mean + expression.offset).astype(np.float32),
         identity_basis=basis_of_columns(f"{path} (basis)", shape.basis, shape.deviations(path), len(mean), 1.0),
-        expression_basis=expression,
+        expression_basis=expression.basis,
         polygons=polygons,
         polygon_regions=np.zeros(len(polygons), np.uint8),
         landmarks={IBUG68: ibug68_vertices("surrey", len(mean))} if len(mean) == N_VERTICES else {},
         uv=uv,
-        uv_polygons=None if uv is None else polygons,
-        named_expressions=dict(zip(shapes, np.eye(len(shapes), dtype=np.float32), strict=True)),
+        uv_polygons=uv_polygons,
+        named_expressions=dict(zip(expression.names, np.eye(n_shapes, dtype=np.float32), strict=True)),
         **_albedo(path, colour, len(mean)),
     )
 
@@ -89,6 +105,23 @@ class _PcaModel:
         if not (np.isfinite(self.variances) & (self.variances >= 0)).all():
             raise InputFileError(f"{path}: expected variances of at least 0, found others")
         return np.sqrt(self.variances.astype(np.float64))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Expression:
+    offset: Float64[ndarray, "v 3"]  # what the mean of a statistical model adds to the mean face
+    basis: Float32[ndarray, "e v 3"]
+    names: tuple[str, ...] = ()  # of blendshapes; a statistical model has none
+
+    @classmethod
+    def none(cls, n_vertices: int) -> "_Expression":
+        return cls.of_shapes({}, n_vertices)
+
+    @classmethod
+    def of_shapes(cls, shapes: dict[str, Float32[ndarray, "v 3"]], n_vertices: int) -> "_Expression":
+        basis = np.stack(list(shapes.values())) if shapes else np.zeros((0, n_vertices, 3), np.float32)
+        return cls(np.zeros((n_vertices, 3)), basis, tuple(shapes))
 
 
 @final
@@ -125,31 +158,66 @@ class _Reader:
         triangles = self.array("<i4", 3 * self.number("<Q")).reshape(-1, 3).astype(np.int32)
         return _PcaModel(mean.ravel(), basis, variances.ravel(), triangles)
 
-    def texture_coordinates(self, n_vertices: int) -> Float32[ndarray, "u 2"] | None:
-        """One pair a vertex, v turned upward; None where the file has none."""
-        count = self.number("<Q")
-        pairs = self.array("<f8", 2 * count).reshape(-1, 2)
-        if count != n_vertices or not bool((np.abs(pairs) < LARGEST_COORDINATE).all()):
-            return None
-        return np.column_stack([pairs[:, 0], 1 - pairs[:, 1]]).astype(np.float32)
+    def has_value(self) -> bool:
+        """Whether an optional part follows: cereal writes a byte that is 1 where it is missing."""
+        is_missing = self.number("<B")
+        if is_missing > 1:
+            raise InputFileError(f"{self._path}: expected 0 or 1 at {self._at - 1}, found {is_missing}")
+        return not is_missing
+
+    def text(self) -> str:
+        return self.take(self.number("<Q")).decode("latin1")
+
+    def expression_model(self, n_vertices: int) -> _Expression:
+        kind = self.number("<i")
+        if kind == _BLENDSHAPES:
+            return _Expression.of_shapes(self.blendshapes(n_vertices), n_vertices)
+        if kind != _PCA_MODEL:
+            raise InputFileError(f"{self._path}: expected an expression model of kind 0 or 1, found {kind}")
+        model, where = self.pca_model(), f"{self._path} (expressions)"
+        offset = coordinates(where, model.mean)
+        if len(offset) != n_vertices:
+            raise InputFileError(f"{where}: expected {n_vertices} vertices, found {len(offset)}")
+        deviations = model.deviations(self._path)
+        return _Expression(offset, basis_of_columns(where, model.basis, deviations, n_vertices, 1.0))
+
+    def blendshapes(self, n_vertices: int) -> dict[str, Float32[ndarray, "v 3"]]:
+        shapes = dict[str, ndarray]()
+        for _ in range(self.number("<Q")):
+            name = self.text()
+            offsets = coordinates(f"{self._path} ({name[:64]!r})", self.matrix())
+            if not _NAME.fullmatch(name) or name in shapes or len(offsets) != n_vertices:
+                raise InputFileError(
+                    f"{self._path}: expected blendshapes with names of their own and {n_vertices} vertices, found "
+                    f"{name[:64]!r} with {len(offsets)}"
+                )
+            shapes[name] = offsets.astype(np.float32)
+        return shapes
+
+    def skip_landmarks(self) -> None:
+        """Names are free, so they say nothing of iBUG-68."""
+        for _ in range(self.number("<Q")):
+            self.text()
+            self.number("<i")
+
+    def texture(
+        self, polygons: Int32[ndarray, "t 4"], n_vertices: int, *, has_triangles: bool
+    ) -> tuple[Float32[ndarray, "u 2"] | None, Int32[ndarray, "t 4"] | None]:
+        """Texture coordinates, v turned upward, and their polygons; None where they do not fit the mesh."""
+        pairs = self.array("<f8", 2 * self.number("<Q")).reshape(-1, 2)
+        corners = self.array("<i4", 3 * self.number("<Q")).reshape(-1, 3) if has_triangles else np.zeros((0, 3))
+        if len(corners):
+            own = triangle_polygons(f"{self._path} (texture triangles)", corners, len(pairs))
+        else:
+            own = polygons if len(pairs) == n_vertices else polygons[:0]
+        if len(own) != len(polygons) or not bool((np.abs(pairs) < LARGEST_COORDINATE).all()):
+            return None, None
+        return np.column_stack([pairs[:, 0], 1 - pairs[:, 1]]).astype(np.float32), own
 
 
 def _read_blendshapes(folder: Path, n_vertices: int) -> dict[str, Float32[ndarray, "v 3"]]:
     paths = sorted(folder.glob(BLENDSHAPE_PATTERN))
-    if not paths:
-        return {}
-    path, shapes = paths[0], dict[str, ndarray]()
-    reader = _Reader(path)
-    for _ in range(reader.number("<Q")):
-        name = reader.take(reader.number("<Q")).decode("latin1")
-        offsets = coordinates(f"{path} ({name!r})", reader.matrix())
-        if not _NAME.fullmatch(name) or name in shapes or len(offsets) != n_vertices:
-            raise InputFileError(
-                f"{path}: expected blendshapes with names of their own and {n_vertices} vertices, found {name!r} with "
-                f"{len(offsets)}"
-            )
-        shapes[name] = offsets.astype(np.float32)
-    return shapes
+    return _Reader(paths[0]).blendshapes(n_vertices) if paths else {}
 
 
 def _albedo(path: Path, colour: _PcaModel, n_vertices: int) -> dict[str, Any]:

@@ -75,3 +75,28 @@ def test_what_nobody_takes_is_refused_with_what_is_supported(tmp_path: Path) -> 
 def test_an_imported_model_is_not_imported_again(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="imported already"):
         read_model(write_small_head(tmp_path / "a.h5"))
+
+
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
+@pytest.mark.parametrize("expression", ["", "pca", "blendshapes"])
+def test_models_of_eos_of_all_versions(tmp_path: Path, version: int, expression: str) -> None:
+    head = small_head()
+    path = write_surrey(tmp_path, head, version=version, expression=expression)
+    stored = read_model(path)
+    is_own = expression == "pca" and version >= 2
+    np.testing.assert_allclose(stored.mean, head.mean + (2 if is_own else 0), atol=1e-4)
+    np.testing.assert_allclose(stored.identity_basis, head.identity, atol=1e-4)
+    np.testing.assert_allclose(stored.expression_basis, head.expression, atol=1e-4)
+    assert len(stored.named_expressions) == (0 if is_own else len(head.expression))
+    assert stored.uv is not None
+    assert len(stored.uv) == len(head.mean)
+    if version > 1:
+        (tmp_path / "expression_blendshapes.bin").unlink()
+        assert len(read_model(path).expression_basis) == (len(head.expression) if expression else 0)
+
+
+def test_a_later_version_of_eos_is_named(tmp_path: Path) -> None:
+    path = write_surrey(tmp_path, small_head())
+    path.write_bytes((9).to_bytes(4, "little") + path.read_bytes()[4:])
+    with pytest.raises(InputFileError, match="eos library of version 1 to 4, found version 9"):
+        read_model(path)
