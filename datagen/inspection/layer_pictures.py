@@ -23,6 +23,7 @@ LEGENDS = {
     "regions": "one colour for each region",
     "seen": "white: face in sight",
     "seen_regions": "one colour for each region",
+    "coverage": "white: person, grey: backdrop",
 }
 
 
@@ -53,6 +54,10 @@ def region_colour(index: int) -> tuple[int, int, int]:
 
 def _paint_mask(values: Shaped[ndarray, "h w"], where: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
     return np.repeat(np.where(values, np.uint8(255), np.uint8(GREY))[..., None], 3, axis=2)
+
+
+def _paint_coverage(values: Shaped[ndarray, "h w"], where: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
+    return np.repeat(np.rint(GREY + (255 - GREY) * values).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def _paint_depth(values: Shaped[ndarray, "h w"], where: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
@@ -90,4 +95,5 @@ _PAINTERS: dict[str, Callable[[ndarray, ndarray], ndarray]] = {
     "regions": _paint_regions,
     "seen": _paint_mask,
     "seen_regions": _paint_regions,
+    "coverage": _paint_coverage,
 }

@@ -29,7 +29,7 @@ from datagen.samples.stage_times import StageTimes
 from pix2face.files.images import encode_photograph
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.surface_attributes import REGIONS
-from pix2face.shards.layers import SEEN, SEEN_REGIONS
+from pix2face.shards.layers import COVERAGE, SEEN, SEEN_REGIONS
 from pix2face.shards.sample import MASK, PICTURE, PictureKind, Sample
 
 
@@ -65,7 +65,7 @@ class ScenePictures:
         self._bystanders = Bystanders(self._scenes, self._drawer, seed, config)
 
     def draw(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
-        """Adds the picture, and the layers that say what stands in front of the face.
+        """Adds the picture, and the layers that say what stands in front of the face and of the backdrop.
 
         The sample has its mask, and ``regions`` where ``seen_regions`` is wanted; vertices are in mm, model frame.
         """
@@ -96,10 +96,10 @@ class ScenePictures:
         return replace(sample, image_bytes=content, attributes=attributes, layers={**sample.layers, **layers})
 
     def _seen(self, picture: ScenePicture, sample: Sample, appearance: Appearance) -> dict[str, ndarray]:
-        """The head is where the exact rasteriser has it; the scene says what stands in front of it."""
+        """The head is where the exact rasteriser has it; the scene says what stands in front of it and of the backdrop."""
         mask, is_before = sample.layers[MASK], picture.labels > HEAD
         beyond = beyond_border(appearance.photograph.border, *mask.shape)
-        layers = {SEEN: mask & ~is_before & ~beyond}
+        layers = {SEEN: mask & ~is_before & ~beyond, COVERAGE: np.where(beyond, np.float32(0), picture.coverage)}
         regions = sample.layers.get(REGIONS)
         if regions is not None:
             n_model = len(self._model.region_names)

@@ -119,6 +119,17 @@ _TABLE = (
         meaning="as regions, of what is nearest in the picture: the head's regions, and after these hair, glasses, "
         "clothes and what else stands before it",
     ),
+    Layer(
+        name="coverage",
+        n_channels=1,
+        unit="",
+        dtype=np.float32,
+        stored=np.dtype("u1"),
+        steps_per_unit=255,
+        is_smooth=False,
+        meaning="share of the pixel that shows the person and what the person wears or holds, 0 to 1; the rest shows the "
+        "backdrop",
+    ),
 )
 LAYERS: Mapping[str, Layer] = {layer.name: layer for layer in _TABLE}
 # What a sample can have beside maps: not one value for each pixel, but chosen in the same way.
@@ -127,10 +138,11 @@ LAYER_NAMES = (IMAGE, *LAYERS, LANDMARKS)
 DEFAULT_LAYERS = (IMAGE, "pncc", "offset", "mask", LANDMARKS)
 ALL_LAYERS = "all"  # instead of a list of names
 # Layers that hold beyond the mask.
-WHOLE_PICTURE_LAYERS = ("regions", "seen_regions")
-# Layers that tell what stands before the face: known of pictures that were drawn, not of photographs.
-SEEN, SEEN_REGIONS = "seen", "seen_regions"
-SCENE_LAYERS = (SEEN, SEEN_REGIONS)
+WHOLE_PICTURE_LAYERS = ("regions", "seen_regions", "coverage")
+# Layers that are known of pictures that were drawn, not of photographs: what stands before the face, and before the
+# backdrop.
+SEEN, SEEN_REGIONS, COVERAGE = "seen", "seen_regions", "coverage"
+SCENE_LAYERS = (SEEN, SEEN_REGIONS, COVERAGE)
 
 
 def parse_layers(text: str) -> tuple[str, ...]:

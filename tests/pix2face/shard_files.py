@@ -65,6 +65,7 @@ def every_layer(n: int) -> tuple[ShardHeader, list[Sample]]:
             "regions": (rng.integers(1, 4, mask.shape) * head).astype(np.uint8),
             "seen": mask & (rng.random(mask.shape) > 0.3),
             "seen_regions": rng.integers(0, 4, mask.shape).astype(np.uint8),
+            "coverage": rng.integers(0, 256, mask.shape).astype(np.float32) / np.float32(255),
         }
         triplets.append(Sample(**{**vars(triplet), "layers": {**triplet.layers, **extra}}))
     return ShardHeader(**{**vars(HEADER), "layers": LAYER_NAMES}), triplets

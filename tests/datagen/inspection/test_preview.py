@@ -45,6 +45,7 @@ def all_layers(height: int = 60, width: int = 40) -> dict[str, ndarray]:
         "regions": head.astype(np.uint8) + mask,
         "seen": mask,
         "seen_regions": head.astype(np.uint8) + mask,
+        "coverage": head.astype(np.float32),
     }
 
 
@@ -99,7 +100,7 @@ def test_samples_are_spread_over_all_shards(shards: Path) -> None:
 
 @pytest.mark.parametrize(
     ("layers", "n_tiles"),
-    [(LAYER_NAMES, 10), (DEFAULT_LAYERS, 4), (("pncc", "offset", "mask"), 2), (("image", "mask"), 2), (("depth",), 1)],
+    [(LAYER_NAMES, 11), (DEFAULT_LAYERS, 4), (("pncc", "offset", "mask"), 2), (("image", "mask"), 2), (("depth",), 1)],
 )
 def test_a_sheet_shows_what_is_there(
     layers: tuple[str, ...], n_tiles: int, tmp_path: Path, base: tuple[ShardHeader, Sample]

@@ -108,6 +108,10 @@ def check_layers(sample: Sample) -> None:
     np.testing.assert_array_equal(seen_regions[own], regions[own])
     np.testing.assert_array_equal(seen_regions[seen], regions[seen])
     assert seen_regions.max() <= n_model + len(SCENE_REGIONS)
+    coverage = sample.layers["coverage"]
+    assert coverage.min() >= 0
+    assert coverage.max() <= 1
+    assert (coverage[seen_regions > 0] > 0).all()
     assert sample.attributes["seen_share"] == pytest.approx(seen.sum() / mask.sum(), abs=1e-4)
 
 
@@ -196,6 +200,7 @@ def test_nothing_is_seen_beyond_the_border(
         check_layers(sample)
         assert not sample.layers["seen"][beyond].any()
         assert not sample.layers["seen_regions"][beyond].any()
+        assert not sample.layers["coverage"][beyond].any()
         assert sample.layers["mask"][beyond].any()  # maps go on there
 
 
