@@ -112,23 +112,24 @@ _TABLE = (
         "border of the photograph",
     ),
     Layer(
-        name="seen_regions",
-        n_channels=1,
-        dtype=np.uint8,
-        stored=np.dtype("u1"),
-        meaning="as regions, of what is nearest in the picture: the head's regions, and after these hair, glasses, "
-        "clothes and what else stands before it",
-    ),
-    Layer(
         name="coverage",
         n_channels=1,
-        unit="",
         dtype=np.float32,
         stored=np.dtype("u1"),
         steps_per_unit=255,
-        is_smooth=False,
         meaning="share of the pixel that shows the person and what the person wears or holds, 0 to 1; the rest shows the "
         "backdrop",
+    ),
+    Layer(
+        name="seen_regions",
+        n_channels=1,
+        unit="",
+        dtype=np.uint8,
+        stored=np.dtype("u1"),
+        steps_per_unit=1,
+        is_smooth=False,
+        meaning="as regions, of what is nearest in the picture: the head's regions, and after these hair, glasses, "
+        "clothes and what else stands before it",
     ),
 )
 LAYERS: Mapping[str, Layer] = {layer.name: layer for layer in _TABLE}
@@ -138,11 +139,11 @@ LAYER_NAMES = (IMAGE, *LAYERS, LANDMARKS)
 DEFAULT_LAYERS = (IMAGE, "pncc", "offset", "mask", LANDMARKS)
 ALL_LAYERS = "all"  # instead of a list of names
 # Layers that hold beyond the mask.
-WHOLE_PICTURE_LAYERS = ("regions", "seen_regions", "coverage")
+WHOLE_PICTURE_LAYERS = ("regions", "coverage", "seen_regions")
 # Layers that are known of pictures that were drawn, not of photographs: what stands before the face, and before the
 # backdrop.
-SEEN, SEEN_REGIONS, COVERAGE = "seen", "seen_regions", "coverage"
-SCENE_LAYERS = (SEEN, SEEN_REGIONS, COVERAGE)
+SEEN, COVERAGE, SEEN_REGIONS = "seen", "coverage", "seen_regions"
+SCENE_LAYERS = (SEEN, COVERAGE, SEEN_REGIONS)
 
 
 def parse_layers(text: str) -> tuple[str, ...]:

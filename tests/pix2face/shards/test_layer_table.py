@@ -33,7 +33,8 @@ def test_an_unknown_layer_is_named_with_those_that_there_are(text: str, found: s
 @given(st.sampled_from(ROUNDED), st.integers(0, 99))
 def test_rounding_is_at_most_half_a_step_off(layer: Layer, seed: int) -> None:
     limit = min(layer.limit, 1e4)
-    values = np.random.default_rng(seed).uniform(-limit, limit, layer.shape(6, 5)).astype(np.float32)
+    lowest = -limit if np.iinfo(layer.stored).min else 0.0
+    values = np.random.default_rng(seed).uniform(lowest, limit, layer.shape(6, 5)).astype(np.float32)
     steps = to_stored(layer, values)
     assert steps.dtype == layer.stored
     back = from_stored(layer, steps)
