@@ -11,6 +11,7 @@ from rich.console import Console
 
 from datagen.appearance.appearance_cli import appearance
 from datagen.appearance.appearance_config import load_configuration
+from datagen.appearance.backdrop.empty_pictures_cli import empty
 from datagen.doctor.doctor_cli import doctor
 from datagen.inspection.inspect_cli import card, preview, stats, verify
 from datagen.jobs.coeffs_cli import coeffs, fit
@@ -63,6 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "sample": sample,
         "appearance": appearance,
         "render": render,
+        "empty": empty,
         "verify": verify,
         "preview": preview,
         "stats": stats,

@@ -123,11 +123,8 @@ _TABLE = (
     Layer(
         name="seen_regions",
         n_channels=1,
-        unit="",
         dtype=np.uint8,
         stored=np.dtype("u1"),
-        steps_per_unit=1,
-        is_smooth=False,
         meaning="as regions, of what is nearest in the picture: the head's regions, and after these hair, glasses, "
         "clothes and what else stands before it",
     ),

@@ -95,12 +95,15 @@ class ShardIndex:
         }
 
 
-def index_shards(folders: Sequence[Path | ShardFolder], where: str = "") -> ShardIndex:
+def index_shards(
+    folders: Sequence[Path | ShardFolder], where: str = "", layers: Sequence[str] = DEFAULT_LAYERS
+) -> ShardIndex:
     """Opens every shard once and makes an index of the samples.
 
     Args:
         folders: Folders with a weight are sets of their own; folders without are one set together.
         where: A condition on the attributes of samples (``pix2face.shards.sample_filter``); empty takes all.
+        layers: Names of the layers that every shard must have.
 
     Raises:
         UsageError: A folder has no shards, a shard lacks a layer that is trained on, or there is no sample to draw.
@@ -111,7 +114,7 @@ def index_shards(folders: Sequence[Path | ShardFolder], where: str = "") -> Shar
     persons = PersonGroups()
     named = [folder if isinstance(folder, ShardFolder) else ShardFolder(folder) for folder in folders]
     paths = [[*shard_paths(folder.path)] for folder in named]
-    found = [_read_facts(path, persons, chosen) for path in chain.from_iterable(paths)]
+    found = [_read_facts(path, persons, chosen, layers) for path in chain.from_iterable(paths)]
     if not found:
         raise UsageError("--shards: expected one folder of shards or more, found none")
     _check_same_model(found)
@@ -170,9 +173,9 @@ class _ShardFacts:
     digest: bytes
 
 
-def _read_facts(path: Path, persons: PersonGroups, chosen: SampleFilter | None) -> _ShardFacts:
+def _read_facts(path: Path, persons: PersonGroups, chosen: SampleFilter | None, layers: Sequence[str]) -> _ShardFacts:
     reader = ShardReader(path)
-    check_has_layers(reader.header.layers, DEFAULT_LAYERS, str(path))
+    check_has_layers(reader.header.layers, layers, str(path))
     sample_ids, passes = reader.sample_ids, []
     for sample_id, identity, attributes in zip(sample_ids, reader.column("identity"), reader.attributes(), strict=True):
         persons.add(sample_id, identity, attributes)
