@@ -21,12 +21,14 @@ from pix2face.models.morphable_model import builtin_model
 from pix2face.stop_signals import exit_status_of, first_signal
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import ShardIndex, index_shards, split_off
+from training.detection.detector_cli import detector
 from training.loop.observers import observers_of
 from training.loop.plan_report import dry_run, summary
 from training.loop.processes import joined_processes
 from training.loop.resume import steps_done
 from training.loop.run_configuration import training_configuration, with_scales_of
-from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, Surroundings, TrainingStopped, train
+from training.loop.tasks import Surroundings
+from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, TrainingStopped, train
 from training.loop.validation import Validator, validator_of
 from training.recipe.recipe import Recipe
 from training.release.release_cli import export
@@ -103,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def train_network(config: Annotated[TrainConfig, tyro.conf.arg(name="")] = defaults) -> int:
         return run(config)
 
-    return run_commands("train", DESCRIPTION, {"": train_network, "export": export}, arguments)
+    return run_commands("train", DESCRIPTION, {"": train_network, "detector": detector, "export": export}, arguments)
 
 
 def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | None]:

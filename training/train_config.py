@@ -15,7 +15,7 @@ from pix2face.command_line import optional
 from pix2face.errors import UsageError
 from pix2face.inference import RUNS
 from training.loop.processes import Processes, device_of_process
-from training.loop.trainer import Surroundings
+from training.loop.tasks import Surroundings
 from training.recipe.presets import PRESETS, PresetName
 from training.recipe.recipe import Recipe
 

@@ -96,7 +96,7 @@ class ScenePictures:
         return replace(sample, image_bytes=content, attributes=attributes, layers={**sample.layers, **layers})
 
     def _seen(self, picture: ScenePicture, sample: Sample, appearance: Appearance) -> dict[str, ndarray]:
-        """The head is where the exact rasteriser has it; the scene says what stands in front of it and of the backdrop."""
+        """The head is where the exact rasteriser has it; the scene says what stands before it and the backdrop."""
         mask, is_before = sample.layers[MASK], picture.labels > HEAD
         beyond = beyond_border(appearance.photograph.border, *mask.shape)
         layers = {SEEN: mask & ~is_before & ~beyond, COVERAGE: np.where(beyond, np.float32(0), picture.coverage)}

@@ -51,7 +51,7 @@ class CentreNetwork(nn.Module):
         at16 = self.to16(at8)
         coarse = self.side32(self.to32(at16))
         coarse = self.mixed16(functional.relu(self.side16(at16) + _enlarged(coarse)))
-        return self.answer(self.mixed8(functional.relu(self.side8(at8) + _enlarged(coarse))))  # type: ignore[no-any-return]
+        return self.answer(self.mixed8(functional.relu(self.side8(at8) + _enlarged(coarse))))
 
 
 def folded(network: CentreNetwork) -> CentreNetwork:
@@ -75,9 +75,7 @@ class _Residual(nn.Module):
 
 
 def _linear(n_in: int, n_out: int, kernel: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(n_in, n_out, kernel, stride, padding=kernel // 2, bias=False), nn.BatchNorm2d(n_out)
-    )
+    return nn.Sequential(nn.Conv2d(n_in, n_out, kernel, stride, padding=kernel // 2, bias=False), nn.BatchNorm2d(n_out))
 
 
 def _layer(n_in: int, n_out: int, stride: int = 1) -> nn.Sequential:

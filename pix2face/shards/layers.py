@@ -117,8 +117,8 @@ _TABLE = (
         dtype=np.float32,
         stored=np.dtype("u1"),
         steps_per_unit=255,
-        meaning="share of the pixel that shows the person and what the person wears or holds, 0 to 1; the rest shows the "
-        "backdrop",
+        meaning="share of the pixel that shows the person and what the person wears or holds, 0 to 1; the rest shows "
+        "the backdrop",
     ),
     Layer(
         name="seen_regions",

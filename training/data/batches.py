@@ -8,7 +8,7 @@ transposed on the way.
 from collections.abc import Callable
 from dataclasses import dataclass
 from mmap import mmap
-from typing import final
+from typing import Protocol, Self, final
 
 import torch
 from jaxtyping import Float32, Int16, UInt8
@@ -58,7 +58,26 @@ class Batch:
         )
 
 
-def network_input(batch: Batch) -> Float32[Tensor, "b 3 s s"]:
+class TrainingBatch(Protocol):
+    """What the trainer needs to know of a batch."""
+
+    @property
+    def image(self) -> UInt8[Tensor, "b 3 h w"]:
+        """RGB."""
+
+    def __len__(self) -> int: ...
+
+    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> Self:
+        """Returns the batch on another device."""
+
+    def pin_memory(self) -> Self:
+        """Returns the batch in pinned memory."""
+
+    def rows(self, first: int, end: int) -> Self:
+        """Some of the samples, not copied."""
+
+
+def network_input(batch: TrainingBatch) -> Float32[Tensor, "b 3 s s"]:
     """The pictures as the network takes them, in [-0.5, 0.5]."""
     return batch.image.float().div_(LARGEST_BYTE).sub_(0.5)
 

@@ -13,7 +13,7 @@ import numpy as np
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.jitter import draw_jitter, jitter_crop
-from training.data.batches import Batch, batch_row, empty_batch
+from training.data.batches import Batch, batch_bytes, batch_row, empty_batch
 from training.data.cropping import cut, cut_around_box, resample, vary_colours
 from training.data.decoded_sample import DecodedSample, decode_sample
 from training.data.draw_order import JITTER_STREAM, DrawOrder
@@ -29,7 +29,7 @@ class DrawDataset:
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
         self._recipe = recipe
-        self.size_px, self.has_seen = recipe.size_px, shards.knows_seen
+        self._size_px, self._has_seen = recipe.size_px, shards.knows_seen
         self._order = DrawOrder(shards.sets, recipe.seed)
         self._samples = SampleStore(shards, recipe, cache)
 
@@ -50,7 +50,11 @@ class DrawDataset:
 
     def empty_batch(self, n_samples: int, memory: mmap | None = None) -> Batch:
         """A batch for ``fill`` (see `batches.empty_batch`)."""
-        return empty_batch(n_samples, self.size_px, has_seen=self.has_seen, memory=memory)
+        return empty_batch(n_samples, self._size_px, has_seen=self._has_seen, memory=memory)
+
+    def batch_bytes(self, n_samples: int) -> int:
+        """The memory that a batch takes."""
+        return batch_bytes(n_samples, self._size_px, has_seen=self._has_seen)
 
     def fill(self, batch: Batch, draws: Sequence[int]) -> None:
         """Fills a batch, which is full of 0 and has a row for each draw.

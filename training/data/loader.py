@@ -4,26 +4,24 @@ import time
 from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from typing import final
+from typing import Generic, final
 
 from training.data.batches import Batch
 from training.data.dataset import DrawDataset
 from training.data.draw_order import DrawBatches
-from training.data.loading_processes import LoadingProcesses
+from training.data.loading_processes import B, Draws, LoadingProcesses
 from training.data.shard_index import ShardIndex
 from training.data.shared_cache import SharedCache
 from training.recipe.recipe import Recipe
 
 
-@final
-class BatchLoader:
+class DrawLoader(Generic[B]):
     """Loads the batches of a training.
 
     Args:
-        shards: The samples.
-        recipe: Size, seed, jitter, and pictures a batch (over all machines).
+        draws: Where batches come from.
+        batch_size: Pictures a batch, over all machines.
         workers: Processes that load; 0 loads between steps.
-        cache_bytes: Memory for decoded samples, of all workers together.
         pin_memory: Put batches where a GPU can fetch them.
         rank: Of this machine, from 0; it gets its part of each batch.
         n_ranks: How many machines there are.
@@ -37,22 +35,20 @@ class BatchLoader:
 
     def __init__(
         self,
-        shards: ShardIndex,
-        recipe: Recipe,
+        draws: Draws[B],
+        batch_size: int,
         *,
         workers: int,
-        cache_bytes: int,
         pin_memory: bool = False,
         rank: int = 0,
         n_ranks: int = 1,
     ) -> None:
         self.wait_seconds = 0.0
-        self._draws = DrawBatches(recipe.batch_size, rank, n_ranks)
-        cache = SharedCache(len(shards.shard), cache_bytes) if cache_bytes else None
-        self._dataset = DrawDataset(shards, recipe, cache)
+        self._draws = DrawBatches(batch_size, rank, n_ranks)
+        self._dataset = draws
         self._workers, self._pin_memory = workers, pin_memory
 
-    def batches(self, first_draw: int, n_batches: int) -> Generator[Batch, None, None]:
+    def batches(self, first_draw: int, n_batches: int) -> Generator[B, None, None]:
         """Some batches, from a draw on. Ask for all that are left of a training: workers then never run dry.
 
         Close what it returns (``contextlib.closing``) to end the workers before all batches were taken.
@@ -69,7 +65,7 @@ class BatchLoader:
                 yield batch
                 began = time.perf_counter()
 
-    def _loaded(self, first_draw: int, n_batches: int) -> Generator[Batch, None, None]:
+    def _loaded(self, first_draw: int, n_batches: int) -> Generator[B, None, None]:
         draws = self._draws.plan(first_draw, n_batches)
         if not self._workers or not n_batches:
             yield from map(self._dataset.batch, draws)
@@ -81,10 +77,30 @@ class BatchLoader:
             processes.end()
 
 
-def _pinned(batches: Iterator[Batch]) -> Iterator[Batch]:
+@final
+class BatchLoader(DrawLoader[Batch]):
+    """Loads crops of the samples of shards, as a recipe has them; ``cache_bytes`` is for all workers together."""
+
+    def __init__(
+        self,
+        shards: ShardIndex,
+        recipe: Recipe,
+        *,
+        workers: int,
+        cache_bytes: int,
+        pin_memory: bool = False,
+        rank: int = 0,
+        n_ranks: int = 1,
+    ) -> None:
+        cache = SharedCache(len(shards.shard), cache_bytes) if cache_bytes else None
+        draws = DrawDataset(shards, recipe, cache)
+        super().__init__(draws, recipe.batch_size, workers=workers, pin_memory=pin_memory, rank=rank, n_ranks=n_ranks)
+
+
+def _pinned(batches: Iterator[B]) -> Iterator[B]:
     """Copies each batch to pinned memory in a thread, while the batch before is in use."""
 
-    def following() -> Batch | None:
+    def following() -> B | None:
         batch = next(batches, None)
         return None if batch is None else batch.pin_memory()
 

@@ -16,22 +16,40 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import recv_handle, send_handle
 from multiprocessing.util import Finalize
-from typing import final
+from typing import Generic, Protocol, TypeVar, final
 
 import cv2
 
 from pix2face.errors import Pix2FaceError
 from pix2face.stop_signals import signals_blocked
-from training.data.batches import Batch, batch_bytes
-from training.data.dataset import DrawDataset
+from training.data.batches import TrainingBatch
 from training.data.shared_cache import anonymous_file
 
 # Batches that each process has ready or in work: enough to bridge the writing of a checkpoint.
 PREFETCHED = 4
 
 
+B = TypeVar("B", bound=TrainingBatch)
+
+
+class Draws(Protocol[B]):
+    """Numbered draws, a batch at a time: what processes can load. It is copied to each of them."""
+
+    def batch(self, draws: Sequence[int]) -> B:
+        """Some draws, by their numbers from 0 without end."""
+
+    def batch_bytes(self, n_samples: int) -> int:
+        """The memory that a batch takes."""
+
+    def empty_batch(self, n_samples: int, memory: mmap.mmap | None = None) -> B:
+        """A batch in this memory, which may hold one already; None takes new memory."""
+
+    def fill(self, batch: B, draws: Sequence[int]) -> None:
+        """Fills a batch, which is full of 0 and has a row for each draw."""
+
+
 @final
-class LoadingProcesses:
+class LoadingProcesses(Generic[B]):
     """Processes that make batches of a data set.
 
     Args:
@@ -42,7 +60,7 @@ class LoadingProcesses:
         OSError: A process cannot be started.
     """
 
-    def __init__(self, dataset: DrawDataset, count: int) -> None:
+    def __init__(self, dataset: Draws[B], count: int) -> None:
         self._dataset = dataset
         self._processes: list[BaseProcess] = []
         self._pipes: list[Connection] = []
@@ -61,7 +79,7 @@ class LoadingProcesses:
                 self._processes.append(process)
                 self._pipes.append(own_end)
 
-    def batches(self, draws_of_batches: Iterable[Sequence[int]]) -> Iterator[Batch]:
+    def batches(self, draws_of_batches: Iterable[Sequence[int]]) -> Iterator[B]:
         """The batches of these draws, in order.
 
         Raises:
@@ -82,7 +100,7 @@ class LoadingProcesses:
         """Ends the processes, whatever they are doing: they only read files."""
         self._end()
 
-    def _answer(self, pipe: Connection, n_samples: int) -> Batch:
+    def _answer(self, pipe: Connection, n_samples: int) -> B:
         ready = wait([pipe, *(process.sentinel for process in self._processes)])
         try:
             if pipe in ready:
@@ -95,14 +113,14 @@ class LoadingProcesses:
         raise Pix2FaceError(_reason(self._processes))
 
 
-def _serve(pipe: Connection, dataset: DrawDataset) -> None:
+def _serve(pipe: Connection, dataset: Draws[B]) -> None:
     """Answers requests until the trainer closes its end, or is gone."""
     cv2.setNumThreads(1)  # processes run side by side, where threads of each would be in the way of the others
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             draws = pipe.recv()
             try:
-                memory = anonymous_file(batch_bytes(len(draws), dataset.size_px, has_seen=dataset.has_seen))
+                memory = anonymous_file(dataset.batch_bytes(len(draws)))
                 dataset.fill(dataset.empty_batch(len(draws), _mapped(os.dup(memory))), draws)
             except Exception as error:  # noqa: BLE001 (whatever it is, the trainer is to say it)
                 pipe.send(error)

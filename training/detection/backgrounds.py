@@ -1,5 +1,6 @@
 """Pictures without people, from a folder: what faces are pasted over, and what else is pasted."""
 
+import hashlib
 from functools import lru_cache
 from pathlib import Path
 from typing import Final, final
@@ -28,10 +29,18 @@ class Backgrounds:
     """
 
     def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
         if not self._paths:
             raise UsageError(f"{folder}: expected pictures that show nobody, found none; `datagen empty` draws some")
         self._read = lru_cache(KEPT)(read_photograph)
+
+    def sha256(self) -> str:
+        """Hash of the names and contents of all pictures."""
+        total = hashlib.sha256()
+        for path in self._paths:
+            total.update(path.relative_to(self._folder).as_posix().encode() + b"\0" + path.read_bytes())
+        return total.hexdigest()
 
     def draw(self, rng: np.random.Generator, size_px: int) -> UInt8[ndarray, "s s 3"]:
         """A square part of one of them, in the given size."""

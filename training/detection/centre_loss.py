@@ -4,9 +4,10 @@ Sources: Law and Deng 2018, CornerNet, Eq. 1 (focal loss that is reduced near a 
 Points.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, final
+from mmap import mmap
+from typing import final
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ from training.detection.scenes import Scene, counted_boxes
 # Standard deviation of the heat around a centre, as a share of the box; at least so many cells.
 SPREAD, LEAST_SPREAD = 0.09, 0.45
 BOXED_HEAT = 0.5  # cells with more heat learn the box
-BOX_WEIGHT: Final = 0.5
+_BYTES_A_CELL = 4 + 16 + 1  # heat, box, and whether the cell is looked at
 
 
 @final
@@ -37,13 +38,50 @@ class SceneBatch:
     def __len__(self) -> int:
         return len(self.image)
 
+    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "SceneBatch":
+        """Returns the batch on another device."""
+        return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
-def batch_of(scenes: Sequence[Scene]) -> SceneBatch:
-    """Puts scenes of one size together."""
-    targets = [cell_targets(scene) for scene in scenes]
-    image = torch.from_numpy(np.stack([scene.image for scene in scenes])).permute(0, 3, 1, 2)
-    heat, boxes, looked = (torch.from_numpy(np.stack(part)) for part in zip(*targets, strict=True))
-    return SceneBatch(image=image, heat=heat, boxes=boxes, is_looked_at=looked)
+    def pin_memory(self) -> "SceneBatch":
+        """Returns the batch in pinned memory, from which a GPU copies by itself."""
+        return self._each(lambda tensor: tensor.pin_memory())
+
+    def rows(self, first: int, end: int) -> "SceneBatch":
+        """Some of the scenes, not copied."""
+        return self._each(lambda tensor: tensor[first:end])
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> "SceneBatch":
+        return SceneBatch(**{name: change(tensor) for name, tensor in vars(self).items()})
+
+
+def batch_bytes(n_scenes: int, size_px: int) -> int:
+    """The memory that a batch takes."""
+    return n_scenes * (3 * size_px**2 + _BYTES_A_CELL * (size_px // STRIDE) ** 2)
+
+
+def empty_batch(n_scenes: int, size_px: int, memory: mmap | None = None) -> SceneBatch:
+    """A batch in some memory of ``batch_bytes``, which may hold a batch already; None takes new memory, full of 0."""
+    n_bytes = batch_bytes(n_scenes, size_px)
+    content = torch.zeros(n_bytes, dtype=torch.uint8) if memory is None else torch.frombuffer(memory, dtype=torch.uint8)
+    side = size_px // STRIDE
+    cells = n_scenes * side**2
+    heat, boxes, image, looked = torch.split_with_sizes(
+        content, [4 * cells, 16 * cells, 3 * n_scenes * size_px**2, cells]
+    )
+    return SceneBatch(
+        image=image.view(n_scenes, size_px, size_px, 3).permute(0, 3, 1, 2),
+        heat=heat.view(torch.float32).view(n_scenes, side, side),
+        boxes=boxes.view(torch.float32).view(n_scenes, 4, side, side),
+        is_looked_at=looked.view(torch.bool).view(n_scenes, side, side),
+    )
+
+
+def fill_row(batch: SceneBatch, place: int, scene: Scene) -> None:
+    """Writes a scene and its targets to one row of a batch."""
+    heat, boxes, looked = cell_targets(scene)
+    batch.image[place] = torch.from_numpy(scene.image).permute(2, 0, 1)
+    batch.heat[place], batch.boxes[place] = torch.from_numpy(heat), torch.from_numpy(boxes)
+    batch.is_looked_at[place] = torch.from_numpy(looked)
 
 
 def cell_targets(
@@ -71,6 +109,22 @@ def cell_targets(
         heat = np.maximum(heat, own)
         looked[row, column] = True
     return heat, boxes, looked
+
+
+@final
+@dataclass(frozen=True)
+class CentreLosses:
+    """The loss of a step: heat, and boxes by their weight."""
+
+    box_weight: float
+
+    def parts(self, planes: Float[Tensor, "b 5 y x"], batch: SceneBatch) -> dict[str, Float[Tensor, ""]]:
+        """Each part of the loss by its name, unweighted."""
+        return centre_losses(planes, batch)
+
+    def total(self, parts: dict[str, Float[Tensor, ""]]) -> Float[Tensor, ""]:
+        """What is minimised."""
+        return parts["heat"] + self.box_weight * parts["box"]
 
 
 def centre_losses(planes: Float[Tensor, "b 5 y x"], batch: SceneBatch) -> dict[str, Float[Tensor, ""]]:

@@ -21,7 +21,8 @@ def develop(rng: np.random.Generator, image: UInt8[ndarray, "h w 3"]) -> UInt8[n
         image = np.clip(image + noise, 0, 255).astype(np.uint8)
     if rng.uniform() < 0.4:
         quality = int(rng.integers(20, 95))
-        image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+        content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        image = np.asarray(cv2.imdecode(content, cv2.IMREAD_COLOR))
     return np.ascontiguousarray(image)
 
 

@@ -64,7 +64,7 @@ class People:
 def halved(rgba: UInt8[ndarray, "h w 4"], factor: float) -> tuple[UInt8[ndarray, "_ _ 4"], float]:
     """Halves a picture until drawing it ``factor`` times as large skips no pixels; also returns what was divided by."""
     divided = 1.0
-    while factor * divided < 0.6 and min(rgba.shape[:2]) > 8:  # noqa: PLR2004 (a little below a half is still smooth)
+    while factor * divided < 0.6 and min(rgba.shape[:2]) > 8:
         rgba = cv2.resize(rgba, (rgba.shape[1] // 2, rgba.shape[0] // 2), interpolation=cv2.INTER_AREA)
         divided *= 2
     return rgba, divided

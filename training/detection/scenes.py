@@ -30,6 +30,7 @@ KINDS = (
 LEAST_FACE_PX = 9.0  # smaller faces are neither to be found nor to be left alone
 LEAST_INSIDE = 0.55  # nor are those of which less lies within the picture
 MOST_COVERED = 0.45  # nor those of which later things cover more
+LEAST_APART, TRIES = 0.45, 6  # of two faces, as a share of the sum of their sides; tried so often
 
 
 @final
@@ -87,7 +88,9 @@ class SceneMaker:
     def _add_rectangles(self, rng: np.random.Generator, scene: Scene) -> None:
         """Pictures within the picture, posters and walls, without people."""
         for _ in range(int(rng.integers(1, 5)) if rng.uniform() < 0.3 else 0):
-            width, height = (int(extent) for extent in np.exp(rng.uniform(np.log(0.08), np.log(0.7), 2)) * self._size_px)
+            width, height = (
+                int(extent) for extent in np.exp(rng.uniform(np.log(0.08), np.log(0.7), 2)) * self._size_px
+            )
             left, top = (int(rng.integers(-extent // 2, self._size_px - extent // 2)) for extent in (width, height))
             part = self._backgrounds.draw(rng, max(width, height))[:height, :width]
             rows, columns = slice(max(top, 0), top + height), slice(max(left, 0), left + width)
@@ -159,16 +162,21 @@ def _place(
     reach = 0.3 * side_px  # centres stay this far within, or half as far beyond where the picture is to cut the face
     margin = min(-0.5 * reach if rng.uniform() < 0.15 else reach, 0.45 * size_px)
     centre = rng.uniform(margin, size_px - margin, 2)
-    for _ in range(6):
-        apart = [np.abs(centre - (box[:2] + box[2:]) / 2).max() / (side_px + (box[2:] - box[:2]).max()) for box in scene.boxes]
-        if min(apart, default=1.0) > 0.45:
+    others = np.array(scene.boxes).reshape(-1, 4)
+    middles, reaches = (others[:, :2] + others[:, 2:]) / 2, (others[:, 2:] - others[:, :2]).max(axis=1, initial=0)
+    for _ in range(TRIES):
+        apart = np.abs(centre - middles).max(axis=1, initial=0) / (side_px + reaches)
+        if apart.min(initial=1.0) > LEAST_APART:
             break
         centre = rng.uniform(margin, size_px - margin, 2)
     return np.column_stack([linear, centre - middle])
 
 
 def _paste(
-    rng: np.random.Generator, image: UInt8[ndarray, "h w 3"], rgba: UInt8[ndarray, "y x 4"], matrix: Float64[ndarray, "2 3"]
+    rng: np.random.Generator,
+    image: UInt8[ndarray, "h w 3"],
+    rgba: UInt8[ndarray, "y x 4"],
+    matrix: Float64[ndarray, "2 3"],
 ) -> UInt8[ndarray, "h w"]:
     """Draws a render over a scene, in place; returns how much of each pixel it covers."""
     covered = np.zeros(image.shape[:2], dtype=np.uint8)
@@ -189,7 +197,7 @@ def _paste(
         gains = np.exp(rng.normal(0, 0.25) + rng.normal(0, 0.08, 3)).astype(np.float32)
         colour = np.minimum(colour * gains, 255)
     if rng.uniform() < 0.3:
-        alpha = cv2.GaussianBlur(alpha, (0, 0), float(rng.uniform(0.4, 1.2)))
+        alpha = np.asarray(cv2.GaussianBlur(alpha, (0, 0), float(rng.uniform(0.4, 1.2))), dtype=np.float32)
     target = image[top:bottom, left:right]
     target[...] = np.rint(target + alpha[..., None] * (colour - target)).astype(np.uint8)
     covered[top:bottom, left:right] = np.rint(255 * alpha)
@@ -205,7 +213,9 @@ def _note_covered(scene: Scene, covered: UInt8[ndarray, "h w"]) -> None:
             scene.is_counted[place] = False
 
 
-def _with_lower_edge(rng: np.random.Generator, rgba: UInt8[ndarray, "h w 4"], person: Person) -> UInt8[ndarray, "_ _ 4"]:
+def _with_lower_edge(
+    rng: np.random.Generator, rgba: UInt8[ndarray, "h w 4"], person: Person
+) -> UInt8[ndarray, "_ _ 4"]:
     """The straight edge where the render ends below is continued, faded out, cut at the head, or left."""
     kind = rng.uniform()
     height, width = rgba.shape[:2]
@@ -234,7 +244,9 @@ def _without_face(rng: np.random.Generator, rgba: UInt8[ndarray, "h w 4"], perso
     solid = np.argwhere(rgba[..., 3] > 200)
     row, column = solid[int(rng.integers(len(solid)))] if len(solid) else (0, 0)
     grain = rng.normal(0, rng.uniform(0, 12), (len(rgba) // 4 + 1, rgba.shape[1] // 4 + 1, 1)).astype(np.float32)
-    grain = cv2.resize(grain, (rgba.shape[1], rgba.shape[0]), interpolation=cv2.INTER_LINEAR)
+    grain = np.asarray(
+        cv2.resize(grain, (rgba.shape[1], rgba.shape[0]), interpolation=cv2.INTER_LINEAR), dtype=np.float32
+    )
     paint = np.clip(rgba[row, column, :3].astype(np.float32) + grain[..., None], 0, 255)
     colour = rgba[..., :3] + soft * (paint - rgba[..., :3])
     return np.dstack([colour.astype(np.uint8), rgba[..., 3]])

@@ -5,18 +5,16 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
-from typing import final
+from typing import Any, Protocol, final
 
 import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import update_bn
 
 from pix2face.errors import Pix2FaceError
-from pix2face.networks.architectures import build_network
-from training.data.batches import Batch, network_input
-from training.loop.losses import LossPlan
+from training.data.batches import TrainingBatch, network_input
 from training.loop.processes import Processes
-from training.recipe.recipe import Recipe
+from training.recipe.recipe import StepRecipe
 from training.recipe.schedule import learning_rate, smooth_rate
 
 # Source: Crispell and Bazik 2017, Sec. 3.2.
@@ -66,6 +64,16 @@ class StepLosses:
     learning_rate: float
 
 
+class Losses(Protocol):
+    """What a network's answer is compared with, and how."""
+
+    def parts(self, planes: Tensor, batch: Any) -> dict[str, Tensor]:
+        """Each part of the loss by its name, unweighted."""
+
+    def total(self, parts: dict[str, Tensor]) -> Tensor:
+        """What is minimised."""
+
+
 @final
 class Learner:
     """Network, optimiser and running mean. Before the first step they depend only on the recipe.
@@ -74,7 +82,7 @@ class Learner:
     """
 
     def __init__(
-        self, recipe: Recipe, plan: LossPlan, device: str, processes: Processes = ALONE, is_compiled: bool = False
+        self, recipe: StepRecipe, plan: Losses, device: str, processes: Processes = ALONE, is_compiled: bool = False
     ) -> None:
         self._recipe, self._plan, self._processes = recipe, plan, processes
         self.network = _new_network(recipe).to(device)
@@ -99,7 +107,7 @@ class Learner:
         if self.mean:
             self.mean.network.load_state_dict(network.state_dict())
 
-    def step(self, batch: Batch) -> StepLosses:
+    def step(self, batch: TrainingBatch) -> StepLosses:
         """Learns from one batch (this process's part of it).
 
         Raises:
@@ -132,7 +140,7 @@ class Learner:
         """Whether the network has norms that ``measure_norms`` can measure."""
         return bool(self._batch_norms())
 
-    def measure_norms(self, batches: Iterable[Batch]) -> None:
+    def measure_norms(self, batches: Iterable[TrainingBatch]) -> None:
         """Measures the statistics of the batch norms of the result with its present weights.
 
         Running statistics mix those of earlier weights, and cover few batches. They are measured in float32, as when
@@ -166,7 +174,7 @@ class Learner:
             if not bool(torch.isfinite(parameter).all()):
                 raise self._diverged("the weights are not finite")
 
-    def _backward(self, batch: Batch, of: int) -> dict[str, Tensor]:
+    def _backward(self, batch: TrainingBatch, of: int) -> dict[str, Tensor]:
         """Adds the gradient of a part of a batch of ``of`` pictures; returns its share of the losses."""
         batch = batch.to(self._device, non_blocking=True)
         bfloat16 = self._recipe.precision == "bfloat16"
@@ -178,7 +186,7 @@ class Learner:
         total.backward()  # type: ignore[no-untyped-call]
         return {"total": total.detach()} | {name: part.detach() * share for name, part in parts.items()}
 
-    def _parts(self, batch: Batch) -> list[Batch]:
+    def _parts(self, batch: TrainingBatch) -> list[TrainingBatch]:
         size = len(batch) // self._recipe.parts
         return [batch.rows(first, first + size) for first in range(0, len(batch), size)]
 
@@ -197,7 +205,7 @@ class Learner:
         )
 
 
-def _new_network(recipe: Recipe) -> nn.Module:
+def _new_network(recipe: StepRecipe) -> nn.Module:
     with torch.random.fork_rng():
         torch.manual_seed(recipe.seed)
-        return build_network(recipe.architecture, recipe.size_px, recipe.widths, recipe.planes)
+        return recipe.new_network()

@@ -11,7 +11,7 @@ from pix2face.command_line import counted, printable
 from pix2face.inference import CHECKPOINT_NAME
 from training.data.shard_index import ShardIndex
 from training.loop.loss_log import memory_mb
-from training.loop.trainer import Surroundings, check_plan, new_learner, new_loader
+from training.loop.tasks import Surroundings, check_plan, new_learner, new_loader
 from training.recipe.recipe import Recipe
 
 # Of a dry run. The first step warms up; the others are timed.

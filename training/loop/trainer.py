@@ -14,19 +14,13 @@ from typing import final
 
 import torch
 
-from pix2face.errors import Pix2FaceError, UsageError
+from pix2face.errors import Pix2FaceError
 from pix2face.inference import CHECKPOINT_NAME
-from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
-from pix2face.networks.architectures import SEEN_PLANE
-from training.data.batches import Batch
-from training.data.loader import BatchLoader
+from training.data.batches import TrainingBatch
 from training.data.shard_index import ShardIndex
-from training.loop.learner import ALONE, Learner
 from training.loop.loss_log import LossLog, StepReport
-from training.loop.losses import LossPlan
-from training.loop.processes import Processes
 from training.loop.resume import load_state, save_state, steps_done
-from training.loop.run_configuration import checkpoint_header, training_configuration, with_scales_of
+from training.loop.tasks import MapTask, Surroundings, Task, check_plan
 from training.loop.validation import Scores, Validator
 from training.recipe.recipe import Recipe
 
@@ -38,28 +32,6 @@ BEST_NAME = "best.safetensors"
 @final
 class TrainingStopped(Pix2FaceError):  # noqa: N818 (nothing went wrong)
     """A training was asked to stop, and left the state to go on from."""
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Surroundings:
-    """What a training runs on. It changes the speed, not the plan.
-
-    Attributes:
-        device: Name of a torch device.
-        workers: Processes that decode and jitter samples; 0 does it between steps.
-        cache_bytes: Memory for decoded samples, over all workers together.
-        is_compiled: Whether torch.compile makes the passes through the network faster.
-        state_minutes: The state to go on from is written so often, beside the ends of epochs.
-        processes: All that share the work.
-    """
-
-    device: str
-    workers: int
-    cache_bytes: int
-    is_compiled: bool = False
-    state_minutes: float = 10.0
-    processes: Processes = ALONE
 
 
 @final
@@ -110,8 +82,18 @@ def train(
     """
     recipe.check()
     check_plan(shards, recipe, surroundings.processes)
-    training = _Training(shards, recipe, out, surroundings, initial)
-    training.run(validator, observers or Observers())
+    return train_task(MapTask(shards, recipe, initial), out, surroundings, validator, observers)
+
+
+def train_task(
+    task: Task,
+    out: Path,
+    surroundings: Surroundings,
+    validator: Validator | None = None,
+    observers: Observers | None = None,
+) -> Path:
+    """As ``train``, for any task."""
+    _Training(task, out, surroundings).run(validator, observers or Observers())
     return out / CHECKPOINT_NAME
 
 
@@ -119,20 +101,16 @@ def train(
 class _Training:
     """One training on its way."""
 
-    def __init__(
-        self, shards: ShardIndex, recipe: Recipe, out: Path, surroundings: Surroundings, initial: Path | None
-    ) -> None:
-        self._recipe, self._out, self._surroundings = recipe, out, surroundings
+    def __init__(self, task: Task, out: Path, surroundings: Surroundings) -> None:
+        self._task, self._out, self._surroundings = task, out, surroundings
+        self._recipe = task.recipe
         self._is_first = surroundings.processes.is_first
-        start = load_checkpoint(initial) if initial else None
-        self._shards = shards if start is None else with_scales_of(start[0], shards, recipe)
-        self._configuration = training_configuration(self._shards, recipe, initial)
-        self._learner = new_learner(self._shards, recipe, surroundings)
+        self._learner = task.new_learner(surroundings)
         self._best, self._waited_seconds = math.inf, 0.0
-        if steps_done(out / RESUME_NAME, self._configuration):
+        if steps_done(out / RESUME_NAME, task.configuration):
             self._best = load_state(out / RESUME_NAME, self._learner)
-        elif start is not None:
-            self._learner.start_from(start[1])
+        elif task.initial is not None:
+            self._learner.start_from(task.initial)
         surroundings.processes.wait_for_all()  # else the first may write what others still read
         self._log = LossLog(out / LOG_NAME, self._samples) if self._is_first else None
         self._state_written = time.monotonic()
@@ -143,7 +121,7 @@ class _Training:
 
     def run(self, validator: Validator | None, observers: Observers) -> None:
         """Takes all steps that are left."""
-        recipe, loader = self._recipe, new_loader(self._shards, self._recipe, self._surroundings)
+        recipe, loader = self._recipe, self._task.new_loader(self._surroundings)
         n_left = recipe.steps - self._learner.steps_done
         # Those beyond the last step are for the norms.
         n_beyond = recipe.norm_batches if n_left and self._learner.has_batch_norms else 0
@@ -171,7 +149,7 @@ class _Training:
             self._surroundings.processes.wait_for_all()
             raise TrainingStopped(f"stopped after {report.samples} samples; the same command goes on from there")
 
-    def _step(self, batch: Batch, waited_seconds: float) -> StepReport:
+    def _step(self, batch: TrainingBatch, waited_seconds: float) -> StepReport:
         epoch, step = divmod(self._learner.steps_done, self._recipe.epoch_steps)
         losses = self._learner.step(batch)
         waited, self._waited_seconds = waited_seconds - self._waited_seconds, waited_seconds
@@ -202,59 +180,15 @@ class _Training:
         """Writes the checkpoint, then the state that goes on from it."""
         if self._is_first:
             self._save_checkpoint(CHECKPOINT_NAME)
-            save_state(self._out / RESUME_NAME, self._learner, self._configuration, self._best)
+            save_state(self._out / RESUME_NAME, self._learner, self._task.configuration, self._best)
         self._state_written = time.monotonic()
 
     def _save_checkpoint(self, name: str) -> None:
         self._learner.check_weights()
         epochs = self._learner.steps_done // self._recipe.epoch_steps
-        header = checkpoint_header(self._shards, self._recipe, self._configuration, epochs, self._samples)
-        save_checkpoint(self._out / name, header, self._learner.result)
+        self._task.save(self._out / name, self._learner.result, epochs, self._samples)
 
     def _is_asked_to_stop(self, observers: Observers) -> bool:
         """Whether one of all processes is."""
         asked = torch.tensor(float(observers.should_stop()), device=self._surroundings.device)
         return self._surroundings.processes.mean(asked).item() > 0
-
-
-def new_learner(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> Learner:
-    """The network before its first step."""
-    plan = LossPlan(
-        pncc_scale_mm=shards.pncc_scale_mm,
-        offset_scale_mm=shards.offset_scale_mm,
-        weights=recipe.weights,
-        over=recipe.loss_over,
-    )
-    return Learner(recipe, plan, surroundings.device, surroundings.processes, surroundings.is_compiled)
-
-
-def new_loader(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> BatchLoader:
-    """What brings the batches."""
-    return BatchLoader(
-        shards,
-        recipe,
-        workers=surroundings.workers,
-        cache_bytes=surroundings.cache_bytes,
-        pin_memory=surroundings.device.startswith("cuda"),
-        rank=surroundings.processes.rank,
-        n_ranks=surroundings.processes.count,
-    )
-
-
-def check_plan(shards: ShardIndex, recipe: Recipe, processes: Processes) -> None:
-    """Makes sure that the samples know what is to be learned, and that batches can be divided.
-
-    Raises:
-        UsageError: They do not, or they cannot.
-    """
-    if (recipe.planes > SEEN_PLANE or recipe.loss_over == "seen") and not shards.knows_seen:
-        raise UsageError(
-            "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
-            "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
-        )
-    shares = processes.count * recipe.parts
-    if recipe.batch_size % shares:
-        raise UsageError(
-            f"--batch-size: expected a multiple of {shares} ({processes.count} processes, {recipe.parts} parts), "
-            f"found {recipe.batch_size}"
-        )

@@ -2,14 +2,15 @@
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Annotated, Literal, final
+from typing import Annotated, Literal, Protocol, final
 
 import tyro
+from torch import nn
 
 from pix2face.errors import UsageError
 from pix2face.geometry.crops import INFERENCE_SCALE, LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.geometry.jitter import JitterRange
-from pix2face.networks.architectures import ARCHITECTURES, MOST_PLANES, ArchitectureName
+from pix2face.networks.architectures import ARCHITECTURES, MOST_PLANES, ArchitectureName, build_network
 from pix2face.networks.paper import MAP_PLANES
 from training.recipe.schedule import ScheduleName
 
@@ -38,6 +39,38 @@ class LossWeights:
     offset: Annotated[float, tyro.conf.arg(name="weight-offset")] = 1.0
     mask: Annotated[float, tyro.conf.arg(name="weight-mask")] = 1.0
     seen: Annotated[float, tyro.conf.arg(name="weight-seen")] = 1.0
+
+
+class StepRecipe(Protocol):
+    """The numbers that the trainer itself goes by, whatever it trains; ``Recipe`` explains them."""
+
+    @property
+    def batch_size(self) -> int: ...  # noqa: D102 (explained there, as are the others)
+    @property
+    def parts(self) -> int: ...  # noqa: D102
+    @property
+    def epochs(self) -> int: ...  # noqa: D102
+    @property
+    def epoch_steps(self) -> int: ...  # noqa: D102
+    @property
+    def steps(self) -> int: ...  # noqa: D102
+    @property
+    def learning_rate(self) -> float: ...  # noqa: D102
+    @property
+    def schedule(self) -> ScheduleName: ...  # noqa: D102
+    @property
+    def warm_up(self) -> int: ...  # noqa: D102
+    @property
+    def precision(self) -> Precision: ...  # noqa: D102
+    @property
+    def clip(self) -> float: ...  # noqa: D102
+    @property
+    def ema(self) -> float: ...  # noqa: D102
+    @property
+    def norm_batches(self) -> int: ...  # noqa: D102
+    @property
+    def seed(self) -> int: ...  # noqa: D102
+    def new_network(self) -> nn.Module: ...  # noqa: D102
 
 
 @final
@@ -114,6 +147,10 @@ class Recipe:
     def steps(self) -> int:
         """Steps of the whole training."""
         return self.epochs * self.epoch_steps
+
+    def new_network(self) -> nn.Module:
+        """A network with random weights."""
+        return build_network(self.architecture, self.size_px, self.widths, self.planes)
 
     def check(self) -> None:
         """Makes sure that the numbers make sense.

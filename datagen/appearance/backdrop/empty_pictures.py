@@ -1,7 +1,7 @@
 """Pictures without people: what a detector of faces must learn to leave alone, and is tested with.
 
-Environments, generated patterns, and those of scikit-image's pictures that show nobody. Some of each kind are held out:
-no picture of the training shows them, so that false alarms can be measured on them.
+Environments, generated patterns, drawn animals, and those of scikit-image's pictures that show nobody. Some are held
+out: no picture of the training shows them, so that false alarms can be measured on them.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,9 +13,11 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from datagen.appearance.backdrop.animals import draw_animals
 from datagen.appearance.backdrop.patterns import PATTERNS
 from datagen.appearance.light.environments import environment_names, panorama_place, picture_panorama
 from datagen.appearance.light.light_sources import PanoramaLight, environment_from_camera
+from datagen.random_streams import weighted_choice
 from pix2face.files.images import linear_to_srgb
 
 # Pictures of scikit-image 0.26 under CC0-1.0 or in the public domain, as its README of the pictures says.
@@ -24,7 +26,7 @@ TEXTURES: Final = ("brick", "cell", "clock", "coins", "grass", "gravel", "hubble
 HELD_OUT_PICTURES: Final = ("cat", "coffee", "page", "rocket")
 HELD_OUT_ENVIRONMENTS: Final = ("apartment", "park", "venice", "workshop")
 HELD_OUT_PATTERNS: Final = ("shelves", "windows")
-KINDS: Final[Mapping[str, float]] = {"environment": 0.5, "pattern": 0.35, "picture": 0.15}  # shares
+KINDS: Final[Mapping[str, float]] = {"environment": 0.42, "pattern": 0.3, "picture": 0.13, "animal": 0.15}  # shares
 VIEW_DEG = 40.0, 140.0  # angle across the picture, of environments
 
 
@@ -36,10 +38,13 @@ def draw_empty_picture(rng: np.random.Generator, size_px: int, *, held_out: bool
         size_px: Side of the picture.
         held_out: Draw from what is held out, or only from the rest.
     """
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    kinds = {kind: share for kind, share in KINDS.items() if _HELD_OUT[kind] or not held_out}
+    kind = weighted_choice(rng, kinds)
     names = [name for name in _NAMES[kind]() if (name in _HELD_OUT[kind]) == held_out]
     name = names[int(rng.integers(len(names)))]
-    if kind == "pattern":
+    if kind == "animal":
+        picture = draw_animals(rng, size_px, [name for name in sorted(PATTERNS) if name not in HELD_OUT_PATTERNS])
+    elif kind == "pattern":
         picture = PATTERNS[name](rng, size_px, size_px)
     elif kind == "environment":
         picture = _environment(rng, name, size_px)
@@ -73,7 +78,7 @@ def _part(rng: np.random.Generator, picture: UInt8[ndarray, "h w 3"], size_px: i
 
 @lru_cache(maxsize=16)
 def _picture(name: str) -> UInt8[ndarray, "h w 3"]:
-    import skimage.data  # noqa: PLC0415 (loaded only where its pictures are drawn)
+    import skimage.data
 
     picture = np.asarray(getattr(skimage.data, name)())
     return np.ascontiguousarray(np.repeat(picture[..., None], 3, axis=2) if picture.ndim == 2 else picture[..., :3])
@@ -83,9 +88,11 @@ _NAMES: Mapping[str, Callable[[], tuple[str, ...]]] = {
     "environment": environment_names,
     "pattern": lambda: tuple(sorted(PATTERNS)),
     "picture": lambda: TEXTURES + HELD_OUT_PICTURES,
+    "animal": lambda: ("animal",),
 }
 _HELD_OUT: Mapping[str, tuple[str, ...]] = {
     "environment": HELD_OUT_ENVIRONMENTS,
     "pattern": HELD_OUT_PATTERNS,
     "picture": HELD_OUT_PICTURES,
+    "animal": (),
 }

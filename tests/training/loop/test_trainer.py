@@ -20,7 +20,8 @@ from training.data.shard_index import index_shards
 from training.loop.losses import LossPlan
 from training.loop.resume import save_state, steps_done
 from training.loop.run_configuration import training_configuration
-from training.loop.trainer import LOG_NAME, RESUME_NAME, Observers, Surroundings, TrainingStopped, new_learner, train
+from training.loop.tasks import Surroundings, new_learner
+from training.loop.trainer import LOG_NAME, RESUME_NAME, Observers, TrainingStopped, train
 from training.recipe.presets import PRESETS
 from training.recipe.recipe import Recipe
 

@@ -1,0 +1,77 @@
+"""The packaged detector: a small network that was trained on rendered people alone finds the centres of faces.
+
+Pictures are scaled so that their longer side has a bounded length, so time does not grow with the resolution of a
+camera. Faces smaller than a sixteenth of the longer side or so need a finer look (``smallest_face``).
+"""
+
+from pathlib import Path
+from typing import Final, final
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.detectors.centre_decoding import decode, faces_of
+from pix2face.detectors.protocol import DetectedFace, sure_boxes
+from pix2face.geometry.crops import FaceBox
+from pix2face.inference.centre_files import CentreAnswers, load_detector
+from pix2face.networks.centre import MULTIPLE, STRIDE
+
+PACKAGED: Final = Path(__file__).parents[1] / "assets" / "detector.safetensors"
+LONGEST_SIDE_PX: Final = 320
+LARGEST_SIDE_PX: Final = 1280  # the longest that a smallest face can ask for
+SMALLEST_SEEN_PX: Final = 12.0  # the smallest face that the network finds
+LARGEST_ENLARGEMENT: Final = 2.0
+LEAST_SCORE: Final = 0.05  # candidates below are not even listed
+SURE_SCORE: Final = 0.4
+GREY: Final = 128  # what the network takes for nothing
+
+
+@final
+class CentreDetector:
+    """Finds faces by a network of ``pix2face.networks.centre``.
+
+    Args:
+        answers: The network.
+        smallest_face: Longer side of the smallest faces to be found, as a share of the picture's longer side; finer
+            looks take longer, with the square of it. None takes what ``LONGEST_SIDE_PX`` finds.
+    """
+
+    def __init__(self, answers: CentreAnswers, smallest_face: float | None = None) -> None:
+        self._answers = answers
+        wanted = LONGEST_SIDE_PX if smallest_face is None else SMALLEST_SEEN_PX / smallest_face
+        self._longest_side_px = float(np.clip(wanted, LONGEST_SIDE_PX, LARGEST_SIDE_PX))
+
+    @classmethod
+    def load(cls, path: Path = PACKAGED, smallest_face: float | None = None) -> "CentreDetector":
+        """Opens a network that ``train detector`` wrote.
+
+        Raises:
+            InputFileError: The file is missing or unusable.
+        """
+        return cls(load_detector(path)[1], smallest_face)
+
+    def detect(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
+        """The faces of an RGB picture, largest first, in its pixels; empty where there is none."""
+        return sure_boxes(self.candidates(image))
+
+    def candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
+        """All faces found, surest first."""
+        seen = _scaled(image, self._longest_side_px)
+        height, width = seen.shape[:2]
+        canvas = np.full((1, _up(height), _up(width), 3), GREY, dtype=np.uint8)
+        canvas[0, :height, :width] = seen
+        boxes, scores = decode(self._answers(canvas)[0], STRIDE, LEAST_SCORE)
+        return faces_of(boxes, scores / SURE_SCORE, (image.shape[1] / width, image.shape[0] / height))
+
+
+def _scaled(image: UInt8[ndarray, "h w 3"], longest_side_px: float) -> UInt8[ndarray, "_ _ 3"]:
+    """The picture with a longer side of this length, or enlarged as far as there is something to see."""
+    scale = min(longest_side_px / max(image.shape[:2]), LARGEST_ENLARGEMENT)
+    size = (max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR))
+
+
+def _up(extent: int) -> int:
+    return -(-extent // MULTIPLE) * MULTIPLE

@@ -1,0 +1,83 @@
+"""The command ``train detector``: people and pictures without people in, a detector of faces out."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, final
+
+import tyro
+from rich.console import Console
+
+from pix2face.command_line import counted, optional, prepare_output_folder, progress_bar, say
+from pix2face.errors import UsageError
+from pix2face.inference import RUNS
+from pix2face.stop_signals import exit_status_of, first_signal
+from training.data.shard_folders import parse_shard_folders
+from training.data.shard_index import index_shards
+from training.detection.detector_task import DetectorRecipe, DetectorTask
+from training.detection.people import PEOPLE_LAYERS
+from training.loop.observers import observers_of
+from training.loop.resume import steps_done
+from training.loop.tasks import Surroundings
+from training.loop.trainer import RESUME_NAME, TrainingStopped, train_task
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class DetectorConfig:
+    """Configuration of ``train detector``.
+
+    Attributes:
+        shards: Folders of shards with the layers image, coverage and landmarks.
+        backgrounds: Folder of pictures that show nobody, such as `datagen empty` draws.
+        out: Folder for the detector, the log, and the state from which an interrupted training goes on.
+        init: Detector whose weights the training starts from.
+        numbers: Length and optimisation.
+        workers: Processes that compose scenes.
+        device: Torch device, such as cpu or cuda.
+        state_minutes: Minutes after which the state to go on from is written again.
+    """
+
+    shards: tuple[str, ...]
+    backgrounds: Path
+    out: Path = RUNS / "detector"
+    init: Annotated[Path | None, optional("PATH")] = None
+    numbers: Annotated[DetectorRecipe, tyro.conf.arg(name="")] = field(default_factory=DetectorRecipe)
+    workers: int = 1
+    device: str = "cpu"
+    state_minutes: float = 10.0
+
+
+def detector(config: Annotated[DetectorConfig, tyro.conf.arg(name="")]) -> int:
+    """Train the detector of faces on rendered people over pictures that show nobody.
+
+    Run the same command again to go on after an interruption.
+    """
+    console = Console(stderr=True)
+    if config.workers < 0 or config.state_minutes < 0:
+        raise UsageError(
+            f"expected --workers and --state-minutes of at least 0, found {config.workers} and {config.state_minutes}"
+        )
+    shards = index_shards(parse_shard_folders(config.shards), layers=PEOPLE_LAYERS)
+    task = DetectorTask(shards, config.backgrounds, config.numbers, config.init)
+    prepare_output_folder(config.out)
+    done = steps_done(config.out / RESUME_NAME, task.configuration) * config.numbers.batch_size
+    say(console, f"people: {shards.description}; scenes: {counted(config.numbers.steps, 'step')}, {done} scenes done")
+    surroundings = Surroundings(
+        device=config.device, workers=config.workers, cache_bytes=0, state_minutes=config.state_minutes
+    )
+    with ExitStack() as stack:
+        signals: list[int] = []
+        stack.enter_context(first_signal(signals.append))
+        advance = stack.enter_context(
+            progress_bar(console, "training", config.numbers.steps * config.numbers.batch_size)
+        )
+        advance(done, already_done=True)
+        watching = observers_of(advance, config.numbers.epochs, lambda: bool(signals), None, None)
+        try:
+            path = train_task(task, config.out, surroundings, observers=stack.enter_context(watching))
+        except TrainingStopped as stopped:
+            say(console, str(stopped))
+            return exit_status_of(signals[0])
+    say(console, f"detector: {path}")
+    return 0

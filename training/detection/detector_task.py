@@ -1,0 +1,182 @@
+"""The detector as a task of the trainer: scenes in, a network that finds faces out."""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from mmap import mmap
+from pathlib import Path
+from typing import final
+
+import torch
+from torch import nn
+
+from pix2face.errors import UsageError
+from pix2face.inference.centre_files import DetectorHeader, load_centre_network, save_detector
+from pix2face.networks.centre import MULTIPLE, CentreNetwork
+from training.data.loader import DrawLoader
+from training.data.shard_index import ShardIndex
+from training.detection.backgrounds import Backgrounds
+from training.detection.centre_loss import CentreLosses, SceneBatch, batch_bytes, empty_batch, fill_row
+from training.detection.people import People
+from training.detection.scenes import SceneMaker
+from training.loop.learner import Learner
+from training.loop.tasks import Surroundings
+from training.recipe.recipe import Precision, StepRecipe
+from training.recipe.schedule import ScheduleName
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class DetectorRecipe:
+    """Everything that the detector's weights depend on, apart from the data.
+
+    Attributes:
+        size_px: Side of the scenes, a multiple of 32.
+        batch_size: Scenes a step.
+        epochs: Epochs, of --epoch-size scenes each; a checkpoint is written after each.
+        epoch_size: Scenes an epoch; every scene is new.
+        learning_rate: Largest learning rate of Adam.
+        schedule: How the learning rate falls, as for `train`.
+        warm_up: Scenes over which the learning rate first rises from 0.
+        precision: Arithmetic of the network's layers; weights and loss are float32 in any case.
+        box_weight: Weight of the boxes in the loss, beside that of the heatmap of centres.
+        clip: Largest norm of the gradient; 0 for no limit.
+        ema: Decay, a step, of the running mean of the weights that the checkpoint holds; 0 for no running mean.
+        norm_batches: Batches over which the batch norms are measured again after the last step.
+        seed: Seed of the initial weights and of the scenes.
+    """
+
+    size_px: int = 256
+    batch_size: int = 32
+    epochs: int = 20
+    epoch_size: int = 20_000
+    learning_rate: float = 2e-3
+    schedule: ScheduleName = "cosine"
+    warm_up: int = 6_400
+    precision: Precision = "bfloat16"
+    box_weight: float = 0.5
+    clip: float = 10.0
+    ema: float = 0.998
+    norm_batches: int = 100
+    seed: int = 0
+
+    @property
+    def parts(self) -> int:
+        """Batches are computed whole."""
+        return 1
+
+    @property
+    def epoch_steps(self) -> int:
+        """Steps an epoch."""
+        return math.ceil(self.epoch_size / self.batch_size)
+
+    @property
+    def steps(self) -> int:
+        """Steps of the whole training."""
+        return self.epochs * self.epoch_steps
+
+    def new_network(self) -> nn.Module:
+        """A network with random weights, in the memory layout in which convolutions are fastest."""
+        return CentreNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def check(self) -> None:
+        """Makes sure that the numbers make sense.
+
+        Raises:
+            UsageError: One does not.
+        """
+        for name, value in asdict(self).items():
+            least = 1 if isinstance(value, int) and name not in ("warm_up", "norm_batches", "seed") else 0
+            if isinstance(value, int | float) and not least <= value < math.inf:
+                raise UsageError(f"--{name.replace('_', '-')}: expected {least} or more, found {value}")
+        if self.size_px % MULTIPLE:
+            raise UsageError(f"--size-px: expected a multiple of {MULTIPLE}, found {self.size_px}")
+        if not 0 <= self.ema < 1:
+            raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")
+
+
+@final
+class SceneDraws:
+    """Numbered scenes, a batch at a time; each process opens its files when it makes its first scene."""
+
+    def __init__(self, shards: ShardIndex, backgrounds: Path, size_px: int, seed: int) -> None:
+        self._parts = shards, backgrounds, size_px, seed
+        self._maker: SceneMaker | None = None
+
+    def batch(self, draws: Sequence[int]) -> SceneBatch:
+        """Some scenes, by their numbers from 0 without end."""
+        batch = self.empty_batch(len(draws))
+        self.fill(batch, draws)
+        return batch
+
+    def batch_bytes(self, n_samples: int) -> int:
+        """The memory that a batch takes."""
+        return batch_bytes(n_samples, self._parts[2])
+
+    def empty_batch(self, n_samples: int, memory: mmap | None = None) -> SceneBatch:
+        """A batch for ``fill``."""
+        return empty_batch(n_samples, self._parts[2], memory)
+
+    def fill(self, batch: SceneBatch, draws: Sequence[int]) -> None:
+        """Fills a batch."""
+        if self._maker is None:
+            shards, backgrounds, size_px, seed = self._parts
+            self._maker = SceneMaker(People(shards), Backgrounds(backgrounds), size_px, seed)
+        for place, draw in enumerate(draws):
+            fill_row(batch, place, self._maker.make(draw))
+
+
+@final
+class DetectorTask:
+    """The training of a detector.
+
+    Args:
+        shards: People, with the layers of ``training.detection.people.PEOPLE_LAYERS``.
+        backgrounds: Folder of pictures that show nobody.
+        recipe: What to do.
+        initial: A detector whose weights are started from.
+
+    Raises:
+        UsageError: A number makes no sense, or the folder holds no picture.
+    """
+
+    def __init__(self, shards: ShardIndex, backgrounds: Path, recipe: DetectorRecipe, initial: Path | None) -> None:
+        recipe.check()
+        self.recipe: StepRecipe = recipe
+        self._own_recipe = recipe
+        self.initial: nn.Module | None = load_centre_network(initial)[1] if initial else None
+        self._shards, self._backgrounds = shards, backgrounds
+        start = {"initial_sha256": hashlib.sha256(initial.read_bytes()).hexdigest()} if initial else {}
+        data = {
+            "samples": len(shards),
+            "samples_sha256": shards.samples_sha256,
+            "model_sha256": shards.model_sha256,
+            "where": shards.where,
+            "backgrounds_sha256": Backgrounds(backgrounds).sha256(),
+        }
+        self.configuration = json.dumps(asdict(recipe) | data | start, sort_keys=True)
+
+    def new_learner(self, surroundings: Surroundings) -> Learner:
+        """The network before its first step."""
+        losses = CentreLosses(self._own_recipe.box_weight)
+        return Learner(self.recipe, losses, surroundings.device, surroundings.processes, surroundings.is_compiled)
+
+    def new_loader(self, surroundings: Surroundings) -> DrawLoader[SceneBatch]:
+        """What composes the scenes."""
+        return DrawLoader(
+            SceneDraws(self._shards, self._backgrounds, self._own_recipe.size_px, self.recipe.seed),
+            self.recipe.batch_size,
+            workers=surroundings.workers,
+            pin_memory=surroundings.device.startswith("cuda"),
+            rank=surroundings.processes.rank,
+            n_ranks=surroundings.processes.count,
+        )
+
+    def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:
+        """Writes the detector."""
+        del epochs
+        assert isinstance(network, CentreNetwork)
+        header = DetectorHeader(licence=self._shards.licence, configuration=self.configuration, samples=samples)
+        save_detector(path, header, network, torch.float16)
