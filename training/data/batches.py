@@ -8,7 +8,7 @@ transposed on the way.
 from collections.abc import Callable
 from dataclasses import dataclass
 from mmap import mmap
-from typing import Protocol, Self, final
+from typing import Protocol, final, runtime_checkable
 
 import torch
 from jaxtyping import Float32, Int16, UInt8
@@ -58,6 +58,7 @@ class Batch:
         )
 
 
+@runtime_checkable
 class TrainingBatch(Protocol):
     """What the trainer needs to know of a batch."""
 
@@ -67,13 +68,13 @@ class TrainingBatch(Protocol):
 
     def __len__(self) -> int: ...
 
-    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> Self:
+    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "TrainingBatch":
         """Returns the batch on another device."""
 
-    def pin_memory(self) -> Self:
+    def pin_memory(self) -> "TrainingBatch":
         """Returns the batch in pinned memory."""
 
-    def rows(self, first: int, end: int) -> Self:
+    def rows(self, first: int, end: int) -> "TrainingBatch":
         """Some of the samples, not copied."""
 
 

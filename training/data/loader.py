@@ -102,7 +102,7 @@ def _pinned(batches: Iterator[B]) -> Iterator[B]:
 
     def following() -> B | None:
         batch = next(batches, None)
-        return None if batch is None else batch.pin_memory()
+        return None if batch is None else batch.pin_memory()  # type: ignore[return-value] # of the same kind
 
     with ThreadPoolExecutor(1) as thread:
         coming = thread.submit(following)

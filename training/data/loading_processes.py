@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import recv_handle, send_handle
 from multiprocessing.util import Finalize
-from typing import Generic, Protocol, TypeVar, final
+from typing import Generic, Protocol, TypeVar, final, runtime_checkable
 
 import cv2
 
@@ -32,6 +32,7 @@ PREFETCHED = 4
 B = TypeVar("B", bound=TrainingBatch)
 
 
+@runtime_checkable
 class Draws(Protocol[B]):
     """Numbered draws, a batch at a time: what processes can load. It is copied to each of them."""
 

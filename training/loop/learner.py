@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Protocol, final
+from typing import Any, Protocol, final, runtime_checkable
 
 import torch
 from torch import Tensor, nn
@@ -64,6 +64,7 @@ class StepLosses:
     learning_rate: float
 
 
+@runtime_checkable
 class Losses(Protocol):
     """What a network's answer is compared with, and how."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, final
+from typing import Any, Protocol, final, runtime_checkable
 
 from torch import nn
 
@@ -41,6 +41,7 @@ class Surroundings:
     processes: Processes = ALONE
 
 
+@runtime_checkable
 class Loader(Protocol):
     """Brings the batches of a training, and says how long callers have waited for them."""
 
@@ -50,6 +51,7 @@ class Loader(Protocol):
         """Some batches, from a draw on."""
 
 
+@runtime_checkable
 class Task(Protocol):
     """What the trainer trains."""
 

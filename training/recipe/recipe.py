@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Annotated, Literal, Protocol, final
+from typing import Annotated, Literal, Protocol, final, runtime_checkable
 
 import tyro
 from torch import nn
@@ -41,6 +41,7 @@ class LossWeights:
     seen: Annotated[float, tyro.conf.arg(name="weight-seen")] = 1.0
 
 
+@runtime_checkable
 class StepRecipe(Protocol):
     """The numbers that the trainer itself goes by, whatever it trains; ``Recipe`` explains them."""
 
