@@ -1,5 +1,6 @@
 """The command ``train detector``: people and pictures without people in, a detector of faces out."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -78,6 +79,11 @@ def detector(config: Annotated[DetectorConfig, tyro.conf.arg(name="")]) -> int:
             path = train_task(task, config.out, surroundings, observers=stack.enter_context(watching))
         except TrainingStopped as stopped:
             say(console, str(stopped))
-            return exit_status_of(signals[0])
+            return exit_of(signals)
     say(console, f"detector: {path}")
     return 0
+
+
+def exit_of(signals: Sequence[int]) -> int:
+    """The exit status of a training that was asked to stop."""
+    return exit_status_of(signals[0])

@@ -1,0 +1,84 @@
+"""The packaged kind of detector: scaling, decoding, and pictures that are no photographs."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy import ndarray
+
+from pix2face.detectors.centre_decoding import decode
+from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, CentreDetector
+from pix2face.detectors.protocol import Detector
+from pix2face.networks.centre import MULTIPLE, STRIDE
+
+
+def white_things(pictures: ndarray) -> ndarray:
+    """Answers as a network that takes white for a face: boxes of 4 by 6 cells at the cells that are white."""
+    batch, height, width, _ = pictures.shape
+    assert height % MULTIPLE == width % MULTIPLE == 0
+    assert max(height, width) <= LARGEST_SIDE_PX
+    cells = pictures.reshape(batch, height // STRIDE, STRIDE, width // STRIDE, STRIDE, 3).mean(axis=(2, 4, 5))
+    planes = np.zeros((*cells.shape, 5), dtype=np.float32)
+    planes[..., 0] = (cells - 200) / 8
+    planes[..., 3:] = np.log([4, 6])
+    return planes
+
+
+def seen_sizes(sizes: list[tuple[int, int]]) -> Callable[[ndarray], ndarray]:
+    def answers(pictures: ndarray) -> ndarray:
+        sizes.append(pictures.shape[1:3])
+        return white_things(pictures)
+
+    return answers
+
+
+@pytest.mark.parametrize("factor", [1, 2, 5])
+def test_boxes_are_in_the_pixels_of_the_picture(factor: int) -> None:
+    picture = np.zeros((240 * factor, 320 * factor, 3), dtype=np.uint8)
+    picture[80 * factor : 96 * factor, 160 * factor : 176 * factor] = 255
+    detector = CentreDetector(white_things)
+    assert isinstance(detector, Detector)
+    (box,) = detector.detect(picture)
+    np.testing.assert_allclose(box.centre, [168 * factor, 88 * factor], atol=4.5 * factor)
+    assert (box.width, box.height) == pytest.approx((4 * STRIDE * factor, 6 * STRIDE * factor), rel=0.35)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4000), (4000, 1), (7, 5), (2000, 3000)])
+@pytest.mark.parametrize("fill", ["black", "grey", "noise"])
+def test_pictures_of_any_size_cost_about_the_same(shape: tuple[int, int], fill: str) -> None:
+    picture = {
+        "black": np.zeros((*shape, 3), np.uint8),
+        "grey": np.full((*shape, 3), 128, np.uint8),
+        "noise": np.random.default_rng(0).integers(0, 256, (*shape, 3), dtype=np.uint8),
+    }[fill]
+    sizes: list[tuple[int, int]] = []
+    assert CentreDetector(seen_sizes(sizes)).detect(picture) == []
+    assert max(max(size) for size in sizes) <= LONGEST_SIDE_PX
+
+
+def test_smaller_faces_are_looked_for_in_a_finer_picture_at_bounded_cost() -> None:
+    picture = np.zeros((1500, 2000, 3), dtype=np.uint8)
+    sizes: list[tuple[int, int]] = []
+    for smallest_face in (None, 0.5, 0.02, 1e-6):
+        CentreDetector(seen_sizes(sizes), smallest_face).detect(picture)
+    assert [max(size) for size in sizes] == [LONGEST_SIDE_PX, LONGEST_SIDE_PX, 608, LARGEST_SIDE_PX]
+
+
+def test_of_two_boxes_of_a_face_the_surer_one_stays() -> None:
+    planes = np.zeros((16, 16, 5), dtype=np.float32)
+    planes[..., 0] = -9
+    planes[..., 3:] = np.log(8)
+    planes[4, 4, 0], planes[4, 6, 0] = 3, 2  # overlap by 0.6
+    planes[12, 12, 0] = 1
+    planes[5, 2, 0], planes[5, 2, 3:] = 2.5, np.log(2)  # within the first
+    boxes, scores = decode(planes, STRIDE, 0.1)
+    np.testing.assert_allclose(scores, 1 / (1 + np.exp([-3.0, -1.0])))
+    np.testing.assert_allclose((boxes[:, :2] + boxes[:, 2:]) / 2, [[36, 36], [100, 100]], atol=0.5)
+
+
+def test_three_hundred_faces_are_found() -> None:
+    planes = np.full((80, 80, 5), -9, dtype=np.float32)
+    planes[..., 1:3], planes[..., 3:] = 0, np.log(2)
+    places = np.argwhere(np.ones((20, 15))) * 4 + 2
+    planes[places[:, 0], places[:, 1], 0] = 4
+    assert len(decode(planes, STRIDE, 0.3)[0]) == 300

@@ -1,0 +1,91 @@
+"""Scenes: what is drawn lies where the boxes say, and the same number gives the same scene."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pix2face.errors import UsageError
+from training.data.shard_index import index_shards
+from training.detection.backgrounds import Backgrounds
+from training.detection.people import PEOPLE_LAYERS, People, Person, halved
+from training.detection.scenes import Scene, SceneMaker, _note_covered, _paste, _place, _without_face
+
+
+@pytest.fixture
+def maker(people_dir: Path, backgrounds_dir: Path) -> SceneMaker:
+    people = People(index_shards([people_dir], layers=PEOPLE_LAYERS))
+    return SceneMaker(people, Backgrounds(backgrounds_dir), 96, 0)
+
+
+def white_square() -> Person:
+    """A person who is a white square on black, with landmarks at its corners."""
+    rgba = np.zeros((64, 80, 4), dtype=np.uint8)
+    rgba[..., 3] = 255
+    rgba[20:44, 30:54, :3] = 255
+    corners = np.array([[30, 20], [54, 20], [54, 44], [30, 44]], dtype=np.float64)
+    return Person(rgba, np.tile(corners, (17, 1)), is_seen=True, has_environment=False)
+
+
+def test_a_scene_depends_on_its_number_alone(maker: SceneMaker) -> None:
+    first = [maker.make(number) for number in range(6)]
+    again = [maker.make(number) for number in reversed(range(6))][::-1]
+    for own, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(own.image, other.image)
+        np.testing.assert_array_equal(own.boxes, other.boxes)
+    assert len({own.image.tobytes() for own in first}) == 6
+
+
+def test_there_are_scenes_without_and_with_many_faces(maker: SceneMaker) -> None:
+    counts = [len(maker.make(number).boxes) for number in range(60)]
+    assert min(counts) == 0
+    assert max(counts) >= 5
+    assert 0.2 < np.mean(np.array(counts) == 1) < 0.6
+
+
+@pytest.mark.parametrize("side_px", [12.0, 30.0, 120.0])
+def test_what_is_pasted_lies_where_its_box_says(side_px: float) -> None:
+    person = white_square()
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        matrix = _place(rng, person, side_px, 256, Scene(np.zeros((256, 256, 3), np.uint8)))
+        landmarks = person.landmarks2d[:4] @ matrix[:, :2].T + matrix[:, 2]
+        low, high = landmarks.min(axis=0), landmarks.max(axis=0)
+        if low.min() < 2 or high.max() > 254:
+            continue
+        image = np.zeros((256, 256, 3), dtype=np.uint8)
+        _paste(np.random.default_rng([1, seed]), image, person.rgba, matrix)
+        rows, columns = np.nonzero(image[..., 1] > image.max() // 2)
+        found = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+        # The corner of a turned square is thin, and a square of a few pixels is soft.
+        assert np.abs(found - [*low, *high]).max() < 1.5 + 0.04 * side_px
+
+
+def test_faces_that_something_covers_are_not_counted() -> None:
+    scene = Scene(
+        np.zeros((64, 64, 3), np.uint8), [np.array([0.0, 0, 20, 20]), np.array([40.0, 40, 60, 60])], [True] * 2
+    )
+    covered = np.zeros((64, 64), dtype=np.uint8)
+    covered[:14] = 255
+    _note_covered(scene, covered)
+    assert scene.is_counted == [False, True]
+
+
+def test_a_face_that_is_painted_over_is_gone() -> None:
+    person = white_square()
+    painted = _without_face(np.random.default_rng(0), person.rgba, person)
+    inside = painted[26:38, 36:48, :3].astype(int)
+    assert np.ptp(inside.mean(axis=2)) < 90
+    np.testing.assert_array_equal(painted[..., 3], person.rgba[..., 3])
+
+
+def test_large_pictures_are_halved_before_they_are_drawn_small() -> None:
+    rgba = np.zeros((200, 100, 4), dtype=np.uint8)
+    small, divided = halved(rgba, 0.1)
+    assert (small.shape, divided) == ((25, 12, 4), 8.0)
+    assert halved(rgba, 0.7)[1] == 1
+
+
+def test_a_folder_without_pictures_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="expected pictures that show nobody, found none; `datagen empty` draws some"):
+        Backgrounds(tmp_path)
