@@ -1,6 +1,7 @@
 """Pickles of arrays are read, everything else is refused with the name that it asked for, and nothing is run."""
 
 import collections
+import io
 import os
 import pickle
 import pickletools
@@ -163,3 +164,52 @@ def test_objects_and_text_are_no_arrays(tmp_path: Path) -> None:
     for value in fields.values():
         with pytest.raises(InputFileError, match="expected an array of numbers"):
             as_array(value, "a")
+
+
+def doubled(value: Any, levels: int, n: int = 10) -> Any:
+    """A list of n times a list of n times ... a value: few bytes as a pickle, n**levels values when they are followed."""
+    for _ in range(levels):
+        value = [value] * n
+    return value
+
+
+def nested(levels: int) -> tuple[Any, ...]:
+    value: tuple[Any, ...] = ()
+    for _ in range(levels):
+        value = (value,)
+    return value
+
+
+def as_tuples(value: Any) -> Any:
+    return tuple([as_tuples(value[0])] * len(value)) if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("value", [doubled(1.5, 10), as_tuples(doubled(1.5, 10)), doubled([], 30, 2)])
+def test_references_are_counted_when_they_are_followed(tmp_path: Path, value: Any) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(pickle.dumps({"f": value}))
+    assert path.stat().st_size < 1000
+    fields = read_pickle(path)
+    with pytest.raises(InputFileError, match=r"a\.pkl \(f\): expected an array of numbers, found none"):
+        as_array(fields["f"], f"{path} (f)")
+
+
+@pytest.mark.parametrize("key", [as_tuples(doubled(1, 10)), 10**5000, nested(500)], ids=["doubled", "huge", "deep"])
+def test_keys_are_text_or_small_numbers(tmp_path: Path, key: Any) -> None:
+    writer = io.BytesIO()
+    pickle.Pickler(writer, 2).dump(key)
+    (tmp_path / "a.pkl").write_bytes(b"\x80\x02}" + writer.getvalue()[2:-1] + b"Ns.")
+    with pytest.raises(InputFileError, match=r"a\.pkl: .* a key of type (int|tuple)"):
+        read_pickle(tmp_path / "a.pkl")
+
+
+def test_members_of_sets_are_not_hashed(tmp_path: Path) -> None:
+    inner = pickle.dumps(nested(500), 4)[2:-1]
+    (tmp_path / "a.pkl").write_bytes(b"\x80\x04}\x8c\x01a\x8f(" + inner + b"\x90s.")
+    assert read_pickle(tmp_path / "a.pkl")["a"] == set()
+
+
+def test_operations_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "a.pkl").write_bytes(b"\x80\x02" + b"\x8f0" * 600_000 + b"}.")
+    with pytest.raises(InputFileError, match=r"a\.pkl: .* more than 1000000 operations"):
+        read_pickle(tmp_path / "a.pkl")
