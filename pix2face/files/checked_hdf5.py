@@ -97,7 +97,7 @@ def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
         InputFileError: The dataset is missing, or does not hold numbers.
     """
     item = file.get(name)
-    if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu":
+    if not isinstance(item, h5py.Dataset) or item.shape is None or item.dtype.kind not in "fiu":
         raise InputFileError(f"{path}: expected numbers at {name}, found {'nothing' if item is None else item}")
     return np.asarray(item[()])
 
@@ -133,17 +133,17 @@ def fixed_text(text: str) -> ndarray:
     return np.array(content, dtype=f"S{max(1, len(content))}")
 
 
-def read_version(attributes: h5py.AttributeManager, path: Path) -> int:
-    """The ``schema_version`` of a file, a whole number.
+def read_version(attributes: h5py.AttributeManager, path: Path, name: str = "schema_version") -> int:
+    """The ``schema_version`` of a file, or another attribute that is a whole number.
 
     Raises:
         InputFileError: There is none, or it is something else.
     """
-    item = attributes.get_id("schema_version") if "schema_version" in attributes else None
+    item = attributes.get_id(name) if name in attributes else None
     if item is None or item.shape != () or item.dtype.kind not in "iu":
         found = "none" if item is None else f"{item.dtype} of shape {item.shape}"
-        raise InputFileError(f"{path}: expected a whole number as schema_version, found {found}")
-    return int(attributes["schema_version"])
+        raise InputFileError(f"{path}: expected a whole number as {name}, found {found}")
+    return int(attributes[name])
 
 
 def _declared_bytes(item: h5py.Dataset, name: str, path: Path) -> int:

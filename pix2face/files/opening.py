@@ -17,7 +17,7 @@ from pix2face.errors import InputFileError
 MB = 1 << 20
 # Compressed arrays of a file may unfold to so many bytes, and above that to so many times the size of the file. Bases,
 # landmarks and text stay far below: only arrays of one repeated value shrink more, and those are small.
-UNFOLDED_BYTES = 64 * MB
+UNFOLDED_BYTES = 32 * MB
 UNFOLDED_RATIO = 16
 LARGEST_LINE_BYTES = 1 * MB
 _NO_FILE = "found a device, pipe or socket; name a file"

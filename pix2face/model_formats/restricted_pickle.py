@@ -28,7 +28,7 @@ LARGEST_FILE_BYTES = 256 << 20
 MOST_OPERATIONS = 1_000_000
 LARGEST_ARRAY_BYTES = 512 << 20
 LONGEST_NAME = 200
-_ELEMENT_BYTES, _MOST_LEVELS, _MOST_DIMENSIONS = 64, 8, 32
+_ELEMENT_BYTES, _MOST_LEVELS, _MOST_DIMENSIONS = 512, 8, 32
 
 # What a name becomes. Both spellings of NumPy's and SciPy's modules are in circulation, and both of Python's builtins.
 _ALLOWED: Final = {

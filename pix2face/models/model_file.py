@@ -155,7 +155,7 @@ def _read(file: h5py.File, path: Path) -> StoredModel:
         named_expressions={
             name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
         },
-        refinement_steps=int(file.attrs["refinement_steps"]),
+        refinement_steps=read_version(file.attrs, path, "refinement_steps"),
         alignment=_read_alignment(file),
     )
 
@@ -235,16 +235,19 @@ def _read_basis(file: h5py.File, name: str) -> Float32[ndarray, "k v 3"]:
 
 def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
     item = file[name]
-    if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiub":
+    if not isinstance(item, h5py.Dataset) or item.shape is None or item.dtype.kind not in "fiub":
         raise TypeError(f"{name} is no array of numbers")
-    return cast(ndarray, item[()].astype(dtype))
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN as a number of a vertex is found below
+        return cast(ndarray, item[()].astype(dtype))
 
 
 def _content_sha256(file: h5py.File, path: Path) -> str:
     digest = hashlib.sha256()
     for name in sorted(file.attrs):
         is_text = name in (*_TEXTS, *_LISTS, "format")
-        digest.update(f"{name}={read_text(file.attrs, path, name) if is_text else int(file.attrs[name])};".encode())
+        digest.update(
+            f"{name}={read_text(file.attrs, path, name) if is_text else read_version(file.attrs, path, name)};".encode()
+        )
     names: list[str] = []
     file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
     for name in sorted(names):

@@ -87,7 +87,7 @@ def _change_dataset(file: h5py.File, name: str, rng: Rng) -> None:  # noqa: C901
         return
     item = file[name]
     attributes, dtype, shape = dict(item.attrs), item.dtype, item.shape or ()
-    content = item[()] if item.size and item.size < 10**6 else None
+    content = np.asarray(item[()]) if item.size and item.size < 10**6 else None
     del file[name]
     kind, some_shape = int(rng.integers(9)), tuple(int(one(rng, (0, 1, 2, 9, 68, 8192))) for _ in shape)
     if kind == 0:

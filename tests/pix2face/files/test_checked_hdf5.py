@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError
-from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_array, read_text
+from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_array, read_text, read_version
 from pix2face.models.morphable_model import load_model
 from tests.model_files import write_small_head
 
@@ -152,3 +152,22 @@ def test_reading_needs_no_locks(tmp_path: Path) -> None:
             pass
         with open_hdf5(path) as file:
             assert read_array(file, "values", path).tolist() == [0, 1, 2]
+
+
+def test_arrays_may_not_unfold_to_far_more_than_the_file(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in "abc":
+            file.create_dataset(name, data=np.zeros(3 << 20), compression="gzip", chunks=(3 << 20,))
+    refused(tmp_path / "a.h5", "/b to hold what it declares, found 25165824 bytes declared")
+
+
+@pytest.mark.parametrize("version", [np.inf, 2.0, [2], "2", h5py.Empty("i4"), None])
+def test_a_version_is_a_whole_number(tmp_path: Path, version: object) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        if version is not None:
+            file.attrs["schema_version"] = version
+    with (
+        pytest.raises(InputFileError, match="expected a whole number as schema_version"),
+        open_hdf5(tmp_path / "a.h5") as opened,
+    ):
+        read_version(opened.attrs, tmp_path / "a.h5")

@@ -165,6 +165,16 @@ def test_a_newer_schema_is_refused(tmp_path):
         {"planes": 9},
         {"architecture": "residual"},
         {"architecture": "transformer"},
+        {"widths": (4, 1024, 1024)},
+        {"size_px": 10**9},
+        {"crop_scale": 0},
+        {"crop_scale": 10**400},
+        {"smallest_radius_mm": "60"},
+        {"pncc_scale_mm": 0.0},
+        {"configuration": "[]"},
+        {"configuration": "no JSON"},
+        {"epoch": None},
+        {"landmarks": {"ibug68": [0.5]}},
     ],
 )
 def test_a_header_that_does_not_fit_the_weights_is_refused(checkpoint, change):

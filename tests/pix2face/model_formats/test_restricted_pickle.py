@@ -167,7 +167,7 @@ def test_objects_and_text_are_no_arrays(tmp_path: Path) -> None:
 
 
 def doubled(value: Any, levels: int, n: int = 10) -> Any:
-    """A list of n times a list of n times ... a value: few bytes as a pickle, n**levels values when they are followed."""
+    """A list of n times a list of n times ... a value: few bytes as a pickle, n**levels values when followed."""
     for _ in range(levels):
         value = [value] * n
     return value

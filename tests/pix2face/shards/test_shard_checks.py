@@ -274,3 +274,20 @@ def test_ground_truth_that_cannot_be_true_is_found_in_intact_shards(tmp_path: Pa
     for number, (found, text) in enumerate(zip(report.doubtful, expected, strict=True), start=1):
         assert found.startswith(f"shard-00000.h5: sample 'face/{number}': ")
         assert text in found
+
+
+def test_numbers_of_shards_are_not_counted_one_by_one(tmp_path: Path) -> None:
+    folder = job_folder(tmp_path / "shards")
+    (folder / "shard-00000.h5").rename(folder / "shard-999999999999.h5")
+    (problem,) = [text for text in verify_folder(folder).problems if "missing" in text]
+    assert re.match(r"99999999999\d missing: shard-00000\.h5", problem)
+    change_header(folder / "shard-00001.h5", configuration='{"n_faces": 1000000000, "shard_size": 1}')
+    assert any("missing" in text for text in verify_folder(folder).problems)
+
+
+def test_landmarks_that_differ_in_number_are_refused(shard: Path) -> None:
+    with h5py.File(shard, "r+") as file:
+        values = file["visible"][:, :67]
+        del file["visible"]
+        file["visible"] = values
+    assert "the numbers of landmarks differ" in verify_shard(shard)[0]
