@@ -251,6 +251,8 @@ def _content_sha256(file: h5py.File, path: Path) -> str:
     names: list[str] = []
     file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
     for name in sorted(names):
+        if file[name].dtype.kind not in "fiubS":  # damaged text of variable length can end the process
+            raise TypeError(f"{name} is no array of numbers")
         array = np.ascontiguousarray(file[name][()])
         digest.update(f"{name}:{array.dtype.str}:{array.shape};".encode())
         digest.update(array.tobytes())

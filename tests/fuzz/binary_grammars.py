@@ -75,7 +75,7 @@ def _change_attribute(attributes: h5py.AttributeManager, rng: Rng) -> None:
         np.zeros(3),
         h5py.Empty("f4"),
         np.bytes_(one(rng, TEXTS).encode()),
-        np.bytes_(written(one(rng, JSON_PIECES)).encode("utf-8", "replace")[:60_000]),
+        np.bytes_(written(one(rng, JSON_PIECES)).encode("utf-8", "replace")[:30_000]),
     )
     del attributes[name]
     if rng.random() < 0.9:
