@@ -131,6 +131,20 @@ def prepare_output_folder(path: Path) -> None:
     _check_writable(path, path)
 
 
+def check_output_folder(path: Path) -> None:
+    """Makes sure that a command can write to a folder; to be called before anything takes time. Nothing is made.
+
+    Raises:
+        UsageError: A file is in its place or above it, or nothing can be written there.
+    """
+    nearest = next(place for place in (path.absolute(), *path.absolute().parents) if _kind(place))
+    if _kind(nearest) == "file":
+        raise UsageError(
+            f"{path}: expected a folder that can be written to, found that {nearest} is a file; choose another --out"
+        )
+    _check_writable(path, nearest)
+
+
 def check_output_file(path: Path, suffixes: Sequence[str]) -> None:
     """Makes sure that a command can write its one file; to be called before anything takes time. Nothing is made.
 

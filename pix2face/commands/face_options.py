@@ -134,8 +134,8 @@ class PhotographOptions:
         """
         faces, network = self.faces, self.faces.network
         detects = self.box is None and faces.boxes is None
-        model = network.open_model() if needs_model or (detects and faces.refine) else None
         box_file = None if faces.boxes is None else read_box_file(faces.boxes)
+        model = network.open_model() if needs_model or (detects and faces.refine) else None
         try:
             pix2face = Pix2Face.load(
                 network.checkpoint,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, final
 import tyro
 from rich.console import Console
 
-from pix2face.command_line import prepare_output_folder
+from pix2face.command_line import check_output_folder, prepare_output_folder
 from pix2face.commands.face_options import FaceFinder, PhotographOptions
 from pix2face.commands.photograph_jobs import (
     Photograph,
@@ -60,12 +60,13 @@ class FitConfig:
 
 def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
     """Fit camera, coefficients and landmarks to every face: NAME.json, mesh, -points.ply, -maps.png, -overlay.jpg."""
-    check_photographs(config.images)
     config.faces.check()
     formats = parse_mesh_formats(config.mesh)
     config.how.check()
     if config.joint and config.how.reprojection_rounds:
         raise UsageError("expected no --reprojection-rounds with --joint, whose fits have no more rounds")
+    check_photographs(config.images, Console(stderr=True))
+    check_output_folder(config.out)
     finder = config.faces.open()
     model = finder.pix2face.model
     if config.colour == "texture" and model.uv is None:

@@ -11,10 +11,11 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from rich.console import Console
 
-from pix2face.command_line import EXIT_REJECTED, progress_bar, say
+from pix2face.command_line import EXIT_REJECTED, counted, progress_bar, say
 from pix2face.commands.face_options import FaceFinder
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
-from pix2face.files.images import read_photograph
+from pix2face.files.images import LARGEST_FILE_BYTES, read_photograph
+from pix2face.files.opening import check_regular
 from pix2face.files.writing import write_file
 from pix2face.geometry.crops import crop_image
 from pix2face.inference.predictor import Prediction
@@ -67,14 +68,28 @@ class Tally:
         return EXIT_REJECTED if self.problems else 0
 
 
-def check_photographs(images: Sequence[Path]) -> None:
-    """Refuses a call without photographs.
+def check_photographs(images: Sequence[Path], console: Console, expected: str = "a picture") -> None:
+    """Looks for photographs before a network is loaded, which takes seconds; says at once which are not there.
+
+    They do not end the run where others are there.
 
     Raises:
-        UsageError: There are none.
+        InputFileError: None of them is there. The message names the first, as ``expected``.
+        UsageError: None was given.
     """
     if not images:
         raise UsageError("expected at least one photograph")
+    obstacles = []
+    for path in images:
+        try:
+            check_regular(path, expected, LARGEST_FILE_BYTES)
+        except InputFileError as error:
+            obstacles.append(str(error))
+    if len(obstacles) == len(images):
+        more = len(obstacles) - 1
+        raise InputFileError(obstacles[0] + (f"; {counted(more, 'other')} cannot be read either" if more else ""))
+    for obstacle in obstacles:
+        say(console, obstacle)
 
 
 def for_each_face(

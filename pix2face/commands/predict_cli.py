@@ -7,7 +7,7 @@ from typing import Annotated, final
 import tyro
 from rich.console import Console
 
-from pix2face.command_line import prepare_output_folder
+from pix2face.command_line import check_output_folder, prepare_output_folder
 from pix2face.commands.face_options import PhotographOptions
 from pix2face.commands.photograph_jobs import SeenFace, check_photographs, for_each_face, write_maps_picture
 from pix2face.photographs.map_files import MAP_FORMATS, parse_formats
@@ -33,9 +33,10 @@ class PredictConfig:
 
 def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
     """Predict the maps of every face (PNCC and offset in mm, mask) and a picture of them, NAME-maps.png."""
-    check_photographs(config.images)
     config.faces.check()
-    formats = parse_formats(config.format)
+    formats, console = parse_formats(config.format), Console(stderr=True)
+    check_photographs(config.images, console)
+    check_output_folder(config.out)
     finder = config.faces.open(needs_model=False)
     prepare_output_folder(config.out)
 
@@ -44,5 +45,4 @@ def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
             MAP_FORMATS[name](config.out, face.name, face.prediction)
         write_maps_picture(config.out, face)
 
-    console = Console(stderr=True)
     return for_each_face(config.images, finder, console, use).report(console, config.out)

@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from rich.console import Console
 
-from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
+from pix2face.command_line import check_output_folder, counted, prepare_output_folder, progress_bar, say
 from pix2face.commands.face_options import FaceOptions
 from pix2face.detectors.detection import open_detector
 from pix2face.detectors.protocol import Box, sure_faces
@@ -87,11 +87,12 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     formats = _check_call(config)
     _silence_decoders()
     source = open_frames(config.video)
+    find = _finder(config, source)
+    check_output_folder(config.out)
     network = config.faces.network
     model, predictor = network.open_model(), network.open_predictor()
     model = network.with_chosen_landmarks(model, predictor)
     fitter = FrameFitter(predictor, model, config.how, config.faces.refine)
-    find = _finder(config, source)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"
     n_frames, tracks = _detect(config, source, find, boxes)

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from pix2face.command_line import check_output_file, say
 from pix2face.commands.face_options import PhotographOptions
-from pix2face.commands.photograph_jobs import SeenFace, Tally, for_each_face, located
+from pix2face.commands.photograph_jobs import SeenFace, Tally, check_photographs, for_each_face, located
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.files.opening import is_regular, open_regular
@@ -63,6 +63,7 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
             f"--landmarks: expected photographs alone, found {fits[0]}, which keeps the landmarks it was written with; "
             "give --landmarks to `pix2face fit`"
         )
+    check_photographs(config.inputs, console, "a picture or a fit (.json)")
     tally = _fit_photographs(config, photographs, console, shown.append) if photographs else Tally()
     model = open_model(config.faces.faces.network.model) if fits else None
     for path in fits:

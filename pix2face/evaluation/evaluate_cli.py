@@ -13,6 +13,7 @@ from rich.console import Console
 from pix2face.command_line import (
     EXIT_REJECTED,
     check_max_rejected,
+    check_output_folder,
     counted,
     prepare_output_folder,
     progress_bar,
@@ -54,6 +55,8 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     data = config.data or os.environ.get(DATA_VARIABLE)
     found = find_benchmark(manifest, Path(data) if data else None, model, config.reannotated)
     by = _attribute_values(config, manifest, found)
+    out = config.out or Path("out") / f"evaluate-{config.split}"
+    check_output_folder(out)
     subject, description = open_subject(config, model, manifest, found)
     settings = EvaluationSettings(
         method=subject.method,
@@ -63,7 +66,6 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
         by=by,
     )
     evaluator = Evaluator(model, subject, manifest.normaliser, settings.alignment)
-    out = config.out or Path("out") / f"evaluate-{config.split}"
     prepare_output_folder(out)
     with progress_bar(Console(stderr=True), f"evaluate {manifest.split}", len(found.items)) as advance:
         results, unreadable = evaluate_faces(found.items, evaluator, advance, config.batch_size)

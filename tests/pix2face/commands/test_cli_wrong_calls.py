@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from pix2face.commands.cli import main
+from pix2face.errors import UsageError
+from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import builtin_model
 from tests.pix2face.photographs.seen_faces import write_checkpoint, write_picture
 from tests.synthetic_models import small_head_model
@@ -93,3 +95,58 @@ def test_an_output_folder_that_is_a_file_is_one_line(
 ) -> None:
     assert call("predict", photograph, "--no-refine", "--checkpoint", untrained, "--out", photograph) == 2
     assert_one_line(capsys, str(photograph))
+
+
+@pytest.fixture
+def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading a network takes seconds: what is wrong with paths is said before."""
+
+    def load(path: Path, device: str | None = None) -> Predictor:
+        raise UsageError("the network is loaded")
+
+    monkeypatch.setattr(Predictor, "load", load)
+
+
+@pytest.mark.usefixtures("no_network")
+@pytest.mark.parametrize("command", ["predict", "fit", "view", "track"])
+def test_a_mistyped_name_is_said_before_a_network_is_loaded(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / ("out.html" if command == "view" else "out")
+    assert call(command, tmp_path / "mistyped.png", "--out", out) == 2
+    assert_one_line(capsys, f"{tmp_path}/mistyped.png: expected a ")
+    assert not out.exists()
+
+
+@pytest.mark.usefixtures("no_network")
+@pytest.mark.parametrize("command", ["predict", "fit", "view"])
+def test_a_mistyped_name_among_others_is_said_at_once(
+    command: str, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.html"
+    assert call(command, photograph, tmp_path / "mistyped.png", "--out", out) == 2
+    first, last = capsys.readouterr().err.splitlines()
+    assert first.startswith(f"{tmp_path}/mistyped.png: expected a picture")
+    assert last == "pix2face: error: the network is loaded"
+    assert call(command, tmp_path / "a.png", tmp_path / "b.png", tmp_path, "--out", out) == 2
+    assert_one_line(capsys, "/a.png: expected a picture")
+
+
+@pytest.mark.usefixtures("no_network")
+@pytest.mark.parametrize("command", ["predict", "fit", "view", "track"])
+def test_a_mistyped_file_of_boxes_is_said_before_a_network_is_loaded(
+    command: str, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path if command == "track" else photograph  # a folder of frames
+    assert call(command, source, "--boxes", tmp_path / "mistyped.csv", "--out", tmp_path / "out.html") == 2
+    assert_one_line(capsys, f"{tmp_path}/mistyped.csv: expected ")
+
+
+@pytest.mark.usefixtures("no_network")
+@pytest.mark.parametrize("command", ["predict", "fit", "track"])
+def test_a_file_in_place_of_the_output_folder_is_said_before_a_network_is_loaded(
+    command: str, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path if command == "track" else photograph
+    assert call(command, source, "--out", photograph) == 2
+    assert_one_line(capsys, f"{photograph}: expected a folder that can be written to, found that")

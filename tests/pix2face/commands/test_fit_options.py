@@ -115,7 +115,8 @@ def test_a_texture_that_cannot_be_is_one_line(
     plain: PhotographedFace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = (*where(plain), "--colour", "texture", "--out", tmp_path / "out")
-    assert call("fit", tmp_path / "any.png", *options) == 2
+    photograph = write_picture(tmp_path / "any.png", plain.photograph())
+    assert call("fit", photograph, *options) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "take --colour vertex" in error
@@ -232,7 +233,7 @@ def test_a_pipe_or_device_is_refused_at_once(
     if kind == "pipe":
         os.mkfifo(tmp_path / "pipe")
     path = tmp_path / "pipe" if kind == "pipe" else Path("/dev/zero")
-    assert call("fit", path, *where(plain), "--out", tmp_path / "out") == 3
+    assert call("fit", path, *where(plain), "--out", tmp_path / "out") == 2
     assert f"{path}: expected a picture, found a device, pipe or socket" in capsys.readouterr().err
 
 

@@ -228,7 +228,7 @@ def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):
 def test_a_file_in_the_way_of_the_report_is_said_before_evaluating(tmp_path, small_model, monkeypatch, capsys):
     write_ibug(tmp_path)
     (tmp_path / "out").write_bytes(b"kept")
-    monkeypatch.delattr("pix2face.evaluation.evaluate_cli.evaluate_faces")
+    monkeypatch.delattr("pix2face.evaluation.evaluate_cli.open_subject")
     assert run(tmp_path, "--data", tmp_path) == 2
     error = capsys.readouterr().err
     assert "expected a folder that can be written to, found that" in error
