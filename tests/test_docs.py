@@ -96,8 +96,11 @@ def test_places_in_the_repository_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     places = re.findall(rf"`((?:{'|'.join(FOLDERS)})/[^\s`]*)`", text)
     modules = re.findall(rf"python\s+-m\s+((?:{'|'.join(FOLDERS)})[\w.]+)", text)
-    places += [module.rstrip(".").replace(".", "/") + ".py" for module in modules]
+    paths = [module.rstrip(".").replace(".", "/") for module in modules]
     assert not {place for place in places if not any(ROOT.glob(place.rstrip("/")))}
+    assert not {
+        path for path in paths if not ((ROOT / f"{path}.py").exists() or (ROOT / path / "__main__.py").exists())
+    }
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
