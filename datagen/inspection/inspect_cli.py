@@ -66,7 +66,8 @@ def preview(
     """Draw samples and their layers, on a contact sheet or on an HTML page (--out page.html).
 
     The page is one file with all its pictures. Arrow keys change the sample and the layer, and a slider blends layer
-    and picture. Visible landmarks are green, hidden ones red.
+    and picture. Visible landmarks are green, hidden ones red: hidden by the head itself or, if the set has the layer
+    `seen`, by something in front of it.
 
     Args:
         shards: Folder of shards.

@@ -1,18 +1,19 @@
 """Contact sheets: one sample a row, a picture for each layer."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8
 from numpy import ndarray
 from PIL import Image, ImageDraw, ImageFont
 
 from datagen.inspection.layer_pictures import GREY, LEGENDS, layer_picture, layer_title
 from pix2face.errors import UsageError
 from pix2face.files.images import decode_image
-from pix2face.shards.layers import LANDMARKS, LAYERS
+from pix2face.photographs.landmark_visibility import uncovered_points
+from pix2face.shards.layers import LANDMARKS, LAYERS, SEEN
 from pix2face.shards.sample import Sample
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
@@ -54,8 +55,22 @@ def sample_tiles(sample: Sample, layers: tuple[str, ...]) -> list[tuple[str, str
     others = [name for name in LAYERS if name in layers and name not in ("pncc", "mask" if "pncc" in layers else "")]
     tiles += [(layer_title(name), LEGENDS[name], layer_picture(name, sample.layers)) for name in others]
     if LANDMARKS in layers:
-        tiles.append(("landmarks", "green: visible, red: hidden", _with_landmarks(image, sample)))
+        tiles.append(("landmarks", landmark_legend(sample.layers), _with_landmarks(image, sample)))
     return [(title, legend, _tile(picture)) for title, legend, picture in tiles]
+
+
+def landmark_legend(layers: Collection[str]) -> str:
+    """What the colours of landmarks mean: without the layer ``seen`` nobody knows what is in front of the head."""
+    return "green: visible, red: hidden" if SEEN in layers else "red: hidden by the head"
+
+
+def landmarks_in_sight(sample: Sample) -> Bool[ndarray, " m"]:
+    """Which landmarks neither the head hides nor, as far as the layer ``seen`` says it, something in front of it."""
+    visible = np.asarray(sample.visible, dtype=bool)
+    if SEEN not in sample.layers or "mask" not in sample.layers:
+        return visible
+    mask, seen = (np.asarray(sample.layers[name], dtype=bool) for name in ("mask", SEEN))
+    return visible & uncovered_points(sample.landmarks2d, mask, seen)
 
 
 def sample_picture(sample: Sample) -> UInt8[ndarray, "h w 3"]:
@@ -117,7 +132,7 @@ def _heading(titles: Sequence[tuple[str, str]]) -> UInt8[ndarray, "h w 3"]:
 def _with_landmarks(image: UInt8[ndarray, "h w 3"], sample: Sample) -> UInt8[ndarray, "h w 3"]:
     picture = image.copy()
     radius = max(1, image.shape[0] // 150)
-    for (x, y), visible in zip(sample.landmarks2d, sample.visible, strict=True):
+    for (x, y), visible in zip(sample.landmarks2d, landmarks_in_sight(sample), strict=True):
         if abs(x) < 1e4 and abs(y) < 1e4:
             centre = (int(np.floor(x)), int(np.floor(y)))
             cv2.circle(picture, centre, radius, VISIBLE_COLOUR if visible else HIDDEN_COLOUR, -1, cv2.LINE_AA)

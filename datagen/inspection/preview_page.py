@@ -18,7 +18,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from datagen.inspection.layer_pictures import LEGENDS, layer_mask, layer_picture, layer_title, region_colour
-from datagen.inspection.preview import sample_picture, scaled
+from datagen.inspection.preview import landmark_legend, landmarks_in_sight, sample_picture, scaled
 from datagen.inspection.statistics_tables import data_url, own_file
 from pix2face.files.images import encode_image, encode_photograph
 from pix2face.shards.layers import LAYERS, SEEN_REGIONS
@@ -59,6 +59,7 @@ def _page(title: str, data: Any) -> str:
     style, script = (own_file(name) for name in ("preview.css", "preview.js"))
     policy = f"default-src 'none'; img-src data:; style-src '{_hash(style)}'; script-src '{_hash(script)}'"
     texts = {"title": escape(title), "policy": policy, "style": style, "script": script, "data": json_for_html(data)}
+    texts["landmarks"] = landmark_legend([name for name, *_ in data["layers"]])
     return Template(own_file("preview.html")).substitute(texts)
 
 
@@ -68,7 +69,7 @@ def _entry(sample: Sample) -> dict[str, Any]:
     height, width = picture.shape[:2]
     landmarks = [
         [round(float(x), 2), round(float(y), 2), bool(visible)]
-        for (x, y), visible in zip(sample.landmarks2d, sample.visible, strict=True)
+        for (x, y), visible in zip(sample.landmarks2d, landmarks_in_sight(sample), strict=True)
         if abs(x) < FAR_PX and abs(y) < FAR_PX
     ]
     return {

@@ -21,6 +21,25 @@ def visible_landmarks(fit: FaceFit, scheme: str = IBUG68) -> Bool[ndarray, " m"]
     return visible_vertices(fit.vertices, fit.model.triangles, fit.camera, fit.model.landmarks[scheme])
 
 
+def uncovered_points(
+    points: Float[ndarray, "m 2"], mask: Bool[ndarray, "h w"], seen: Bool[ndarray, "h w"]
+) -> Bool[ndarray, " m"]:
+    """Which points of a picture (pixels) nothing covers that is in front of the face, such as a cloth mask or a hand.
+
+    ``mask`` is where the face is and ``seen`` its part that the picture shows (``pix2face.geometry.maps.FaceMaps``). A
+    point is covered where the pixels around it have some of the face, and nothing of what is seen of it. Where they
+    have nothing of the face, as beside the picture, nothing is known, and the point counts as uncovered.
+    """
+    uncovered = np.ones(len(points), dtype=bool)
+    for place, point in enumerate(points):
+        if not (np.abs(point) < max(mask.shape) + 1).all():  # also NaN
+            continue
+        column, row = (int(value) for value in np.floor(point))
+        around = np.s_[max(row - 1, 0) : max(row + 2, 0), max(column - 1, 0) : max(column + 2, 0)]
+        uncovered[place] = seen[around].any() or not mask[around].any()
+    return uncovered
+
+
 def visible_vertices(
     vertices: Float[ndarray, "v 3"],
     triangles: Int[ndarray, "t 3"],

@@ -19,7 +19,7 @@ from numpy import ndarray
 
 from datagen.cli import main
 from datagen.inspection.layer_pictures import layer_mask, layer_picture, region_colour
-from datagen.inspection.preview import HEADING_PX, contact_sheet, spread_samples
+from datagen.inspection.preview import HEADING_PX, contact_sheet, landmarks_in_sight, sample_tiles, spread_samples
 from datagen.inspection.preview_page import LARGEST_SIDE_PX, json_for_html, preview_page
 from pix2face.files.images import encode_image
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
@@ -274,3 +274,31 @@ def test_a_script_that_is_not_the_pages_own_does_not_run(shards: Path, tmp_path:
     page = preview_page("t", spread_samples(shards, 1)).replace("</body>", "<script>document.title='x'</script></body>")
     with pytest.raises(AssertionError, match="Executing inline script violates"):
         in_a_browser(page, tmp_path)
+
+
+def test_landmarks_under_a_cloth_mask_are_hidden(base: tuple[ShardHeader, Sample]) -> None:
+    layers = all_layers()
+    layers["seen"] = layers["mask"].copy()
+    layers["seen"][30:] = False  # a mask over the lower half of the face
+    landmarks2d = np.full((68, 2), 20.5, dtype=np.float32)
+    landmarks2d[:, 1] = np.where(np.arange(68) < 40, 25.5, 35.5)
+    picture = encode_image(np.full((60, 40, 3), 77, np.uint8))
+    visible = np.arange(68) > 0  # the first one is hidden by the head
+    sample = replace(base[1], image_bytes=picture, layers=layers, landmarks2d=landmarks2d, visible=visible)
+    np.testing.assert_array_equal(landmarks_in_sight(sample), visible & (np.arange(68) < 40))
+    title, legend, tile = sample_tiles(sample, LAYER_NAMES)[-1]
+    assert (title, legend) == ("landmarks", "green: visible, red: hidden")
+    assert tile[3 * 35 + 1, 3 * 20 + 1, 0] > 200 > tile[3 * 35 + 1, 3 * 20 + 1, 1]
+    page = preview_page("masks", [(base[0], sample)])
+    assert [own[2] for own in read_page(page).data["samples"][0]["landmarks"]] == landmarks_in_sight(sample).tolist()
+    assert "landmarks (green: visible, red: hidden)" in page
+
+
+def test_without_what_is_seen_the_legend_speaks_of_the_head(base: tuple[ShardHeader, Sample]) -> None:
+    layers = {name: values for name, values in all_layers().items() if not name.startswith("seen")}
+    picture = encode_image(np.full((60, 40, 3), 77, np.uint8))
+    sample = replace(base[1], image_bytes=picture, layers=layers, landmarks2d=base[1].landmarks2d / 5)
+    names = tuple(name for name in LAYER_NAMES if not name.startswith("seen"))
+    assert sample_tiles(sample, names)[-1][1] == "red: hidden by the head"
+    assert "landmarks (red: hidden by the head)" in preview_page("photographs", [(base[0], sample)])
+    np.testing.assert_array_equal(landmarks_in_sight(sample), sample.visible)
