@@ -36,14 +36,14 @@ class Outcome:
     """What came of a case."""
 
     case: int
-    verdict: str  # "read", "refused", or what went wrong
+    verdict: str  # "read", "refused", "unwritten", or what went wrong
     seconds: float = 0.0
     peak_mb: float = 0.0  # beyond the most that the process had used before
 
     @property
     def is_failure(self) -> bool:
         """Whether the reader did not do as it promises."""
-        return self.verdict not in ("read", "refused")
+        return self.verdict not in ("read", "refused", "unwritten")
 
 
 class TooSlowError(BaseException):
@@ -84,7 +84,10 @@ def _run(cases: Sequence[Case], first: int, sender: Connection) -> None:
 
 def _outcome(index: int, case: Case) -> Outcome:
     write, read = case
-    write()
+    try:
+        write()
+    except (OSError, ValueError, TypeError, RuntimeError):  # a library refuses to write what was drawn
+        return Outcome(index, "unwritten")
     n_open, before, start = _n_open(), _peak_mb(), perf_counter()
     signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
     try:
