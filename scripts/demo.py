@@ -73,7 +73,7 @@ def main() -> int:
         print(f"demo: {Path(error.cmd[0]).name} ended with status {error.returncode}; its message is above")
         return 1
     plot_losses(out / "run" / "log.jsonl", out / "losses.png")
-    plot_point_cloud(out / "photograph" / "astronaut-points.ply", out / "point_cloud.png")
+    plot_point_cloud(out / "photograph" / "astronaut-0-points.ply", out / "point_cloud.png")
     (out / "report.html").write_text(page(demo, options.faces), encoding="utf-8")
     print(f"\n{sum(seconds for _, seconds in demo.timings):.0f} s in all; open {out / 'report.html'}")
     return 0
@@ -150,14 +150,14 @@ def page(demo: Demo, n_faces: int) -> str:
         ("losses.png", "Training: the two parts of the loss, over the samples that the network has seen."),
         ("synthetic.jpg", "Samples like those that the packaged network was trained on: people who do not exist."),
         (
-            "photograph/astronaut-maps.png",
+            "photograph/astronaut-0-maps.png",
             "A photograph and the maps that the packaged network predicts: crop, PNCC, offset (x, y, z as red, green, "
             "blue; ±120 mm and ±15 mm).",
         ),
-        ("photograph/astronaut-overlay.jpg", "The face that was fitted to these maps, with its landmarks."),
+        ("photograph/astronaut-0-overlay.jpg", "The face that was fitted to these maps, with its landmarks."),
         ("point_cloud.png", "The predicted point cloud: PNCC plus offset at every pixel of the face."),
         (
-            "own/astronaut-overlay.jpg",
+            "own/astronaut-0-overlay.jpg",
             "The same photograph read by the demo's network, which has seen plain heads only.",
         ),
         ("evaluation/curve.png", "The demo's network on held-out renders: share of faces by error."),
@@ -185,7 +185,7 @@ for hours (docs/explanation/packaged_network.md); it reads the photograph, too.<
 <p>Row network: the demo's network. Row baseline: the mean face's landmarks, placed in the box of the true ones.</p>
 {shown}
 <p>Files: <a href="evaluation/report.json">report.json</a>, <a href="photograph/astronaut.json">fit</a>,
-<a href="photograph/astronaut.glb">mesh</a>, <a href="photograph/astronaut-points.ply">point cloud</a>.</p>
+<a href="photograph/astronaut-0.glb">mesh</a>, <a href="photograph/astronaut-0-points.ply">point cloud</a>.</p>
 </body></html>
 """
 

@@ -21,6 +21,11 @@ from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
 from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel
 
+NO_FACE = (
+    "no face found; is the picture turned? Detectors find upright faces: turn it, say where the face is with "
+    "--box left top right bottom, or accept doubtful faces with --min-score 0.5"
+)
+
 
 @final
 @dataclass(frozen=True)
@@ -175,7 +180,7 @@ class FaceFinder:
         """
         boxes: Sequence[Box] = self._given(path, image) or self.pix2face.find_faces(image)
         if not boxes:
-            raise DegenerateGeometryError("no face found; say where it is with --box left top right bottom")
+            raise DegenerateGeometryError(NO_FACE)
         return boxes[:1] if self.largest else boxes
 
     def _given(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:

@@ -1,5 +1,7 @@
 """The command ``pix2face fit``: photographs in; camera, coefficients, mesh and landmarks out."""
 
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, final
@@ -7,24 +9,28 @@ from typing import Annotated, Literal, final
 import tyro
 from rich.console import Console
 
-from pix2face.command_line import check_output_folder, prepare_output_folder
-from pix2face.commands.face_options import FaceFinder, PhotographOptions
+from pix2face.api import Pix2Face
+from pix2face.command_line import check_output_folder
+from pix2face.commands.face_options import PhotographOptions
+from pix2face.commands.given_files import given_files
 from pix2face.commands.photograph_jobs import (
     Photograph,
     SeenFace,
+    SeenPhotograph,
     Tally,
-    check_photographs,
-    for_each_face,
     located,
+    look_at,
     write_maps_picture,
     write_picture,
 )
+from pix2face.commands.result_folder import ResultFolder
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import crop_image
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.fit_files import write_fit
+from pix2face.photographs.fit_files import fit_to_json
 from pix2face.photographs.fit_pictures import draw_overlay, write_point_cloud
 from pix2face.photographs.mesh_files import FaceMesh, parse_mesh_formats, write_mesh
 from pix2face.photographs.texture import face_texture, vertex_colours
@@ -38,7 +44,7 @@ class FitConfig:
     """Configuration of ``pix2face fit``.
 
     Attributes:
-        images: Photographs.
+        images: Photographs: files, folders of them, or quoted patterns such as 'photos/*.jpg'.
         faces: Network, model and face boxes.
         out: Folder for fits, meshes, point clouds and overlays.
         how: Camera and coefficients.
@@ -59,13 +65,14 @@ class FitConfig:
 
 
 def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
-    """Fit camera, coefficients and landmarks to every face: NAME.json, mesh, -points.ply, -maps.png, -overlay.jpg."""
+    """Fit camera, coefficients and landmarks to every face: NAME-0.json (largest face), mesh, points, pictures."""
     config.faces.check()
     formats = parse_mesh_formats(config.mesh)
     config.how.check()
     if config.joint and config.how.reprojection_rounds:
         raise UsageError("expected no --reprojection-rounds with --joint, whose fits have no more rounds")
-    check_photographs(config.images, Console(stderr=True))
+    console = Console(stderr=True)
+    images = given_files(config.images, console)
     check_output_folder(config.out)
     finder = config.faces.open()
     model = finder.pix2face.model
@@ -74,55 +81,71 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
             f"expected texture coordinates in the model {model.name!r} for --colour texture, found none; "
             "take --colour vertex"
         )
-    prepare_output_folder(config.out)
-    run = _fit_jointly if config.joint else _fit_each
-    return run(config, formats, finder).report(Console(stderr=True), config.out)
+    writer = _Writer(config, formats, finder.pix2face.model, ResultFolder(config.out, "fit"))
+    tally = Tally()
+    if config.joint:
+        _fit_jointly(look_at(images, finder.only_largest(), console, tally), tally, finder.pix2face, writer)
+    else:
+        _fit_each(look_at(images, finder, console, tally), tally, finder.pix2face, writer)
+    return tally.report(console, config.out)
 
 
-def _fit_each(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder) -> Tally:
-    pix2face = finder.pix2face
+def _fit_each(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: Pix2Face, writer: "_Writer") -> None:
+    for photograph in photographs:
+        with writer.results.of_photograph(photograph.name, photograph.path) as folder:
+            for face in photograph.faces:
+                with tally.face(face.path):
+                    fitted = pix2face.fit_prediction(face.prediction, face.size_px, writer.config.how)
+                    writer.write(folder, face, fitted)
 
-    def use(face: SeenFace) -> None:
-        fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
-        _write(config, formats, face, fitted, pix2face.model)
 
-    return for_each_face(config.images, finder, Console(stderr=True), use)
-
-
-def _fit_jointly(config: FitConfig, formats: tuple[str, ...], finder: FaceFinder) -> Tally:
+def _fit_jointly(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: Pix2Face, writer: "_Writer") -> None:
     """Two passes: maps of all photographs, of which only the maps are kept, then one fit, then what is written."""
-    seen: list[SeenFace] = []
-    pix2face = finder.pix2face
-
-    def keep(face: SeenFace) -> None:
-        pix2face.fit_prediction(face.prediction, face.size_px, config.how)  # a face that cannot be fitted is left out
-        seen.append(face.without_image())
-
-    tally = for_each_face(config.images, finder.only_largest(), Console(stderr=True), keep)
+    seen: dict[str, SeenFace] = {}  # by the name of the photograph
+    how = writer.config.how
+    for photograph in photographs:
+        for face in photograph.faces:
+            with tally.face(face.path):
+                pix2face.fit_prediction(face.prediction, face.size_px, how)  # one that cannot be fitted is left out
+                seen[photograph.name] = face.without_image()
+        if photograph.name not in seen:
+            with writer.results.of_photograph(photograph.name, photograph.path):
+                pass  # nothing of it, and nothing of an earlier run
     if not seen:
-        return tally
-    fits = pix2face.fit_predictions_joint(
-        [face.prediction for face in seen], [face.size_px for face in seen], config.how
-    )
-    for face, fitted in zip(seen, fits, strict=True):
+        return
+    faces = list(seen.values())
+    fits = pix2face.fit_predictions_joint([own.prediction for own in faces], [own.size_px for own in faces], how)
+    for (name, face), fitted in zip(seen.items(), fits, strict=True):
         try:
-            _write(config, formats, face.with_image(), fitted, pix2face.model)
+            with writer.results.of_photograph(name, face.path) as folder:
+                writer.write(folder, face.with_image(), fitted)
         except (DegenerateGeometryError, InputFileError) as error:  # of the overlay; the photograph is gone
             tally.n_faces -= 1
             tally.problems.append(located(error, face.path))
-    return tally
 
 
-def _write(config: FitConfig, formats: tuple[str, ...], face: SeenFace, fitted: FaceFit, model: MorphableModel) -> None:
-    overlay = draw_overlay(face.image, fitted, model)  # may fail: before anything is written
-    mesh = _coloured(config.colour, formats, face.image, fitted, model)
-    for name in formats:
-        write_mesh(config.out / f"{face.name}.{name}", mesh)
-    write_fit(config.out / f"{face.name}.json", fitted, model, face.path, face.size_px[0])
-    crop = crop_image(face.image, face.prediction.crop)
-    write_point_cloud(config.out / f"{face.name}-points.ply", face.prediction.maps, crop)
-    write_maps_picture(config.out, face)
-    write_picture(config.out / f"{face.name}-overlay.jpg", overlay)
+@final
+@dataclass(frozen=True, eq=False)
+class _Writer:
+    """What is written of a face, and where."""
+
+    config: FitConfig
+    formats: tuple[str, ...]  # of the mesh
+    model: MorphableModel
+    results: ResultFolder
+
+    def write(self, folder: Path, face: SeenFace, fitted: FaceFit) -> None:
+        """Writes a face to a folder, from which its files are moved to the results."""
+        overlay = draw_overlay(face.image, fitted, self.model)  # may fail: before anything is written
+        mesh = _coloured(self.config.colour, self.formats, face.image, fitted, self.model)
+        for name in self.formats:
+            write_mesh(folder / f"{face.name}.{name}", mesh)
+        way = os.path.relpath(face.path.absolute(), self.results.path.absolute())
+        write_file(folder / f"{face.name}.json", fit_to_json(fitted, self.model, way, face.size_px[0]))
+        crop = crop_image(face.image, face.prediction.crop)
+        write_point_cloud(folder / f"{face.name}-points.ply", face.prediction.maps, crop)
+        write_maps_picture(folder, face)
+        write_picture(folder / f"{face.name}-overlay.jpg", overlay)
 
 
 def _coloured(

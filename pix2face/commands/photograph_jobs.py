@@ -1,6 +1,8 @@
-"""What the commands for photographs share: every face of every photograph gets a name and is handed on."""
+"""What the commands for photographs share: every photograph and every face in it gets a name and is handed on."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
@@ -11,11 +13,10 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from rich.console import Console
 
-from pix2face.command_line import EXIT_REJECTED, counted, progress_bar, say
+from pix2face.command_line import EXIT_REJECTED, progress_bar, say
 from pix2face.commands.face_options import FaceFinder
-from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
-from pix2face.files.images import LARGEST_FILE_BYTES, read_photograph
-from pix2face.files.opening import check_regular
+from pix2face.errors import DegenerateGeometryError, InputFileError
+from pix2face.files.images import read_photograph
 from pix2face.files.writing import write_file
 from pix2face.geometry.crops import crop_image
 from pix2face.inference.predictor import Prediction
@@ -29,7 +30,7 @@ Photograph = UInt8[ndarray, "h w 3"]
 class SeenFace:
     """One face of one photograph."""
 
-    name: str  # what its files are called; no other face of the run has it
+    name: str  # what its files are called: the photograph's name and a number from 0, in the order of size
     path: Path  # the photograph's file
     image: Photograph
     prediction: Prediction
@@ -52,6 +53,16 @@ class SeenFace:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class SeenPhotograph:
+    """A photograph and its faces, largest first."""
+
+    name: str  # what its results are called
+    path: Path
+    faces: Sequence[SeenFace]
+
+
+@final
 @dataclass(eq=False)
 class Tally:
     """What a run did, and what it could not do."""
@@ -59,6 +70,15 @@ class Tally:
     n_photographs: int = 0
     n_faces: int = 0
     problems: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def face(self, path: Path) -> Iterator[None]:
+        """Counts a face of a photograph when the block ends; one that cannot be fitted becomes a problem instead."""
+        try:
+            yield
+            self.n_faces += 1
+        except DegenerateGeometryError as error:
+            self.problems.append(located(error, path))
 
     def report(self, console: Console, where: Path) -> int:
         """Says it, and gives the exit status."""
@@ -68,48 +88,22 @@ class Tally:
         return EXIT_REJECTED if self.problems else 0
 
 
-def check_photographs(images: Sequence[Path], console: Console, expected: str = "a picture") -> None:
-    """Looks for photographs before a network is loaded, which takes seconds; says at once which are not there.
+def look_at(images: Sequence[Path], finder: FaceFinder, console: Console, tally: Tally) -> Iterator[SeenPhotograph]:
+    """Reads the photographs one after the other, finds their faces and predicts their maps.
 
-    They do not end the run where others are there.
-
-    Raises:
-        InputFileError: None of them is there. The message names the first, as ``expected``.
-        UsageError: None was given.
+    A photograph that cannot be read, or has no face, goes to the tally's problems and does not end the run. The former
+    is left out; the latter comes without faces.
     """
-    if not images:
-        raise UsageError("expected at least one photograph")
-    obstacles = []
-    for path in images:
-        try:
-            check_regular(path, expected, LARGEST_FILE_BYTES)
-        except InputFileError as error:
-            obstacles.append(str(error))
-    if len(obstacles) == len(images):
-        more = len(obstacles) - 1
-        raise InputFileError(obstacles[0] + (f"; {counted(more, 'other')} cannot be read either" if more else ""))
-    for obstacle in obstacles:
-        say(console, obstacle)
-
-
-def for_each_face(
-    images: Sequence[Path], finder: FaceFinder, console: Console, use: Callable[[SeenFace], None]
-) -> Tally:
-    """Finds the faces of all photographs, predicts their maps, and hands each face on.
-
-    A photograph that cannot be read, or has no face, goes to the tally's problems and does not end the run.
-    """
-    tally, taken = Tally(len(images)), set[str]()
+    tally.n_photographs = len(images)
     with progress_bar(console, "photographs", len(images)) as advance:
-        for stem, path in zip(_stems(images), images, strict=True):
-            for face in _faces(stem, path, finder, tally, taken):
-                try:
-                    use(face)
-                    tally.n_faces += 1
-                except DegenerateGeometryError as error:
-                    tally.problems.append(located(error, path))
+        for name, path in zip(photograph_names(images), images, strict=True):
+            try:
+                image = read_photograph(path)
+            except InputFileError as error:
+                tally.problems.append(located(error, path))
+            else:
+                yield SeenPhotograph(name, path, _faces(name, path, image, finder, tally))
             advance()
-    return tally
 
 
 def write_maps_picture(out: Path, face: SeenFace) -> None:
@@ -123,18 +117,14 @@ def write_picture(path: Path, picture: Photograph) -> None:
     write_file(path, cv2.imencode(path.suffix, picture[..., ::-1])[1].tobytes())
 
 
-def _faces(stem: str, path: Path, finder: FaceFinder, tally: Tally, taken: set[str]) -> list[SeenFace]:
+def _faces(name: str, path: Path, image: Photograph, finder: FaceFinder, tally: Tally) -> list[SeenFace]:
     try:
-        image = read_photograph(path)
         predictions = finder.pix2face.predict(image, finder.boxes_of(path, image))
-    except (InputFileError, DegenerateGeometryError) as error:
+    except DegenerateGeometryError as error:
         tally.problems.append(located(error, path))
         return []
-    names = [stem] if len(predictions) == 1 else [f"{stem}-{index}" for index in range(len(predictions))]
-    return [
-        SeenFace(_unused(name, taken), path, image, prediction, (image.shape[0], image.shape[1]))
-        for name, prediction in zip(names, predictions, strict=True)
-    ]
+    size_px = (image.shape[0], image.shape[1])
+    return [SeenFace(f"{name}-{index}", path, image, own, size_px) for index, own in enumerate(predictions)]
 
 
 def located(error: Exception, path: Path) -> str:
@@ -142,23 +132,19 @@ def located(error: Exception, path: Path) -> str:
     return str(error) if str(path) in str(error) else f"{path}: {error}"
 
 
-def _stems(images: Sequence[Path]) -> list[str]:
-    """The stem of each file; those that occur more than once get the number of their photograph, from 000."""
-    stems = [path.stem for path in images]
-    return [stem if stems.count(stem) == 1 else f"{stem}-{index:03d}" for index, stem in enumerate(stems)]
+def photograph_names(images: Sequence[Path]) -> list[str]:
+    """What the results of each photograph are called: its file name without the ending.
 
-
-def _unused(name: str, taken: set[str]) -> str:
-    """A name that no other face of this run has, so that nothing is overwritten; capitals make no difference.
-
-    ``NAME-points`` is taken with NAME: the point cloud of the one would be the mesh of the other.
+    Of photographs that would have the same name (capitals make no difference), the second is NAME.2, the third NAME.3.
     """
-    unused, number = name, 2
-    while taken & _file_stems(unused):
-        unused, number = f"{name}-{number}", number + 1
-    taken |= _file_stems(unused)
-    return unused
-
-
-def _file_stems(name: str) -> set[str]:
-    return {name.casefold(), f"{name}-points".casefold()}
+    stems = {path.stem.casefold() for path in images}
+    taken, numbers = set[str](), Counter[str]()
+    names = []
+    for path in images:
+        name = path.stem
+        while name.casefold() in taken or (name != path.stem and name.casefold() in stems):
+            numbers[path.stem.casefold()] += 1
+            name = f"{path.stem}.{numbers[path.stem.casefold()] + 1}"
+        taken.add(name.casefold())
+        names.append(name)
+    return names

@@ -7,9 +7,11 @@ from typing import Annotated, final
 import tyro
 from rich.console import Console
 
-from pix2face.command_line import check_output_folder, prepare_output_folder
+from pix2face.command_line import check_output_folder
 from pix2face.commands.face_options import PhotographOptions
-from pix2face.commands.photograph_jobs import SeenFace, check_photographs, for_each_face, write_maps_picture
+from pix2face.commands.given_files import given_files
+from pix2face.commands.photograph_jobs import Tally, look_at, write_maps_picture
+from pix2face.commands.result_folder import ResultFolder
 from pix2face.photographs.map_files import MAP_FORMATS, parse_formats
 
 
@@ -19,7 +21,7 @@ class PredictConfig:
     """Configuration of ``pix2face predict``.
 
     Attributes:
-        images: Photographs.
+        images: Photographs: files, folders of them, or quoted patterns such as 'photos/*.jpg'.
         faces: Network, model and face boxes.
         out: Folder for the maps.
         format: Formats of the maps, separated by commas: npz, png16 (16-bit PNG), exr (32-bit OpenEXR).
@@ -32,17 +34,18 @@ class PredictConfig:
 
 
 def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
-    """Predict the maps of every face (PNCC and offset in mm, mask) and a picture of them, NAME-maps.png."""
+    """Predict the maps of every face (PNCC and offset in mm, mask) and a picture of them, NAME-0-maps.png."""
     config.faces.check()
     formats, console = parse_formats(config.format), Console(stderr=True)
-    check_photographs(config.images, console)
+    images = given_files(config.images, console)
     check_output_folder(config.out)
     finder = config.faces.open(needs_model=False)
-    prepare_output_folder(config.out)
-
-    def use(face: SeenFace) -> None:
-        for name in formats:
-            MAP_FORMATS[name](config.out, face.name, face.prediction)
-        write_maps_picture(config.out, face)
-
-    return for_each_face(config.images, finder, console, use).report(console, config.out)
+    results, tally = ResultFolder(config.out, "predict"), Tally()
+    for photograph in look_at(images, finder, console, tally):
+        with results.of_photograph(photograph.name, photograph.path) as folder:
+            for face in photograph.faces:
+                with tally.face(face.path):
+                    for name in formats:
+                        MAP_FORMATS[name](folder, face.name, face.prediction)
+                    write_maps_picture(folder, face)
+    return tally.report(console, config.out)

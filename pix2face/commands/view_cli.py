@@ -14,7 +14,8 @@ from rich.console import Console
 
 from pix2face.command_line import check_output_file, say
 from pix2face.commands.face_options import PhotographOptions
-from pix2face.commands.photograph_jobs import SeenFace, Tally, check_photographs, for_each_face, located
+from pix2face.commands.given_files import given_files
+from pix2face.commands.photograph_jobs import Tally, located, look_at
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.files.opening import is_regular, open_regular
@@ -36,7 +37,8 @@ class ViewConfig:
     """Configuration of ``pix2face view``.
 
     Attributes:
-        inputs: Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote.
+        inputs: Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote: files, folders of
+            photographs, or quoted patterns such as 'photos/*.jpg'.
         faces: Network, model and face boxes.
         out: Page to write; any browser opens it without a network connection.
         how: Camera and coefficients of photographs.
@@ -50,20 +52,18 @@ class ViewConfig:
 
 def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
     """Write a page that turns the fitted mesh and point cloud of every face beside its photograph."""
-    if not config.inputs:
-        raise UsageError("expected at least one photograph or fit (.json)")
     config.faces.check()
     config.how.check()
     check_output_file(config.out, (".html",))
     console, shown = Console(stderr=True), list[str]()
-    fits = [path for path in config.inputs if path.suffix.lower() == ".json"]
-    photographs = [path for path in config.inputs if path.suffix.lower() != ".json"]
+    inputs = given_files(config.inputs, console, " or a fit (.json)")
+    fits = [path for path in inputs if path.suffix.lower() == ".json"]
+    photographs = [path for path in inputs if path.suffix.lower() != ".json"]
     if fits and config.faces.faces.network.landmarks is not None:
         raise UsageError(
             f"--landmarks: expected photographs alone, found {fits[0]}, which keeps the landmarks it was written with; "
             "give --landmarks to `pix2face fit`"
         )
-    check_photographs(config.inputs, console, "a picture or a fit (.json)")
     tally = _fit_photographs(config, photographs, console, shown.append) if photographs else Tally()
     model = open_model(config.faces.faces.network.model) if fits else None
     for path in fits:
@@ -75,26 +75,26 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
             tally.problems.append(located(error, path))
     if shown:
         config.out.parent.mkdir(parents=True, exist_ok=True)
-        page = view_page(shown, f"pix2face: {config.inputs[0].stem}")
+        page = view_page(shown, f"pix2face: {inputs[0].stem}")
         write_file(config.out, page.encode("utf-8", errors="backslashreplace"))
     else:
         say(console, f"no face to show: {config.out} is not written")
-    tally.n_photographs = len(config.inputs)
+    tally.n_photographs = len(inputs)
     return tally.report(console, config.out)
 
 
 def _fit_photographs(
     config: ViewConfig, photographs: list[Path], console: Console, show: Callable[[str], None]
 ) -> Tally:
-    finder = config.faces.open()
+    finder, tally = config.faces.open(), Tally()
     pix2face = finder.pix2face
-
-    def use(face: SeenFace) -> None:
-        fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
-        points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
-        show(face_data(ViewedFace(face.name, face.image, fitted, points, colours), pix2face.model))
-
-    return for_each_face(photographs, finder, console, use)
+    for photograph in look_at(photographs, finder, console, tally):
+        for face in photograph.faces:
+            with tally.face(face.path):
+                fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
+                points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
+                show(face_data(ViewedFace(face.name, face.image, fitted, points, colours), pix2face.model))
+    return tally
 
 
 def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:

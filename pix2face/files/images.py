@@ -24,11 +24,13 @@ from PIL import (
 from PIL.ImageFile import ImageFile
 
 from pix2face.errors import InputFileError
+from pix2face.files.heif import decode_heic, heic_size_px, is_heic
 from pix2face.files.opening import open_regular, read_regular
 from pix2face.files.orientation import ON_ITS_SIDE, UPRIGHT, orientation_tag
 
 PHOTOGRAPH_QUALITY = 95
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
+PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, ".avif", ".heic", ".heif")  # of what people photograph with
 # No camera makes larger files or pictures. A file of some kilobytes may declare a picture that no memory holds.
 LARGEST_FILE_BYTES = 1 << 30
 LARGEST_PICTURE_PX = 1 << 28
@@ -115,7 +117,7 @@ def upright_bytes(content: bytes, where: str) -> bytes:
     Raises:
         InputFileError: It has such a tag and cannot be decoded.
     """
-    if orientation_tag(content) == UPRIGHT:
+    if orientation_tag(content) == UPRIGHT and not is_heic(content):
         return content
     return encode_photograph(_as_seen(content, where))
 
@@ -136,6 +138,10 @@ def read_size_px(path: Path) -> tuple[int, int]:
     """
     with open_regular(path, "a picture", LARGEST_FILE_BYTES) as file:
         size = declared_size_px(file, str(path))
+        file.seek(0)
+        if is_heic(file.read(256)):
+            file.seek(0)
+            return heic_size_px(file.read(), str(path))
         return size[::-1] if orientation_tag(file) in ON_ITS_SIDE else size
 
 
@@ -268,6 +274,9 @@ def _size_of_avif(head: bytes) -> tuple[int, int, int]:
 
 
 def _as_seen(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
+    if is_heic(content):
+        declared_size_px(content, where)
+        return decode_heic(content, where)
     image = _decode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, where)
     return cv2.cvtColor(_to_8_bit(image, where), cv2.COLOR_BGR2RGB)
 

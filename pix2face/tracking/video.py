@@ -84,7 +84,7 @@ def open_frames(path: Path) -> FrameSource:
         pictures = [own for own in path.iterdir() if own.suffix.lower() in IMAGE_SUFFIXES and own.is_file()]
         if not pictures:
             raise InputFileError(f"{path}: expected frames ({', '.join(IMAGE_SUFFIXES)}) in the folder, found none")
-        return _of_pictures(path, sorted(pictures, key=_by_number))
+        return _of_pictures(path, sorted(pictures, key=by_number))
     if not stat.S_ISREG(mode):
         raise UsageError(f"{path}: expected a file, found a device or a pipe; write the video to a file first")
     return _open_video(path)
@@ -146,7 +146,7 @@ def _of_pictures(path: Path, pictures: Sequence[Path]) -> FrameSource:
     return FrameSource(path, PICTURES_FPS, len(pictures), tuple(pictures))
 
 
-def _by_number(path: Path) -> list[tuple[int, str]]:
+def by_number(path: Path) -> list[tuple[int, str]]:
     """Sorts names with numbers in them by their value: frame2 before frame10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 

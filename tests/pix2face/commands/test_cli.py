@@ -12,6 +12,7 @@ import trimesh
 from skimage.data import astronaut
 
 from pix2face.commands.cli import main
+from pix2face.commands.result_folder import LIST_NAME
 from pix2face.files.images import read_photograph
 from pix2face.geometry.camera import Camera, pinhole_of
 from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, crop_image, square_crop
@@ -71,7 +72,8 @@ def fit(exact: None, face: PhotographedFace, model_path: Path, tmp_path: Path) -
     def run(*arguments: object, box: FaceBox | None = face.box) -> int:
         where = ["--box", box.left, box.top, box.right, box.bottom] if box else []
         options = ["--model", model_path, "--checkpoint", "any", "--regularisation", "1e-3", "--no-silhouette", *where]
-        return call("fit", *arguments, *options, "--out", tmp_path / "out")
+        out = [] if "--out" in arguments else ["--out", tmp_path / "out"]
+        return call("fit", *arguments, *options, *out)
 
     return run
 
@@ -90,7 +92,7 @@ def use(predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def written(folder: Path) -> set[str]:
-    return {entry.name for entry in folder.iterdir()}
+    return {entry.name for entry in folder.iterdir()} - {LIST_NAME}
 
 
 def documented_fields(heading: str) -> set[str]:
@@ -105,8 +107,8 @@ def test_predicted_maps_are_what_the_documentation_says(
     box, out = face.box, tmp_path / "out"
     where = ("--box", box.left, box.top, box.right, box.bottom)
     assert call("predict", photograph, *where, "--checkpoint", "any", "--out", out) == 0
-    assert written(out) == {f"person{suffix}" for suffix in PREDICT_FILES}
-    with np.load(out / "person.npz", allow_pickle=False) as file:
+    assert written(out) == {f"person-0{suffix}" for suffix in PREDICT_FILES}
+    with np.load(out / "person-0.npz", allow_pickle=False) as file:
         arrays = dict(file)
     assert set(arrays) == documented_fields("Predicted maps")
     true, inside = face.maps(), arrays["mask"]
@@ -118,7 +120,7 @@ def test_predicted_maps_are_what_the_documentation_says(
         assert not arrays[name][~inside].any()
     crop = square_crop(box, INFERENCE_SCALE, SIZE_PX)
     np.testing.assert_array_equal(arrays["image_from_crop"], crop.image_from_crop)
-    picture = read_photograph(out / "person-maps.png")
+    picture = read_photograph(out / "person-0-maps.png")
     assert picture.shape == (SIZE_PX, 3 * SIZE_PX, 3)
     np.testing.assert_array_equal(picture[:, :SIZE_PX], crop_image(face.photograph(), crop))
 
@@ -128,8 +130,8 @@ def test_a_fit_is_what_the_documentation_says(
 ) -> None:
     assert fit(photograph) == 0
     out, model = tmp_path / "out", face.model
-    assert written(out) == {f"person{suffix}" for suffix in FIT_FILES}
-    found = json.loads((out / "person.json").read_text())
+    assert written(out) == {f"person-0{suffix}" for suffix in FIT_FILES}
+    found = json.loads((out / "person-0.json").read_text())
     assert set(found) == documented_fields("Fit")
     assert found["model"] == {"name": model.name, "sha256": model.sha256}
     np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
@@ -152,7 +154,7 @@ def test_by_default_a_fit_is_for_predicted_maps(
     """Held to a mask that lacks its outermost pixel, and to the mean face: a little off on exact maps."""
     where = ("--box", face.box.left, face.box.top, face.box.right, face.box.bottom, "--checkpoint", "any")
     assert call("fit", photograph, "--model", model_path, *where, *options, "--out", tmp_path / "out") == 0
-    found = json.loads((tmp_path / "out" / "person.json").read_text())
+    found = json.loads((tmp_path / "out" / "person-0.json").read_text())
     distances = np.linalg.norm(np.array(found["landmarks2d_px"]) - face.landmarks2d, axis=1)
     assert distances.mean() < 0.5
     assert distances.max() < 1.5
@@ -160,15 +162,15 @@ def test_by_default_a_fit_is_for_predicted_maps(
 
 def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path) -> None:
     assert fit(photograph) == 0
-    mesh = trimesh.load(tmp_path / "out" / "person.obj", process=False, maintain_order=True)
+    mesh = trimesh.load(tmp_path / "out" / "person-0.obj", process=False, maintain_order=True)
     np.testing.assert_array_equal(mesh.faces, face.model.triangles)
     assert np.linalg.norm(mesh.vertices - face.vertices, axis=1).max() < 0.5  # mm
-    cloud = trimesh.load(tmp_path / "out" / "person-points.ply")
+    cloud = trimesh.load(tmp_path / "out" / "person-0-points.ply")
     inside = valid_pixels(face.maps().pncc, face.model.smallest_radius_mm)
     crop = square_crop(face.box, INFERENCE_SCALE, SIZE_PX)
     np.testing.assert_array_equal(cloud.colors[:, :3], crop_image(face.photograph(), crop)[inside])
     np.testing.assert_allclose(cloud.vertices, (face.maps().pncc + face.maps().offset)[inside], atol=1e-3)
-    overlay = read_photograph(tmp_path / "out" / "person-overlay.jpg")
+    overlay = read_photograph(tmp_path / "out" / "person-0-overlay.jpg")
     assert overlay.shape[2] == 3
     assert overlay.std() > 20
 
@@ -178,7 +180,7 @@ def test_every_camera_finds_the_landmarks(
     fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path, kind: str
 ) -> None:
     assert fit(photograph, "--camera", kind) == 0
-    found = json.loads((tmp_path / "out" / "person.json").read_text())
+    found = json.loads((tmp_path / "out" / "person-0.json").read_text())
     np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.3)
     if kind == "pinhole":
         principal_point = pinhole_of(Camera(np.array(found["camera_matrix"]))).principal_point_px
@@ -192,9 +194,10 @@ def test_no_face_is_one_line_and_the_rest_is_done(
     empty = write_picture(tmp_path / "sky.png", np.full((200, 300, 3), 128, np.uint8))
     options = ("--largest", "--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
     assert call("predict", empty, person, *options) == 3
-    assert written(tmp_path / "out") == {"person.npz", "person-maps.png"}
+    assert written(tmp_path / "out") == {"person-0.npz", "person-0-maps.png"}
     lines = capsys.readouterr().err.splitlines()
-    assert f"{empty}: no face found; say where it is with --box left top right bottom" in lines
+    (line,) = [line for line in lines if line.startswith(f"{empty}: no face found; is the picture turned?")]
+    assert all(option in line for option in ("turn it", "--box left top right bottom", "--min-score"))
     assert f"photographs: 2, faces: 1 -> {tmp_path / 'out'}" in lines
 
 
@@ -203,10 +206,10 @@ def test_photographs_that_cannot_be_read_do_not_end_the_run(
 ) -> None:
     broken = tmp_path / "broken.jpg"
     broken.write_bytes(b"\xff\xd8 no picture")
-    assert fit(broken, tmp_path / "nothing.png", tmp_path, photograph) == 3
-    assert written(tmp_path / "out") == {f"person{suffix}" for suffix in FIT_FILES}
+    assert fit(broken, tmp_path / "nothing.png", photograph) == 3
+    assert written(tmp_path / "out") == {f"person-0{suffix}" for suffix in FIT_FILES}
     error = capsys.readouterr().err
-    for name, times in ((broken, 1), (tmp_path / "nothing.png", 2), (tmp_path, 2)):  # at once, and in the end
+    for name, times in ((broken, 1), (tmp_path / "nothing.png", 2)):  # at once, and in the end
         assert sum(line.startswith(f"{name}: expected a picture") for line in error.splitlines()) == times
 
 
@@ -216,14 +219,14 @@ def test_a_box_beside_one_photograph_leaves_the_others(
     small = write_picture(tmp_path / "small.png", np.zeros((20, 30, 3), np.uint8))
     assert fit(small, photograph) == 3
     assert f"{small}: --box lies beside the picture of 30 x 20 pixels" in capsys.readouterr().err.splitlines()
-    assert "person.json" in written(tmp_path / "out")
+    assert "person-0.json" in written(tmp_path / "out")
 
 
 def test_nothing_is_overwritten_whatever_the_names(fit: Run, face: PhotographedFace, tmp_path: Path) -> None:
-    names = ("a/x.png", "b/x.png", "x-001.png", "X-000.png", "y.png")
+    names = ("a/x.png", "b/x.png", "x.2.png", "X-0.png", "c/X.png", "y.png")
     assert fit(*(write_picture(tmp_path / name, face.photograph()) for name in names)) == 0
     fits = {name.removesuffix(".json") for name in written(tmp_path / "out") if name.endswith(".json")}
-    assert fits == {"x-000", "x-001", "x-001-2", "X-000-2", "y"}
+    assert fits == {"x-0", "x.3-0", "x.2-0", "X-0-0", "X.4-0", "y-0"}
     assert len(written(tmp_path / "out")) == len(names) * len(FIT_FILES)
 
 
@@ -249,12 +252,12 @@ def test_several_faces_are_numbered(
         np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.1)
 
 
-def test_the_largest_face_alone_keeps_the_name(
+def test_the_largest_face_alone_has_the_first_number(
     two_faces: list[PhotographedFace], fit: Run, photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     use(exact_predictor(two_faces[0].model, [two_faces[0].maps()]), monkeypatch)
     assert fit(photograph, "--largest", "--no-refine", box=None) == 0
-    assert written(tmp_path / "out") == {f"person{suffix}" for suffix in FIT_FILES}
+    assert written(tmp_path / "out") == {f"person-0{suffix}" for suffix in FIT_FILES}
 
 
 def test_a_face_that_cannot_be_fitted_leaves_the_other_one(
@@ -284,7 +287,7 @@ def test_names_are_kept_in_files_and_shown_as_they_stand(
     photograph = write_picture(tmp_path / "in" / f"{name}.png", face.photograph())
     missing = tmp_path / f"{name}.png"
     assert fit(photograph, missing) == 3
-    assert written(tmp_path / "out") == {f"{name}-000{suffix}" for suffix in FIT_FILES}
+    assert written(tmp_path / "out") == {f"{name}-0{suffix}" for suffix in FIT_FILES}
     assert written(tmp_path) == {"in", "out"}
     shown = name.translate({9: "\\t", 10: "\\n", 27: "\\x1b", 0xDCE9: "\\udce9"})
     assert f"{tmp_path}/{shown}.png: expected a picture" in capsys.readouterr().err
@@ -296,7 +299,7 @@ def test_the_checkpoint_trained_last_is_the_default(
     monkeypatch.chdir(tmp_path)
     write_checkpoint(tmp_path / "runs" / "tiny" / "checkpoint.safetensors", model)
     assert call("predict", photograph, "--box", 80, 40, 200, 160) == 0
-    assert written(tmp_path / "out" / "predict") == {"person.npz", "person-maps.png"}
+    assert written(tmp_path / "out" / "predict") == {"person-0.npz", "person-0-maps.png"}
 
 
 def test_a_second_run_replaces_its_own_files_and_gives_the_same_bytes(
@@ -306,3 +309,37 @@ def test_a_second_run_replaces_its_own_files_and_gives_the_same_bytes(
     before = {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")}
     assert fit(photograph) == 0
     assert {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")} == before
+
+
+def test_fewer_faces_than_before_leave_none_of_the_earlier_run(
+    two_faces: list[PhotographedFace], fit: Run, photograph: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(exact_predictor(two_faces[0].model, [face.maps() for face in two_faces]), monkeypatch)
+    out = tmp_path / "out"
+    assert fit(photograph, "--no-refine", box=None) == 0
+    for name in ("person-1.txt", "person-7.json", "person-2.obj", "notes.json"):
+        (out / name).write_text("not ours")
+    assert fit(photograph, "--no-refine", "--largest", "--mesh", "obj", box=None) == 0
+    kept = {"person-1.txt", "person-7.json", "person-2.obj", "notes.json"}
+    assert written(out) == kept | {f"person-0{suffix}" for suffix in FIT_FILES if suffix != ".glb"}
+    assert all((out / name).read_text() == "not ours" for name in kept)
+
+
+def test_a_folder_and_a_pattern_stand_for_their_photographs(
+    fit: Run, face: PhotographedFace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "photos"
+    for name in ("b10.png", "b9.png", "sub/c.png"):
+        write_picture(folder / name, face.photograph())
+    (folder / "notes.txt").write_text("no picture")
+    out = ("--out", folder)  # results beside the photographs are no photographs
+    for given in (folder, folder / "*.png"):
+        assert fit(given, *out) == 0
+        assert "photographs: 2, faces: 2 ->" in capsys.readouterr().err
+    assert fit(folder / "**" / "c.*") == 0
+    assert {name for name in written(tmp_path / "out") if name.endswith(".json")} == {"c-0.json"}
+    (tmp_path / "empty").mkdir()
+    assert fit(tmp_path / "empty") == 2
+    assert "in the folder, found none" in capsys.readouterr().err
+    assert fit(folder / "*.gif") == 2
+    assert f"{folder}/*.gif: expected a picture" in capsys.readouterr().err

@@ -128,7 +128,7 @@ def test_a_mistyped_name_among_others_is_said_at_once(
     first, last = capsys.readouterr().err.splitlines()
     assert first.startswith(f"{tmp_path}/mistyped.png: expected a picture")
     assert last == "pix2face: error: the network is loaded"
-    assert call(command, tmp_path / "a.png", tmp_path / "b.png", tmp_path, "--out", out) == 2
+    assert call(command, tmp_path / "a.png", tmp_path / "b.png", "--out", out) == 2
     assert_one_line(capsys, "/a.png: expected a picture")
 
 

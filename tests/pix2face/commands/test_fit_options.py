@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 from pix2face.commands.cli import main
+from pix2face.commands.result_folder import LIST_NAME
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel, builtin_model
@@ -30,7 +31,7 @@ def call(*arguments: object) -> int:
 
 
 def written(folder: Path) -> set[str]:
-    return {entry.name for entry in folder.iterdir()}
+    return {entry.name for entry in folder.iterdir()} - {LIST_NAME}
 
 
 @pytest.fixture
@@ -64,15 +65,15 @@ def where(face: PhotographedFace) -> tuple[object, ...]:
     return ("--box", box.left, box.top, box.right, box.bottom, "--checkpoint", "any")
 
 
-REST = {"person.json", "person-points.ply", "person-maps.png", "person-overlay.jpg"}
+REST = {"person-0.json", "person-0-points.ply", "person-0-maps.png", "person-0-overlay.jpg"}
 
 
 @pytest.mark.parametrize(
     ("options", "files"),
     [
-        (("--mesh", "obj,glb"), {"person.obj", "person.mtl", "person-texture.png", "person.glb"}),
-        (("--mesh", "obj", "--colour", "vertex"), {"person.obj"}),
-        (("--mesh", "ply,glb", "--colour", "none"), {"person.ply", "person.glb"}),
+        (("--mesh", "obj,glb"), {"person-0.obj", "person-0.mtl", "person-0-texture.png", "person-0.glb"}),
+        (("--mesh", "obj", "--colour", "vertex"), {"person-0.obj"}),
+        (("--mesh", "ply,glb", "--colour", "none"), {"person-0.ply", "person-0.glb"}),
         (("--mesh", "none"), set()),
     ],
 )
@@ -93,7 +94,7 @@ def test_the_face_has_the_colours_of_its_photograph(
     photograph = write_picture(tmp_path / "person.png", textured.photograph())
     options = ("--mesh", suffix, "--colour", colour, "--regularisation", "1e-3", "--no-silhouette")
     assert call("fit", photograph, *where(textured), *options, "--out", tmp_path / "out") == 0
-    mesh = trimesh.load(tmp_path / "out" / f"person.{suffix}", process=False, force="mesh")
+    mesh = trimesh.load(tmp_path / "out" / f"person-0.{suffix}", process=False, force="mesh")
     assert mesh.faces.shape == textured.model.triangles.shape
     mm_a_unit = 1000 if suffix == "glb" else 1
     np.testing.assert_allclose(mesh.extents * mm_a_unit, np.ptp(textured.vertices, axis=0), atol=1)
@@ -107,7 +108,7 @@ def test_the_face_has_the_colours_of_its_photograph(
 def test_a_model_without_texture_coordinates_gets_vertex_colours(plain: PhotographedFace, tmp_path: Path) -> None:
     photograph = write_picture(tmp_path / "person.png", plain.photograph())
     assert call("fit", photograph, *where(plain), "--mesh", "ply", "--out", tmp_path / "out") == 0
-    mesh = trimesh.load(tmp_path / "out" / "person.ply", process=False)
+    mesh = trimesh.load(tmp_path / "out" / "person-0.ply", process=False)
     assert mesh.visual.kind == "vertex"
 
 
@@ -135,8 +136,8 @@ def test_unknown_formats_are_one_line(
 def test_maps_in_every_format(plain: PhotographedFace, tmp_path: Path) -> None:
     photograph = write_picture(tmp_path / "person.png", plain.photograph())
     assert call("predict", photograph, *where(plain), "--format", "npz,png16,exr", "--out", tmp_path / "out") == 0
-    layers = {f"person-{name}" for name in ("pncc.png", "offset.png", "mask.png", "crop.json", "maps.png")}
-    assert written(tmp_path / "out") == layers | {"person.npz", "person.exr"}
+    layers = {f"person-0-{name}" for name in ("pncc.png", "offset.png", "mask.png", "crop.json", "maps.png")}
+    assert written(tmp_path / "out") == layers | {"person-0.npz", "person-0.exr"}
 
 
 def test_a_cloud_and_a_mesh_of_one_name_stay_apart(plain: PhotographedFace, tmp_path: Path) -> None:
@@ -166,7 +167,7 @@ def test_boxes_from_a_file(plain: PhotographedFace, tmp_path: Path, capsys: pyte
         tmp_path / "out",
     )
     assert call("fit", photograph, other, *options) == 3
-    found = json.loads((tmp_path / "out" / "person.json").read_text())
+    found = json.loads((tmp_path / "out" / "person-0.json").read_text())
     np.testing.assert_allclose(found["landmarks2d_px"], plain.landmarks2d, atol=0.1)
     assert f"{other}: no box in {boxes}; add a line for this photograph" in capsys.readouterr().err
     assert call("fit", photograph, *where(plain), "--boxes", boxes) == 2
@@ -182,7 +183,7 @@ def test_a_page_of_photographs_and_of_fits(
     name = "a<img src=x onerror=alert(1)>"
     photograph = write_picture(tmp_path / f"{name}.png", textured.photograph())
     assert call("fit", photograph, *where(textured), "--out", tmp_path / "out") == 0
-    fit, page = tmp_path / "out" / f"{name}.json", tmp_path / "page" / "view.html"
+    fit, page = tmp_path / "out" / f"{name}-0.json", tmp_path / "page" / "view.html"
     assert call("view", photograph, fit, *where(textured), "--out", page) == 0
     data = json.loads(page.read_text().split('id="faces">')[1].split("</script>")[0])
     assert [face["name"] for face in data] == [name, name]
@@ -198,15 +199,15 @@ def test_a_page_needs_no_network_for_fits_alone(
     photograph = write_picture(tmp_path / "person.png", plain.photograph())
     assert call("fit", photograph, *where(plain), "--mesh", "none", "--out", tmp_path / "out") == 0
     monkeypatch.setattr(Predictor, "load", lambda path, device=None: pytest.fail("a network was loaded"))
-    fit, page = tmp_path / "out" / "person.json", tmp_path / "view.html"
-    (tmp_path / "out" / "person-points.ply").unlink()
+    fit, page = tmp_path / "out" / "person-0.json", tmp_path / "view.html"
+    (tmp_path / "out" / "person-0-points.ply").unlink()
     assert call("view", fit, "--out", page) == 0
     assert '"points": ""' in page.read_text()
-    (tmp_path / "out" / "person-points.ply").write_bytes(b"no cloud")
+    (tmp_path / "out" / "person-0-points.ply").write_bytes(b"no cloud")
     photograph.unlink()
     assert call("view", fit, tmp_path / "none.json", "--out", tmp_path / "other.html") == 3
     lines = capsys.readouterr().err.splitlines()
-    assert sum("person-points.ply: expected a point cloud" in line for line in lines) == 1
+    assert sum("person-0-points.ply: expected a point cloud" in line for line in lines) == 1
     assert sum("none.json: expected a fit" in line for line in lines) == 1
     assert not (tmp_path / "other.html").exists()
 
@@ -214,7 +215,7 @@ def test_a_page_needs_no_network_for_fits_alone(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "expected at least one photograph or fit"),
+        ((), "expected at least one photograph or a fit"),
         (("fit.json", "--out", "view.txt"), "expected a file ending in .html"),
         (("fit.json", "--regularisation", "0"), "expected a positive --regularisation"),
     ],
@@ -247,7 +248,7 @@ def test_jaw_landmarks_slide_to_the_outline_on_request(with_model: Callable[...,
     for contour in ("off", "2d"):
         out = tmp_path / contour
         assert call("fit", photograph, *where(face), "--mesh", "none", "--contour", contour, "--out", out) == 0
-        fits.append(json.loads((out / "person.json").read_text()))
+        fits.append(json.loads((out / "person-0.json").read_text()))
     fixed, slid = (np.array(fit["landmarks2d_px"]) for fit in fits)
     np.testing.assert_allclose(fixed, face.landmarks2d, atol=0.5)
     np.testing.assert_array_equal(fixed[17:], slid[17:])
@@ -280,5 +281,5 @@ def test_the_landmarks_of_a_file_take_the_place_of_the_models(plain: Photographe
     photograph = write_picture(tmp_path / "person.png", plain.photograph())
     options = ("--landmarks", tmp_path / "chosen.json", "--mesh", "none", "--regularisation", "1e-3", "--no-silhouette")
     assert call("fit", photograph, *where(plain), *options, "--out", tmp_path / "out") == 0
-    found = np.array(json.loads((tmp_path / "out/person.json").read_text())["landmarks2d_px"])
+    found = np.array(json.loads((tmp_path / "out/person-0.json").read_text())["landmarks2d_px"])
     np.testing.assert_allclose(found, np.roll(plain.landmarks2d, 1, axis=0), atol=0.5)

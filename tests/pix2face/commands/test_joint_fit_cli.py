@@ -63,7 +63,7 @@ def test_photographs_of_one_person_share_the_identity(tmp_path: Path, monkeypatc
     ]
     missing = tmp_path / "three.png"
     assert fit(*paths, missing, *JOINT, "--out", tmp_path / "out") == 3
-    fits = [json.loads((tmp_path / "out" / f"{name}.json").read_text()) for name in ("one", "two")]
+    fits = [json.loads((tmp_path / "out" / f"{name}-0.json").read_text()) for name in ("one", "two")]
     assert fits[0]["identity"] == fits[1]["identity"]
     for found, face in zip(fits, (first, second), strict=True):
         np.testing.assert_allclose(found["identity"], face.identity, atol=0.1)
@@ -86,4 +86,4 @@ def test_a_photograph_that_goes_while_a_joint_fit_runs_leaves_the_others(
     monkeypatch.setattr(SeenFace, "without_image", gone)
     assert fit(going, staying, *JOINT, "--out", tmp_path / "out") == 3
     assert f"{going}: expected a picture" in capsys.readouterr().err
-    assert [path.name for path in (tmp_path / "out").glob("*.json")] == ["staying.json"]
+    assert [path.name for path in (tmp_path / "out").glob("*.json")] == ["staying-0.json"]

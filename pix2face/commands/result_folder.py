@@ -1,0 +1,127 @@
+"""The folder that a command for photographs writes to, and what earlier runs left there.
+
+The files of a photograph are made in a hidden folder and moved when all are there. The folder's own list, `LIST_NAME`,
+says which files belong to which photograph, so that a later run replaces those and touches no others.
+"""
+
+import json
+import os
+import shutil
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal, final
+from uuid import uuid4
+
+from pix2face.command_line import prepare_output_folder
+from pix2face.errors import InputFileError
+from pix2face.files.opening import is_regular, read_regular
+from pix2face.files.writing import write_file
+
+LIST_NAME = "results.jsonl"
+# Some hundred thousand photographs.
+LARGEST_LIST_BYTES = 256 << 20
+
+Command = Literal["fit", "predict"]
+
+
+@final
+@dataclass(frozen=True)
+class Results:
+    """One line of the list: the files of one photograph."""
+
+    command: str
+    photograph: str  # its path from the folder
+    name: str  # what its files are called
+    files: tuple[str, ...]
+
+
+@final
+class ResultFolder:
+    """Where a run writes, photograph by photograph.
+
+    Args:
+        folder: It is made where it is missing.
+        command: Results of other commands in the folder stay.
+
+    Raises:
+        UsageError: The folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path, command: Command) -> None:
+        prepare_output_folder(folder)
+        self.path = folder
+        self._command = command
+        earlier = read_results(folder)
+        self._claims = Counter(file for own in earlier for file in own.files)
+        self._earlier = {own.name: own for own in earlier if own.command == command}
+        self._names = {own.photograph: own.name for own in self._earlier.values()}
+        if (folder / LIST_NAME).exists():
+            self._write_list(earlier)
+
+    @contextmanager
+    def of_photograph(self, name: str, photograph: Path) -> Iterator[Path]:
+        """Yields an empty folder for the files of a photograph, which replace those of earlier runs when it ends.
+
+        Replaced are the files that earlier runs of the command wrote under this name, and those of this photograph
+        under another name. If the block raises, they stay as they are.
+        """
+        part = self.path / f".{uuid4().hex[:12]}.part"
+        part.mkdir()
+        try:
+            yield part
+            made = sorted(path.name for path in part.iterdir())
+            way = os.path.relpath(photograph.absolute(), self.path.absolute())
+            # Said before anything is moved: after a crash, no file of ours is unknown.
+            self._claims.update(made)
+            with (self.path / LIST_NAME).open("a", encoding="utf-8") as file:
+                file.write(_as_line(Results(self._command, way, name, tuple(made))))
+            self._remove_earlier({name, self._names.get(way, name)}, set(made))
+            for file_name in made:
+                (part / file_name).replace(self.path / file_name)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+    def _remove_earlier(self, names: set[str], made: set[str]) -> None:
+        for earlier in [self._earlier.pop(name) for name in names if name in self._earlier]:
+            self._claims.subtract(earlier.files)
+            for file_name in earlier.files:
+                if self._claims[file_name] <= 0 and file_name not in made:
+                    (self.path / file_name).unlink(missing_ok=True)
+
+    def _write_list(self, results: list[Results]) -> None:
+        write_file(self.path / LIST_NAME, "".join(map(_as_line, results)))
+
+
+def read_results(folder: Path) -> list[Results]:
+    """What a folder's list says, without lines that later ones replace; empty where there is none that can be read."""
+    path = folder / LIST_NAME
+    if not is_regular(path):
+        return []
+    try:
+        lines = read_regular(path, "a list of results", LARGEST_LIST_BYTES).splitlines()
+    except InputFileError:
+        return []
+    found: dict[tuple[str, str], Results] = {}
+    for own in filter(None, map(_from_line, lines)):
+        found[own.command, own.name] = own
+    return list(found.values())
+
+
+def _as_line(results: Results) -> str:
+    return json.dumps(asdict(results)) + "\n"
+
+
+def _from_line(line: bytes) -> Results | None:
+    """A line of a list; None for anything else. Files outside the folder are none of ours, whatever a line says."""
+    try:
+        fields = json.loads(line)
+        command, photograph, own_name = (fields[name] for name in ("command", "photograph", "name"))
+        files = [name for name in fields["files"] if Path(name).name == name and name not in ("", ".", "..")]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return None
+    if not all(isinstance(text, str) for text in (command, photograph, own_name)):
+        return None
+    return Results(command, photograph, own_name, tuple(files))
