@@ -45,9 +45,9 @@ class SharedCache:
 
     def get(self, place: int) -> memoryview | None:
         """The piece of a number, to be read only; None where there is none yet."""
-        with self._lock:
-            start, length = self._table[place].tolist()
-        return self._pieces[start - 1 : start - 1 + length] if start > 0 else None
+        # Needs no lock, for which processes would wait at each sample: the start is written last, long after the rest.
+        start = int(self._table[place, 0])
+        return self._pieces[start - 1 : start - 1 + int(self._table[place, 1])] if start > 0 else None
 
     def put(self, place: int, piece: bytes) -> None:
         """Keeps a piece, unless there is no room or another process was faster."""
