@@ -277,11 +277,12 @@ def _as_seen(content: bytes, where: str) -> UInt8[ndarray, "h w 3"]:
     if is_heic(content):
         declared_size_px(content, where)
         return decode_heic(content, where)
-    image = _decode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, where)
-    return cv2.cvtColor(_to_8_bit(image, where), cv2.COLOR_BGR2RGB)
+    # In the file's own colours: OpenCV cannot turn grey fractions into RGB while it reads them.
+    image = _to_8_bit(_decode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR, where), where)
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
 
 
-def _to_8_bit(image: Shaped[ndarray, "h w 3"], where: str) -> UInt8[ndarray, "h w 3"]:
+def _to_8_bit(image: Shaped[ndarray, "h w *c"], where: str) -> UInt8[ndarray, "h w *c"]:
     if image.dtype == np.uint16:
         return np.right_shift(image, 8, out=image).astype(np.uint8)
     if image.dtype.kind == "f":

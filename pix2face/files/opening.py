@@ -9,6 +9,7 @@ import errno
 import io
 import os
 import stat
+from codecs import BOM_UTF8
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -21,6 +22,9 @@ UNFOLDED_BYTES = 32 * MB
 UNFOLDED_RATIO = 16
 LARGEST_LINE_BYTES = 1 * MB
 _NO_FILE = "found a device, pipe or socket; name a file"
+# What downloads leave in place of a file, whatever its format.
+_LFS_START, _PAGE_STARTS = b"version https://git-lfs.github.com/spec/", (b"<!doctype html", b"<html")
+_START_BYTES = 512
 
 
 def is_regular(path: Path) -> bool:
@@ -69,7 +73,8 @@ def check_regular(path: Path, expected: str, largest_bytes: int) -> int:
         Its size in bytes.
 
     Raises:
-        InputFileError: It is missing, cannot be read, is too large, or is no regular file (a folder, a device, a pipe).
+        InputFileError: It is missing, cannot be read, is too large, is no regular file (a folder, a device, a pipe), or
+            is what a download left in its place (a pointer of Git LFS, an HTML page).
     """
     with open_regular(path, expected, largest_bytes) as file:
         return os.fstat(file.fileno()).st_size
@@ -88,6 +93,8 @@ def open_regular(path: Path, expected: str, largest_bytes: int) -> io.BufferedRe
         problem = _NO_FILE
     elif found.st_size > largest_bytes:
         problem = f"found {_size(found.st_size)}, where at most {_size(largest_bytes)} are read"
+    else:
+        problem = _stand_in(os.pread(file.fileno(), _START_BYTES, 0))
     if problem:
         file.close()
         raise InputFileError(f"{path}: expected {expected}, {problem}")
@@ -139,6 +146,15 @@ def largest_unfolded(stored_bytes: int) -> int:
 def _open_at_once(name: str, flags: int) -> int:
     """To open a pipe without its other end would wait; for regular files the flag means nothing."""
     return os.open(name, flags | os.O_NONBLOCK)
+
+
+def _stand_in(start: bytes) -> str:
+    """What a file is that only stands for another one; empty where it is none."""
+    if start.startswith(_LFS_START):
+        return "found a pointer of Git LFS, not the file itself; fetch it with `git lfs pull`"
+    if start.removeprefix(BOM_UTF8).lstrip().lower().startswith(_PAGE_STARTS):
+        return "found an HTML page, as a server sends in place of a download; open its address in a browser"
+    return ""
 
 
 def _obstacle(path: Path, error: OSError | ValueError) -> str:

@@ -15,12 +15,14 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import IMAGE_SUFFIXES, read_photograph
+from pix2face.files.opening import check_regular
 
 Frame = UInt8[ndarray, "h w 3"]
 
 # What a folder of pictures is shown at; a video says its own.
 PICTURES_FPS = 25.0
 LARGEST_FRAME_PX = 1 << 26  # twice that of 8K
+LARGEST_VIDEO_BYTES = 1 << 45  # they are decoded frame by frame
 FASTEST_FPS = 1000.0  # beyond, a header is damaged
 # Headers often announce a frame or two that are not there.
 MISSING_FRAMES_TOLERATED = 2
@@ -152,6 +154,7 @@ def by_number(path: Path) -> list[tuple[int, str]]:
 
 
 def _open_video(path: Path) -> FrameSource:
+    check_regular(path, "a video", LARGEST_VIDEO_BYTES)
     with _capture(path) as capture:
         fps = float(capture.get(cv2.CAP_PROP_FPS))
         count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))

@@ -117,6 +117,13 @@ def test_floating_point_is_taken_from_0_to_1(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, [[[0, 0, 127], [255, 255, 63]]])
 
 
+def test_grey_fractions_are_read_without_a_word(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    values = np.array([[-1, 0, 0.5], [1, 2, np.nan]], dtype=np.float32)
+    found = read_photograph(write(tmp_path / "grey.tiff", values))
+    np.testing.assert_array_equal(found, np.array([[0, 0, 127], [255, 255, 0]])[..., None].repeat(3, axis=2))
+    assert capfd.readouterr() == ("", "")
+
+
 def test_undefined_floating_point_is_black_or_clipped(tmp_path: Path) -> None:
     values = np.array([[[np.nan, -np.inf, np.inf]]], dtype=np.float32)
     found = read_photograph(write(tmp_path / "nan.tiff", values[..., ::-1]))

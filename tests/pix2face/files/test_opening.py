@@ -7,7 +7,16 @@ from pathlib import Path
 import pytest
 
 from pix2face.errors import InputFileError
+from pix2face.face_files.annotations import read_dlib_xml
+from pix2face.face_files.box_files import read_box_file
+from pix2face.face_files.w300lp import read_coefficient_file
+from pix2face.files.images import read_photograph, read_size_px
 from pix2face.files.opening import LARGEST_LINE_BYTES, check_regular, is_folder, is_regular, read_text_file, text_lines
+from pix2face.geometry.landmarks import read_pts
+from pix2face.inference.checkpoint import load_checkpoint
+from pix2face.inference.onnx_export import load_onnx
+from pix2face.model_formats import read_model
+from pix2face.tracking.video import open_frames
 
 
 def make_pipe(path: Path) -> None:
@@ -69,3 +78,28 @@ def test_lines_come_one_by_one_and_none_without_end(tmp_path: Path) -> None:
     for read in (lambda: list(text_lines(path, "a list", 9)), lambda: read_text_file(path, "a list", 9)):
         with pytest.raises(InputFileError, match="expected a list, found binary data"):
             read()
+
+
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * b"0" + b"\nsize 241016421\n"
+PAGE = b"\n<!DOCTYPE html><html><head><title>Sign in</title></head></html>"
+READERS: dict[str, Callable[[Path], object]] = {
+    "model.mat": read_model,
+    "network.safetensors": load_checkpoint,
+    "network.onnx": load_onnx,
+    "face.jpg": read_photograph,
+    "size.jpg": read_size_px,
+    "face.mat": read_coefficient_file,
+    "face.pts": read_pts,
+    "faces.xml": read_dlib_xml,
+    "boxes.csv": read_box_file,
+    "clip.mp4": open_frames,
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_what_a_download_left_is_named_by_every_reader(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    for content, found in ((POINTER, "found a pointer of Git LFS, .*git lfs pull"), (PAGE, "found an HTML page")):
+        path.write_bytes(content)
+        with pytest.raises(InputFileError, match=rf"{name}: expected .*, {found}"):
+            READERS[name](path)
