@@ -101,7 +101,9 @@ def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
     with progress_bar(console, "identity", n_looks) as advance:
         detected = [(own.detected(boxes), own.n_detected) for own in faces]
         identities = find_identities(source, detected, fitter, at_most=config.identity_frames, advance=advance)
-    followers = [FaceFollower(fitter, own, open_smoother(config.smoothing, source.fps)) for own in identities]
+    followers = [
+        FaceFollower(fitter, own, open_smoother(config.smoothing, source.fps), source.fps) for own in identities
+    ]
     try:
         _follow(config, source, faces, followers, fitter, formats)
     finally:  # also when interrupted
@@ -232,8 +234,8 @@ def _follow(
             for index, own in frame.faces.items():
                 if index not in files:
                     files[index] = stack.enter_context(open_files(index))
-                files[index].write(own)
-                faces[index].counts.update([own.box.source, *(() if own.is_fitted else ("carried",))])
+                files[index].write(own, frame.time_s)
+                faces[index].counts.update([own.box.source, f"fit {own.state}"])
                 if frame.index == faces[index].frames[-1]:
                     files[index].close()
             if overlay is not None:

@@ -13,7 +13,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import TypeVar, final
+from typing import Literal, TypeVar, final
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -23,15 +23,20 @@ from pix2face.detectors.protocol import Box
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
+from pix2face.photographs.refined_detection import REFUTED_SEEN
 from pix2face.tracking.clip_fit import FrameFitter, MeasuredFace, carried, eye_distance_px
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
 from pix2face.tracking.smoothing import JitterMeter, Smoother
-from pix2face.tracking.video import FrameSource
+from pix2face.tracking.video import PICTURES_FPS, FrameSource
 
 Photograph = UInt8[ndarray, "_ _ 3"]
 Advance = Callable[[], None]
 Item = TypeVar("Item")
 
+FitState = Literal["fitted", "carried", "none"]
+
+# A fit is carried over so many seconds of frames without a face: an eye blink of the network, not a blank screen.
+LONGEST_CARRIED_SECONDS = 0.5
 # Faces that are in the network at a time.
 FACES_AT_A_TIME = 8
 # The identity is settled long before: docs/explanation/fitting.md shows how its error falls with the number
@@ -45,10 +50,18 @@ class TrackedFace:
     """One face in one frame."""
 
     box: FrameBox  # where it was looked for
-    is_fitted: bool  # whether the maps held a face; if not, the fit is the last one, moved with the box
+    # Fitted to the maps; carried: they held no face, and the last fit was moved with the box; none: nor was there a fit
+    # shortly before, and what stands in its place is of no frame.
+    state: FitState
     fit: FaceFit  # before smoothing, pixels of the frame
     landmarks2d: Float64[ndarray, "m 2"]  # smoothed
     eye_px: float  # distance of the outer eye corners in 3D, at the scale of the frame
+    seen_share: float | None = None  # how much of the face the network sees; None where it does not say
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether the maps of this frame held a face."""
+        return self.state == "fitted"
 
 
 @final
@@ -57,6 +70,7 @@ class TrackedFrame:
     """A frame with its faces, each under its place in the list of faces."""
 
     index: int
+    time_s: float  # from the first frame
     image: Photograph
     faces: dict[int, TrackedFace]
 
@@ -146,14 +160,25 @@ def identity_step(n_detected: int, at_most: int) -> int:
 
 @final
 class FaceFollower:
-    """The last part of the chain for one face: fits with the identity, carries over gaps, smooths, measures jitter."""
+    """The last part of the chain for one face: fits with the identity, carries over gaps, smooths, measures jitter.
 
-    def __init__(self, fitter: FrameFitter, identity: Float64[ndarray, " k"], smoother: Smoother) -> None:
+    Args:
+        fitter: How frames are fitted.
+        identity: Of the face, over the clip.
+        smoother: Of its landmarks.
+        fps: Frames a second.
+    """
+
+    def __init__(
+        self, fitter: FrameFitter, identity: Float64[ndarray, " k"], smoother: Smoother, fps: float = PICTURES_FPS
+    ) -> None:
         self.identity = identity
         self.jitter_raw, self.jitter_smoothed = JitterMeter(), JitterMeter()
         self._fitter, self._smoother = fitter, smoother
         self._waiting: deque[TrackedFace] = deque()
-        self._last: TrackedFace | None = None
+        self._longest_carried = LONGEST_CARRIED_SECONDS * fps
+        self._last: TrackedFace | None = None  # the last that has a fit
+        self._n_carried = 0  # in a row
         self._seen_shares: list[float] = []
 
     @property
@@ -163,13 +188,21 @@ class FaceFollower:
 
     def push(self, box: FrameBox, measured: MeasuredFace | None) -> list[TrackedFace]:
         """Takes the next frame; gives back those that are smoothed by now."""
-        if measured is not None and measured.seen_share is not None:
-            self._seen_shares.append(measured.seen_share)
-        is_cut = self._last is not None and self._last.box.track != box.track
+        seen_share = None if measured is None else measured.seen_share
+        if seen_share is not None:
+            self._seen_shares.append(seen_share)
+        if box.source != "detected" and seen_share is not None and seen_share < REFUTED_SEEN:
+            measured = None  # neither detector nor network finds a face
+        state = self._state(box, measured)
+        is_cut = self._last is not None and (self._last.box.track != box.track or state == "none")
         done = self.flush() if is_cut else []
         fit = self._fit(box, measured)
-        face = TrackedFace(box, measured is not None, fit, fit.landmarks2d, eye_distance_px(fit))
+        face = TrackedFace(box, state, fit, fit.landmarks2d, eye_distance_px(fit), seen_share)
+        if state == "none":
+            self._last = None
+            return [*done, face]
         self._last = face
+        self._n_carried = self._n_carried + 1 if state == "carried" else 0
         self.jitter_raw.push(face.landmarks2d, face.eye_px)
         self._waiting.append(face)
         return done + self._smoothed(self._smoother.push(face.landmarks2d, face.eye_px))
@@ -180,6 +213,12 @@ class FaceFollower:
         self.jitter_raw.cut()
         self.jitter_smoothed.cut()
         return done
+
+    def _state(self, box: FrameBox, measured: MeasuredFace | None) -> FitState:
+        if measured is not None:
+            return "fitted"
+        is_near = self._last is not None and self._last.box.track == box.track
+        return "carried" if is_near and self._n_carried < self._longest_carried else "none"
 
     def _fit(self, box: FrameBox, measured: MeasuredFace | None) -> FaceFit:
         if measured is not None:
@@ -231,12 +270,15 @@ def follow_faces(
             del missing[waiting[0].index]
             yield waiting.popleft()
 
-    for chunk in _chunks(enumerate(source.frames())):
+    for chunk in _chunks(enumerate(source.timed_frames())):
         looked_for = [
-            (face, own.pop(), image) for index, image in chunk for face, own in enumerate(ahead) if own.frame == index
+            (face, own.pop(), image)
+            for index, (_, image) in chunk
+            for face, own in enumerate(ahead)
+            if own.frame == index
         ]
-        for index, image in chunk:
-            waiting.append(TrackedFrame(index, image, {}))
+        for index, (time_s, image) in chunk:
+            waiting.append(TrackedFrame(index, time_s, image, {}))
             missing[index] = sum(box.frame == index for _, box, _ in looked_for)
         measured = fitter.measure([(image, box.box) for _, box, image in looked_for])
         for (face, box, _), own in zip(looked_for, measured, strict=True):

@@ -28,7 +28,7 @@ TrackFormat = Literal["csv", "npz", "pts", "video"]
 BOX_SOURCES: Final[tuple[BoxSource, ...]] = ("detected", "interpolated", "held")
 
 CSV_COLUMNS: Final = (
-    *("frame", "time_s", "box", "fit", "left", "top", "right", "bottom", "score"),
+    *("frame", "time_s", "box", "fit", "left", "top", "right", "bottom", "score", "seen"),
     *("pitch_deg", "yaw_deg", "roll_deg", "px_per_mm"),
     *(f"{axis}{index}" for index in range(N_IBUG68) for axis in "xy"),
 )
@@ -53,7 +53,6 @@ class TrackFiles:
     def __init__(
         self, folder: Path, formats: tuple[TrackFormat, ...], fps: float, identity: ndarray, model: MorphableModel
     ) -> None:
-        self._fps = fps
         self._files = ExitStack()
         self._csv = self._npz = self._pts = None
         if "csv" in formats:
@@ -80,27 +79,15 @@ class TrackFiles:
         """Ends the files; again makes no difference."""
         self._files.close()
 
-    def write(self, face: TrackedFace) -> None:
+    def write(self, face: TrackedFace, time_s: float) -> None:
         """Appends a frame."""
         if self._csv is not None:
-            self._csv.writerow(self._csv_row(face))
+            self._csv.writerow(_csv_row(face, time_s))
         if self._npz is not None:
-            self._npz.append(_frame_arrays(face))
-        if self._pts is not None:
+            self._npz.append(_frame_arrays(face, time_s))
+        if self._pts is not None and face.state != "none":
             path = self._pts / f"{face.box.frame:06d}.pts"
             write_file(path, pts_text(face.landmarks2d))
-
-    def _csv_row(self, face: TrackedFace) -> list[object]:
-        box, pose = face.box.box, head_pose(face.fit.camera)
-        sides = (f"{side:.2f}" for side in astuple(box))
-        angles = (f"{angle:.3f}" for angle in astuple(pose))
-        scale = nearest_weak_perspective(face.fit.camera).scale
-        return [
-            *(face.box.frame, f"{face.box.frame / self._fps:.4f}"),
-            *(face.box.source, "fitted" if face.is_fitted else "carried"),
-            *(*sides, _score(face), *angles, f"{scale:.6g}"),
-            *(f"{value:.3f}" for value in face.landmarks2d.reshape(-1)),
-        ]
 
 
 @final
@@ -168,6 +155,8 @@ def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
     """A frame with the landmarks, boxes and scores of its faces: green where seen, orange where filled in."""
     picture = frame.image
     for face in frame.faces.values():
+        if face.state == "none":
+            continue
         is_seen = face.is_fitted and face.box.source == "detected"
         colour = SEEN_COLOUR if is_seen else FILLED_COLOUR
         picture = draw_landmarks(picture, face.landmarks2d, colour)
@@ -175,8 +164,19 @@ def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
     return picture
 
 
-def _score(face: TrackedFace) -> str:
-    return "" if face.box.score is None else f"{face.box.score:.4g}"
+def _csv_row(face: TrackedFace, time_s: float) -> list[object]:
+    sides = (f"{side:.2f}" for side in astuple(face.box.box))
+    row: list[object] = [face.box.frame, f"{time_s:.4f}", face.box.source, face.state, *sides]
+    row += [_number(face.box.score), _number(face.seen_share)]
+    if face.state == "none":
+        return row + [""] * (len(CSV_COLUMNS) - len(row))
+    angles = (f"{angle:.3f}" for angle in astuple(head_pose(face.fit.camera)))
+    scale = nearest_weak_perspective(face.fit.camera).scale
+    return [*row, *angles, f"{scale:.6g}", *(f"{value:.3f}" for value in face.landmarks2d.reshape(-1))]
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
 
 
 def pts_text(landmarks2d: ndarray) -> str:
@@ -195,20 +195,31 @@ def _constant_arrays(fps: float, identity: ndarray, model: MorphableModel) -> di
     }
 
 
-def _frame_arrays(face: TrackedFace) -> dict[str, ndarray]:
-    box, pose = face.box.box, head_pose(face.fit.camera)
+def _frame_arrays(face: TrackedFace, time_s: float) -> dict[str, ndarray]:
+    of_fit = _fit_arrays(face)
+    if face.state == "none":
+        of_fit = {name: np.full_like(values, np.nan) for name, values in of_fit.items()}
+    is_visible = visible_landmarks(face.fit)
     return {
         "frame": np.array(face.box.frame, dtype=np.int64),
-        "box": np.array(astuple(box), dtype=np.float32),
+        "time_s": np.array(time_s),
+        "box": np.array(astuple(face.box.box), dtype=np.float32),
         "score": np.array(np.nan if face.box.score is None else face.box.score, dtype=np.float32),
+        "seen_share": np.array(np.nan if face.seen_share is None else face.seen_share, dtype=np.float32),
         "box_source": np.array(BOX_SOURCES.index(face.box.source), dtype=np.uint8),
         "is_fitted": np.array(face.is_fitted),
+        "landmarks_visible": is_visible & (face.state != "none"),
+        **of_fit,
+    }
+
+
+def _fit_arrays(face: TrackedFace) -> dict[str, ndarray]:
+    return {
         "landmarks2d": face.landmarks2d.astype(np.float32),
         "landmarks2d_raw": face.fit.landmarks2d.astype(np.float32),
         "landmarks3d": face.fit.landmarks3d.astype(np.float32),
-        "landmarks_visible": visible_landmarks(face.fit),
         "eye_px": np.array(face.eye_px, dtype=np.float32),
         "camera": face.fit.camera.matrix,
         "expression": face.fit.expression.astype(np.float32),
-        "pose_deg": np.array(astuple(pose), dtype=np.float32),
+        "pose_deg": np.array(astuple(head_pose(face.fit.camera)), dtype=np.float32),
     }

@@ -21,7 +21,7 @@ class ClipFace:
     folder: Path  # where its files go
     tracks: Sequence[TrackSummary]  # whose boxes are those of the face
     frames: range  # in which it is followed
-    # Frames of each box source, and those whose fit is carried; filled in the last pass.
+    # Frames of each box source, and of each state of the fit ("fit carried"); filled in the last pass.
     counts: Counter[str] = field(default_factory=Counter)
 
     def detected(self, boxes: Path) -> Iterator[FrameBox]:
@@ -45,7 +45,9 @@ def face_summary(face: ClipFace, follower: FaceFollower, out: Path) -> dict[str,
         "folder": str(face.folder.relative_to(out)),
         "first_frame": face.frames.start,
         "frames": face.n_written,
-        **{f"frames_{name}": face.counts[name] for name in (*BOX_SOURCES, "carried")},
+        **{f"frames_{name}": face.counts[name] for name in BOX_SOURCES},
+        "frames_carried": face.counts["fit carried"],
+        "frames_without_fit": face.counts["fit none"],
         "jitter_percent_raw": _percent(follower.jitter_raw.share),
         "jitter_percent_smoothed": _percent(follower.jitter_smoothed.share),
         "seen_share": None if follower.seen_share is None else round(follower.seen_share, 3),
@@ -59,10 +61,15 @@ def face_report(face: ClipFace, follower: FaceFollower, smoothing: str) -> list[
     jitter = "" if raw is None else f"; jitter {raw} % of the eye distance, {smoothed} % after {smoothing}"
     sources = ", ".join(f"{face.counts[name]} {name}" for name in BOX_SOURCES)
     lines = [f"{counted(face.n_written, 'frame')} ({sources}){jitter} -> {face.folder}"]
-    if face.counts["carried"]:
+    if face.counts["fit carried"]:
         lines.append(
-            f"warning: the network saw no face in {counted(face.counts['carried'], 'frame')}: the fit of the frame "
+            f"warning: the network saw no face in {counted(face.counts['fit carried'], 'frame')}: the fit of the frame "
             "before was carried over (column fit: carried)"
+        )
+    if face.counts["fit none"]:
+        lines.append(
+            f"warning: {counted(face.counts['fit none'], 'frame')} without a face and without one shortly before: no "
+            "landmarks there (column fit: none)"
         )
     if follower.seen_share is not None and follower.seen_share < REFUTED_SEEN:
         lines.append(

@@ -48,18 +48,25 @@ class FrameSource:
         Raises:
             InputFileError: There is none, one cannot be decoded, or one has another size than the first.
         """
-        images = (read_photograph(path) for path in self.pictures) if self.pictures else _decoded(self.path)
+        return (image for _, image in self.timed_frames())
+
+    def timed_frames(self) -> Iterator[tuple[float, Frame]]:
+        """The same frames with their times in seconds from the first; a video states them, pictures follow ``fps``."""
+        images = self._pictures() if self.pictures else _decoded(self.path, 1 / self.fps)
         first: tuple[int, ...] | None = None
-        for index, image in enumerate(images):
+        for index, (time_s, image) in enumerate(images):
             first = first or image.shape
             if image.shape != first:
                 raise InputFileError(
                     f"{self.path}: expected frames of one size, {first[1]} x {first[0]} as the first, found "
                     f"{image.shape[1]} x {image.shape[0]} at frame {self.name_of(index)}; cut the clip there"
                 )
-            yield image
+            yield time_s, image
         if first is None:
             raise InputFileError(f"{self.path}: expected a video, found no frame in it that can be decoded")
+
+    def _pictures(self) -> Iterator[tuple[float, Frame]]:
+        return ((index / self.fps, read_photograph(path)) for index, path in enumerate(self.pictures))
 
     def is_cut_short(self, n_read: int) -> bool:
         """Whether frames are missing that the header announced."""
@@ -163,13 +170,20 @@ def _open_video(path: Path) -> FrameSource:
     return FrameSource(path, fps if 0 < fps <= FASTEST_FPS else PICTURES_FPS, count if count > 0 else None)
 
 
-def _decoded(path: Path) -> Iterator[Frame]:
+def _decoded(path: Path, usual_s: float) -> Iterator[tuple[float, Frame]]:
+    """Times and frames. A frame without a time of its own follows the one before after the usual time."""
     with _capture(path) as capture:
+        start_s = before_s = None
         while True:
             is_there, image = capture.read()
             if not is_there:
                 return
-            yield np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+            time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            start_s = time_s if start_s is None else start_s
+            if before_s is not None and not time_s - start_s > before_s:
+                start_s = time_s - before_s - usual_s
+            before_s = time_s - start_s
+            yield before_s, np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
 
 @contextmanager

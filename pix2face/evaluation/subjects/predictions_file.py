@@ -185,7 +185,8 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
         clip = path.parent.name
         arrays = _arrays(path)
         of_frames = [_frame_name(clip, int(frame), frame_names.get(clip)) for frame in arrays["frame"]]
-        kept = [row for row, name in enumerate(of_frames) if name in known]
+        is_found = np.isfinite(arrays["landmarks2d"]).all(axis=(1, 2))  # NaN where there was no face
+        kept = [row for row, name in enumerate(of_frames) if name in known and is_found[row]]
         names += [of_frames[row] for row in kept]
         for name, parts in found.items():
             parts.append(arrays[name][kept])

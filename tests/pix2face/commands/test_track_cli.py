@@ -107,6 +107,28 @@ def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
 
 
 @pytest.mark.usefixtures("stand_ins")
+def test_a_clip_that_starts_blank_has_no_landmarks_there(tmp_path, frames, capsys):
+    (tmp_path / "clip").mkdir()
+    blank = encode_image(np.full((HEIGHT_PX, WIDTH_PX, 3), 90, np.uint8))
+    for index in range(3):
+        (tmp_path / "clip" / f"{index}.png").write_bytes(blank)
+    for index in range(3):
+        (tmp_path / "clip" / f"{index + 3}.png").write_bytes((frames / f"{index:04d}.png").read_bytes())
+    assert track(tmp_path / "clip", "--out", tmp_path / "out", "--write", "csv,npz,pts,video") == 0
+    rows = rows_of(tmp_path / "out" / "landmarks.csv")
+    assert [row["fit"] for row in rows] == ["none"] * 3 + ["fitted"] * 3
+    assert [row["x0"] == row["yaw_deg"] == "" for row in rows] == [True] * 3 + [False] * 3
+    archive = np.load(tmp_path / "out" / "track.npz")
+    for name in ("landmarks2d", "landmarks3d", "camera", "pose_deg"):
+        found = np.isfinite(archive[name].reshape(6, -1)).all(axis=1)
+        assert found.tolist() == [False] * 3 + [True] * 3
+    assert sorted(path.name for path in (tmp_path / "out" / "pts").iterdir()) == [f"{i:06d}.pts" for i in (3, 4, 5)]
+    names = {f"out/{index + 1:06d}" for index in range(6)}
+    assert read_tracks(tmp_path, names, {}).names == ("out/000004", "out/000005", "out/000006")
+    assert "3 frames without a face" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("stand_ins")
 def test_a_video_and_a_pattern_give_what_the_folder_gives(tmp_path, frames):
     with OverlayVideo(tmp_path / "a.mp4", 25) as video:
         for image in open_frames(frames).frames():
@@ -283,8 +305,8 @@ def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch, reque
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
 
-    def write(self, face) -> None:
-        original(self, face)
+    def write(self, face, time_s) -> None:
+        original(self, face, time_s)
         written.append(face.box.frame)
         if len(written) == 4:
             assert threading.current_thread() is threading.main_thread()

@@ -117,6 +117,33 @@ def test_boxes_of_the_detector_alone_will_do_where_the_network_sees_well(clip, t
     assert errors_in_percent(run(clip, tmp_path, refine=False)[0], clip).max() < 0.5
 
 
+def test_a_fit_is_carried_for_half_a_second_and_none_is_invented(clip):
+    fitter = FrameFitter(colour_predictor(clip.model), clip.model)
+    follower = FaceFollower(fitter, np.zeros(clip.model.n_identity), open_smoother("mean3", 25), 25)
+    image, box = next(clip.source.frames()), next(_detections(clip))
+    seen = fitter.measure([(image, box.box)])[0]
+    blank = [False, False, True, True, *[False] * 20, True]
+    done = []
+    for index, is_seen in enumerate(blank):
+        own = FrameBox(index, box.box, "detected" if is_seen else "held", 0)
+        done += follower.push(own, seen if is_seen else None)
+    done += follower.flush()
+    assert [face.box.frame for face in done] == list(range(len(blank)))
+    states = ["none"] * 2 + ["fitted"] * 2 + ["carried"] * 13 + ["none"] * 7 + ["fitted"]
+    assert [face.state for face in done] == states
+
+
+def test_where_neither_detector_nor_network_finds_a_face_there_is_no_fit(clip):
+    fitter = FrameFitter(colour_predictor(clip.model), clip.model)
+    image, box = next(clip.source.frames()), next(_detections(clip))
+    (seen,) = fitter.measure([(image, box.box)])
+    assert seen is not None
+    for source, share, state in (("held", 0.2, "none"), ("held", 0.8, "fitted"), ("detected", 0.2, "fitted")):
+        follower = FaceFollower(fitter, np.zeros(clip.model.n_identity), open_smoother("none", 25))
+        (face,) = follower.push(replace(box, source=source), replace(seen, seen_share=share))
+        assert (face.state, face.seen_share) == (state, share)
+
+
 def test_maps_without_a_face_carry_the_last_fit_along_with_the_box(clip):
     fitter = FrameFitter(colour_predictor(clip.model), clip.model)
     boxes = list(boxes_of_every_frame(_detections(clip), range(N_FRAMES)))

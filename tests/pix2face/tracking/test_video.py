@@ -44,6 +44,30 @@ def test_a_written_video_opens_again_with_its_frames_and_colours(tmp_path):
     assert len(list(source.frames())) == 6  # and again
 
 
+def test_times_are_those_of_the_frames(tmp_path):
+    path = write_video(tmp_path / "a.mp4")
+    assert [time for time, _ in open_frames(path).timed_frames()] == pytest.approx([0.1 * index for index in range(6)])
+    content = bytearray(path.read_bytes())
+    place = content.find(b"stts") + 8  # how long frames are shown: one entry for all of them
+    count, n_frames, ticks = struct.unpack_from(">3I", content, place)
+    assert (count, n_frames) == (1, 6)
+    table = content.find(b"stbl") - 4
+    # The same table with two entries is 8 bytes longer, and so are the boxes around it.
+    content[place : place + 12] = struct.pack(">5I", 2, 3, ticks // 2, 3, ticks // 2 * 3)
+    for box in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):
+        at = content.find(box) - 4
+        struct.pack_into(">I", content, at, struct.unpack_from(">I", content, at)[0] + 8)
+    assert table > content.find(b"mdat")  # so the frames stay where they are
+    (tmp_path / "b.mp4").write_bytes(content)
+    times = [time for time, _ in open_frames(tmp_path / "b.mp4").timed_frames()]
+    assert times == pytest.approx([0, 0.05, 0.1, 0.15, 0.3, 0.45], abs=1e-3)
+
+
+def test_times_of_pictures_follow_their_rate(tmp_path):
+    write_frames(tmp_path / "f", ["1.png", "2.png", "3.png"])
+    assert [time for time, _ in open_frames(tmp_path / "f").timed_frames()] == [0, 0.04, 0.08]
+
+
 def test_odd_sides_lose_a_pixel(tmp_path):
     frames = list(open_frames(write_video(tmp_path / "a.mp4", size=(49, 65))).frames())
     assert frames[0].shape == (48, 64, 3)
