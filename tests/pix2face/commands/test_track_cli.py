@@ -270,7 +270,7 @@ def test_no_face_in_the_whole_clip_is_one_error(tmp_path, capsys):
         (["--detect-every", "0"], "expected --detect-every of 1 or more"),
         (["--identity-frames", "0"], "expected --identity-frames of 1 or more"),
         (["--regularisation", "-1"], "expected a positive --regularisation"),
-        (["--boxes", "none.csv"], "cannot read it"),
+        (["--boxes", "none.csv"], "found no such file"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path, frames, capsys, options, words):
