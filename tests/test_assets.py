@@ -22,6 +22,7 @@ def test_assets_are_those_that_the_scripts_made() -> None:
 def test_assets_are_small() -> None:
     assert sum(path.stat().st_size for path in TO_DRAW_FROM) < 25e6
     assert (ROOT / "pix2face" / "assets" / "checkpoint.safetensors").stat().st_size < 20e6
+    assert (ROOT / "pix2face" / "assets" / "detector.safetensors").stat().st_size < 2e6
 
 
 def test_the_card_is_that_of_the_packaged_network() -> None:

@@ -85,8 +85,8 @@ class FaceOptions:
         network: Network and model.
         boxes: File of face boxes, in place of a detector: CSV with the header image,left,top,right,bottom or JSON. For
             videos the first column is frame, from 0; the boxes.csv that `pix2face track` wrote is such a file.
-        detector: Detector that finds faces: lbp, lbp-quick (five times as fast, finds fewer) or dlib (as in the paper;
-            pip install 'pix2face[dlib]').
+        detector: Detector that finds faces: lbp, lbp-quick (five times as fast, finds fewer), cnn (a small network that
+            was trained on rendered people; finds profiles) or dlib (as in the paper; pip install 'pix2face[dlib]').
         min_score: Smallest score of a detected face. Larger scores are surer; without it, faces with a score of 1 or
             more are kept, and in photographs also those of the others that a first prediction confirms.
         refine: Correct each box by a first prediction; in photographs also confirm or refute what the detector found.

@@ -103,7 +103,7 @@ def test_several_faces_are_found_and_ordered(tmp_path):
 
 
 def test_an_unknown_detector_is_refused_with_the_names_of_the_known():
-    with pytest.raises(UsageError, match="lbp, lbp-quick, dlib, found 'haar'"):
+    with pytest.raises(UsageError, match="lbp, lbp-quick, cnn, dlib, found 'haar'"):
         open_detector("haar")
 
 
