@@ -43,7 +43,11 @@ def save_detector(path: Path, header: DetectorHeader, network: CentreNetwork, pr
 
 
 def load_detector(path: Path) -> tuple[DetectorHeader, CentreAnswers]:
-    """Opens what ``save_detector`` wrote, for use; see ``load_centre_network``."""
+    """Opens what ``save_detector`` wrote, or ``export_detector`` (.onnx); see ``load_centre_network``."""
+    if path.suffix.lower() == ".onnx":
+        from pix2face.inference.centre_onnx import load_detector_onnx
+
+        return load_detector_onnx(path)
     header, network = load_centre_network(path)
     return header, runner(network)
 

@@ -37,8 +37,8 @@ def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
         UsageError: The packages for ONNX are not installed.
     """
-    onnx = _package("onnx")
-    _package("onnxscript")
+    onnx = optional_package("onnx")
+    optional_package("onnxscript")
     header, network = load_checkpoint(checkpoint)
     # Two pictures, since a batch of one would be taken for a constant.
     example = torch.zeros(2, 3, header.size_px, header.size_px)
@@ -71,7 +71,7 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]
         InputFileError: The file is missing, truncated, not ours, or of a newer schema.
         UsageError: onnxruntime is not installed.
     """
-    runtime = _package("onnxruntime")
+    runtime = optional_package("onnxruntime")
     if not is_regular(path):
         raise InputFileError(f"{path}: no such file; `pix2face export` writes ONNX files")
     content = read_regular(path, "an ONNX file", LARGEST_FILE_BYTES)
@@ -94,7 +94,12 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]
     return header, network
 
 
-def _package(name: str) -> Any:
+def optional_package(name: str) -> Any:
+    """A package of the extra ``onnx``.
+
+    Raises:
+        UsageError: It is not installed.
+    """
     try:
         return __import__(name)
     except ImportError as error:
