@@ -32,6 +32,7 @@ from pix2face.geometry.crops import crop_image
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_files import fit_to_json
 from pix2face.photographs.fit_pictures import draw_overlay, write_point_cloud
+from pix2face.photographs.landmark_visibility import landmarks_in_sight
 from pix2face.photographs.mesh_files import FaceMesh, parse_mesh_formats, write_mesh
 from pix2face.photographs.texture import face_texture, vertex_colours
 
@@ -136,7 +137,10 @@ class _Writer:
 
     def write(self, folder: Path, face: SeenFace, fitted: FaceFit) -> None:
         """Writes a face to a folder, from which its files are moved to the results."""
-        overlay = draw_overlay(face.image, fitted, self.model)  # may fail: before anything is written
+        in_sight = landmarks_in_sight(fitted, face.prediction.maps, face.prediction.crop)
+        overlay = draw_overlay(
+            face.image, fitted, self.model, in_sight=in_sight
+        )  # may fail: before anything is written
         mesh = _coloured(self.config.colour, self.formats, face.image, fitted, self.model)
         for name in self.formats:
             write_mesh(folder / f"{face.name}.{name}", mesh)

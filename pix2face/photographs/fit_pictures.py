@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray
 
 from pix2face.fitting.face_fit import FaceFit
@@ -17,7 +17,7 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import interpolate, rasterise
 from pix2face.photographs.texture import facing
 
-LANDMARK_COLOUR = (60, 255, 60)
+LANDMARK_COLOUR, HIDDEN_COLOUR = (60, 255, 60), (255, 80, 80)
 # How many times as large as the radius of a dot a face is; the smallest radius is one pixel.
 FACE_PER_RADIUS = 150
 LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
@@ -28,15 +28,20 @@ LETTER_SCALE, LETTER_PX = 0.36, 10  # of OpenCV's font, and the height of its le
 
 
 def draw_landmarks(
-    image: UInt8[ndarray, "h w 3"], landmarks2d: Float[ndarray, "m 2"], colour: tuple[int, int, int] = LANDMARK_COLOUR
+    image: UInt8[ndarray, "h w 3"],
+    landmarks2d: Float[ndarray, "m 2"],
+    colour: tuple[int, int, int] = LANDMARK_COLOUR,
+    in_sight: Bool[ndarray, " m"] | None = None,
 ) -> UInt8[ndarray, "h w 3"]:
-    """A copy of a picture with a dot on every landmark, small beside the face that the landmarks are of."""
+    """A copy of a picture with a dot on every landmark, small beside the face; red where it is not in sight."""
     picture = image.copy()
-    known = landmarks2d[(np.abs(landmarks2d) < LARGEST_PX).all(axis=1)]  # neither NaN nor infinity
+    is_known = (np.abs(landmarks2d) < LARGEST_PX).all(axis=1)  # neither NaN nor infinity
+    known = landmarks2d[is_known]
+    shown = np.ones(len(known), dtype=bool) if in_sight is None else in_sight[is_known]
     radius = max(1, round(float(np.ptp(known, axis=0).max(initial=0)) / FACE_PER_RADIUS)) if len(known) else 1
     edge = cv2.LINE_AA if radius > 1 else cv2.LINE_8  # smoothed, the smallest dot would be three times as large
-    for x, y in np.floor(known).astype(int).tolist():
-        cv2.circle(picture, (x, y), radius, colour, -1, edge)
+    for (x, y), is_shown in zip(np.floor(known).astype(int).tolist(), shown, strict=True):
+        cv2.circle(picture, (x, y), radius, colour if is_shown else HIDDEN_COLOUR, -1, edge)
     return picture
 
 
@@ -52,9 +57,15 @@ def draw_box(
 
 
 def draw_overlay(
-    image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, size_px: int = OVERLAY_PX
+    image: UInt8[ndarray, "h w 3"],
+    fit: FaceFit,
+    model: MorphableModel,
+    size_px: int = OVERLAY_PX,
+    in_sight: Bool[ndarray, " m"] | None = None,
 ) -> UInt8[ndarray, "s s 3"]:
     """The fitted face, shaded, over its part of the picture, with landmarks, box and score; it shows twice the face.
+
+    Landmarks are green; those that are not ``in_sight``, if it is given, are red.
 
     Raises:
         DegenerateGeometryError: The landmarks have no extent.
@@ -62,7 +73,7 @@ def draw_overlay(
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, size_px)
     camera, background = crop_camera(fit.camera, crop), crop_image(image, crop)
     blend = shaded_face(background, fit.vertices, model, camera)
-    overlay = draw_landmarks(blend, crop.to_crop(fit.landmarks2d))
+    overlay = draw_landmarks(blend, crop.to_crop(fit.landmarks2d), in_sight=in_sight)
     if fit.box is not None:
         left, top, right, bottom = astuple(fit.box)
         corners = crop.to_crop(np.array([[left, top], [right, bottom]]))

@@ -9,16 +9,31 @@ from numpy import ndarray
 
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera
+from pix2face.geometry.crops import Crop
 from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.maps import FaceMaps
 
 # A vertex lies on its own surface: only what is nearer by more than this hides it. Landmark vertices sit a little
 # below the skin of the neighbouring triangles where the surface is bent.
 TOLERANCE_MM = 1.0
+# How far from the face, in pixels of the maps, a point is still taken for one of its border.
+REACH_PX = 4
 
 
 def visible_landmarks(fit: FaceFit, scheme: str = IBUG68) -> Bool[ndarray, " m"]:
     """Which landmarks of a fitted face, in the scheme it was fitted with, the head itself does not hide."""
     return visible_vertices(fit.vertices, fit.model.triangles, fit.camera, fit.model.landmarks[scheme])
+
+
+def landmarks_in_sight(fit: FaceFit, maps: FaceMaps, crop: Crop) -> Bool[ndarray, " m"]:
+    """Which landmarks neither the head hides nor, as far as the network says it, something in front of the head.
+
+    The fit is in pixels of the photograph, and ``crop`` is what the maps were predicted for.
+    """
+    visible = visible_landmarks(fit)
+    if maps.seen is None:
+        return visible
+    return visible & uncovered_points(crop.to_crop(fit.landmarks2d), maps.mask, maps.seen)
 
 
 def uncovered_points(
@@ -27,17 +42,21 @@ def uncovered_points(
     """Which points of a picture (pixels) nothing covers that is in front of the face, such as a cloth mask or a hand.
 
     ``mask`` is where the face is and ``seen`` its part that the picture shows (``pix2face.geometry.maps.FaceMaps``). A
-    point is covered where the pixels around it have some of the face, and nothing of what is seen of it. Where they
-    have nothing of the face, as beside the picture, nothing is known, and the point counts as uncovered.
+    point is covered where the nearest pixels of the face are not seen: points of the jaw lie on the border of the face
+    and a little beyond a predicted mask. Farther from the face nothing is known, and points count as uncovered.
     """
-    uncovered = np.ones(len(points), dtype=bool)
-    for place, point in enumerate(points):
-        if not (np.abs(point) < max(mask.shape) + 1).all():  # also NaN
-            continue
-        column, row = (int(value) for value in np.floor(point))
-        around = np.s_[max(row - 1, 0) : max(row + 2, 0), max(column - 1, 0) : max(column + 2, 0)]
-        uncovered[place] = seen[around].any() or not mask[around].any()
-    return uncovered
+    return np.array([_is_uncovered(point, mask, seen) for point in points], dtype=bool)
+
+
+def _is_uncovered(point: Float[ndarray, "2"], mask: Bool[ndarray, "h w"], seen: Bool[ndarray, "h w"]) -> bool:
+    if not (np.abs(point) < max(mask.shape) + REACH_PX).all():  # also NaN
+        return True
+    column, row = (int(value) for value in np.floor(point))
+    for reach in range(1, REACH_PX + 1):
+        rows, columns = (slice(max(at - reach, 0), max(at + reach + 1, 0)) for at in (row, column))
+        if mask[rows, columns].any():
+            return bool(seen[rows, columns].any())
+    return True
 
 
 def visible_vertices(

@@ -152,7 +152,7 @@ class GrowingNpz:
 
 
 def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
-    """A frame with the landmarks, boxes and scores of its faces: green where seen, orange where filled in."""
+    """A frame with the landmarks, boxes and scores of its faces: green where detected, orange where filled in."""
     picture = frame.image
     for face in frame.faces.values():
         if face.state == "none":

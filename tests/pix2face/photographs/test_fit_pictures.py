@@ -23,6 +23,7 @@ from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_cro
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.rasterise import render_maps
 from pix2face.photographs.fit_pictures import (
+    HIDDEN_COLOUR,
     LANDMARK_COLOUR,
     OVERLAY_SCALE,
     draw_landmarks,
@@ -30,6 +31,7 @@ from pix2face.photographs.fit_pictures import (
     draw_overlay,
     write_point_cloud,
 )
+from pix2face.photographs.landmark_visibility import landmarks_in_sight, visible_landmarks
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -97,6 +99,28 @@ def test_a_landmark_has_its_dot_in_the_overlay() -> None:
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
     for x, y in np.floor(crop.to_crop(fit.landmarks2d)).astype(int):
         np.testing.assert_array_equal(shown[y, x], LANDMARK_COLOUR)
+
+
+def test_landmarks_that_are_not_in_sight_are_red() -> None:
+    fit = fitted(weak(15))
+    crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
+    places = np.floor(crop.to_crop(fit.landmarks2d)).astype(int)
+    maps = render_maps(MODEL, fit.vertices, crop_camera(fit.camera, crop), SIZE_PX, SIZE_PX)
+    mask = np.asarray(maps["mask"], dtype=bool)
+    above = mask & (np.arange(SIZE_PX)[:, None] < places[30, 1])  # what is below the tip of the nose is under a cloth
+    known = FaceMaps(maps["pncc"], maps["offset"], mask, above)
+    in_sight = landmarks_in_sight(fit, known, crop)
+    unknown = landmarks_in_sight(fit, replace(known, seen=None), crop)
+    np.testing.assert_array_equal(unknown, visible_landmarks(fit))
+    assert not in_sight[48:60].any()  # the outer lips
+    assert unknown[48:60].any()
+    np.testing.assert_array_equal(in_sight[36:48], unknown[36:48])  # the eyes
+    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX, in_sight)
+    apart = [k for k in range(68) if np.sort(np.linalg.norm(places - places[k], axis=1))[1] > 4]
+    assert {bool(in_sight[k]) for k in apart} == {True, False}
+    for k in apart:
+        colour = LANDMARK_COLOUR if in_sight[k] else HIDDEN_COLOUR
+        np.testing.assert_array_equal(shown[places[k][1], places[k][0]], colour)
 
 
 def test_what_faces_the_viewer_is_brighter() -> None:

@@ -63,7 +63,9 @@ def test_points_are_covered_where_the_face_around_them_is_not_seen() -> None:
         (10.5, 12.5): False,  # under the cloth
         (10.5, 10.5): True,  # at its edge
         (10.5, 15.5): False,  # a pixel outside the face, beside what is covered
-        (10.5, 18.5): True,  # beside the face
+        (10.5, 18.5): False,
+        (10.5, 2.5): True,  # beside what is seen
+        (10.5, 19.5): True,  # too far to be known
         (-3.0, 12.5): True,  # beside the picture
         (np.nan, 12.5): True,
         (1e30, 12.5): True,
