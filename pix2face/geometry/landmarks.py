@@ -64,6 +64,18 @@ MIRROR_IBUG68: Final = (
     *(64, 63, 62, 61, 60, 67, 66, 65),  # inner lips
 )
 
+# WFLW98_OF_IBUG68[i] is the point of WFLW (Wu et al. 2018) that is annotated as point i of iBUG-68: every second one of
+# the jaw, the upper edges of the brows, and eyes without the middles of the lids and the pupils.
+N_WFLW98: Final = 98
+WFLW98_OF_IBUG68: Final = (
+    *range(0, 33, 2),  # jaw
+    *(*range(33, 38), *range(42, 47)),  # brows
+    *range(51, 60),  # nose
+    *(60, 61, 63, 64, 65, 67),  # right eye
+    *(68, 69, 71, 72, 73, 75),  # left eye
+    *range(76, 96),  # lips
+)
+
 # Annotation tools count pixels from 1 with integers at the centres: their 1.0 is our 0.5.
 ONE_BASED_TO_CENTRES_PX: Final = -0.5
 # 68 points with as many digits as a double has take 4 KB.
@@ -75,7 +87,8 @@ def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]
 
     Args:
         path: A text file: ``version: 1``, ``n_points: 68``, ``{``, one ``x y`` a line (1-based pixels), ``}``.
-        n_landmarks: The number of points of the scheme.
+        n_landmarks: The number of points of the scheme. Where it is 68, the 98 points of WFLW are read, too, as the 68
+            among them.
 
     Raises:
         InputFileError: The file is missing, cut off, of another format or scheme, or holds values that are not finite.
@@ -88,14 +101,17 @@ def read_pts(path: Path, n_landmarks: int = N_IBUG68) -> Float64[ndarray, "n 2"]
         raise InputFileError(f"expected {path} to end in '}}', found no end: the file is cut off; download it again")
     words = body.partition("}")[0].split()
     declared = header.split("n_points")[1].strip(" :\r\n\t")
-    if declared != str(n_landmarks) or len(words) != 2 * n_landmarks:
+    is_wflw = n_landmarks == N_IBUG68 and declared == str(N_WFLW98) and len(words) == 2 * N_WFLW98
+    if not is_wflw and (declared != str(n_landmarks) or len(words) != 2 * n_landmarks):
         raise InputFileError(
             f"expected {n_landmarks} points in {path}, found n_points: {declared} and {len(words) / 2:g} points"
         )
     try:
-        points = np.array(words, dtype=np.float64).reshape(n_landmarks, 2)
+        points = np.array(words, dtype=np.float64).reshape(-1, 2)
     except ValueError as error:
         raise InputFileError(f"expected numbers in {path}: {error}") from error
+    if is_wflw:
+        points = points[list(WFLW98_OF_IBUG68)]
     return mark_missing(points) + ONE_BASED_TO_CENTRES_PX
 
 

@@ -15,6 +15,7 @@ from pix2face.geometry.landmarks import (
     N_IBUG68,
     OUTER_EYE_CORNERS,
     RIGHT_EYE,
+    WFLW98_OF_IBUG68,
     read_pts,
 )
 from tests.synthetic_models import small_head_model
@@ -55,6 +56,26 @@ def test_inner_points_leave_out_the_jaw():
 def test_read_pts_turns_one_based_pixels_into_centres_at_a_half(tmp_path):
     points = read_pts(write_pts(tmp_path / "a.pts"))
     np.testing.assert_allclose(points[[0, 3]], [[-0.25, 100.0], [2.75, 103.0]])
+
+
+def test_the_98_points_of_wflw_hold_the_68(tmp_path):
+    points = read_pts(write_pts(tmp_path / "a.pts", 98))
+    numbers = points[:, 0] - 0.25 + 0.5
+    np.testing.assert_array_equal(numbers, WFLW98_OF_IBUG68)
+    assert len(set(WFLW98_OF_IBUG68)) == N_IBUG68
+    # WFLW's own table of mirrored points (jaw, brows, nose, eyes, lips) and ours mean the same faces.
+    mirror = [
+        *range(32, -1, -1),
+        *(46, 45, 44, 43, 42, 50, 49, 48, 47, 37, 36, 35, 34, 33, 41, 40, 39, 38),
+        *(51, 52, 53, 54, 59, 58, 57, 56, 55),
+        *(72, 71, 70, 69, 68, 75, 74, 73, 64, 63, 62, 61, 60, 67, 66, 65),
+        *(82, 81, 80, 79, 78, 77, 76, 87, 86, 85, 84, 83, 92, 91, 90, 89, 88, 95, 94, 93),
+    ]
+    assert [mirror[point] for point in WFLW98_OF_IBUG68] == [WFLW98_OF_IBUG68[i] for i in MIRROR_IBUG68]
+    with pytest.raises(InputFileError, match="expected 68 points"):
+        read_pts(write_pts(tmp_path / "b.pts", 97))
+    with pytest.raises(InputFileError, match="expected 51 points"):
+        read_pts(tmp_path / "a.pts", 51)
 
 
 def test_read_pts_reads_the_photographs_annotations(shared_dir):
