@@ -20,6 +20,7 @@ from pix2face.command_line import (
     run_commands,
     say,
 )
+from pix2face.detectors.detection import DEFAULT_DETECTOR, open_detector
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.benchmarks.benchmark_search import find_benchmark
@@ -103,6 +104,15 @@ def _check_numbers(config: EvaluateConfig) -> None:
     for name, value, least in numbers:
         if value < least:
             raise UsageError(f"{name}: expected {least} or more, found {value}")
+    of_detection = {
+        "--detector": config.detector != DEFAULT_DETECTOR,
+        "--min-score": config.min_score is not None,
+        "--no-refine": not config.refine,
+    }
+    for name in (name for name, is_given in of_detection.items() if is_given and config.boxes != "detected"):
+        raise UsageError(f"{name}: expected --boxes detected with it")
+    if config.boxes == "detected":
+        open_detector(config.detector)  # an unknown one is refused before anything takes time
     if config.predictions is None and config.frame != "0-based":
         raise UsageError(f"--frame {config.frame}: expected --predictions with it")
     subjects = {
@@ -146,12 +156,14 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
     if config.align is not None and config.align != manifest.alignment and (config.align == "depth" or not has_space):
         place = "" if manifest.alignment is None else " in a picture" if config.align == "depth" else " in space"
         raise UsageError(f"--align {config.align}: expected a split with 3D landmarks{place}, found {config.split}")
-    if config.boxes != "truth":
+    if config.boxes == "detected":
         if config.predictions is not None or config.oracle:
-            raise UsageError(f"--boxes {config.boxes}: expected a checkpoint to measure; nothing else looks at boxes")
+            raise UsageError("--boxes detected: expected a checkpoint to measure; nothing else looks at boxes")
+        refined = "corrected, confirmed and refuted by a first prediction" if config.refine else "as they are"
         rule = (
-            f"of the boxes of the detector {config.boxes} the one that overlaps the tight box of the true landmarks "
-            "most, by 0.3 of the union or more; a face without one counts as not found"
+            f"boxes of the detector {config.detector}, {refined}. Of those whose centre lies in the tight box of the "
+            "true landmarks and whose longer side is within a factor of 2 of its own, the one that overlaps it most; "
+            "a face without one counts as not found"
         )
         manifest = replace(manifest, box_rule=rule)
     elif config.predictions is not None:

@@ -8,6 +8,7 @@ import tyro
 
 from pix2face.command_line import choices, optional
 from pix2face.commands.face_options import NetworkOptions
+from pix2face.detectors.detection import DEFAULT_DETECTOR
 from pix2face.evaluation.benchmarks.manifest import Split
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.landmark_metrics import Alignment, Normaliser
@@ -33,7 +34,11 @@ class EvaluateConfig:
         truth: Which of several truths to measure against (aflw2000-3d: original or reannotated); without it the
             benchmark's own.
         reannotated: File of re-annotated landmarks; without it one beside the pictures.
-        boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face.
+        boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face. The
+            report then tells how well it finds faces.
+        detector: Detector of --boxes detected, as for `pix2face fit`.
+        min_score: Smallest score of a detected face, as for `pix2face fit`.
+        refine: Correct, confirm and refute detected boxes by a first prediction, as `pix2face fit` does.
         normaliser: What errors are divided by; without it the benchmark's own.
         threshold: Error, as a fraction, from which a face counts as failed and where the error curve ends; without it
             the benchmark's own.
@@ -60,7 +65,10 @@ class EvaluateConfig:
     out: Annotated[Path | None, optional("PATH")] = None
     truth: Annotated[str | None, optional("STR")] = None
     reannotated: Annotated[Path | None, optional("PATH")] = None
-    boxes: Literal["truth", "lbp", "lbp-quick", "dlib"] = "truth"
+    boxes: Literal["truth", "detected"] = "truth"
+    detector: str = DEFAULT_DETECTOR
+    min_score: Annotated[float | None, optional("FLOAT")] = None
+    refine: bool = True
     normaliser: Annotated[Normaliser | None, optional(choices(Normaliser))] = None
     threshold: Annotated[float | None, optional("FLOAT")] = None
     how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT

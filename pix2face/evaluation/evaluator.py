@@ -14,6 +14,7 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkItem, Unreadable, wrap_angle_deg
+from pix2face.evaluation.figures.detection_summary import FaceDetection
 from pix2face.evaluation.figures.pose_summary import PoseErrors
 from pix2face.evaluation.subjects.subjects import FoundFace, Subject
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, compare_coefficients, compare_maps
@@ -56,6 +57,7 @@ class FaceResult:
     baseline_distances3d: Float64[ndarray, "68"] | None = None  # the same for the mean face
     maps: MapErrors | None = None
     coefficients: CoefficientErrors | None = None
+    detection: FaceDetection | None = None  # where a detector looked for the face
 
     def error(self, points: str = "68", method: str | None = None) -> float:
         """The mean error over a point set of the baseline, or (any other method) of what was found."""
@@ -105,6 +107,7 @@ class Evaluator:
             baseline_distances3d=self._distances3d(face, self._baseline(baseline)),
             maps=compare_maps(found, face),
             coefficients=compare_coefficients(self.model, found, face),
+            detection=found.detection,
         )
 
     def _baseline(self, landmarks2d: Float64[ndarray, "68 2"]) -> FoundFace:

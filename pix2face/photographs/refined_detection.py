@@ -159,7 +159,17 @@ def find_faces(
     With ``min_score``, these are the candidates with this score or more that the network does not refute; without it,
     those with a score of 1 or more and those of the others that the network confirms.
     """
-    candidates = detector.candidates(image)
+    return choose_faces(image, detector.candidates(image), predictor, model, min_score)
+
+
+def choose_faces(
+    image: UInt8[ndarray, "h w 3"],
+    candidates: Sequence[DetectedFace],
+    predictor: Predictor,
+    model: MorphableModel,
+    min_score: float | None = None,
+) -> list[DetectedFace]:
+    """As ``find_faces``, from the candidates that a detector has found."""
     if min_score is None:
         return confirm_faces(image, candidates, predictor, model)
     return confirm_faces(image, sure_faces(candidates, min_score), predictor, model, min_score)

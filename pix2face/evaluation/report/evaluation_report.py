@@ -24,6 +24,7 @@ from pix2face.evaluation.figures.bootstrap import (
     median_of,
     weighted_mean_of,
 )
+from pix2face.evaluation.figures.detection_summary import DetectionSummary, summarise_detections
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_errors
 from pix2face.geometry.landmark_metrics import POINT_SETS, Alignment, ErrorSummary, Normaliser, summarise
@@ -81,6 +82,7 @@ class Report:
     rows3d: tuple[ReportRow, ...]  # the same for distances in 3D, in ``unit3d``; empty without 3D truth
     by: tuple[ErrorsByAttribute, ...]  # errors over 68 points of what was measured, in bins of attributes of renders
     poses: Mapping[str, PoseSummary] | None  # by bin of |yaw|, and for all faces; None without poses
+    detection: DetectionSummary | None  # how a detector found the faces; None with true boxes
     maps: MapErrors | None  # means over the images; None where the truth has no maps
     coefficients: CoefficientErrors | None  # likewise
     results: tuple[FaceResult, ...]  # one for each face
@@ -184,6 +186,7 @@ def make_report(
             errors_by_attribute(own, errors_by_name, manifest.threshold, settings.bootstrap) for own in settings.by
         ),
         poses=summarise_poses([own.yaw_deg for own in results], [own.pose_errors_deg for own in results]),
+        detection=summarise_detections([own.detection for own in results], [own.yaw_deg for own in results]),
         maps=mean_errors([result.maps for result in results]),
         coefficients=mean_errors([result.coefficients for result in results]),
         results=tuple(results),

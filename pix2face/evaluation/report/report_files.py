@@ -3,7 +3,7 @@
 import json
 from base64 import b64encode
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
@@ -16,8 +16,16 @@ from numpy import ndarray
 from pix2face.errors import UsageError
 from pix2face.evaluation.evaluator import BASELINE, FaceResult
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE
+from pix2face.evaluation.figures.detection_summary import DetectionSummary
 from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, Report
-from pix2face.evaluation.report.report_pictures import Cases, cases_sheet, curve3d_png, curve_png, face_svg
+from pix2face.evaluation.report.report_pictures import (
+    Cases,
+    cases_sheet,
+    curve3d_png,
+    curve_png,
+    face_svg,
+    precision_png,
+)
 from pix2face.evaluation.report.report_text import ReportTable, all_tables, report_notes
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
 from pix2face.files.images import encode_photograph
@@ -58,6 +66,8 @@ def write_report(
     in_space = curve3d_png(report)
     if in_space is not None:
         contents["curve3d.png"] = in_space
+    if report.detection is not None:
+        contents["detection.png"] = precision_png(report.detection, report.manifest.title)
     contents["index.html"] = _page(report, contents, frontal_face).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -102,6 +112,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
         "by": [asdict(own) for own in report.by],
         "table3d": _table3d(report),
         "poses": None if report.poses is None else {name: asdict(own) for name, own in report.poses.items()},
+        "detection": _detection_as_json(report.detection),
         "map_errors": None if report.maps is None else asdict(report.maps),
         "coefficient_errors": None if report.coefficients is None else asdict(report.coefficients),
         "missing": list(report.missing),
@@ -123,6 +134,14 @@ def _table3d(report: Report) -> dict[str, Any] | None:
     }
 
 
+def _detection_as_json(detection: DetectionSummary | None) -> dict[str, Any] | None:
+    if detection is None:
+        return None
+    names = ("score", "recall", "precision")
+    curve = [dict(zip(names, point, strict=True)) for point in detection.curve]
+    return asdict(detection) | {"false_per_photograph": detection.false_per_photograph, "curve": curve}
+
+
 def _face_as_json(result: FaceResult, is_in_full: bool) -> dict[str, Any]:
     errors = result.landmark_errors
     return {
@@ -138,6 +157,7 @@ def _face_as_json(result: FaceResult, is_in_full: bool) -> dict[str, Any]:
         "failure": result.failure,
         "pose_deg": None if result.pose_deg is None else _numbers(result.pose_deg),
         "distance3d": None if result.distances3d is None else _number(result.distances3d.mean()),
+        "detection": None if result.detection is None else asdict(replace(result.detection, candidates=())),
         "maps": None if result.maps is None else asdict(result.maps),
         "coefficients": None if result.coefficients is None else asdict(result.coefficients),
     }
@@ -197,6 +217,9 @@ def _page(report: Report, contents: Mapping[str, bytes], frontal_face: Float64[n
     if "curve3d.png" in contents:
         curve3d = _picture(contents["curve3d.png"], "png", "Cumulative distribution of distances in 3D")
         sections.insert(1, ("Error curve in 3D", curve3d))
+    if "detection.png" in contents:
+        picture = _picture(contents["detection.png"], "png", "Precision of the detector over its recall")
+        sections.insert(1, ("Precision and recall of the detector", picture))
     shown = "\n".join(f"<h2>{heading}</h2>{content}" for heading, content in sections)
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style></head><body>

@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.evaluator import FaceResult
+from pix2face.evaluation.figures.detection_summary import DetectionSummary
 from pix2face.evaluation.report.evaluation_report import Report
 from pix2face.geometry.crops import FaceBox, crop_image, square_crop
 from pix2face.geometry.landmark_metrics import POINT_SETS, error_curve
@@ -19,6 +20,7 @@ from pix2face.geometry.landmarks import CLOSED_GROUPS, IBUG68_GROUPS
 
 Cases = Sequence[tuple[BenchmarkFace, FaceResult]]
 
+MARKED_POINTS = 30  # a curve of fewer points shows each
 COLOURS, STYLES = ("tab:blue", "tab:gray"), ("-", "--")
 
 # The drawn face and the colour scale below it.
@@ -57,6 +59,21 @@ def curve3d_png(report: Report) -> bytes | None:
     words = f"as a fraction of {report.unit3d}" if report.settings.alignment == "depth" else "in the data's unit"
     unit = f"{words} (alignment: {report.settings.alignment})"
     return _curves_png(curves, report.title, f"mean distance of a face in 3D, {unit}", len(found))
+
+
+def precision_png(detection: DetectionSummary, title: str) -> bytes:
+    """Precision over recall of a detector's candidates, from the surest on; PNG."""
+    figure = Figure(figsize=(6.4, 4.5), dpi=120, layout="constrained")
+    axes = figure.add_subplot()
+    points = 100 * np.array([point[1:] for point in detection.curve]).reshape(-1, 2)
+    axes.plot(*points.T, color=COLOURS[0], marker="." if len(points) < MARKED_POINTS else "")
+    axes.set(
+        xlim=(0, 101), ylim=(0, 101), xlabel="recall, % of the annotated faces", ylabel="precision, %", title=title
+    )
+    axes.grid(visible=True, alpha=0.3)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return stream.getvalue()
 
 
 def face_svg(mean: Float64[ndarray, "68"], face: Float64[ndarray, "68 2"], unit: str = "%") -> str:

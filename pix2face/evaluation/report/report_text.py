@@ -116,6 +116,28 @@ def _pose_table(report: Report) -> ReportTable | None:
     return ReportTable(caption, columns, lines)
 
 
+def _detection_table(report: Report) -> ReportTable | None:
+    own = report.detection
+    if own is None:
+        return None
+    bins = [
+        ("all", own.all_faces),
+        *(("|yaw|", each) for each in own.by_yaw),
+        *(("size", each) for each in own.by_size),
+    ]
+    lines = [
+        [
+            each.name if what == "all" else f"{what} {SHORT_GROUPS.get(each.name, each.name)}",
+            str(each.n_faces),
+            str(each.n_found),
+            _number(each.recall, digits=1),
+        ]
+        for what, each in bins
+    ]
+    caption = "Faces that the detector found, by |yaw| and by the longer side of the true box in pixels."
+    return ReportTable(caption, ["detection", "faces", "found", "recall, %"], lines)
+
+
 def _attribute_table(own: ErrorsByAttribute, report: Report) -> ReportTable:
     above = f"above {100 * report.manifest.threshold:g} %"
     columns = [f"{own.attribute}, in %", f"{report.manifest.what_is_counted}s", "mean", "interval", "median"]
@@ -136,6 +158,7 @@ def all_tables(report: Report) -> list[ReportTable]:
         _part_table(report),
         _table3d(report),
         _pose_table(report),
+        _detection_table(report),
         *(_attribute_table(own, report) for own in report.by),
     )
     return [table for table in tables if table is not None]
@@ -185,6 +208,7 @@ def report_notes(report: Report) -> list[str]:
             3, "Columns: |yaw| to 30°, above 30° to 60°, above 60°; mean of bins: their unweighted mean, the headline."
         )
     notes += [_failure_note(report), *_interval_notes(report), *_space_notes(report), *_pose_notes(report)]
+    notes += _detection_notes(report)
     notes += _attribute_notes(report)
     if report.n_unusual_angles:
         notes.append(
@@ -245,6 +269,22 @@ def _pose_notes(report: Report) -> list[str]:
         "pitch and roll turn about almost one axis, and say little apart. "
         f"Left out: {counted(n_left_out, 'image')} without a pose, with an angle beyond ±99°, or mirrored (negative "
         "scale)."
+    ]
+
+
+def _detection_notes(report: Report) -> list[str]:
+    own = report.detection
+    if own is None:
+        return []
+    return [
+        f"Detection: {own.n_false} false boxes, {own.false_per_photograph:.3f} a photograph, in "
+        f"{counted(own.n_with_false, 'photograph')}. Each box that is not the one of the annotated face is false, also "
+        "one of somebody who is not annotated.",
+        f"Overlap of the boxes with the true ones (intersection over union), of the faces found: median "
+        f"{_number(own.median_overlap, 1)}, lowest tenth {_number(own.lowest_tenth_overlap, 1)}.",
+        f"Average precision {_number(own.average_precision, 1, 3)}: area under precision over recall of all candidates "
+        "of the detector, before refinement.",
+        f"Time a photograph, median: detector {own.detection_ms:.1f} ms, with refinement {own.whole_ms:.1f} ms.",
     ]
 
 

@@ -3,7 +3,6 @@
 import json
 import platform
 from dataclasses import asdict
-from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -16,31 +15,25 @@ from scipy.spatial.transform import Rotation
 
 from pix2face import __version__
 from pix2face.detectors.detection import open_detector
-from pix2face.detectors.protocol import Detector, overlap
-from pix2face.errors import DegenerateGeometryError
-from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkFiles
+from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.benchmarks.benchmark_search import match_names
 from pix2face.evaluation.benchmarks.manifest import Manifest
 from pix2face.evaluation.evaluate_config import EvaluateConfig, PixelFrame
+from pix2face.evaluation.subjects.detected_faces import FaceSearch
 from pix2face.evaluation.subjects.predictions_file import read_predictions, read_tracks
 from pix2face.evaluation.subjects.subjects import (
-    BoxRule,
     NetworkSubject,
     OracleSubject,
     PredictionsSubject,
     Subject,
-    true_box,
 )
 from pix2face.fitting.face_fit import fit_face
-from pix2face.geometry.crops import FaceBox
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 # Poses of 300W-LP and AFLW2000-3D are those of the mean face of BFM 2009. Laid onto the built-in model's mean face by
 # their 68 landmarks, BFM's is turned by this angle about x (python -m scripts.measure_correspondence prints it): a face
 # in a photograph has another pitch for each of the two models.
 BFM_IN_BUILTIN_DEG = 4.4
-# Intersection over union below which a detector's box is taken for another face, or for none.
-LEAST_OVERLAP = 0.3
 
 
 def open_subject(
@@ -84,13 +77,14 @@ def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) 
     if manifest.kind != "shards":
         model = config.network.with_chosen_landmarks(model, predictor)
     takes_own = config.network.landmarks is None and manifest.kind != "shards"
-    box_rule: BoxRule = true_box
-    if config.boxes != "truth":
-        box_rule = partial(detected_box, detector=open_detector(config.boxes), name=config.boxes)
+    search = None
+    if config.boxes == "detected":
+        own_predictor, own_model = (predictor, model) if config.refine else (None, None)
+        search = FaceSearch(open_detector(config.detector), own_predictor, own_model, config.min_score)
     subject = NetworkSubject(
         predictor,
         lambda maps, image_centre: fit_face(maps, model, how, principal_point_px=image_centre),
-        box_rule,
+        None if search is None else search.find,
         model_from_stated(model, manifest),
     )
     is_estimated = how.regularisation == "estimate"
@@ -140,22 +134,3 @@ def model_from_stated(model: MorphableModel, manifest: Manifest) -> Float64[ndar
     if manifest.kind == "shards" or model.sha256 != builtin_model().sha256:
         return np.eye(3)
     return np.asarray(Rotation.from_euler("x", BFM_IN_BUILTIN_DEG, degrees=True).as_matrix(), dtype=np.float64)
-
-
-def detected_box(face: BenchmarkFace, detector: Detector, name: str) -> FaceBox:
-    """The detected box of a face.
-
-    A picture may show several faces, and the benchmark asks for one of them. The truth decides only which of the
-    detected boxes is meant.
-
-    Raises:
-        DegenerateGeometryError: No box overlaps the true one enough.
-    """
-    image = face.with_image().image
-    assert image is not None
-    boxes = detector.detect(image)
-    overlaps = [overlap(box, true_box(face)) for box in boxes]
-    if not boxes or max(overlaps) < LEAST_OVERLAP:
-        found = f"{len(boxes)} elsewhere" if boxes else "no face"
-        raise DegenerateGeometryError(f"detector {name}: {found}")
-    return boxes[overlaps.index(max(overlaps))]

@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
+from pix2face.evaluation.figures.detection_summary import FaceDetection
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
@@ -38,6 +39,7 @@ class FoundFace:
     crop: Crop | None = None
     identity: Float64[ndarray, " k"] | None = None  # standard deviations
     expression: Float64[ndarray, " e"] | None = None  # standard deviations
+    detection: FaceDetection | None = None  # where a detector looked for the face
 
 
 @runtime_checkable
@@ -66,8 +68,8 @@ class MapPredictor(Protocol):
 
 # Fits a face to maps; the second argument is the centre of the image in them (the principal point of a pinhole).
 Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FaceFit]
-# Returns the box in which to look for a face; raises DegenerateGeometryError where there is none.
-BoxRule = Callable[[BenchmarkFace], FaceBox]
+# Looks for a face with a detector.
+Detect = Callable[[BenchmarkFace], FaceDetection]
 
 # A benchmark states the poses of the very model that is fitted.
 OWN_FRAME = np.eye(3)
@@ -85,26 +87,29 @@ class NetworkSubject:
 
     predictor: MapPredictor
     fit: Fit  # raises DegenerateGeometryError where the maps hold no face
-    box_rule: BoxRule = true_box
+    detect: Detect | None = None  # None looks at the true box
     model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)  # see `pose_of`
     method = "network"
     needs_images = True
 
     def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
         """Predicts the maps of all faces in one pass and fits each."""
-        found: dict[int, FoundFace] = {}
+        detections = [None if self.detect is None else self.detect(face) for face in faces]
         wanted: dict[int, tuple[UInt8[ndarray, "h w 3"], FaceBox]] = {}
-        for index, face in enumerate(faces):
-            image = face.with_image().image
+        for index, (face, detection) in enumerate(zip(faces, detections, strict=True)):
+            image, box = face.with_image().image, true_box(face) if detection is None else detection.box
             assert image is not None
-            try:
-                wanted[index] = image, self.box_rule(face)
-            except DegenerateGeometryError as error:
-                found[index] = FoundFace(landmarks2d=None, failure=str(error))
+            if box is not None:
+                wanted[index] = image, box
         predictions = self.predictor.predict_batch(list(wanted.values())) if wanted else []
-        for (index, (image, _)), prediction in zip(wanted.items(), predictions, strict=True):
-            found[index] = self._fitted(prediction, image)
-        return [found[index] for index in range(len(faces))]
+        found = {
+            index: self._fitted(prediction, image)
+            for (index, (image, _)), prediction in zip(wanted.items(), predictions, strict=True)
+        }
+        return [
+            replace(found[index], detection=detection) if index in found else _not_detected(detection)
+            for index, detection in enumerate(detections)
+        ]
 
     def _fitted(self, prediction: Prediction, image: UInt8[ndarray, "h w 3"]) -> FoundFace:
         image_centre = image_centre_in_crop(prediction.crop, (image.shape[0], image.shape[1]))
@@ -204,6 +209,12 @@ def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRA
 def z_in_picture(camera: Camera, points3d: Float64[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
     """How near model points are to the viewer, in pixels of the picture, up to a constant: z of ``pt3d_68``."""
     return -nearest_weak_perspective(camera).scale * camera.depth(points3d)
+
+
+def _not_detected(detection: FaceDetection | None) -> FoundFace:
+    elsewhere = 0 if detection is None else detection.n_false
+    failure = f"the detector found {elsewhere} elsewhere" if elsewhere else "the detector found no face"
+    return FoundFace(landmarks2d=None, failure=failure, detection=detection)
 
 
 def _found(

@@ -186,7 +186,7 @@ def test_a_page_of_photographs_and_of_fits(
     fit, page = tmp_path / "out" / f"{name}-0.json", tmp_path / "page" / "view.html"
     assert call("view", photograph, fit, *where(textured), "--out", page) == 0
     data = json.loads(page.read_text().split('id="faces">')[1].split("</script>")[0])
-    assert [face["name"] for face in data] == [name, name]
+    assert [face["name"] for face in data] == [f"{name}-0"] * 2
     # Coefficients, camera and cloud are those of the fit: the page of a file is the page of its photograph.
     assert data[0]["positions"] == data[1]["positions"]
     assert data[0]["points"] == data[1]["points"]

@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pix2face.detectors.detection import DetectedFace
 from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.evaluation.evaluate_cli import main
 from pix2face.fitting.face_fit import fit_face
+from pix2face.geometry.crops import FaceBox
 from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph
 from tests.pix2face.evaluation_calls import (
     LANDMARKS,
@@ -258,15 +260,64 @@ def test_unknown_split_is_refused_by_the_parser(capsys):
     assert caught.value.code == 2
 
 
-def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys):
-    write_ibug(tmp_path)  # noise: there is no face to be found
-    assert run(tmp_path, "--data", tmp_path, "--boxes", "lbp") == 0
+class FixedDetector:
+    """Finds the same faces in every picture."""
+
+    def __init__(self, *faces):
+        self._faces = [DetectedFace(*face) for face in faces]
+
+    def detect(self, image):
+        raise AssertionError("scores are wanted")
+
+    def candidates(self, image):
+        return self._faces
+
+
+def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys, monkeypatch):
+    write_ibug(tmp_path)
+    other = FixedDetector((FaceBox(0, 0, 9, 9), 1.2))
+    for detector, found in ((FixedDetector(), "found no face"), (other, "found 1 elsewhere")):
+        monkeypatch.setattr(
+            "pix2face.evaluation.subjects.measured_subject.open_detector", lambda name, own=detector: own
+        )
+        assert run(tmp_path, "--data", tmp_path, "--boxes", "detected", "--no-refine") == 0
+        report, printed = stored_report(tmp_path), capsys.readouterr().out
+        assert report["n_failed"] == 2
+        assert report["table"][0]["all_images"]["mean"] is None
+        assert report["table"][0]["all_images"]["failure_rate"] == 1
+        assert "Box of the crop: boxes of the detector lbp, as they are" in printed
+        assert f"2 not found: ibug/image_003_1.jpg (the detector {found})" in printed
+    assert report["detection"]["n_false"] == 2
+
+
+def test_a_detector_is_measured_on_renders(tmp_path, small_model, capsys, monkeypatch):
+    write_heldout(tmp_path / "shards", MODEL, n=4)
+    tight = FaceBox.around(LANDMARKS)
+    right = FaceBox(tight.left + 4, tight.top, tight.right + 4, tight.bottom)
+    faces = ((right, 2.0), (FaceBox(0, 0, 9, 9), 1.1), (FaceBox(9, 0, 18, 9), 0.3))
+    monkeypatch.setattr(
+        "pix2face.evaluation.subjects.measured_subject.open_detector", lambda name: FixedDetector(*faces)
+    )
+    call = ("--data", tmp_path / "shards", "--boxes", "detected", "--no-refine", "--detector", "lbp-quick")
+    assert run(tmp_path, *call, split="builtin-heldout") == 0
     report, printed = stored_report(tmp_path), capsys.readouterr().out
-    assert report["n_failed"] == 2
-    assert report["table"][0]["all_images"]["mean"] is None
-    assert report["table"][0]["all_images"]["failure_rate"] == 1
-    assert "of the boxes of the detector lbp" in printed
-    assert "2 not found: ibug/image_003_1.jpg (detector lbp: no face)" in printed
+    own, face = report["detection"], report["faces"][0]["detection"]
+    assert own["all_faces"] == {"name": "all", "n_faces": 4, "n_found": 4}
+    assert sum(each["n_faces"] for each in own["by_yaw"]) == sum(each["n_faces"] for each in own["by_size"]) == 4
+    assert (own["n_false"], own["false_per_photograph"]) == (4, 1)
+    assert own["median_overlap"] == pytest.approx((tight.width - 4) / (tight.width + 4))
+    assert [point["precision"] for point in own["curve"]] == pytest.approx([1, 1 / 2, 1 / 3])
+    assert own["average_precision"] == 1
+    assert (face["score"], face["n_false"], list(face["box"].values())) == (2.0, 1, pytest.approx(sides_of(right)))
+    assert "4 false boxes, 1.000 a photograph" in printed
+    assert (tmp_path / "out" / "detection.png").read_bytes().startswith(b"\x89PNG")
+    assert "Precision and recall of the detector" in (tmp_path / "out" / "index.html").read_text()
+    assert run(tmp_path, *call, "--min-score", "1.5", split="builtin-heldout") == 0
+    assert stored_report(tmp_path)["detection"]["n_false"] == 0
+
+
+def sides_of(box):
+    return [box.left, box.top, box.right, box.bottom]
 
 
 @pytest.mark.parametrize(
@@ -281,7 +332,10 @@ def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys):
         (["--oracle", "--predictions", "p.npz"], "expected one of --checkpoint, --predictions and --oracle"),
         (["--truth", "reannotated"], "ibug: expected hand-marked as --truth, found reannotated"),
         (["--align", "rigid"], "--align rigid: expected a split with 3D landmarks, found ibug"),
-        (["--oracle", "--boxes", "lbp"], "--boxes lbp: expected a checkpoint"),
+        (["--oracle", "--boxes", "detected"], "--boxes detected: expected a checkpoint"),
+        (["--detector", "lbp-quick"], "--detector: expected --boxes detected"),
+        (["--no-refine"], "--no-refine: expected --boxes detected"),
+        (["--boxes", "detected", "--detector", "haar"], "expected a detector of"),
         (["--predictions", "p.npz", "--contour", "2d"], "--contour 2d: expected a fit"),
         (["--oracle", "--regularisation", 80], "--regularisation: expected a checkpoint"),
         (["--oracle", "--no-silhouette"], "--no-silhouette: expected a checkpoint"),

@@ -9,10 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pix2face.detectors.protocol import overlap
-from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkItem
 from pix2face.evaluation.evaluator import Evaluator, evaluate_faces
-from pix2face.evaluation.subjects.measured_subject import detected_box
+from pix2face.evaluation.subjects.detected_faces import FaceSearch
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
 from pix2face.evaluation.subjects.subjects import NetworkSubject, OracleSubject, PredictionsSubject
 from pix2face.fitting.fit_options import FitOptions
@@ -82,25 +81,26 @@ def test_a_detector_decides_where_the_network_looks_and_its_misses_count():
             return super().predict_batch(faces)
 
     def find(*boxes):
-        box_rule = partial(detected_box, detector=SureDetector(boxes), name="stub")
-        return NetworkSubject(Watching(), perfect_fit, box_rule).find([face()])[0]
+        return NetworkSubject(Watching(), perfect_fit, FaceSearch(SureDetector(boxes)).find).find([face()])[0]
 
-    assert find(other, shifted).failure is None
+    found = find(other, shifted)
+    assert found.failure is None
+    assert (found.detection.box, found.detection.score, found.detection.n_false) == (shifted, 1.0, 1)
     assert looked_at == [shifted]
-    assert find(other).failure == "detector stub: 1 elsewhere"
-    assert find().failure == "detector stub: no face"
+    assert find(other).failure == "the detector found 1 elsewhere"
+    assert find().failure == "the detector found no face"
     assert looked_at == [shifted]
 
 
 def test_a_miss_in_a_batch_leaves_the_others_in_their_places():
-    def rule(loaded):
-        if loaded.name == "b":
-            raise DegenerateGeometryError("none")
-        return FaceBox.around(loaded.landmarks2d)
-
-    found = NetworkSubject(StubPredictor(), perfect_fit, rule).find([face("a"), face("b"), face("c")])
-    assert [own.failure for own in found] == [None, "none", None]
-    assert all(own.failure == "none" for own in NetworkSubject(StubPredictor(), perfect_fit, rule).find([face("b")]))
+    truth = FaceBox.around(TRUTH)
+    hit = FaceSearch(SureDetector([truth])).find(face())
+    missed = FaceSearch(SureDetector([])).find(face())
+    subject = NetworkSubject(StubPredictor(), perfect_fit, lambda own: missed if own.name == "b" else hit)
+    found = subject.find([face("a"), face("b"), face("c")])
+    assert [own.failure for own in found] == [None, "the detector found no face", None]
+    assert [own.detection for own in found] == [hit, missed, hit]
+    assert subject.find([face("b")])[0].landmarks2d is None
 
 
 def test_overlap_is_common_over_covered_area():
