@@ -12,7 +12,8 @@ from pix2face.command_line import check_output_file, counted, optional, say
 from pix2face.errors import UsageError
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Bootstrap, Interval
 from pix2face.evaluation.report.compare import Comparison, PointComparison, StoredReport, compare_reports, read_report
-from pix2face.evaluation.report.report_text import NO_FIGURE, terminal_table
+from pix2face.evaluation.report.report_text import terminal_table
+from pix2face.evaluation.report.table_text import NO_FIGURE
 from pix2face.files.writing import write_file
 
 

@@ -16,7 +16,7 @@ from numpy import ndarray
 from pix2face.errors import UsageError
 from pix2face.evaluation.evaluator import BASELINE, FaceResult
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE
-from pix2face.evaluation.figures.detection_summary import DetectionSummary
+from pix2face.evaluation.figures.detection_summary import DetectionSummary, RecallBin
 from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, Report
 from pix2face.evaluation.report.report_pictures import (
     Cases,
@@ -26,7 +26,8 @@ from pix2face.evaluation.report.report_pictures import (
     face_svg,
     precision_png,
 )
-from pix2face.evaluation.report.report_text import ReportTable, all_tables, report_notes
+from pix2face.evaluation.report.report_text import all_tables, report_notes
+from pix2face.evaluation.report.table_text import ReportTable
 from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
 from pix2face.files.images import encode_photograph
 from pix2face.files.writing import write_file
@@ -139,7 +140,17 @@ def _detection_as_json(detection: DetectionSummary | None) -> dict[str, Any] | N
         return None
     names = ("score", "recall", "precision")
     curve = [dict(zip(names, point, strict=True)) for point in detection.curve]
-    return asdict(detection) | {"false_per_photograph": detection.false_per_photograph, "curve": curve}
+    return asdict(detection) | {
+        "all_faces": _bin_as_json(detection.all_faces),
+        "by_yaw": [_bin_as_json(own) for own in detection.by_yaw],
+        "by_size": [_bin_as_json(own) for own in detection.by_size],
+        "false_per_photograph": detection.false_per_photograph,
+        "curve": curve,
+    }
+
+
+def _bin_as_json(own: RecallBin) -> dict[str, Any]:
+    return asdict(own) | {"recall": own.recall}
 
 
 def _face_as_json(result: FaceResult, is_in_full: bool) -> dict[str, Any]:

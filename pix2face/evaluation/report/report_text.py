@@ -1,38 +1,26 @@
 """An evaluation as text: tables, and notes that explain them."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
 from pix2face.command_line import counted, printable
-from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS
 from pix2face.evaluation.figures.attribute_bins import ErrorsByAttribute
-from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Interval
+from pix2face.evaluation.figures.bootstrap import CONFIDENCE
 from pix2face.evaluation.figures.pose_summary import ANGLES
+from pix2face.evaluation.report.detection_text import detection_notes, detection_table
 from pix2face.evaluation.report.evaluation_report import BASELINE_RULE, NORMALISERS, Report, ReportRow
+from pix2face.evaluation.report.table_text import NO_FIGURE, SHORT_GROUPS, ReportTable, interval_text, number
 from pix2face.geometry.landmark_metrics import ALIGNMENTS, ErrorSummary
 
 N_NAMES_SHOWN = 10
-NO_FIGURE = "–"
 METHODS = {
     "network": "landmarks of the fit to the maps",
     "predictions": "landmarks of another system, from its file",
     "oracle": "NOT A RESULT: the model fitted to the truth itself, to show how much of an error is the model's",
 }
-
-# As headings: the columns of a table are narrow.
-SHORT_GROUPS = dict(zip(YAW_BINS, ("to 30°", "to 60°", "above"), strict=True))
-
-
-class ReportTable(NamedTuple):
-    """A table as text."""
-
-    caption: str
-    columns: list[str]
-    lines: list[list[str]]
 
 
 def main_table(report: Report) -> ReportTable:
@@ -64,7 +52,9 @@ def _interval_table(report: Report) -> ReportTable | None:
     names |= {"area_under_curve": "AUC", "failure_rate": "above threshold"}
     if report.manifest.groups != "yaw":
         del names["mean_of_groups"]
-    lines = [[row.method, row.points, *(_interval(row.intervals.get(name)) for name in names)] for row in report.rows]
+    lines = [
+        [row.method, row.points, *(interval_text(row.intervals.get(name)) for name in names)] for row in report.rows
+    ]
     interval = f"{100 * CONFIDENCE:g} % interval"
     caption = f"{interval}s (bootstrap) of the figures above, in % of {report.normaliser}; AUC and failures in %."
     return ReportTable(caption, [f"{interval}, in %", "points", *names.values()], lines)
@@ -72,7 +62,7 @@ def _interval_table(report: Report) -> ReportTable | None:
 
 def _part_table(report: Report) -> ReportTable:
     parts = {method: report.mean_of_parts(method) for method in report.methods}
-    lines = [[method, *(_number(value) for value in own.values())] for method, own in parts.items()]
+    lines = [[method, *(number(value) for value in own.values())] for method, own in parts.items()]
     caption = f"Mean error of each part of the face, in % of {report.normaliser}, over the faces that were found."
     return ReportTable(caption, ["in %", *next(iter(parts.values()))], lines)
 
@@ -88,11 +78,11 @@ def _table3d(report: Report) -> ReportTable | None:
     for row in report.rows3d:
         own = row.all_images
         figures = [
-            _number(own.mean, factor, 3),
-            _interval(row.intervals["mean"], factor),
-            _number(own.median, factor, 3),
+            number(own.mean, factor, 3),
+            interval_text(row.intervals["mean"], factor),
+            number(own.median, factor, 3),
         ]
-        lines.append([row.method, row.points, *figures, _number(own.area_under_curve, 100, 1), str(own.n_failed)])
+        lines.append([row.method, row.points, *figures, number(own.area_under_curve, 100, 1), str(own.n_failed)])
     caption = f"Mean distance of the landmarks in 3D after alignment, in {unit}; AUC in %."
     return ReportTable(caption, columns, lines)
 
@@ -105,9 +95,9 @@ def _pose_table(report: Report) -> ReportTable | None:
     columns += ["mean of MAEs", "rotation", "|yaw| bias"]
     lines = []
     for name, own in report.poses.items():
-        figures = [_number(values[angle], 1) for angle in ANGLES for values in (own.mean_absolute_deg, own.bias_deg)]
+        figures = [number(values[angle], 1) for angle in ANGLES for values in (own.mean_absolute_deg, own.bias_deg)]
         means = (own.mean_of_angles_deg, own.mean_rotation_deg, own.yaw_shrinkage_deg)
-        figures += [_number(value, 1) for value in means]
+        figures += [number(value, 1) for value in means]
         lines.append([SHORT_GROUPS.get(name, name), str(own.n_images), *figures])
     caption = (
         "Errors of the head's pose in bins of the true |yaw|, in degrees. MAE: mean absolute error. Bias: mean of "
@@ -116,36 +106,14 @@ def _pose_table(report: Report) -> ReportTable | None:
     return ReportTable(caption, columns, lines)
 
 
-def _detection_table(report: Report) -> ReportTable | None:
-    own = report.detection
-    if own is None:
-        return None
-    bins = [
-        ("all", own.all_faces),
-        *(("|yaw|", each) for each in own.by_yaw),
-        *(("size", each) for each in own.by_size),
-    ]
-    lines = [
-        [
-            each.name if what == "all" else f"{what} {SHORT_GROUPS.get(each.name, each.name)}",
-            str(each.n_faces),
-            str(each.n_found),
-            _number(each.recall, digits=1),
-        ]
-        for what, each in bins
-    ]
-    caption = "Faces that the detector found, by |yaw| and by the longer side of the true box in pixels."
-    return ReportTable(caption, ["detection", "faces", "found", "recall, %"], lines)
-
-
 def _attribute_table(own: ErrorsByAttribute, report: Report) -> ReportTable:
     above = f"above {100 * report.manifest.threshold:g} %"
     columns = [f"{own.attribute}, in %", f"{report.manifest.what_is_counted}s", "mean", "interval", "median"]
     lines = []
     for row in own.bins:
         found = row.errors
-        line = [row.name, str(found.n_images), _number(found.mean), _interval(row.interval), _number(found.median)]
-        lines.append([*line, _number(found.failure_rate, digits=1), str(found.n_failed)])
+        line = [row.name, str(found.n_images), number(found.mean), interval_text(row.interval), number(found.median)]
+        lines.append([*line, number(found.failure_rate, digits=1), str(found.n_failed)])
     caption = f"Mean error over 68 points by {own.attribute}, in % of {report.normaliser}."
     return ReportTable(caption, [*columns, above, "not found"], lines)
 
@@ -158,7 +126,7 @@ def all_tables(report: Report) -> list[ReportTable]:
         _part_table(report),
         _table3d(report),
         _pose_table(report),
-        _detection_table(report),
+        detection_table(report.detection),
         *(_attribute_table(own, report) for own in report.by),
     )
     return [table for table in tables if table is not None]
@@ -208,7 +176,7 @@ def report_notes(report: Report) -> list[str]:
             3, "Columns: |yaw| to 30°, above 30° to 60°, above 60°; mean of bins: their unweighted mean, the headline."
         )
     notes += [_failure_note(report), *_interval_notes(report), *_space_notes(report), *_pose_notes(report)]
-    notes += _detection_notes(report)
+    notes += detection_notes(report.detection)
     notes += _attribute_notes(report)
     if report.n_unusual_angles:
         notes.append(
@@ -237,7 +205,7 @@ def _failure_note(report: Report) -> str:
         return f"{rule} (here all)."
     return (
         f"{rule}. Were the {row.all_images.n_failed} not found given the error of the baseline, the mean over "
-        f"{report.manifest.what_is_counted}s would be {_number(row.mean_failures_as_baseline)} % (68 points)."
+        f"{report.manifest.what_is_counted}s would be {number(row.mean_failures_as_baseline)} % (68 points)."
     )
 
 
@@ -272,22 +240,6 @@ def _pose_notes(report: Report) -> list[str]:
     ]
 
 
-def _detection_notes(report: Report) -> list[str]:
-    own = report.detection
-    if own is None:
-        return []
-    return [
-        f"Detection: {own.n_false} false boxes, {own.false_per_photograph:.3f} a photograph, in "
-        f"{counted(own.n_with_false, 'photograph')}. Each box that is not the one of the annotated face is false, also "
-        "one of somebody who is not annotated.",
-        f"Overlap of the boxes with the true ones (intersection over union), of the faces found: median "
-        f"{_number(own.median_overlap, 1)}, lowest tenth {_number(own.lowest_tenth_overlap, 1)}.",
-        f"Average precision {_number(own.average_precision, 1, 3)}: area under precision over recall of all candidates "
-        "of the detector, before refinement.",
-        f"Time a photograph, median: detector {own.detection_ms:.1f} ms, with refinement {own.whole_ms:.1f} ms.",
-    ]
-
-
 def _attribute_notes(report: Report) -> list[str]:
     if not report.by:
         return []
@@ -300,14 +252,14 @@ def _map_notes(report: Report) -> list[str]:
     if maps is not None:
         notes.append(
             "Maps, means over images of the mean distance over the pixels of the crop that truth and prediction call "
-            f"face: PNCC {_number(maps.pncc_mm, 1, 1)} mm, offset {_number(maps.offset_mm, 1, 1)} mm "
-            f"(predicting no offset: {_number(maps.offset_baseline_mm, 1, 1)} mm), mask IoU {maps.mask_iou:.3f}."
+            f"face: PNCC {number(maps.pncc_mm, 1, 1)} mm, offset {number(maps.offset_mm, 1, 1)} mm "
+            f"(predicting no offset: {number(maps.offset_baseline_mm, 1, 1)} mm), mask IoU {maps.mask_iou:.3f}."
         )
     if coefficients is not None:
         notes.append(
             "Coefficients, RMS in standard deviations (saying zero in brackets), means over images: identity "
-            f"{_number(coefficients.identity_rms, 1)} ({_number(coefficients.identity_baseline_rms, 1)}), expression "
-            f"{_number(coefficients.expression_rms, 1)} ({_number(coefficients.expression_baseline_rms, 1)}); vertices "
+            f"{number(coefficients.identity_rms, 1)} ({number(coefficients.identity_baseline_rms, 1)}), expression "
+            f"{number(coefficients.expression_rms, 1)} ({number(coefficients.expression_baseline_rms, 1)}); vertices "
             f"{coefficients.shape_mm:.2f} mm (mean face {coefficients.shape_baseline_mm:.2f} mm)."
         )
     return notes
@@ -328,18 +280,10 @@ def _lists(report: Report) -> list[str]:
 def _line(row: ReportRow, *, with_groups: bool, is_binned: bool) -> list[str]:
     cells = [row.method, row.points]
     if with_groups:
-        cells += [_number(summary.mean) for summary in row.groups.values()]
+        cells += [number(summary.mean) for summary in row.groups.values()]
     if is_binned:
-        cells.append(_number(row.mean_of_groups))
+        cells.append(number(row.mean_of_groups))
     summary: ErrorSummary = row.all_images
-    cells += [_number(summary.mean), _number(summary.median)]
-    cells += [_number(value, digits=1) for value in (summary.area_under_curve, summary.failure_rate)]
+    cells += [number(summary.mean), number(summary.median)]
+    cells += [number(value, digits=1) for value in (summary.area_under_curve, summary.failure_rate)]
     return [*cells, str(summary.n_failed)]
-
-
-def _interval(interval: Interval | None, factor: float = 100) -> str:
-    return NO_FIGURE if interval is None else f"{factor * interval[0]:.2f}–{factor * interval[1]:.2f}"
-
-
-def _number(value: float | None, factor: float = 100, digits: int = 2) -> str:
-    return NO_FIGURE if value is None or value != value else f"{factor * value:.{digits}f}"

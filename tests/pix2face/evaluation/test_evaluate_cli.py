@@ -302,7 +302,7 @@ def test_a_detector_is_measured_on_renders(tmp_path, small_model, capsys, monkey
     assert run(tmp_path, *call, split="builtin-heldout") == 0
     report, printed = stored_report(tmp_path), capsys.readouterr().out
     own, face = report["detection"], report["faces"][0]["detection"]
-    assert own["all_faces"] == {"name": "all", "n_faces": 4, "n_found": 4}
+    assert own["all_faces"] == {"name": "all", "n_faces": 4, "n_found": 4, "recall": 1}
     assert sum(each["n_faces"] for each in own["by_yaw"]) == sum(each["n_faces"] for each in own["by_size"]) == 4
     assert (own["n_false"], own["false_per_photograph"]) == (4, 1)
     assert own["median_overlap"] == pytest.approx((tight.width - 4) / (tight.width + 4))

@@ -17,7 +17,8 @@ from pix2face.evaluation.evaluator import Evaluator, frontal_landmarks
 from pix2face.evaluation.report.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.evaluation.report.report_files import write_report
 from pix2face.evaluation.report.report_pictures import TRUE_RGB, cases_sheet, draw_outlined_landmarks, face_svg
-from pix2face.evaluation.report.report_text import SHORT_GROUPS, all_tables, main_table, report_notes, report_tables
+from pix2face.evaluation.report.report_text import all_tables, main_table, report_notes, report_tables
+from pix2face.evaluation.report.table_text import SHORT_GROUPS
 from pix2face.evaluation.subjects.predictions_file import read_predictions
 from pix2face.evaluation.subjects.subjects import NetworkSubject
 from pix2face.geometry.crops import FaceBox
