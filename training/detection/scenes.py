@@ -30,6 +30,7 @@ KINDS = (
 LEAST_FACE_PX = 9.0  # smaller faces are neither to be found nor to be left alone
 LEAST_INSIDE = 0.55  # nor are those of which less lies within the picture
 MOST_COVERED = 0.45  # nor those of which later things cover more
+BARS_SHARE = 0.12  # of scenes that end in black bars, as crops beyond the border of a photograph do
 LEAST_APART, TRIES = 0.45, 6  # of two faces, as a share of the sum of their sides; tried so often
 
 
@@ -82,6 +83,8 @@ class SceneMaker:
             (self._add_person if is_face else self._add_decoy)(rng, scene, side_px)
         if rng.uniform() < 0.25:
             self._add_occluders(rng, scene)
+        if rng.uniform() < BARS_SHARE:
+            _add_bars(rng, scene)
         scene.image = develop(rng, scene.image)
         return scene
 
@@ -202,6 +205,17 @@ def _paste(
     target[...] = np.rint(target + alpha[..., None] * (colour - target)).astype(np.uint8)
     covered[top:bottom, left:right] = np.rint(255 * alpha)
     return covered
+
+
+def _add_bars(rng: np.random.Generator, scene: Scene) -> None:
+    """Black beyond one or two sides of the picture."""
+    size_px = len(scene.image)
+    covered = np.zeros(scene.image.shape[:2], dtype=np.uint8)
+    for _ in range(int(rng.integers(1, 3))):
+        covered = np.ascontiguousarray(np.rot90(covered, int(rng.integers(4))))
+        covered[: int(size_px * rng.uniform(0.03, 0.35))] = 255
+    scene.image[covered > 0] = 0
+    _note_covered(scene, covered)
 
 
 def _note_covered(scene: Scene, covered: UInt8[ndarray, "h w"]) -> None:

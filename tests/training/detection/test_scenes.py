@@ -9,7 +9,7 @@ from pix2face.errors import UsageError
 from training.data.shard_index import index_shards
 from training.detection.backgrounds import Backgrounds
 from training.detection.people import PEOPLE_LAYERS, People, Person, halved
-from training.detection.scenes import Scene, SceneMaker, _note_covered, _paste, _place, _without_face
+from training.detection.scenes import Scene, SceneMaker, _add_bars, _note_covered, _paste, _place, _without_face
 
 
 @pytest.fixture
@@ -69,6 +69,17 @@ def test_faces_that_something_covers_are_not_counted() -> None:
     covered[:14] = 255
     _note_covered(scene, covered)
     assert scene.is_counted == [False, True]
+
+
+def test_faces_beyond_the_border_of_a_photograph_are_not_counted() -> None:
+    for seed in range(20):
+        boxes = [np.array([24.0, 24, 40, 40]), np.array([0.0, 0, 2, 2]), np.array([62.0, 62, 64, 64])]
+        scene = Scene(np.full((64, 64, 3), 9, np.uint8), boxes, [True] * 3)
+        _add_bars(np.random.default_rng(seed), scene)
+        assert 0.03 < (scene.image == 0).mean() < 0.6
+        for box, is_counted in zip(scene.boxes, scene.is_counted, strict=True):
+            left, top, right, bottom = box.astype(int)
+            assert is_counted == ((scene.image[top:bottom, left:right] == 0).mean() <= 0.45)
 
 
 def test_a_face_that_is_painted_over_is_gone() -> None:
