@@ -22,6 +22,7 @@ METADATA_KEY = "pix2face-resume"
 SCHEMA_VERSION = 2
 # What a configuration without these numbers meant by it.
 _ADDED_LATER = {"norm_batches": 0}
+_LENGTH = frozenset(("epochs", "epoch_size"))
 _ADAM_STATE = ("step", "exp_avg", "exp_avg_sq")
 
 
@@ -117,13 +118,14 @@ def _in_layout_of(parameter: Tensor, value: Tensor) -> Tensor:
 
 def _check_same_configuration(path: Path, stored: dict[str, Any], present: dict[str, Any]) -> None:
     stored = _ADDED_LATER | stored
-    differing = [
-        f"{key} {stored.get(key)!r} -> {present.get(key)!r}"
-        for key in sorted(stored.keys() | present.keys())
-        if stored.get(key) != present.get(key)
-    ]
-    if differing:
-        raise UsageError(
-            f"{path.parent} holds a training with another configuration ({'; '.join(differing)}); "
-            "give the same options to go on with it, --restart to replace it, or another --out"
+    differing = [key for key in sorted(stored.keys() | present.keys()) if stored.get(key) != present.get(key)]
+    if not differing:
+        return
+    changes = "; ".join(f"{key} {stored.get(key)!r} -> {present.get(key)!r}" for key in differing)
+    advice = "give the same options to go on with it, --restart to replace it, or another --out"
+    if _LENGTH.issuperset(differing):
+        advice += (
+            ". The learning rate falls over the whole training, so one of another length is another training from its "
+            "first step; to go on from the weights of this one, give its checkpoint as --init, and another --out"
         )
+    raise UsageError(f"{path.parent} holds a training with another configuration ({changes}); {advice}")

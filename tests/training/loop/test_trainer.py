@@ -166,6 +166,14 @@ def test_another_configuration_is_refused_and_the_difference_named(shards, unint
         train(shards, replace(RECIPE, epochs=5, seed=3), uninterrupted.parent, HERE)
 
 
+def test_a_longer_training_is_told_how_to_go_on(shards, uninterrupted):
+    with pytest.raises(UsageError, match=r"\(epochs 4 -> 5\); .*give its checkpoint as --init, and another --out"):
+        train(shards, replace(RECIPE, epochs=5), uninterrupted.parent, HERE)
+    with pytest.raises(UsageError) as caught:
+        train(shards, replace(RECIPE, epochs=5, seed=3), uninterrupted.parent, HERE)
+    assert "--init" not in str(caught.value)
+
+
 def test_other_samples_are_refused(shards, shards_dir, uninterrupted):
     with pytest.raises(UsageError, match=r"samples 5 -> 10; samples_sha256 "):
         train(index_shards([shards_dir, shards_dir]), RECIPE, uninterrupted.parent, HERE)
