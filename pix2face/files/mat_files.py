@@ -1,4 +1,6 @@
-"""Arrays of numbers from MAT 5 files, one variable at a time.
+"""Arrays of numbers from MAT files of version 5, one variable at a time, and of version 7.3, which are HDF5.
+
+The fields of a structure are named as in Matlab: ``model.shapeMU``.
 
 SciPy believes what a file says of itself: a damaged type code ends the process, and a declared size is allocated
 (52 of 12,000 damaged coefficient files crashed SciPy 1.17). Here kind, shape and size of an array are held against
@@ -13,26 +15,30 @@ import struct
 import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, final
 
+import h5py
 import numpy as np
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
+from pix2face.files.checked_hdf5 import open_hdf5, read_array
 from pix2face.files.opening import largest_unfolded, open_regular
 
 # The Basel Face Model of 2009 takes 0.25 GB.
 LARGEST_FILE_BYTES = 1 << 30
 _HEADER_BYTES = 128
+_MAT5_ENDS, _MAT73_END = (b"\x00\x01IM", b"\x01\x00MI"), b"\x00\x02IM"
+_STRUCTURE = "a structure"
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-_OTHER_CLASSES = {1: "a cell array", 2: "a structure", 3: "an object", 4: "text", 5: "a sparse array"}
+_OTHER_CLASSES = {1: "a cell array", 2: _STRUCTURE, 3: "an object", 4: "text", 5: "a sparse array"}
 _LAST_NUMBER_CLASS = 15
 _COMPLEX = 0x0800
 _MAX_DIMENSIONS = 32
-_MOST_VARIABLES = 10_000
+_MOST_VARIABLES, _LONGEST_NAME = 10_000, 64
 _CHUNK_BYTES = 1 << 20
 # Flags, shape and name of any variable that Matlab writes (32 dimensions, 63 letters) fit.
 _FIRST_BYTES = 512
@@ -42,9 +48,9 @@ class _DamagedError(Exception):
     """What is wrong, without the name of the file."""
 
 
-def is_mat5(start: bytes) -> bool:
-    """Whether the first 128 bytes of a file are those of a MAT 5 file."""
-    return start[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
+def is_mat(start: bytes) -> bool:
+    """Whether the first 128 bytes of a file are those of a MAT file."""
+    return start[124:128] in (*_MAT5_ENDS, _MAT73_END)
 
 
 def mat_names(path: Path) -> list[str]:
@@ -53,6 +59,9 @@ def mat_names(path: Path) -> list[str]:
     Raises:
         InputFileError: As `read_mat`.
     """
+    if _is_mat73(path, LARGEST_FILE_BYTES):
+        with open_hdf5(path) as file:
+            return list(_datasets(file))
     with _reported(path):
         return [variable.name for variable in _variables(path, LARGEST_FILE_BYTES)]
 
@@ -66,12 +75,34 @@ def read_mat(path: Path, wanted: Collection[str], largest_bytes: int = LARGEST_F
         InputFileError: The file is missing, damaged, hostile or of another format, or a wanted variable is larger than
             ``largest_bytes`` or not a full array of real numbers.
     """
+    if _is_mat73(path, largest_bytes):
+        with open_hdf5(path) as file:
+            names = _datasets(file)
+            # Matlab counts dimensions from the other end than HDF5.
+            return {name: read_array(file, names[name], path).T for name in names if name in wanted}
     arrays: dict[str, ndarray] = {}
     with _reported(path):
         for variable in _variables(path, largest_bytes):
             if variable.name in wanted and variable.name not in arrays:
                 arrays[variable.name] = variable.read(largest_bytes)
     return arrays
+
+
+def _is_mat73(path: Path, largest_bytes: int) -> bool:
+    with open_regular(path, "a MAT file of numbers", largest_bytes) as file:
+        return file.read(_HEADER_BYTES)[124:] == _MAT73_END
+
+
+def _datasets(file: h5py.File) -> dict[str, str]:
+    """From the names of variables and fields to those of their datasets."""
+    found: dict[str, str] = {}
+    for name, item in file.items():
+        if isinstance(item, h5py.Dataset):
+            found[name] = name
+        elif isinstance(item, h5py.Group):
+            fields = (key for key, field in item.items() if isinstance(field, h5py.Dataset))
+            found |= {f"{name}.{key}": f"{name}/{key}" for key in fields}
+    return found
 
 
 @contextmanager
@@ -90,7 +121,7 @@ def _variables(path: Path, largest_bytes: int) -> "Iterator[_Variable]":
     """The variables in their order; each can be read until the next is asked for."""
     with open_regular(path, "a MAT 5 file of numbers", largest_bytes) as file:
         header, size = file.read(_HEADER_BYTES), os.fstat(file.fileno()).st_size
-        if not is_mat5(header):
+        if header[124:] not in _MAT5_ENDS:
             raise _DamagedError(_foreign(header))
         order, at = "<" if header[126:128] == b"IM" else ">", _HEADER_BYTES
         for _ in range(_MOST_VARIABLES):
@@ -106,14 +137,37 @@ def _variables(path: Path, largest_bytes: int) -> "Iterator[_Variable]":
                 kind, _ = _unpack(order, body.read(8))
             if kind != _MATRIX:
                 raise _DamagedError(f"a variable of the unknown kind {kind}")
-            yield _parsed(order, body)
+            variable = _parsed(order, body)
+            yield variable
+            if variable.kind == _STRUCTURE and math.prod(variable.shape) == 1:
+                yield from _fields(variable)
         raise _DamagedError(f"more than {_MOST_VARIABLES} variables")
+
+
+def _fields(structure: "_Variable") -> "Iterator[_Variable]":
+    """The fields of a structure, one after the other in its element."""
+    order, rest = structure.order, _Part(structure.body, structure.body.limit, structure.start)
+    _, _, length = _tag(order, rest.read(8))
+    name_bytes = int.from_bytes(length, "little" if order == "<" else "big")
+    _, n_bytes, inline = _tag(order, rest.read(8))
+    if not 0 < name_bytes <= _LONGEST_NAME or n_bytes > name_bytes * _MOST_VARIABLES:
+        raise _DamagedError(f"the names of {n_bytes} bytes of the fields of {structure.name}")
+    names = inline or rest.read(n_bytes + -n_bytes % 8)[:n_bytes]
+    for at in range(0, len(names) - name_bytes + 1, name_bytes):
+        kind, n_bytes = _unpack(order, rest.read(8))
+        if kind != _MATRIX:
+            raise _DamagedError(f"a field of {structure.name} of the unknown kind {kind}")
+        body = _Part(rest, n_bytes)
+        field = names[at : at + name_bytes].split(b"\0")[0].decode("ascii")
+        if n_bytes:  # Matlab writes nothing for some empty arrays
+            yield replace(_parsed(order, body), name=f"{structure.name}.{field}")
+        body.skip()
 
 
 def _foreign(header: bytes) -> str:
     if len(header) < _HEADER_BYTES:
         return f"{len(header)} bytes, too short for its header"
-    return "the file is MAT 7.3 (HDF5)" if header[124:128] == b"\0\2IM" else "no header of Matlab"
+    return "no header of Matlab"
 
 
 @final
@@ -145,6 +199,28 @@ class _Body:
 
 
 @final
+class _Part:
+    """An element inside of another one, read from front to back; what was read of it already comes first."""
+
+    def __init__(self, whole: "_Body | _Part", n_bytes: int, start: bytearray | None = None) -> None:
+        self._whole, self._start, self._left = whole, start or bytearray(), n_bytes
+        self.limit = min(whole.limit, n_bytes)
+
+    def read(self, n_bytes: int) -> bytearray:
+        """As `_Body.read`."""
+        wanted = min(n_bytes, self._left)
+        out, self._start = self._start[:wanted], self._start[wanted:]
+        out += self._whole.read(wanted - len(out))
+        self._left -= len(out)
+        return out
+
+    def skip(self) -> None:
+        """Goes to the end of the element."""
+        while self.read(_CHUNK_BYTES):
+            pass
+
+
+@final
 @dataclass(frozen=True, eq=False)
 class _Variable:
     """What precedes the numbers of a variable, and what follows it."""
@@ -154,7 +230,7 @@ class _Variable:
     shape: tuple[int, ...]
     order: str  # of the bytes: "<" or ">"
     start: bytearray  # the tag of the numbers and their first bytes
-    body: _Body  # what follows
+    body: "_Body | _Part"  # what follows
 
     def read(self, largest_bytes: int) -> ndarray:
         """Reads the numbers."""
@@ -176,7 +252,7 @@ class _Variable:
         return np.frombuffer(content, dtype=dtype).reshape(self.shape, order="F")
 
 
-def _parsed(order: str, body: _Body) -> _Variable:
+def _parsed(order: str, body: _Body | _Part) -> _Variable:
     """Flags, shape and name: three elements, each padded to 8 bytes."""
     start = body.read(_FIRST_BYTES)
     _, content, at = _element(order, start, 0)

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import open_hdf5, read_text
-from pix2face.files.mat_files import is_mat5
+from pix2face.files.mat_files import is_mat
 from pix2face.files.npz_files import npz_names
 from pix2face.files.opening import is_folder, open_regular
 from pix2face.model_formats.bfm2009 import ORIGINAL_FILE, SHAPE_FILE, is_bfm2009, read_bfm2009
+from pix2face.model_formats.bfm_front import is_bfm_front, read_bfm_front
 from pix2face.model_formats.flame import read_flame
 from pix2face.model_formats.gnm import TEMPLATE, read_gnm
 from pix2face.model_formats.ict_facekit import model_folder, read_ict_facekit
@@ -19,7 +20,8 @@ from pix2face.model_formats.surrey import is_surrey, read_surrey
 from pix2face.models.model_file import FORMAT, StoredModel
 
 SUPPORTED = (
-    f"a folder with {SHAPE_FILE} and Model_Expression.mat, or with {ORIGINAL_FILE} (BFM 2009), a .h5 in statismo's "
+    f"a folder with {SHAPE_FILE} and Model_Expression.mat, or with {ORIGINAL_FILE} (BFM 2009), a BFM.mat of face3d, "
+    "a BFM_model_front.mat, a .h5 in statismo's "
     "layout (BFM 2017, 2019), a .pkl of FLAME, a .bin of Surrey, a folder of ICT-FaceKit, or a .npz of GNM"
 )
 # The Basel Face Model of 2009 takes 0.25 GB.
@@ -50,7 +52,7 @@ def read_model(path: Path) -> StoredModel:
         return _read_hdf5(path)
     if start.startswith(_ZIP):
         return _read_zip(path)
-    if is_mat5(start):
+    if is_mat(start):
         return _read_mat(path)
     if start.startswith(_PICKLE_STARTS):
         return read_flame(path)
@@ -90,8 +92,10 @@ def _read_zip(path: Path) -> StoredModel:
 
 
 def _read_mat(path: Path) -> StoredModel:
+    if is_bfm_front(path):
+        return read_bfm_front(path)
     if not is_bfm2009(path):
         raise InputFileError(
-            f"{path}: expected {SUPPORTED}; found a MAT 5 file that is no model (a coefficient file, perhaps)"
+            f"{path}: expected {SUPPORTED}; found a MAT file that is no model (a coefficient file, perhaps)"
         )
     return read_bfm2009(path)

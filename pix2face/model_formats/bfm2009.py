@@ -3,6 +3,8 @@
 300W-LP's: ``Model_Shape.mat`` and ``Model_Expression.mat`` (also ``Model_Exp.mat``), 53,215 vertices, with
 S = mu_shape + mu_exp + w Shape_Para + w_exp Exp_Para (docs/reference/conventions.md).
 
+face3d's ``BFM.mat``: the same arrays in one structure, with other names.
+
 The original: ``01_MorphableModel.mat``, 53,490 vertices, no expressions; or with ``Exp_Pca.bin`` and ``std_exp.txt``,
 another expression basis than the one that ``Exp_Para`` refers to, on the 53,215 vertices.
 
@@ -40,6 +42,21 @@ GUO_BASIS = "bfm2009-guo"
 SHAPE_FILE = "Model_Shape.mat"
 EXPRESSION_FILES = ("Model_Expression.mat", "Model_Exp.mat")
 ORIGINAL_FILE = "01_MorphableModel.mat"
+# The structure of face3d's file, and how its fields are named in the files of 300W-LP.
+FACE3D = "model"
+FACE3D_NAMES = {
+    "mu_shape": "shapeMU",
+    "w": "shapePC",
+    "sigma": "shapeEV",
+    "tri": "tri",
+    "keypoints": "kpt_ind",
+    "mu_exp": "expMU",
+    "w_exp": "expPC",
+    "sigma_exp": "expEV",
+    "mu_tex": "texMU",
+    "w_tex": "texPC",
+    "sigma_tex": "texEV",
+}
 GUO_FILE, GUO_DEVIATIONS_FILE = "Exp_Pca.bin", "std_exp.txt"
 TRIM_FILES = ("model_info.mat", "BFM_exp_idx.mat")
 MM_PER_UM = 1e-3
@@ -49,7 +66,7 @@ MAX_GUO_COMPONENTS = 512
 LARGEST_TEXT_BYTES = 1 << 20
 LARGEST_BASIS_BYTES = 512 << 20
 
-_LICENCE = "Basel Face Model: registration with the University of Basel, research only; not to be passed on"
+LICENCE = "Basel Face Model: registration with the University of Basel, research only; not to be passed on"
 
 
 def standard_deviations_of_300wlp(
@@ -74,7 +91,7 @@ def standard_deviations_of_300wlp(
 
 def is_bfm2009(path: Path) -> bool:
     """Whether a MAT 5 file is one of the model's."""
-    return bool({"mu_shape", "mu_exp", "shapeMU"} & set(mat_names(path)))
+    return bool({"mu_shape", "mu_exp", "shapeMU", f"{FACE3D}.shapeMU"} & set(mat_names(path)))
 
 
 def read_bfm2009(path: Path) -> StoredModel:
@@ -86,6 +103,8 @@ def read_bfm2009(path: Path) -> StoredModel:
     Raises:
         InputFileError: A file is missing, damaged, or its arrays do not fit each other.
     """
+    if path.is_file() and f"{FACE3D}.shapeMU" in mat_names(path):
+        return _read_face3d(path)
     folder = path if path.is_dir() else path.parent
     original, shape = existing(folder, ORIGINAL_FILE), existing(folder, SHAPE_FILE)
     if original is not None and (path == original or shape is None):
@@ -102,6 +121,20 @@ def read_bfm2009(path: Path) -> StoredModel:
 def _read_300wlp(shape_path: Path, expression_path: Path) -> StoredModel:
     shape = _read(shape_path, ("mu_shape", "w", "sigma", "tri", "keypoints"), ("mu_tex", "w_tex", "sigma_tex"))
     expression = _read(expression_path, ("mu_exp", "w_exp", "sigma_exp"))
+    return _of_300wlp(shape_path, expression_path, shape, expression)
+
+
+def _read_face3d(path: Path) -> StoredModel:
+    """``BFM.mat`` of face3d: the arrays of 300W-LP under other names, in one structure."""
+    fields = _read(path, tuple(f"{FACE3D}.{name}" for name in FACE3D_NAMES.values() if not name.startswith("tex")))
+    fields |= read_mat(path, [f"{FACE3D}.{name}" for name in FACE3D_NAMES.values()])
+    named = {own: fields[f"{FACE3D}.{name}"] for own, name in FACE3D_NAMES.items() if f"{FACE3D}.{name}" in fields}
+    return _of_300wlp(path, path, named, named)
+
+
+def _of_300wlp(
+    shape_path: Path, expression_path: Path, shape: dict[str, ndarray], expression: dict[str, ndarray]
+) -> StoredModel:
     mean_um = coordinates(f"{shape_path} (mu_shape)", shape["mu_shape"])
     offset_um = coordinates(f"{expression_path} (mu_exp)", expression["mu_exp"])
     n_vertices = len(mean_um)
@@ -193,7 +226,7 @@ def _model(
 ) -> StoredModel:
     mean = (mean_um * MM_PER_UM).astype(np.float32)
     return StoredModel(
-        licence=_LICENCE,
+        licence=LICENCE,
         mean=mean,
         identity_basis=identity.mm,
         expression_basis=deformation.mm,

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -77,7 +78,9 @@ def test_the_files_at_hand_are_read(shared_dir: Path) -> None:
 def test_only_what_was_asked_for_is_read_and_only_numbers(tmp_path: Path, compressed: bool) -> None:
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, FIELDS, do_compression=compressed)
-    assert mat_names(path) == list(FIELDS)
+    names = mat_names(path)
+    assert [name for name in names if "." not in name] == list(FIELDS)
+    assert [name for name in names if "." in name] == ["structure.a"]
     found = read_mat(path, ("x", "small", "y", "absent"))
     assert set(found) == {"x", "small", "y"}
     np.testing.assert_array_equal(found["x"], FIELDS["x"])
@@ -102,7 +105,6 @@ LITTLE_ENDIAN_5 = b"\x00\x01IM"
         (b"", "0 bytes, too short"),
         (b"MATLAB 5.0", "10 bytes, too short"),
         (b"\x89HDF\r\n\x1a\n" + bytes(500), "no header of Matlab"),
-        (with_version(TEXT.ljust(200), b"\x00\x02IM"), r"MAT 7\.3"),
         (with_version(bytes(200), LITTLE_ENDIAN_5), "unknown kind 0"),
     ],
 )
@@ -223,3 +225,38 @@ def test_no_damage_hangs_crashes_or_grows(tmp_path: Path, seed: int) -> None:
     assert result.slowest_ms < 1000
     assert result.largest_mb < 8
     assert result.disagreements == ()
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_fields_of_a_structure_are_read_by_name(tmp_path: Path, compressed: bool) -> None:
+    path, x, y = tmp_path / "a.mat", np.arange(6.0).reshape(2, 3), np.arange(40, dtype=np.float32)[:, None]
+    fields = {"x": x, "text": "words", "nested": {"z": x}, "y": y, "one": 7}
+    scipy.io.savemat(path, {"before": x, "model": fields, "after": y}, do_compression=compressed)
+    found = read_mat(path, ["model.x", "model.y", "model.one", "after"])
+    np.testing.assert_array_equal(found["model.x"], x)
+    np.testing.assert_array_equal(found["model.y"], y)
+    assert found["model.one"].item() == 7
+    np.testing.assert_array_equal(found["after"], y)
+    for name in ("model.text", "model.nested", "model"):
+        with pytest.raises(InputFileError, match="should be an array of numbers"):
+            read_mat(path, [name])
+    content = path.read_bytes()
+    for length in range(200, len(content), 41):
+        path.write_bytes(content[:length])
+        with pytest.raises(InputFileError, match="cannot be read"):
+            mat_names(path)
+
+
+def test_files_of_version_7_3_are_read_in_the_shapes_of_matlab(tmp_path: Path) -> None:
+    path, x = tmp_path / "a.mat", np.arange(6.0).reshape(2, 3)
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["x"], file["model/y"] = x.T, x
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+    assert mat_names(path) == ["model.y", "x"]
+    found = read_mat(path, ["x", "model.y", "absent"])
+    np.testing.assert_array_equal(found["x"], x)
+    np.testing.assert_array_equal(found["model.y"], x.T)
+    path.write_bytes(path.read_bytes()[:600])
+    with pytest.raises(InputFileError, match="expected an HDF5 file"):
+        read_mat(path, ["x"])

@@ -10,6 +10,7 @@ import scipy.io
 from pix2face.errors import InputFileError
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats import read_model
+from pix2face.model_formats.bfm2009 import FACE3D_NAMES
 from tests.model_files import write_small_head
 from tests.published_models import (
     small_head,
@@ -100,3 +101,45 @@ def test_a_later_version_of_eos_is_named(tmp_path: Path) -> None:
     path.write_bytes((9).to_bytes(4, "little") + path.read_bytes()[4:])
     with pytest.raises(InputFileError, match="eos library of version 1 to 4, found version 9"):
         read_model(path)
+
+
+def test_the_file_of_face3d_is_that_of_300wlp(tmp_path: Path) -> None:
+    head, keypoints = small_head(), small_head_model().landmarks[IBUG68]
+    expected = read_model(write_bfm(tmp_path, head, keypoints))
+    fields = {}
+    for name in ("Model_Shape.mat", "Model_Expression.mat"):
+        fields |= scipy.io.loadmat(tmp_path / name)
+    model = {theirs: fields[ours] for ours, theirs in FACE3D_NAMES.items() if ours in fields}
+    path = tmp_path / "one" / "BFM.mat"
+    path.parent.mkdir()
+    scipy.io.savemat(path, {"model": model})
+    found = read_model(path)
+    for name in ("mean", "identity_basis", "expression_basis", "polygons", "identity_unit"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    np.testing.assert_array_equal(found.landmarks[IBUG68], keypoints)
+    assert found.published_basis == expected.published_basis
+
+
+def test_the_model_of_deep_3d_face_reconstruction(tmp_path: Path) -> None:
+    head, keypoints = small_head(), small_head_model().landmarks[IBUG68]
+    n = head.mean.size
+    fields = {
+        "meanshape": head.mean.reshape(1, n) / 100,
+        "idBase": head.identity.reshape(-1, n).T / 100,
+        "exBase": head.expression.reshape(-1, n).T / 100,
+        "meantex": np.full((1, n), 51.0),
+        "texBase": np.full((n, 1), 2.55),
+        "tri": head.triangles[:, [0, 2, 1]] + 1,
+        "keypoints": keypoints[None] + 1,
+    }
+    scipy.io.savemat(tmp_path / "model.mat", fields)
+    found = read_model(tmp_path / "model.mat")
+    np.testing.assert_allclose(found.mean, head.mean, atol=1e-4)
+    np.testing.assert_allclose(found.identity_basis, head.identity, atol=1e-4)
+    np.testing.assert_allclose(found.expression_basis, head.expression, atol=1e-4)
+    np.testing.assert_array_equal(found.landmarks[IBUG68], keypoints)
+    assert found.albedo_mean is not None
+    assert found.albedo_mean[0, 0] == pytest.approx(0.2)
+    scipy.io.savemat(tmp_path / "model.mat", fields | {"idBase": np.zeros((n - 3, 2))})
+    with pytest.raises(InputFileError, match="idBase"):
+        read_model(tmp_path / "model.mat")
