@@ -204,7 +204,7 @@ class _Part:
 
     def __init__(self, whole: "_Body | _Part", n_bytes: int, start: bytearray | None = None) -> None:
         self._whole, self._start, self._left = whole, start or bytearray(), n_bytes
-        self.limit = min(whole.limit, n_bytes)
+        self.limit: int = min(whole.limit, n_bytes)
 
     def read(self, n_bytes: int) -> bytearray:
         """As `_Body.read`."""

@@ -7,6 +7,7 @@ Source: Deng et al. 2019, Accurate 3D Face Reconstruction with Weakly-Supervised
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +54,7 @@ def read_bfm_front(path: Path) -> StoredModel:
     if len(keypoints) != N_IBUG68:
         raise InputFileError(f"{path}: expected {N_IBUG68} keypoints, found {len(keypoints)}")
     polygons = triangle_polygons(f"{path} (tri)", fields["tri"], n_vertices, first=1)
-    albedo = {}
+    albedo: dict[str, Any] = {}
     if "meantex" in fields and "texBase" in fields:
         colours, columns = coordinates(f"{path} (meantex)", fields["meantex"]), fields["texBase"]
         ones = np.ones(columns.shape[-1])
