@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 
 from pix2face import __version__
 from pix2face.errors import Pix2FaceError, UsageError
-from pix2face.files.writing import written_in_one_step
+from pix2face.files.writing import WRITE_ERRORS, written_in_one_step
 
 EXIT_BROKEN_PIPE = 1
 EXIT_ERROR = 2
@@ -69,7 +69,7 @@ def run_commands(
         return EXIT_BROKEN_PIPE
     except (Pix2FaceError, OSError) as error:
         # OSError: no such right, no space, a file where a folder should be: what no command can foresee.
-        sys.stderr.write(f"{program}: error: {printable(str(error))}\n")
+        sys.stderr.write(f"{program}: error: {printable(str(_with_its_place(error)))}\n")
         return EXIT_ERROR
     except MemoryError as error:
         found = f" ({printable(str(error))})" if str(error) else ""
@@ -78,6 +78,13 @@ def run_commands(
     except KeyboardInterrupt:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
         return EXIT_INTERRUPTED
+
+
+def _with_its_place(error: Pix2FaceError | OSError) -> Pix2FaceError | OSError:
+    """Names the standard output in the error of a failed write to it: errors of files name the file."""
+    if isinstance(error, OSError) and error.filename is None and error.errno in WRITE_ERRORS:
+        return OSError(error.errno, error.strerror, "standard output")
+    return error
 
 
 def _replace_missing_streams() -> None:

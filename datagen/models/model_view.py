@@ -60,11 +60,10 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         n_components: How many identity and how many expression components a picture shows.
 
     Raises:
-        UsageError: The file cannot be written.
+        OSError: The file cannot be written.
         GLUnavailableError: There is no OpenGL to draw a picture with.
     """
     suffix = out.suffix.lower()
-    out.parent.mkdir(parents=True, exist_ok=True)
     if suffix in MESH_SUFFIXES:
         import trimesh  # half a second, which commands that write no mesh save
 
@@ -73,7 +72,15 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
             mesh.visual.material.name = material_stem(out.stem)  # so that each .obj refers to files of its own
         if suffix == ".glb":
             mesh.vertices = mesh.vertices * GLTF_UNITS_PER_MM
-        mesh.export(out, **({"mtl_name": f"{material_stem(out.stem)}.mtl"} if suffix == ".obj" else {}))
+        beside: dict[str, bytes] = {}
+        if suffix == ".obj":
+            material = f"{material_stem(out.stem)}.mtl"
+            content, beside = trimesh.exchange.obj.export_obj(mesh, return_texture=True, mtl_name=material)
+        else:
+            content = mesh.export(file_type=suffix.removeprefix("."))
+        for name, part in beside.items():
+            write_file(out.with_name(name), part)
+        write_file(out, content)
     else:
         sheet = component_sheet(model, n_components)
         write_file(out, cv2.imencode(suffix, sheet[..., ::-1])[1].tobytes())

@@ -20,7 +20,7 @@ from pix2face.detectors.detection import open_detector
 from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
-from pix2face.files.writing import write_file
+from pix2face.files.writing import GrowingFile, write_file
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.face_follower import (
@@ -40,7 +40,7 @@ from pix2face.tracking.face_tracks import (
     main_face,
 )
 from pix2face.tracking.smoothing import Smoothing, open_smoother
-from pix2face.tracking.track_files import TrackFiles, TrackFormat, draw_frame
+from pix2face.tracking.track_files import OVERLAY_NAME, TrackFiles, TrackFormat, draw_frame, remove_earlier_files
 from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
 from pix2face.tracking.video import FrameSource, OverlayVideo, open_frames
 
@@ -166,10 +166,7 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
     Raises:
         InputFileError: No frame, or no face in any.
     """
-    with (
-        boxes.open("w", newline="", encoding="utf-8") as file,
-        progress_bar(console, "detect", source.n_announced) as advance,
-    ):
+    with GrowingFile(boxes) as file, progress_bar(console, "detect", source.n_announced) as advance:
         tracker = FaceTracker(file, source.fps)
         n_frames = find_boxes(source, find, tracker, every=config.detect_every, advance=advance)
     if source.is_cut_short(n_frames):
@@ -222,13 +219,13 @@ def _follow(
     def open_files(index: int) -> TrackFiles:
         return TrackFiles(faces[index].folder, formats, source.fps, followers[index].identity, model)
 
-    for index in range(len(faces)):
-        open_files(index).close()  # whatever an earlier run left there
+    for folder in {config.out, *(own.folder for own in faces)}:
+        remove_earlier_files(folder, formats)
     with ExitStack() as stack:
         files: dict[int, TrackFiles] = {}  # of the faces in the picture: a long clip has more than a process may open
         overlay = None
         if "video" in formats:
-            overlay = stack.enter_context(OverlayVideo(config.out / "overlay.mp4", source.fps))
+            overlay = stack.enter_context(OverlayVideo(config.out / OVERLAY_NAME, source.fps))
         advance = stack.enter_context(progress_bar(console, "track", n_frames))
         for frame in follow_faces(source, every_box, followers, fitter):
             for index, own in frame.faces.items():

@@ -5,10 +5,11 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import final
 from uuid import uuid4
 
 # What a system answers to a write that the disk or a limit does not allow.
-_WRITE_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EROFS)
+WRITE_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EROFS)
 
 
 @contextmanager
@@ -51,6 +52,49 @@ def write_file(path: Path, content: bytes | str) -> None:
         temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 
+@final
+class GrowingFile:
+    """A text file (UTF-8) that is written bit by bit; a context manager.
+
+    It appears under its name when the block ends, also by an exception: what was written until then is wanted. If a
+    write fails, nothing is left of it.
+
+    Raises:
+        OSError: The file cannot be written, for instance since the disk is full. The error names it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._unfinished = path.with_name(f".{path.name}.part")
+        self._file = self._unfinished.open("w", newline="", encoding="utf-8")
+        self._has_failed = False
+
+    def __enter__(self) -> "GrowingFile":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        try:
+            with naming_failed_writes(self._path):
+                self._file.close()
+            if not self._has_failed:
+                self._unfinished.replace(self._path)
+        finally:
+            self._unfinished.unlink(missing_ok=True)
+
+    def write(self, text: str) -> None:
+        """Appends a text.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        try:
+            with naming_failed_writes(self._path):
+                self._file.write(text)
+        except OSError:
+            self._has_failed = True
+            raise
+
+
 @contextmanager
 def naming_failed_writes(path: Path) -> Iterator[None]:
     """Lets the errors of a failed write name the file.
@@ -67,7 +111,7 @@ def naming_failed_writes(path: Path) -> Iterator[None]:
             raise
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
     except Exception as error:
-        for number in _WRITE_ERRORS:
+        for number in WRITE_ERRORS:
             if os.strerror(number) in str(error):
                 raise OSError(number, os.strerror(number), str(path)) from error
         raise

@@ -16,6 +16,7 @@ from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_text, read_version
 from pix2face.files.json_text import parse_json
 from pix2face.files.opening import is_regular
+from pix2face.files.writing import written_in_one_step
 
 FORMAT = "pix2face-morphable-model"
 SCHEMA_VERSION = 1
@@ -101,8 +102,7 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
     With ``quantise`` the bases are stored as int16 with one step per component: 1/32767 of its largest value. That
     takes a quarter of the size. Imported models are not quantised, so they stay exact.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with h5py.File(path, "w", track_order=False, locking=False) as file:
+    with written_in_one_step(path) as temporary, h5py.File(temporary, "w", track_order=False, locking=False) as file:
         file.attrs["format"] = fixed_text(FORMAT)
         file.attrs["schema_version"] = SCHEMA_VERSION
         for name in _TEXTS:

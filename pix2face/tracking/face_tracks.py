@@ -19,6 +19,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from pix2face.detectors.protocol import Box, box_and_score, overlap
+from pix2face.files.writing import GrowingFile
 from pix2face.geometry.crops import FaceBox
 
 BoxSource = Literal["detected", "interpolated", "held"]
@@ -70,7 +71,7 @@ class FaceTracker:
         fps: Frames a second.
     """
 
-    def __init__(self, file: TextIOBase, fps: float) -> None:
+    def __init__(self, file: TextIOBase | GrowingFile, fps: float) -> None:
         self._rows = csv.writer(file, lineterminator="\n")
         self._rows.writerow(BOX_COLUMNS)
         self._fps = fps

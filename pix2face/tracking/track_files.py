@@ -1,12 +1,12 @@
 """What tracking writes, frame by frame: landmarks and pose as CSV, ``.pts`` and NPZ, and an overlay.
 
-Layouts: docs/reference. Nothing is kept in memory, and what has been written stays readable when the rest never
-comes.
+Layouts: docs/reference. Nothing is kept in memory. Files appear under their names when they end; after an interruption,
+they hold the frames until then.
 """
 
 import csv
 import zipfile
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import astuple
 from pathlib import Path
 from typing import IO, Final, Literal, final
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.files.writing import write_file, written_in_one_step
+from pix2face.files.writing import GrowingFile, naming_failed_writes, write_file, written_in_one_step
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.models.morphable_model import MorphableModel
@@ -36,6 +36,7 @@ CSV_COLUMNS: Final = (
 # Landmarks of a frame whose box was detected and whose maps held a face; of every other frame.
 SEEN_COLOUR, FILLED_COLOUR = (60, 255, 60), (255, 160, 40)
 COPY_BYTES = 1 << 20
+OVERLAY_NAME = "overlay.mp4"
 
 
 @final
@@ -56,7 +57,7 @@ class TrackFiles:
         self._files = ExitStack()
         self._csv = self._npz = self._pts = None
         if "csv" in formats:
-            file = self._files.enter_context((folder / "landmarks.csv").open("w", newline="", encoding="utf-8"))
+            file = self._files.enter_context(GrowingFile(folder / "landmarks.csv"))
             self._csv = csv.writer(file, lineterminator="\n")
             self._csv.writerow(CSV_COLUMNS)
         if "npz" in formats:
@@ -66,8 +67,6 @@ class TrackFiles:
         if "pts" in formats:
             self._pts = folder / "pts"
             self._pts.mkdir(exist_ok=True)
-            for stale in self._pts.glob("[0-9]" * 6 + ".pts"):  # of a longer clip that was written here before
-                stale.unlink()
 
     def __enter__(self) -> "TrackFiles":
         return self
@@ -113,11 +112,12 @@ class GrowingNpz:
 
     def append(self, row: dict[str, ndarray]) -> None:
         """Takes one row of every array."""
-        for name, values in row.items():
-            if name not in self._files:
-                self._files[name] = self._part(name).open("wb")
-                self._kinds[name] = (values.dtype, values.shape)
-            self._files[name].write(np.ascontiguousarray(values).tobytes())
+        with naming_failed_writes(self._path):
+            for name, values in row.items():
+                if name not in self._files:
+                    self._files[name] = self._part(name).open("wb")
+                    self._kinds[name] = (values.dtype, values.shape)
+                self._files[name].write(np.ascontiguousarray(values).tobytes())
         self._count += 1
 
     def _part(self, name: str) -> Path:
@@ -136,9 +136,10 @@ class GrowingNpz:
                     file.close()
                     self._pack_rows(archive, name)
         finally:
-            for name in self._files:
-                self._files[name].close()
+            for name, file in self._files.items():
                 self._part(name).unlink(missing_ok=True)
+                with suppress(OSError):  # of a full disk, which is said already
+                    file.close()
 
     def _pack_rows(self, archive: zipfile.ZipFile, name: str) -> None:
         dtype, shape = self._kinds[name]
@@ -149,6 +150,14 @@ class GrowingNpz:
             while left and (block := rows.read(min(COPY_BYTES, left))):
                 member.write(block)
                 left -= len(block)
+
+
+def remove_earlier_files(folder: Path, formats: tuple[TrackFormat, ...]) -> None:
+    """Removes what an earlier run left of what is to be written: it may be of another clip, or a longer one."""
+    names = {"csv": "landmarks.csv", "npz": "track.npz", "pts": "pts/" + "[0-9]" * 6 + ".pts", "video": OVERLAY_NAME}
+    for own in formats:
+        for path in folder.glob(names[own]):
+            path.unlink()
 
 
 def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:

@@ -101,19 +101,39 @@ def open_frames(path: Path) -> FrameSource:
 
 @final
 class OverlayVideo:
-    """An MP4 file, written frame by frame; a context manager."""
+    """An MP4 file, written frame by frame; a context manager.
+
+    It appears under its name when the block ends, also by an exception: what was written until then is wanted. If it
+    cannot be written whole, nothing is left of it.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
 
     def __init__(self, path: Path, fps: float) -> None:
         self._path, self._fps = path, fps
+        # FFmpeg knows the format by the ending.
+        self._unfinished = path.with_name(f".{path.stem}.part{path.suffix}")
         self._writer: cv2.VideoWriter | None = None
         self._size = (0, 0)
+        self._n_written = 0
 
     def __enter__(self) -> "OverlayVideo":
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._writer is not None:
-            self._writer.release()
+        if self._writer is None:
+            return
+        self._writer.release()
+        try:
+            if _n_frames(self._unfinished) != self._n_written:  # OpenCV says nothing of a write that fails
+                raise UsageError(
+                    f"{self._path}: expected to write {self._n_written} frames, found that they cannot all be written; "
+                    "is the disk full?"
+                )
+            self._unfinished.replace(self._path)
+        finally:
+            self._unfinished.unlink(missing_ok=True)
 
     def write(self, image: Frame) -> None:
         """Appends a frame.
@@ -125,11 +145,21 @@ class OverlayVideo:
             # Codecs halve the colour planes: sides must be even.
             self._size = (image.shape[1] // 2 * 2, image.shape[0] // 2 * 2)
             code = cv2.VideoWriter.fourcc(*"mp4v")
-            self._writer = cv2.VideoWriter(str(self._path), code, self._fps, self._size)
+            self._writer = cv2.VideoWriter(str(self._unfinished), code, self._fps, self._size)
             if not self._writer.isOpened():
                 raise UsageError(f"{self._path}: expected to write a video of {self._size} pixels, OpenCV refuses")
         width, height = self._size
         self._writer.write(np.ascontiguousarray(image[:height, :width, ::-1]))
+        self._n_written += 1
+
+
+def _n_frames(video: Path) -> int:
+    """How many frames its header lists, which is written last; 0 where it has none."""
+    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    try:
+        return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
+    finally:
+        capture.release()
 
 
 def _open_pattern(pattern: Path) -> FrameSource:

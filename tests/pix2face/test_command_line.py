@@ -149,7 +149,7 @@ def test_output_that_cannot_be_written_is_one_line(
     full = Path("/dev/full").open("w")  # noqa: SIM115 (closing it fails, too)
     monkeypatch.setattr(sys, "stdout", full)
     assert run(count, "--version") == 2
-    assert capsys.readouterr().err == "program: error: [Errno 28] No space left on device\n"
+    assert capsys.readouterr().err == "program: error: [Errno 28] No space left on device: 'standard output'\n"
     with suppress(OSError):
         full.close()
 

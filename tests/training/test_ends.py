@@ -1,40 +1,58 @@
 """``train`` ends by itself whatever fails, with one line and its exit status; and it works without ``/dev/shm``."""
 
-import errno
 import os
-import resource
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import pytest
 
+from tests.full_disk import FULL, files_of_at_most
 from training.cli import main
 
 PATIENCE_SECONDS = 60
 ORPHANS_END_SECONDS = 5
 SMALL = ["--preset", "tiny", "--size-px", "32", "--filters", "4", "--batch-size", "4", "--device", "cpu"]
+# The first checkpoint is written after two steps, and nobody waits for the last.
+LONG = ["--workers", "1", "--epochs", "1000", "--epoch-size", "8"]
+NO_SHARED_MEMORY = "mount -t tmpfs -o ro none /dev/shm"
+LITTLE_SHARED_MEMORY = "mount -t tmpfs -o size=64k none /dev/shm"
 
 
 def options(shards: Path, out: Path, *more: str) -> list[str]:
     return ["--shards", str(shards), "--out", str(out), *SMALL, *more]
 
 
-def start(arguments: list[str], *before: str) -> subprocess.Popen[str]:
-    command = [*before, sys.executable, "-m", "training.cli", *arguments]
+def start(arguments: list[str], mount: str = "") -> subprocess.Popen[str]:
+    """Starts ``train``, where something is mounted for it alone."""
+    inside = ["unshare", "--map-root-user", "--mount", "sh", "-c", f'{mount} && exec "$@"', "sh"] if mount else []
+    if inside and (
+        shutil.which("unshare") is None or subprocess.run([*inside, "true"], capture_output=True).returncode
+    ):
+        pytest.skip("this machine does not let a test mount anything for a program")
+    command = [*inside, sys.executable, "-m", "training.cli", *arguments]
     return subprocess.Popen(
         command, env={**os.environ, "OMP_NUM_THREADS": "1"}, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
 
 
-def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit status and last line, of a process that ends by itself and leaves none behind."""
+def wait_for(is_there: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    began = time.monotonic()
+    while not is_there():
+        assert process.poll() is None
+        assert time.monotonic() - began < PATIENCE_SECONDS
+        time.sleep(0.05)
+
+
+def end_of(process: subprocess.Popen[str]) -> tuple[int, list[str]]:
+    """Exit status and lines said, of a process that ends by itself and leaves none behind."""
     try:
         _, said = process.communicate(timeout=PATIENCE_SECONDS)
         until = time.monotonic() + ORPHANS_END_SECONDS
@@ -47,7 +65,7 @@ def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
     assert "Traceback" not in said, said
-    return process.returncode, said.splitlines()[-1]
+    return process.returncode, said.splitlines()
 
 
 def children_of(process: subprocess.Popen[str]) -> list[int]:
@@ -59,17 +77,6 @@ def children_of(process: subprocess.Popen[str]) -> list[int]:
     return found
 
 
-@contextmanager
-def files_of_at_most(n_bytes: int) -> Iterator[None]:
-    """A full disk, as far as programs can tell: each write beyond a file's first bytes fails."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 def test_a_damaged_sample_ends_it_with_workers(shards_dir: Path, tmp_path: Path) -> None:
     shutil.copytree(shards_dir, tmp_path / "shards")
     path = tmp_path / "shards" / "shard-000001.h5"
@@ -78,37 +85,43 @@ def test_a_damaged_sample_ends_it_with_workers(shards_dir: Path, tmp_path: Path)
     content = bytearray(path.read_bytes())
     content[offset + 40] ^= 0xFF
     path.write_bytes(content)
-    status, line = end_of(start(options(tmp_path / "shards", tmp_path / "run", "--workers", "2")))
+    status, lines = end_of(start(options(tmp_path / "shards", tmp_path / "run", "--workers", "1")))
     assert status == 2
-    assert line.startswith(f"train: error: {path}: sample 'head-004' is damaged")
+    assert lines[-1].startswith(f"train: error: {path}: sample 'head-004' is damaged")
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="workers are found in /proc, which only Linux has")
-def test_a_killed_worker_ends_it(shards_dir: Path, tmp_path: Path) -> None:
-    process = start(options(shards_dir, tmp_path / "run", "--workers", "2"))
-    began = time.monotonic()
-    while len(workers := children_of(process)) < 2:
-        assert process.poll() is None
-        assert time.monotonic() - began < PATIENCE_SECONDS
-        time.sleep(0.05)
-    os.kill(workers[0], signal.SIGKILL)
-    status, line = end_of(process)
+def test_a_killed_worker_ends_it_and_it_needs_little_shared_memory(shards_dir: Path, tmp_path: Path) -> None:
+    process = start(options(shards_dir, tmp_path / "run", *LONG), LITTLE_SHARED_MEMORY)
+    wait_for((tmp_path / "run" / "checkpoint.safetensors").exists, process)
+    (worker,) = children_of(process)
+    os.kill(worker, signal.SIGKILL)
+    status, lines = end_of(process)
     assert status == 2
-    assert "a process that loads samples ended unexpectedly (signal 9)" in line
+    assert "a process that loads samples ended unexpectedly (signal 9)" in lines[-1]
 
 
-NO_SHARED_MEMORY = {"none": "mount -t tmpfs -o ro none /dev/shm", "small": "mount -t tmpfs -o size=64k none /dev/shm"}
+def test_a_signal_to_all_its_processes_saves_the_state_and_it_needs_no_shared_memory(
+    shards_dir: Path, tmp_path: Path
+) -> None:
+    process = start(options(shards_dir, tmp_path / "run", *LONG), NO_SHARED_MEMORY)
+    wait_for((tmp_path / "run" / "checkpoint.safetensors").exists, process)
+    os.killpg(process.pid, signal.SIGTERM)  # as a batch system does at the end of the time
+    status, lines = end_of(process)
+    assert status == 128 + signal.SIGTERM
+    assert [
+        line for line in lines if re.fullmatch(r"stopped after \d+ samples; the same command goes on from there", line)
+    ]
+    assert (tmp_path / "run" / "resume.safetensors").exists()
 
 
-@pytest.mark.parametrize("kind", NO_SHARED_MEMORY)
-def test_it_needs_no_shared_memory(kind: str, shards_dir: Path, tmp_path: Path) -> None:
-    inside = ["unshare", "--map-root-user", "--mount", "sh", "-c", f'{NO_SHARED_MEMORY[kind]} && exec "$@"', "sh"]
-    if shutil.which("unshare") is None or subprocess.run([*inside, "true"], capture_output=True).returncode:
-        pytest.skip("this machine does not let a test mount a /dev/shm of its own")
-    arguments = options(shards_dir, tmp_path / "run", "--workers", "1", "--epochs", "1", "--epoch-size", "8")
-    status, line = end_of(start(arguments, *inside))
-    assert status == 0, line
-    assert (tmp_path / "run" / "checkpoint.safetensors").exists()
+def test_a_folder_that_cannot_be_written_to_is_one_line(shards_dir: Path, tmp_path: Path) -> None:
+    read_only = tmp_path / "read only"
+    read_only.mkdir()
+    process = start(options(shards_dir, read_only / "run"), f"mount -t tmpfs -o ro none '{read_only}'")
+    status, lines = end_of(process)
+    assert status == 2
+    assert lines[-1].startswith(f"train: error: {read_only / 'run'}: expected a folder that can be written to, found")
 
 
 @pytest.mark.parametrize(
@@ -128,7 +141,7 @@ def test_a_full_disk_is_one_line(
         assert main(options(shards_dir, tmp_path / "run", *length, *more)) == 2
     line = capsys.readouterr().err.splitlines()[-1]
     assert line.startswith("train: error: ")
-    assert os.strerror(errno.EFBIG) in line
+    assert FULL in line
     assert name in line
     unfinished = [path for path in (tmp_path / "run").rglob("*") if path.suffix == ".part" or path.name == name]
     assert [path for path in unfinished if path.is_file() and path.suffix != ".jsonl"] == []

@@ -92,7 +92,7 @@ def test_regions_can_be_left_out(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["import", "{t}/absent", "--out", "{t}/a.h5"], "found nothing that can be read"),
+        (["import", "{t}/absent", "--out", "{t}/a.h5"], "found no such file"),
         (["import", "{t}", "--out", "{t}/a.h5"], "found a folder with"),
         (["import", "{t}", "--out", "{t}/a.obj"], "a.obj: expected a file ending in .h5 as --out"),
         (["view", "{t}/absent.h5", "--out", "{t}/a.jpg"], "no such model file"),

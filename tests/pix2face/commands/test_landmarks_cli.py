@@ -106,11 +106,11 @@ def test_the_landmarks_of_a_model_are_drawn(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": "other"}, "format='other'"),
+        ({"format": "other"}, "something else .*'other'"),
         ({"schema_version": 9}, "newer"),
         ({"vertices": [1, 2, 3]}, "68 vertices"),
         ({"scheme": "unknown"}, "unknown"),
-        ({"vertices": ["x"] * 68}, "invalid literal"),
+        ({"vertices": ["x"] * 68}, "something else .*Expected `int`"),
         ({"model": 3}, "something else"),
         ({"vertices": [float("inf")] * 68}, "something else"),
     ],

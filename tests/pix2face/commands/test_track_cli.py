@@ -21,6 +21,7 @@ from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.tracking import track_files
 from pix2face.tracking.video import OverlayVideo, open_frames
+from tests.full_disk import FULL, files_of_at_most
 from tests.pix2face.coloured_faces import (
     HEIGHT_PX,
     WIDTH_PX,
@@ -320,3 +321,30 @@ def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch, reque
     assert json.loads((tmp_path / "track.json").read_text())["faces"][0]["frames"] >= 3
     assert not list(tmp_path.glob(".*part"))
     assert len(list(open_frames(tmp_path / "overlay.mp4").frames())) >= 3
+
+
+@pytest.mark.usefixtures("stand_ins")
+@pytest.mark.parametrize(
+    ("write", "n_bytes", "name", "reason"),
+    [
+        ("csv", 100, "boxes.csv", FULL),
+        ("csv", 5000, "landmarks.csv", FULL),
+        ("npz", 5000, "track.npz", FULL),
+        ("pts", 500, "pts/000000.pts", FULL),
+        ("video", 5000, "overlay.mp4", "is the disk full?"),
+    ],
+)
+def test_a_full_disk_is_one_line_and_leaves_no_half_file(
+    tmp_path, frames, write, n_bytes, name, reason, capsys, monkeypatch
+):
+    (tmp_path / "track.json").touch()  # not written anew: it would not fit either
+    monkeypatch.setattr(track_cli, "write_file", lambda path, text: None)
+    with files_of_at_most(n_bytes):
+        assert track(frames, "--out", tmp_path, "--write", write) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith("pix2face: error: ")
+    assert str(tmp_path / name) in line
+    assert reason in line
+    left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert left - {"boxes.csv", "track.json"} == set()
+    assert (tmp_path / "boxes.csv").exists() == (name != "boxes.csv")
