@@ -75,7 +75,7 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         beside: dict[str, bytes] = {}
         if suffix == ".obj":
             material = f"{material_stem(out.stem)}.mtl"
-            content, beside = trimesh.exchange.obj.export_obj(mesh, return_texture=True, mtl_name=material)
+            content, beside = trimesh.exchange.obj.export_obj(mesh, return_texture=True, mtl_name=material)  # type: ignore[no-untyped-call]
         else:
             content = mesh.export(file_type=suffix.removeprefix("."))
         for name, part in beside.items():
