@@ -6,8 +6,11 @@ Prints for each reader how many files were read and refused, the longest time an
 """
 
 import argparse
+import shutil
 import sys
 import tempfile
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -15,31 +18,41 @@ import numpy as np
 
 from tests.fuzz.binary_grammars import BINARY_GRAMMARS
 from tests.fuzz.grammar import Grammar
-from tests.fuzz.limits import Case, run_cases
+from tests.fuzz.limits import Outcome, run_cases
 from tests.fuzz.no_files import no_files
 from tests.fuzz.text_grammars import TEXT_GRAMMARS
 
 GRAMMARS: dict[str, Grammar] = {**TEXT_GRAMMARS, **BINARY_GRAMMARS}
 NO_FILES = "no files"
+BATCH = 500  # files that stand on the disk at the same time
 
 
-def drawn(grammar: Grammar, path: Path, seed: int, case: int) -> Case:
-    """Writes a case, and reads it."""
-    path = path.with_stem(f"case{case % 2}")  # not the file of the case before, which a library may still know
-    return lambda: grammar.write(path, np.random.default_rng((seed, case))), lambda: grammar.read(path)
+def read_drawn(grammar: Grammar, folder: Path, seed: int, numbers: range) -> list[Outcome]:
+    """Writes cases and reads them, in a process for each.
+
+    Libraries may keep what they have written in mind, and stumble over it later, or end the process while they write
+    what no program would ask them for. Such a case is left out.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    paths = [folder / f"case{number}{grammar.suffix}" for number in numbers]
+    draws = [
+        partial(grammar.write, path, np.random.default_rng((seed, number)))
+        for path, number in zip(paths, numbers, strict=True)
+    ]
+    written = [path for path, outcome in zip(paths, run_cases(draws), strict=True) if not outcome.is_failure]
+    outcomes = run_cases([partial(grammar.read, path) for path in written])
+    return [replace(outcome, case=int(path.stem[4:])) for path, outcome in zip(written, outcomes, strict=True)]
 
 
-def report(name: str, cases: list[Case]) -> int:
-    """Runs cases, prints what came of them, and returns how many failed."""
-    start = perf_counter()
-    outcomes = list(run_cases(cases))
+def report(name: str, outcomes: list[Outcome], seconds: float) -> int:
+    """Prints how the cases of a reader ended, and returns how many failed."""
     failed = [outcome for outcome in outcomes if outcome.is_failure]
     n_read, n_refused = (sum(outcome.verdict == verdict for outcome in outcomes) for verdict in ("read", "refused"))
     print(  # noqa: T201
-        f"{name}: {len(cases)} cases, {n_read} read, {n_refused} refused, {len(failed)} "
-        "failed; "
+        f"{name}: {len(outcomes)} cases, {n_read} read, {n_refused} refused, {len(failed)} failed; "
         f"at most {max(outcome.seconds for outcome in outcomes):.2f} s and "
-        f"{max(outcome.peak_mb for outcome in outcomes):.0f} MB; {perf_counter() - start:.1f} s",
+        f"{max(outcome.peak_mb for outcome in outcomes):.0f} MB; {seconds:.1f} s",
         flush=True,
     )
     for outcome in failed[:5]:
@@ -56,15 +69,19 @@ def main() -> int:
     options = parser.parse_args()
     n_failed = 0
     with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "cases"
         for name in options.readers:
-            folder = Path(temporary) / name.replace(" ", "_")
-            folder.mkdir()
+            start = perf_counter()
             if name == NO_FILES:
-                n_failed += report(name, no_files(folder, GRAMMARS))
-                continue
-            path = folder / f"case{GRAMMARS[name].suffix}"
-            cases = [drawn(GRAMMARS[name], path, options.seed, case) for case in range(options.cases)]
-            n_failed += report(name, cases)
+                outcomes = list(run_cases(no_files(Path(temporary), GRAMMARS)))
+            else:
+                batches = (range(first, min(first + BATCH, options.cases)) for first in range(0, options.cases, BATCH))
+                outcomes = [
+                    outcome
+                    for numbers in batches
+                    for outcome in read_drawn(GRAMMARS[name], folder, options.seed, numbers)
+                ]
+            n_failed += report(name, outcomes, perf_counter() - start)
     return int(n_failed > 0)
 
 

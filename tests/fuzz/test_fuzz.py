@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -61,7 +62,7 @@ _KEPT: list[object] = []
 )
 def test_limits_can_fail(monkeypatch: pytest.MonkeyPatch, read: Callable[[], object], verdict: str) -> None:
     monkeypatch.setattr("tests.fuzz.limits.LONGEST_S", 0.2)
-    bad, good = run_cases([(lambda: None, read), (lambda: None, lambda: None)])
+    bad, good = run_cases([read, lambda: None])
     assert bad.verdict.startswith(verdict)
     assert good.verdict == "read"
 
@@ -78,7 +79,7 @@ def test_the_hostile_files_at_hand_are_refused(shared_dir: Path) -> None:
     paths = [(path, own) for pattern, own in read.items() for path in sorted(folder.glob(pattern))]
     if not paths:
         pytest.skip(f"no files in {folder}")
-    outcomes = run_cases([(lambda: None, lambda path=path, own=own: own(path)) for path, own in paths])
+    outcomes = run_cases([partial(own, path) for path, own in paths])
     verdicts = {
         path.relative_to(folder).as_posix(): outcome for (path, _), outcome in zip(paths, outcomes, strict=True)
     }
