@@ -21,6 +21,9 @@ LARGEST_FILE_BYTES = 1 << 45
 UNWRITTEN_BYTES = 1 << 16
 LARGEST_ATTRIBUTE_BYTES = 1 << 20
 MOST_GROUPS = 10_000
+# The library takes this for each chunk of an array that it reads. Chunks of a few numbers would need far more memory
+# than the array.
+BYTES_FOR_CHUNK = 1 << 12
 # What the library raises on damaged files, wherever it comes upon the damage.
 # AttributeError: of a group where an array should be.
 _LIBRARY_ERRORS = (OSError, KeyError, RuntimeError, ValueError, SystemError, AttributeError)
@@ -85,7 +88,7 @@ def check_contained(file: h5py.File, path: Path, sliced: Container[str] = ()) ->
                 pending.append((item, found))
             elif isinstance(item, h5py.Dataset):
                 declared = _declared_bytes(item, found, path)
-                left -= 0 if found in sliced else declared
+                left -= 0 if found in sliced else declared + _bytes_for_chunks(item)
                 if left < 0:
                     raise _too_large(path, found, declared, item.id.get_storage_size())
 
@@ -156,6 +159,13 @@ def _declared_bytes(item: h5py.Dataset, name: str, path: Path) -> int:
     if stored > path.stat().st_size or (not item.chunks and declared > max(stored, UNWRITTEN_BYTES)):
         raise _too_large(path, name, declared, stored)
     return declared
+
+
+def _bytes_for_chunks(item: h5py.Dataset) -> int:
+    """The memory that the library takes for chunks beside their content."""
+    if not item.chunks:
+        return 0
+    return BYTES_FOR_CHUNK * _product(tuple(-(-n // chunk) for n, chunk in zip(item.shape, item.chunks, strict=True)))
 
 
 def _product(lengths: tuple[int, ...]) -> int:

@@ -171,3 +171,10 @@ def test_a_version_is_a_whole_number(tmp_path: Path, version: object) -> None:
         open_hdf5(tmp_path / "a.h5") as opened,
     ):
         read_version(opened.attrs, tmp_path / "a.h5")
+
+
+def test_arrays_in_many_small_chunks_are_refused(tmp_path: Path) -> None:
+    """The library takes kilobytes for each chunk, written or not."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("mean", (1 << 24,), "u1", chunks=(64,), compression="gzip")
+    refused(tmp_path / "a.h5", "expected /mean to hold what it declares")
