@@ -1,4 +1,4 @@
-"""Arrays of numbers and of fixed-length text from ``.npz`` files, of any source.
+"""Arrays of numbers and of fixed-length text from ``.npz`` and ``.npy`` files, of any source.
 
 NumPy's own reader takes the memory that a header asks for, inflates as much as an archive claims to hold, and knows
 compressions (bzip2, LZMA) that make gigabytes of a kilobyte. Here an array is read after its shape was held against
@@ -8,6 +8,7 @@ what the archive holds, and all arrays together against the size of the file.
 import zipfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from io import BufferedIOBase, BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy import ndarray
 from numpy.lib import format as npy_format
 
 from pix2face.errors import InputFileError
-from pix2face.files.opening import check_regular, largest_unfolded
+from pix2face.files.opening import check_regular, largest_unfolded, read_regular
 
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _LARGEST_HEADER_BYTES = 1 << 16
@@ -50,9 +51,18 @@ def read_npz(path: Path, wanted: Collection[str], expected: str, largest_bytes: 
         for info in archive.infolist():
             name = info.filename.removesuffix(".npy")
             if name in wanted and name not in arrays:
-                arrays[name] = _read_array(archive, info, left)
+                arrays[name] = _read_member(archive, info, left)
                 left -= arrays[name].nbytes
         return arrays
+
+
+def read_npy(path: Path, expected: str, largest_bytes: int) -> ndarray:
+    """Reads the array of an ``.npy`` file; arguments and errors as `read_npz`."""
+    content = read_regular(path, expected, largest_bytes)
+    try:
+        return _read_array(BytesIO(content), "the file", len(content))
+    except Exception as error:  # NumPy raises a dozen kinds on damaged headers
+        raise _unreadable(path, expected, error) from error
 
 
 @contextmanager
@@ -64,20 +74,27 @@ def _opened(path: Path, expected: str, largest_bytes: int) -> Iterator[zipfile.Z
     except InputFileError:
         raise
     except Exception as error:  # zipfile and zlib raise a dozen kinds on damaged archives
-        raise InputFileError(
-            f"{path}: expected {expected}, found one that cannot be read ({type(error).__name__}: {error})"
-        ) from error
+        raise _unreadable(path, expected, error) from error
 
 
-def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, largest_bytes: int) -> ndarray:
+def _unreadable(path: Path, expected: str, error: Exception) -> InputFileError:
+    return InputFileError(
+        f"{path}: expected {expected}, found one that cannot be read ({type(error).__name__}: {error})"
+    )
+
+
+def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, largest_bytes: int) -> ndarray:
     if info.compress_type not in _COMPRESSIONS:
         raise ValueError(f"{info.filename} is compressed by other means than deflate")
     with archive.open(info) as stream:
-        read_header = _HEADERS[npy_format.read_magic(stream)]
-        shape, is_fortran, dtype = read_header(stream, max_header_size=_LARGEST_HEADER_BYTES)
-        declared = int(np.prod(shape, dtype=object)) * dtype.itemsize
-        holds = min(info.file_size, largest_bytes)
-        if dtype.kind not in "fiuSU" or declared > holds:
-            raise ValueError(f"{info.filename} declares {dtype} {shape}, at most {holds} bytes of numbers are possible")
-        content = stream.read(declared)
+        return _read_array(stream, info.filename, min(info.file_size, largest_bytes))
+
+
+def _read_array(stream: BufferedIOBase, name: str, largest_bytes: int) -> ndarray:
+    read_header = _HEADERS[npy_format.read_magic(stream)]
+    shape, is_fortran, dtype = read_header(stream, max_header_size=_LARGEST_HEADER_BYTES)
+    declared = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if dtype.kind not in "fiuSU" or declared > largest_bytes:
+        raise ValueError(f"{name} declares {dtype} {shape}, at most {largest_bytes} bytes of numbers are possible")
+    content = stream.read(declared)
     return np.frombuffer(content, dtype=dtype).reshape(shape, order="F" if is_fortran else "C")

@@ -1,5 +1,7 @@
 """Backdrops from a folder of the user's own pictures."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -7,10 +9,10 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
-from PIL import Image, UnidentifiedImageError
 
 from pix2face.errors import InputFileError
-from pix2face.files.images import read_bytes
+from pix2face.files.images import declared_size_px, read_bytes, read_size_px
+from pix2face.files.opening import is_folder, walk_files
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 # A picture is read at a half, a quarter or an eighth of its size where that is still fine enough.
@@ -25,17 +27,14 @@ def list_pictures(folder: str) -> tuple[str, ...]:
         InputFileError: There is no such folder, it has no pictures, or a picture's size cannot be read.
     """
     root = Path(folder)
-    if not root.is_dir():
+    if not is_folder(root):
         raise InputFileError(f"{folder}: expected a folder of pictures for backdrops, found none")
-    names = sorted(
-        path.relative_to(root).as_posix()
-        for path in root.rglob("*")
-        if path.suffix.lower() in SUFFIXES and path.is_file()
-    )
+    names = sorted(path.relative_to(root).as_posix() for path in walk_files(root, SUFFIXES))
     if not names:
         raise InputFileError(f"{folder}: expected pictures ({', '.join(SUFFIXES)}) for backdrops, found none")
     for name in names:
-        _size(root / name)
+        with _named_as_backdrop():
+            read_size_px(root / name)
     return tuple(names)
 
 
@@ -51,7 +50,10 @@ def read_crop(
         InputFileError: The picture is missing or truncated.
     """
     path = Path(folder) / name
-    picture = _read(path, min(side * crop[2] for side in _size(path)) / max(height, width))
+    with _named_as_backdrop():
+        content = read_bytes(path)
+        finer = min(declared_size_px(content, str(path))) * crop[2] / max(height, width)
+    picture = _decode(content, finer, path)
     rows, columns = picture.shape[:2]
     scale = crop[2] * min(rows / height, columns / width)
     part_height, part_width = max(1, round(scale * height)), max(1, round(scale * width))
@@ -61,24 +63,23 @@ def read_crop(
     return np.ascontiguousarray(cv2.resize(part, (width, height), interpolation=kind)[..., ::-1], dtype=np.uint8)
 
 
-def _size(path: Path) -> tuple[int, int]:
+@contextmanager
+def _named_as_backdrop() -> Iterator[None]:
+    """Says what to do about a picture that cannot be read."""
     try:
-        with Image.open(path) as picture:
-            return picture.size
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise InputFileError(
-            f"{path}: expected a picture for backdrops, found a file that cannot be read ({error}); "
-            "take it out of the folder"
-        ) from error
+        yield
+    except InputFileError as error:
+        raise InputFileError(f"{error}; take it out of the folder of backdrops") from error
 
 
-def _read(path: Path, finer: float) -> UInt8[ndarray, "h w 3"]:
-    """Reads a picture that is `finer` times finer than needed, at a reduced size if possible."""
+def _decode(content: bytes, finer: float, path: Path) -> UInt8[ndarray, "h w 3"]:
+    """Decodes a picture that is `finer` times finer than needed, at a reduced size if possible."""
     flags = next((flag for factor, flag in _REDUCED.items() if finer >= factor), cv2.IMREAD_COLOR)
     # Not with imread, which fills missing parts of a JPEG with grey.
-    picture = cv2.imdecode(np.frombuffer(read_bytes(path), dtype=np.uint8), flags)
-    if picture is None:
-        raise InputFileError(
-            f"{path}: expected a picture for backdrops, found one that breaks off; take it out of the folder"
-        )
-    return np.asarray(picture, dtype=np.uint8)
+    with suppress(cv2.error):
+        picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+        if picture is not None:
+            return np.asarray(picture, dtype=np.uint8)
+    raise InputFileError(
+        f"{path}: expected a picture for backdrops, found one that breaks off; take it out of the folder"
+    )

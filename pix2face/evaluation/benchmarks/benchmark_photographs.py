@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from numpy.lib import format as npy_format
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.benchmark_data import (
@@ -24,10 +23,13 @@ from pix2face.evaluation.benchmarks.benchmark_data import (
 from pix2face.evaluation.benchmarks.manifest import BenchmarkPart, Manifest
 from pix2face.face_files.w300lp import check_picture_height, read_coefficient_file
 from pix2face.files.images import read_size_px
+from pix2face.files.npz_files import read_npy
 from pix2face.geometry.landmarks import ONE_BASED_TO_CENTRES_PX, read_pts
 
 # Landmarks by file name, in place of those beside the pictures.
 OtherLandmarks = Mapping[str, Float64[ndarray, "68 2"]]
+
+LARGEST_LANDMARKS_BYTES = 64 << 20  # of re-annotated landmarks; those of AFLW2000-3D have 3 MB
 
 
 def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = None) -> BenchmarkFiles:
@@ -35,6 +37,7 @@ def find_photographs(manifest: Manifest, data: Path, reannotated: Path | None = 
 
     Raises:
         UsageError: Re-annotated landmarks are wanted and not found, or are of another number of pictures.
+        InputFileError: They cannot be read.
     """
     items: list[BenchmarkItem] = []
     missing: list[str] = []
@@ -97,11 +100,7 @@ def _reannotated(manifest: Manifest, part: BenchmarkPart, folder: Path, given: P
 
 
 def _read_npy_landmarks(path: Path) -> Float64[ndarray, "n 68 2"]:
-    try:
-        with path.open("rb") as file:
-            points = npy_format.read_array(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise UsageError(f"{path}: expected a .npy file of landmarks, cannot read it: {error}") from error
+    points = read_npy(path, "a .npy file of landmarks", LARGEST_LANDMARKS_BYTES)
     if points.ndim != 3 or points.shape[1:] not in ((2, 68), (3, 68)) or points.dtype.kind not in "fiu":
         raise UsageError(
             f"{path}: expected landmarks of shape (n, 2, 68), found shape {points.shape} and type {points.dtype}"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError
-from pix2face.files.npz_files import npz_names, read_npz
+from pix2face.files.npz_files import npz_names, read_npy, read_npz
 
 
 def test_arrays_come_back(tmp_path: Path) -> None:
@@ -45,3 +45,12 @@ def test_objects_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", a=np.array([{}]))
     with pytest.raises(InputFileError, match=r"a\.npz: .*declares object"):
         read_npz(tmp_path / "a.npz", ("a",), "arrays", 1 << 20)
+
+
+def test_an_npy_file_may_not_declare_more_than_it_holds(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.arange(6.0).reshape(2, 3))
+    np.testing.assert_array_equal(read_npy(path, "numbers", 1000), np.arange(6.0).reshape(2, 3))
+    path.write_bytes(path.read_bytes().replace(b"(2, 3)", b"(2,99)"))
+    with pytest.raises(InputFileError, match=r"a\.npy: expected numbers, .*the file declares float64 \(2, 99\)"):
+        read_npy(path, "numbers", 1000)

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from pix2face.errors import UsageError
+from pix2face.errors import InputFileError, UsageError
 from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.files.images import encode_photograph
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
@@ -291,3 +291,12 @@ def test_landmarks_that_differ_in_number_are_refused(shard: Path) -> None:
         del file["visible"]
         file["visible"] = values
     assert "the numbers of landmarks differ" in verify_shard(shard)[0]
+
+
+def test_layers_that_are_too_large_for_their_file_are_not_unfolded(tmp_path: Path) -> None:
+    large = replace(make_triplet(0), image_bytes=None, layers={"mask": np.zeros((8192, 8192), dtype=bool)})
+    write_shard(tmp_path / "shard-00000.h5", replace(HEADER, layers=("mask", "landmarks")), [large])
+    with pytest.raises(
+        InputFileError, match=r"shard-00000\.h5: expected samples of at most 16 megapixels, .*8192 x 8192"
+    ):
+        verify_folder(tmp_path)

@@ -1,6 +1,7 @@
 """Backdrops: reproducible, turned with the light and not with the head, without a seam, from the user's folder."""
 
 import json
+import os
 from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -232,6 +233,18 @@ def test_a_file_that_breaks_off_is_named_when_it_is_read(
     assert list_pictures(str(tmp_path)) == (name,)
     with pytest.raises(InputFileError, match=rf"{name}: expected a picture for backdrops, found one that breaks off"):
         read_crop(str(tmp_path), name, (0.0, 0.0, 1.0), side, side)
+
+
+def test_backdrops_that_are_no_files_or_too_large_are_named(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.jpg")
+    with pytest.raises(InputFileError, match=r"pipe\.jpg: expected a picture, found a device.*take it out"):
+        list_pictures(str(tmp_path))
+    (tmp_path / "pipe.jpg").unlink()
+    (tmp_path / "bomb.webp").write_bytes(b"P5\n32000 32000\n255\n")
+    with pytest.raises(
+        InputFileError, match=r"bomb.*megapixels, found a head that declares 32000 x 32000.*take it out"
+    ):
+        read_crop(str(tmp_path), "bomb.webp", (0.0, 0.0, 1.0), 20, 20)
 
 
 def test_what_is_behind_fits_the_light() -> None:

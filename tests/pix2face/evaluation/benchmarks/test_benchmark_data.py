@@ -190,7 +190,7 @@ def test_reannotated_landmarks_that_do_not_fit_are_refused(tmp_path):
     with pytest.raises(UsageError, match=r"expected landmarks of shape \(n, 2, 68\), found shape \(1, 68, 2\)"):
         find_reannotated(tmp_path, file)
     file.write_bytes(b"\x93NUMPY")
-    with pytest.raises(UsageError, match=r"other\.npy: expected a \.npy file"):
+    with pytest.raises(InputFileError, match=r"other\.npy: expected a \.npy file"):
         find_reannotated(tmp_path, file)
     write_reannotated(file, np.full((68, 2), np.nan))
     with pytest.raises(InputFileError, match="expected finite re-annotated landmarks"):
