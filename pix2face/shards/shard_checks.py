@@ -1,5 +1,6 @@
 """Checks of shards that were written some time ago: what a full reading can tell."""
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -13,6 +14,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.json_text import Count, parse_json
+from pix2face.files.opening import UNFOLDED_RATIO
 from pix2face.geometry.maps import face_box
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, SEEN_REGIONS, WHOLE_PICTURE_LAYERS, from_stored
 from pix2face.shards.sample import MASK
@@ -22,6 +24,9 @@ from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
 # A normal is rounded to steps in each coordinate.
 LARGEST_NORMAL_ERROR = 2 / LAYERS["normals"].steps_per_unit
+# Layers are checked whole. All layers of such a sample take half a gigabyte; larger ones are checked where the size of
+# the file supports them.
+LARGEST_CHECKED_PX = 1 << 24
 SHARD_NUMBER = re.compile(r"shard-(\d+)\.h5")
 
 
@@ -55,6 +60,7 @@ def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> 
 
     Raises:
         UsageError: There is no shard.
+        InputFileError: As `verify_shard`.
     """
     problems: list[str] = []
     damaged: list[Path] = []
@@ -85,6 +91,9 @@ def verify_shard(path: Path) -> list[str]:
 
     Returns:
         What is wrong with it, in words; empty where nothing is.
+
+    Raises:
+        InputFileError: A sample declares far larger layers than the file can be expected to hold.
     """
     problems: list[str] = []
     try:
@@ -93,6 +102,7 @@ def verify_shard(path: Path) -> list[str]:
         limits_mm = reader.column("offset_limit_mm")
     except InputFileError as error:
         return [str(error)]
+    _check_sizes(reader)
     if len(set(sample_ids)) < len(sample_ids):
         problems.append("sample ids are not unique")
     for index, sample_id in enumerate(sample_ids):
@@ -102,6 +112,19 @@ def verify_shard(path: Path) -> list[str]:
             found = [str(error)]
         problems += [f"sample {sample_id!r}: {text}" for text in found]
     return problems
+
+
+def _check_sizes(reader: ShardReader) -> None:
+    pixel_bytes = sum(
+        LAYERS[name].n_channels * LAYERS[name].stored.itemsize for name in reader.header.layers if name in LAYERS
+    )
+    supported_px = UNFOLDED_RATIO * reader.path.stat().st_size // max(1, pixel_bytes)
+    height, width = max(map(reader.size_px, range(len(reader))), key=math.prod, default=(0, 0))
+    if height * width > max(LARGEST_CHECKED_PX, supported_px):
+        raise InputFileError(
+            f"{reader.path}: expected samples of at most {LARGEST_CHECKED_PX >> 20} megapixels, found one of "
+            f"{width} x {height} pixels, which is more than a file of this size can be checked for; is it damaged?"
+        )
 
 
 def _doubtful_samples(path: Path) -> list[str]:

@@ -5,16 +5,17 @@ and the number of a draw, the learning rate from the number of a step, and the n
 moments, running means and the number of the next step there is no state, and no random generator's.
 """
 
-import json
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import torch
 from torch import Tensor
 
 from pix2face.errors import InputFileError, UsageError
+from pix2face.files.json_text import Count, JsonObject, parse_json, typed
 from pix2face.inference.checkpoint import read_header, read_tensors, write_tensors
 from training.loop.learner import Learner
 
@@ -24,6 +25,16 @@ SCHEMA_VERSION = 2
 _ADDED_LATER = {"norm_batches": 0}
 _LENGTH = frozenset(("epochs", "epoch_size"))
 _ADAM_STATE = ("step", "exp_avg", "exp_avg_sq")
+
+
+@final
+@dataclass(frozen=True)
+class _Header:
+    """What the file says beside its tensors."""
+
+    configuration: str  # of the training, as JSON
+    step: Count
+    best: float | None  # lowest validation error, if there was one
 
 
 def save_state(path: Path, learner: Learner, configuration: str, best: float = math.inf) -> None:
@@ -61,14 +72,13 @@ def steps_done(path: Path, configuration: str) -> int:
     """
     if not path.exists():
         return 0
-    header = read_header(path, METADATA_KEY, SCHEMA_VERSION)
-    if header["schema_version"] < SCHEMA_VERSION:
-        raise InputFileError(
-            f"{path}: expected schema {SCHEMA_VERSION}, found {header['schema_version']}, of an earlier version; "
-            "--restart starts anew"
-        )
-    _check_same_configuration(path, json.loads(header["configuration"]), json.loads(configuration))
-    return int(header["step"])
+    header = _read_header(path)
+    try:
+        stored = parse_json(header.configuration, JsonObject)
+    except ValueError as error:
+        raise _foreign(path, error) from error
+    _check_same_configuration(path, stored, parse_json(configuration, JsonObject))
+    return header.step
 
 
 def load_state(path: Path, learner: Learner) -> float:
@@ -84,7 +94,7 @@ def load_state(path: Path, learner: Learner) -> float:
     Raises:
         InputFileError: The file is truncated or foreign.
     """
-    header, tensors = read_header(path, METADATA_KEY, SCHEMA_VERSION), read_tensors(path)
+    header, tensors = _read_header(path), read_tensors(path)
     try:
         with torch.no_grad():
             for name, own in _own_tensors(learner):
@@ -95,12 +105,30 @@ def load_state(path: Path, learner: Learner) -> float:
                 key: _in_layout_of(parameter, tensors[f"{key}/{name}"])
                 for key in _ADAM_STATE
             }
-        learner.steps_done = int(header["step"])
+        learner.steps_done = header.step
     except (KeyError, RuntimeError) as error:
+        raise _foreign(path, error) from error
+    return math.inf if header.best is None else header.best
+
+
+def _read_header(path: Path) -> _Header:
+    fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
+    if fields["schema_version"] < SCHEMA_VERSION:
         raise InputFileError(
-            f"{path}: expected the state of this training, found another content ({error}); --restart starts anew"
-        ) from error
-    return math.inf if header["best"] is None else float(header["best"])
+            f"{path}: expected schema {SCHEMA_VERSION}, found {fields['schema_version']}, of an earlier version; "
+            "--restart starts anew"
+        )
+    try:
+        header: _Header = typed(fields, _Header)
+    except ValueError as error:
+        raise _foreign(path, error) from error
+    return header
+
+
+def _foreign(path: Path, error: Exception) -> InputFileError:
+    return InputFileError(
+        f"{path}: expected the state of this training, found another content ({error}); --restart starts anew"
+    )
 
 
 def _own_tensors(learner: Learner) -> Iterator[tuple[str, Tensor]]:
