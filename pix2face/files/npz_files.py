@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from io import BufferedIOBase, BytesIO
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy import ndarray
@@ -90,7 +91,7 @@ def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, largest_bytes:
         return _read_array(stream, info.filename, min(info.file_size, largest_bytes))
 
 
-def _read_array(stream: BufferedIOBase, name: str, largest_bytes: int) -> ndarray:
+def _read_array(stream: BufferedIOBase | IO[bytes], name: str, largest_bytes: int) -> ndarray:
     read_header = _HEADERS[npy_format.read_magic(stream)]
     shape, is_fortran, dtype = read_header(stream, max_header_size=_LARGEST_HEADER_BYTES)
     declared = int(np.prod(shape, dtype=object)) * dtype.itemsize
