@@ -12,6 +12,7 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.face_files.coefficients import Face, write_table_header
+from pix2face.files.hdf5_writing import UnfailingFile
 from pix2face.files.text_columns import json_lines
 from pix2face.files.writing import written_in_one_step
 
@@ -52,7 +53,8 @@ class CoefficientWriter:
         header = self._header
         with ExitStack() as stack:
             temporary = stack.enter_context(written_in_one_step(self._path))
-            self._file = stack.enter_context(h5py.File(temporary, "w", track_order=False, locking=False))
+            self._unfailing = stack.enter_context(UnfailingFile(temporary))
+            self._file = stack.enter_context(h5py.File(self._unfailing, "w", track_order=False))
             write_table_header(self._file, header)
             self._create("identity", (header.n_identity,), np.float32)
             self._create("expression", (header.n_expression,), np.float32)
@@ -124,6 +126,7 @@ class CoefficientWriter:
         dataset.resize(start + len(values), axis=0)
         if len(values):
             dataset[start:] = values
+        self._unfailing.check()
 
     def _relative(self, image_path: Path | None) -> str:
         return "" if image_path is None else os.path.relpath(image_path, self._path.parent)

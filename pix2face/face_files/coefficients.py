@@ -14,6 +14,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import check_contained, fixed_text, open_unchecked, read_text, read_version
+from pix2face.files.hdf5_writing import UnfailingFile
 from pix2face.files.text_columns import ATTRIBUTES, json_lines, read_json_lines
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.camera import Camera
@@ -89,7 +90,11 @@ class FaceCoefficients:
 
 def save_coefficients(table: FaceCoefficients, path: Path) -> None:
     """Writes a table. The file appears under its name only when it is complete."""
-    with written_in_one_step(path) as temporary, h5py.File(temporary, "w", track_order=False, locking=False) as file:
+    with (
+        written_in_one_step(path) as temporary,
+        UnfailingFile(temporary) as unfailing,
+        h5py.File(unfailing, "w", track_order=False) as file,
+    ):
         write_table_header(file, table)
         for name in (*_COLUMNS, *(["lighting"] if table.lighting is not None else [])):
             file.create_dataset(name, data=getattr(table, name), track_times=False)

@@ -14,6 +14,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import fixed_text, open_hdf5, read_text, read_version
+from pix2face.files.hdf5_writing import UnfailingFile
 from pix2face.files.json_text import parse_json
 from pix2face.files.opening import is_regular
 from pix2face.files.writing import written_in_one_step
@@ -102,7 +103,11 @@ def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False
     With ``quantise`` the bases are stored as int16 with one step per component: 1/32767 of its largest value. That
     takes a quarter of the size. Imported models are not quantised, so they stay exact.
     """
-    with written_in_one_step(path) as temporary, h5py.File(temporary, "w", track_order=False, locking=False) as file:
+    with (
+        written_in_one_step(path) as temporary,
+        UnfailingFile(temporary) as unfailing,
+        h5py.File(unfailing, "w", track_order=False) as file,
+    ):
         file.attrs["format"] = fixed_text(FORMAT)
         file.attrs["schema_version"] = SCHEMA_VERSION
         for name in _TEXTS:

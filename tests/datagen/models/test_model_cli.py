@@ -15,6 +15,7 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats.model_import import ImportedModel
 from pix2face.models.model_file import write_stored_model
 from pix2face.models.morphable_model import builtin_model, load_model
+from tests.full_disk import FULL, files_of_at_most
 from tests.model_files import stored_small_head
 from tests.published_models import Head, write_bfm
 
@@ -111,6 +112,22 @@ def test_wrong_calls_are_one_line(
     said = capsys.readouterr().err
     assert message in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["imported.h5", "mean.obj", "mean.ply", "mean.glb"])
+def test_a_full_disk_is_one_line_that_names_the_file(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "a.h5", tmp_path / "out" / name
+    write_stored_model(stored_small_head(), path)
+    imported = ImportedModel(stored_small_head(), ())
+    monkeypatch.setattr("datagen.models.model_cli.import_model", lambda path: imported)
+    with files_of_at_most(3000):
+        assert main(["model", "import" if name == "imported.h5" else "view", str(path), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.endswith(f"{FULL}: '{out}'\n")
+    assert said.count("\n") == 1
+    assert not out.exists()
 
 
 @pytest.fixture

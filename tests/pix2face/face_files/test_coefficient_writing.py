@@ -10,6 +10,7 @@ import pytest
 from pix2face.face_files.coefficient_writing import FACES_AT_ONCE, CoefficientWriter, TableHeader
 from pix2face.face_files.coefficients import Face, FaceCoefficients, load_coefficients, save_coefficients
 from pix2face.geometry.camera import Camera
+from tests.full_disk import FULL, files_of_at_most
 
 HEADER = TableHeader(model_name="small", model_sha256="f" * 64, n_identity=5, n_expression=3, licence="ours")
 
@@ -101,6 +102,21 @@ def test_an_error_leaves_the_old_table_and_no_temporary_file(tmp_path: Path) -> 
         write(path, [make_face(1, tmp_path, identity=np.zeros(6))])
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["faces.h5"]
+
+
+def test_a_full_disk_is_noticed_before_the_last_face_and_leaves_no_file(tmp_path: Path) -> None:
+    path, added = tmp_path / "faces.h5", list[int]()
+
+    def fill() -> None:
+        with CoefficientWriter(path, HEADER) as writer:
+            for index in range(3 * FACES_AT_ONCE):
+                writer.add(make_face(index, tmp_path))
+                added.append(index)
+
+    with files_of_at_most(5000), pytest.raises(OSError, match=rf"{FULL}: '\S*/faces\.h5'"):
+        fill()
+    assert len(added) < 3 * FACES_AT_ONCE - 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_memory_does_not_grow_with_the_number_of_faces(tmp_path: Path) -> None:
