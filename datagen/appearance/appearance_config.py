@@ -117,7 +117,7 @@ def load_configuration(name: str) -> AppearanceConfig:
         )
     given = _read_toml(path)
     base = given.get("preset", DEFAULT)
-    if base not in PRESETS:
+    if base not in list(PRESETS):  # a list, since what a file gives may be unhashable
         raise UsageError(f"{path}: preset: expected {', '.join(PRESETS)}, found {base!r}")
     configuration = _replaced(PRESETS[base], given, str(path))
     try:

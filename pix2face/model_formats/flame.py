@@ -13,7 +13,8 @@ import numpy as np
 
 from pix2face.errors import InputFileError
 from pix2face.model_formats.checks import basis_of_columns, check_names, coordinates, triangle_polygons
-from pix2face.model_formats.restricted_pickle import as_array, read_pickle
+from pix2face.model_formats.pickled_arrays import as_array
+from pix2face.model_formats.restricted_pickle import read_pickle
 from pix2face.models.model_file import StoredModel
 
 MM_PER_METRE = 1000.0

@@ -10,15 +10,11 @@ followed, and nothing is hashed, compared or printed but text and small numbers.
 """
 
 import io
-import math
 import pickle  # noqa: TID251 (only the names of opcodes and a subclass that resolves nothing)
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, final
-
-import numpy as np
-from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.opening import read_regular
@@ -28,7 +24,6 @@ LARGEST_FILE_BYTES = 256 << 20
 MOST_OPERATIONS = 1_000_000
 LARGEST_ARRAY_BYTES = 512 << 20
 LONGEST_NAME = 200
-_ELEMENT_BYTES, _MOST_LEVELS, _MOST_DIMENSIONS = 512, 8, 32
 
 # What a name becomes. Both spellings of NumPy's and SciPy's modules are in circulation, and both of Python's builtins.
 _ALLOWED: Final = {
@@ -44,7 +39,6 @@ _ALLOWED: Final = {
     ("collections", "OrderedDict"): "mapping",
 }
 _CHUMPY_PREFIX: Final = "chumpy."
-_NUMBER_KINDS: Final = "fiub"
 _REFUSED_OPCODES: Final = (
     *(pickle.PERSID, pickle.BINPERSID, pickle.EXT1, pickle.EXT2, pickle.EXT4, pickle.INST, pickle.OBJ),
     *(pickle.NEXT_BUFFER, pickle.READONLY_BUFFER, pickle.NEWOBJ_EX),
@@ -86,7 +80,7 @@ def _dictionary(items: list[Any]) -> dict[Any, Any]:
 
 
 @final
-class _Budget:
+class Budget:
     """What may still be made, in operations or bytes."""
 
     def __init__(self, amount: int, what: str) -> None:
@@ -107,8 +101,8 @@ class _Reader(pickle._Unpickler):
 
     def __init__(self, content: bytes) -> None:
         super().__init__(io.BytesIO(content), encoding="latin1")
-        self.operations = _Budget(MOST_OPERATIONS, "operations")
-        self.made = _Budget(LARGEST_ARRAY_BYTES, "bytes of text")
+        self.operations = Budget(MOST_OPERATIONS, "operations")
+        self.made = Budget(LARGEST_ARRAY_BYTES, "bytes of text")
 
     def find_class(self, module: str, name: str) -> Any:
         """Makes a record of an allowed name."""
@@ -185,7 +179,7 @@ class _Reader(pickle._Unpickler):
 
 
 def read_pickle(path: Path) -> dict[str, Any]:
-    """Reads a pickled dictionary; values stay records until ``as_array`` looks at them.
+    """Reads a pickled dictionary; values stay records until ``pickled_arrays.as_array`` looks at them.
 
     Raises:
         InputFileError: Not a pickle of a dictionary, a damaged one, or one that asks for a name outside the list.
@@ -208,24 +202,12 @@ def read_pickle(path: Path) -> dict[str, Any]:
     return {key: value for key, value in found.items() if isinstance(key, str)}
 
 
-def as_array(value: Any, where: str) -> ndarray:
-    """Makes an array of numbers from a record that ``read_pickle`` returned; ``where`` (file and key) is for messages.
-
-    Raises:
-        InputFileError: The record is not an array of numbers, or its size does not fit its data.
-    """
-    try:
-        return _as_array(value, _Budget(LARGEST_ARRAY_BYTES, "bytes"), depth=0)
-    except Exception as error:
-        raise InputFileError(f"{where}: expected an array of numbers, found none ({error})") from error
-
-
-def _called(function: Any, arguments: Any, made: _Budget) -> Any:
+def _called(function: Any, arguments: Any, made: Budget) -> Any:
     if not isinstance(function, Record) or function.arguments is not None or not isinstance(arguments, tuple):
         name = function.name if isinstance(function, Record) else type(function).__name__
         raise _RefusedError(f"a call of {name[:LONGEST_NAME]}")
     if function.kind == "encode":  # how Python 3 writes bytes for Python 2
-        return _as_bytes(_text(arguments[0]), made)
+        return latin1_bytes(checked_text(arguments[0]), made)
     if function.kind == "set":
         return set()  # members do not matter: chumpy's bookkeeping
     if function.kind == "bytes":
@@ -239,77 +221,13 @@ def _called(function: Any, arguments: Any, made: _Budget) -> Any:
     return Record(function.kind, function.name, arguments)
 
 
-def _as_array(value: Any, budget: _Budget, depth: int) -> ndarray:
-    if depth > _MOST_LEVELS:
-        raise ValueError("containers within containers")
-    if not isinstance(value, Record):
-        array = np.asarray(_numbers(value, budget, depth))
-        if array.dtype.kind not in _NUMBER_KINDS:
-            raise ValueError(f"{type(value).__name__}")
-        return array
-    if value.kind == "array":
-        return _from_array_state(value.state, budget)
-    if value.kind == "frombuffer" and value.arguments:  # protocol 5
-        data, dtype, shape, order = value.arguments
-        return _from_array_state((1, shape, dtype, order == "F", data), budget)
-    if value.kind == "scalar" and value.arguments:
-        data = _as_bytes(value.arguments[1], budget)
-        return np.frombuffer(data, dtype=_as_dtype(value.arguments[0]), count=1).reshape(())
-    if value.kind == "chumpy" and isinstance(value.state, dict):
-        return _from_chumpy(value, budget, depth)
-    raise ValueError(value.name[:LONGEST_NAME])
+def latin1_bytes(data: Any, budget: Budget) -> bytes:
+    """Bytes as pickles of either Python hold them.
 
-
-def _numbers(value: Any, budget: _Budget, depth: int) -> Any:
-    """A number, or lists of numbers, each counted as often as it is referred to."""
-    if isinstance(value, int | float):
-        return value
-    if not isinstance(value, list | tuple) or depth > _MOST_LEVELS:
-        raise ValueError(f"{type(value).__name__}")
-    budget.spend(_ELEMENT_BYTES * (1 + len(value)))
-    return [_numbers(child, budget, depth + 1) for child in value]
-
-
-def _from_chumpy(value: Record, budget: _Budget, depth: int) -> ndarray:
-    if value.name == "chumpy.ch.Ch":
-        return _as_array(value.state["x"], budget, depth + 1)
-    if value.name == "chumpy.reordering.Select":
-        source, places = (_as_array(value.state[key], budget, depth + 1) for key in ("a", "idxs"))
-        budget.spend(places.size * source.itemsize + source.nbytes)
-        chosen = source.ravel()[places]
-        shape = value.state.get("preferred_shape")
-        return chosen if shape is None else chosen.reshape(_shape(_as_array(shape, budget, depth + 1).tolist()))
-    raise ValueError(f"the unevaluated expression {value.name[:LONGEST_NAME]}")
-
-
-def _from_array_state(state: Any, budget: _Budget) -> ndarray:
-    """NumPy's own state of an array: version, shape, dtype, column order, data."""
-    _, lengths, dtype_record, is_fortran, data = state
-    shape, dtype, content = _shape(lengths), _as_dtype(dtype_record), _as_bytes(data, budget)
-    if math.prod(shape) * dtype.itemsize != len(content):
-        raise ValueError(f"shape {shape} with {len(content)} bytes of data")
-    return np.frombuffer(content, dtype=dtype).reshape(shape, order="F" if is_fortran else "C")
-
-
-def _shape(lengths: Any) -> tuple[int, ...]:
-    if not isinstance(lengths, list | tuple) or len(lengths) > _MOST_DIMENSIONS:
-        raise TypeError(f"a shape of type {type(lengths).__name__}")
-    if not all(isinstance(length, int) and 0 <= length < 1 << 48 for length in lengths):
-        raise ValueError("a shape of other things than lengths")
-    return tuple(lengths)
-
-
-def _as_dtype(record: Any) -> np.dtype[Any]:
-    if not isinstance(record, Record) or record.kind != "dtype" or not record.arguments:
-        raise ValueError("an array without a type")
-    order = record.state[1] if record.state else "="
-    dtype = np.dtype(_text(record.arguments[0])[:LONGEST_NAME])
-    if dtype.kind not in _NUMBER_KINDS or not isinstance(order, str) or order not in "<>|=":
-        raise ValueError(f"an array of {dtype}")
-    return np.dtype(f"{order}{dtype.kind}{dtype.itemsize}") if order in "<>" else dtype
-
-
-def _as_bytes(data: Any, budget: _Budget) -> bytes:
+    Raises:
+        TypeError: It is something else.
+        ValueError: The budget is spent.
+    """
     if isinstance(data, str):  # Python 2's strings, read as latin1
         budget.spend(len(data))
         return data.encode("latin1")
@@ -318,8 +236,12 @@ def _as_bytes(data: Any, budget: _Budget) -> bytes:
     return data
 
 
-def _text(value: Any) -> str:
-    """Text, and nothing that would first have to be written as text."""
+def checked_text(value: Any) -> str:
+    """Text, and nothing that would first have to be written as text.
+
+    Raises:
+        TypeError: It is something else.
+    """
     if not isinstance(value, str):
         raise TypeError(f"text of type {type(value).__name__}")
     return value

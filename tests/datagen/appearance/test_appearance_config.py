@@ -123,3 +123,10 @@ def test_attributes_say_what_is_not_0() -> None:
             assert any(name.startswith(f"{part}.") for name in attributes), part
         assert SampleFilter("skin.stubble >= 0 and skin.vitiligo < 2", "--where").passes("a", attributes)
     assert sum(sizes) / len(sizes) < 3400
+
+
+@pytest.mark.parametrize("value", ["[1, 2]", "{a = 1}", "5", "'none'"])
+def test_a_preset_that_is_none_is_refused(tmp_path: Path, value: str) -> None:
+    (tmp_path / "a.toml").write_text(f"preset = {value}\n")
+    with pytest.raises(UsageError, match=r"a\.toml: preset: expected"):
+        load_configuration(str(tmp_path / "a.toml"))

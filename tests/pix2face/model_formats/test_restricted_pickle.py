@@ -19,7 +19,8 @@ from hypothesis.extra import numpy as numpy_strategies
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.model_formats.restricted_pickle import as_array, read_pickle
+from pix2face.model_formats.pickled_arrays import as_array
+from pix2face.model_formats.restricted_pickle import read_pickle
 from tests.published_models import chumpy_modules
 
 MARK = Path("run-by-pickle")
