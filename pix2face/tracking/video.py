@@ -131,7 +131,8 @@ class OverlayVideo:
                     f"{self._path}: expected to write {self._n_written} frames, found that they cannot all be written; "
                     "is the disk full?"
                 )
-            self._unfinished.replace(self._path)
+            if self._n_written:
+                self._unfinished.replace(self._path)
         finally:
             self._unfinished.unlink(missing_ok=True)
 
