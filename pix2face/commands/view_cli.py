@@ -113,7 +113,8 @@ def _stored_points(path: Path) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, 
     if not is_regular(path):
         return np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.uint8)
     try:
-        with open_regular(path, "a point cloud", LARGEST_CLOUD_BYTES) as file:
+        # trimesh converts what a damaged file holds without a look at it; NumPy would warn.
+        with open_regular(path, "a point cloud", LARGEST_CLOUD_BYTES) as file, np.errstate(all="ignore"):
             cloud = trimesh.load(file, file_type="ply")
         if not isinstance(cloud, trimesh.PointCloud):
             raise TypeError("a mesh")
