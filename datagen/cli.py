@@ -32,10 +32,10 @@ class SampleConfig:
     Attributes:
         out: Table of coefficients to write (.h5).
         n: Number of faces.
-        seed: Seed of identities, expressions, poses and cameras. 0 is a seed like any other.
+        seed: Seed of identities, expressions, poses and cameras. 0 is an ordinary seed.
         size: Side of the pictures to be rendered, in pixels.
-        appearance: What is drawn how often: `default`, `hard`, `plain`, or a TOML file, of which the table [geometry]
-            counts here (docs/explanation/sampling.md).
+        appearance: Distribution of the faces: `default`, `hard`, `plain`, or a TOML file, of which this command uses
+            only the table [geometry] (docs/explanation/sampling.md).
         model: `builtin`, or a model file made by `datagen model import`.
     """
 
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "fit": fit,
     }
     return run_commands(
-        "datagen", "Ground truth for dense 3D faces: coefficients in, triplets out.", commands, arguments
+        "datagen", "Render ground truth for dense 3D faces from coefficients of a morphable model.", commands, arguments
     )
 
 

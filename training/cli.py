@@ -36,9 +36,8 @@ from training.train_config import TrainConfig, cores, preset_of
 
 DESCRIPTION = """Train the network on shards that `datagen render` wrote.
 
-Run the same command again to go on after an interruption: it starts from the last state that was written and ends
-exactly where it would have ended without one. `torchrun --nproc-per-node N -m training.cli ...` trains with several
-processes."""
+After an interruption, run the same command again. It continues from the last saved state, and the result is the same as
+without the interruption. `torchrun --nproc-per-node N -m training.cli ...` trains with several processes."""
 
 # Exit status of a process that stops because another one was asked to.
 EXIT_STOPPED = exit_status_of(signal.SIGTERM)

@@ -27,29 +27,30 @@ class TrainConfig:
 
     Attributes:
         shards: Folders of shards, all of one morphable model. FOLDER:0.7 gives a folder its share of the draws.
-        preset: Values of all options that describe the training. paper: 256 px, 60 epochs of 100,000 pictures; wants a
+        preset: Values of all options that describe the training. paper: 256 px, 60 epochs of 100,000 pictures; needs a
             GPU. tiny: two minutes on two cores. cpu: 128 px, residual network, half an hour on two idle cores. gpu: the
             same network at 256 px. `train --preset NAME --help` shows its values.
-        out: Folder for the checkpoint, the log, and the state from which an interrupted training goes on.
-        init: Checkpoint whose weights the training starts from. Fully convolutional networks (residual) go on at any
-            size, so most of a training can run on small pictures.
-        samples: Pictures of the whole training, in place of --epochs; rounded up to whole epochs of the same size.
-        mirror: Mirror every other sample. The paper does not; refused where the model is not symmetric.
+        out: Folder for the checkpoint, the log, and the state from which an interrupted training continues.
+        init: Checkpoint whose weights the training starts from. The residual network is fully convolutional and can
+            continue at another size, so most of a training can run on small pictures.
+        samples: Number of pictures of the whole training, instead of --epochs; rounded up to whole epochs of the same
+            size.
+        mirror: Mirror every other sample. The paper does not do this. It is refused if the model is not symmetric.
         numbers: Network, length, optimisation and crops.
         where: Train only on samples whose attributes fulfil this condition, such as "abs(yaw_deg) < 60".
-        validation: Share of the persons that are held out to measure on; 0 measures nothing.
-        validation_samples: Largest number of their pictures to measure on.
-        validate_every: Pictures between two measurements; without it each epoch ends with one.
-        restart: Replace the training that the output folder holds.
-        state_minutes: Minutes after which the state to go on from is written again; the end of an epoch and a signal
-            write it too.
-        compile: Let torch.compile make the network faster; takes a minute and needs a C++ compiler.
+        validation: Share of the persons that are held out for validation; 0 for no validation.
+        validation_samples: Largest number of pictures of these persons that are used for validation.
+        validate_every: Number of pictures between two validations. Default: validation after each epoch.
+        restart: Replace the training in the output folder.
+        state_minutes: Minutes after which the state of the training is saved again. It is also saved at the end of an
+            epoch and on a signal.
+        compile: Compile the network with torch.compile, which takes a minute and needs a C++ compiler.
         tensorboard: Write curves and pictures for TensorBoard into the output folder (pip
             install 'pix2face[tensorboard]').
-        dry_run: Take some steps with one batch, say what they took, and write nothing.
-        workers: Processes that load samples; without it one for every second core, at most 8.
-        cache_gb: Memory for decoded samples, in 10^9 bytes, over all workers.
-        device: Torch device, such as cpu, cuda or cuda:1; without it a GPU where there is one.
+        dry_run: Run a few steps with one batch, print time and memory, and write no files.
+        workers: Number of processes that load samples. Default: one for every second core, at most 8.
+        cache_gb: Memory for decoded samples, in 10^9 bytes, for all workers together.
+        device: Torch device, such as cpu, cuda or cuda:1. Default: a GPU if there is one.
     """
 
     shards: Annotated[tuple[str, ...], tyro.conf.arg(help_behavior_hint="(required)")] = ()

@@ -20,9 +20,9 @@ class ShowConfig:
 
 
 def appearance(config: Annotated[ShowConfig, tyro.conf.arg(name="")]) -> int:
-    """Print the configuration of synthetic photographs as TOML, with an explanation of every number.
+    """Print the configuration of synthetic photographs as TOML, with an explanation of every setting.
 
-    Edit the output and pass the file to `datagen sample` and `datagen render` as --appearance. Lines may be left out;
+    Edit the output and pass the file to `datagen sample` and `datagen render` as --appearance. You may delete lines;
     their values then come from the preset.
     """
     print(to_toml(load_configuration(config.appearance)), end="")

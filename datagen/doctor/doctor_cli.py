@@ -24,9 +24,11 @@ class DoctorConfig:
     """Configuration of ``datagen doctor``.
 
     Attributes:
-        gl: Judge this backend alone: `egl` or `osmesa`. Default: PIX2FACE_GL, or EGL before OSMesa.
-        device: Judge this one of the devices that EGL lists, from 0. Default: PIX2FACE_GL_DEVICE, or EGL's first.
-        rasteriser: Judge this rasteriser. Default: PIX2FACE_RASTERISER, or `compute` where the driver has OpenGL 4.3.
+        gl: Check only this backend: `egl` or `osmesa`. Default: PIX2FACE_GL, otherwise EGL and then OSMesa.
+        device: Check this device of EGL's list, which starts at 0. Default: PIX2FACE_GL_DEVICE, otherwise EGL's first
+            device.
+        rasteriser: Check this rasteriser. Default: PIX2FACE_RASTERISER, otherwise `compute` if the driver has
+            OpenGL 4.3.
         json: Print everything as JSON instead of tables.
     """
 
@@ -37,7 +39,7 @@ class DoctorConfig:
 
 
 def doctor(config: Annotated[DoctorConfig, tyro.conf.arg(name="")]) -> int:
-    """Say which OpenGL there is, compare test renders with the oracle, and name the remedy for what fails.
+    """Report which OpenGL is installed, compare test renders with the reference, and name the remedy for each problem.
 
     The exit status is 0 if renders can be trusted, and 2 if not.
     """

@@ -28,10 +28,10 @@ N_ON_A_SHEET, N_ON_A_PAGE = 16, 24
 def verify(shards: Annotated[Path, tyro.conf.Positional]) -> int:
     """Read every sample of a folder of shards and check it.
 
-    This checks the schema, checksums, ranges and pictures, the layers against each other, and finds ids that occur
-    twice, shards of another job and missing shards. Of photographs it also finds ground truth that cannot be true:
-    landmarks outside of the picture, coefficients that nobody has, faces that look away from the camera, and pictures
-    that an orientation tag turns.
+    This checks the schema, checksums, ranges and pictures, and whether layers agree. It also finds ids that occur
+    twice, shards of another job and missing shards. For photographs, it finds ground truth that cannot be right:
+    landmarks outside the picture, coefficients that no real face has, faces that look away from the camera, and
+    pictures that an orientation tag turns.
 
     Args:
         shards: Folder of shards.
@@ -66,12 +66,12 @@ def preview(
     """Draw samples and their layers, on a contact sheet or on an HTML page (--out page.html).
 
     The page is one file with all its pictures. Arrow keys change the sample and the layer, and a slider blends layer
-    and picture. Visible landmarks are green, hidden ones red: hidden by the head itself or, if the set has the layer
-    `seen`, by something in front of it.
+    and picture. Visible landmarks are green, and hidden ones are red. A landmark is hidden by the head itself or, if
+    the set has the layer `seen`, by something in front of it.
 
     Args:
         shards: Folder of shards.
-        out: File to write, a contact sheet (.jpg, .png) or a page (.html); without it `preview.jpg` in the folder.
+        out: File to write: a contact sheet (.jpg, .png) or a page (.html). Default: `preview.jpg` in the folder.
         n: Number of samples to show, evenly spread. Without this option, a sheet has 16 and a page 24.
     """
     out = out or shards / "preview.jpg"
@@ -95,13 +95,13 @@ def stats(
     json: bool = False,
     where: Annotated[str, tyro.conf.arg(help_behavior_hint="")] = "",
 ) -> int:
-    """Count pose, face size, coefficients, landmarks and attributes of a folder of shards, and name what is rare.
+    """Print statistics of poses, faces, landmarks and attributes of a folder of shards, and say what is rare.
 
     Args:
         shards: Folder of shards.
         out: Also write the statistics as a page (.html) or a picture (.png).
         json: Print everything as JSON instead of tables.
-        where: Count only samples whose attributes fulfil this condition, such as "abs(yaw_deg) < 60"; as in `train`.
+        where: Count only samples that fulfil this condition, such as "abs(yaw_deg) < 60", written as for `train`.
     """
     if out is not None:
         check_output_file(out, (".html", ".png"))
@@ -123,7 +123,7 @@ def stats(
 
 
 def card(shards: Annotated[Path, tyro.conf.Positional]) -> int:
-    """Write the card of a folder of shards into it: content, sources, what may not be passed on, how to read it.
+    """Write a card into a folder of shards: its content and sources, what may not be passed on, and how to read it.
 
     `datagen render` also writes it when it is done.
 

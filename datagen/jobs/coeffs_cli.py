@@ -42,7 +42,7 @@ class _ConversionConfig:
         out: Table to write (.h5). Faces that cannot be used are listed in NAME.rejected.jsonl beside it.
         model: `builtin`, or a model file made by `datagen model import`.
         workers: Number of processes that read and fit.
-        max_rejected: Number of rejected faces that is accepted; with more, the exit status is 3.
+        max_rejected: Largest number of rejected faces for which the exit status is still 0; with more, it is 3.
     """
 
     out: Path
@@ -55,7 +55,7 @@ class _ConversionConfig:
 class CoeffsConvertConfig(_ConversionConfig):
     """Read a folder of 300W-LP or AFLW2000-3D files into one table.
 
-    With an imported BFM 2009, the table takes over the coefficients of the files (in standard deviations). Any other
+    With an imported BFM 2009, the table contains the coefficients of the files (in standard deviations). Any other
     model is fitted to their landmarks.
 
     Attributes:
@@ -70,8 +70,8 @@ class FitConfig(_ConversionConfig):
     """Configuration of ``datagen fit``.
 
     Attributes:
-        landmarks: Folder of photographs with 68 points each, in iBUG's .pts, in .mat files with pt3d_68, or in
-            dlib's .xml.
+        landmarks: Folder of photographs with 68 annotated points per face: .pts files as in 300-W, .mat files with
+            pt3d_68, or .xml lists of dlib.
     """
 
     landmarks: Path
@@ -79,7 +79,7 @@ class FitConfig(_ConversionConfig):
 
 @dataclass(frozen=True)
 class CoeffsInfoConfig:
-    """Print the model, poses, coefficients and attributes of the faces, what is rare and what was rejected.
+    """Print the model, poses, coefficients and attributes of the faces, and say what is rare and what was rejected.
 
     Attributes:
         source: A table (.h5), or a folder of 300W-LP or AFLW2000-3D files.
@@ -97,8 +97,8 @@ class CoeffsRetargetConfig:
         to: The other model: `builtin`, or a model file.
         out: Table to write (.h5).
         from_model: The model of the table.
-        through: What is compared: `dense` takes nearest points of the two mean faces, `landmarks` the 68 landmarks
-            alone.
+        through: How the two models are related: `dense` by the nearest points of their mean faces, `landmarks` by
+            the 68 landmarks alone.
     """
 
     source: Annotated[Path, tyro.conf.arg(name="from")]

@@ -43,16 +43,15 @@ class RenderConfig:
     Attributes:
         coeffs: Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by `datagen
             sample`, `datagen fit` or `datagen coeffs convert`.
-        out: Folder of the shards. Running the same command again completes it. Other settings are refused, and so are
-            another table and a folder in which a file was added, removed or changed in size; an edit that keeps the
-            size goes unnoticed.
+        out: Folder of the shards. Running the same command again completes it. It is refused if settings, the table or
+            the files of the source have changed. A file that was edited without changing its size is not noticed.
         model: `builtin`, or a model file made by `datagen model import`. An imported BFM 2009 uses the coefficients
             of 300W-LP as they are; any other model is fitted to the landmarks of the files.
         appearance: How faces without photographs are drawn: `plain`, `default`, `hard`, or a TOML file as `datagen
             appearance` prints it (docs/explanation/synthetic_photographs.md). Default: `default` for the built-in
             model, and `plain` for other models, which can have no other.
-        backgrounds: Folder of your own pictures (with subfolders) to stand behind faces. `folder_share` of the
-            appearance says in which share of the synthetic photographs.
+        backgrounds: Folder of your own pictures (with subfolders) to use as backgrounds. `folder_share` of the
+            appearance is the share of the synthetic photographs that have one.
         layers: Layers of each sample: `all`, or some of image, pncc, offset, mask, depth, normals, uv, regions and
             landmarks, separated by commas. Synthetic photographs also have seen, coverage and seen_regions: what is
             seen of the face, where the person hides the backdrop, and what stands before the face. Default: image,
@@ -67,11 +66,11 @@ class RenderConfig:
         workers: Number of processes that render on this machine.
         scheduler: Render on the workers of this Dask scheduler instead, such as
             tcp://host:8786 (docs/how_to/render_many_samples.md). Its connections are neither encrypted nor
-            authenticated: whoever reaches it can run code on its workers.
-        gl: How to reach OpenGL. Default: EGL, or OSMesa if EGL fails.
+            authenticated, so anyone who can reach it can run code on its workers.
+        gl: OpenGL backend. Default: EGL, or OSMesa if EGL fails.
         device: Number of the GPU, as `datagen doctor` lists them.
-        rasteriser: `compute` needs OpenGL 4.3. `auto` takes it where it can, and otherwise `fragment`.
-        max_rejected: With more rejected samples than this the exit status is 3.
+        rasteriser: `compute` needs OpenGL 4.3. `auto` uses `compute` if it is available, and otherwise `fragment`.
+        max_rejected: Largest number of rejected samples for which the exit status is still 0; with more, it is 3.
     """
 
     coeffs: Path
@@ -96,7 +95,7 @@ class RenderConfig:
 def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
     """Render image / PNCC / offset triplets into sharded HDF5. One bad sample never ends the job.
 
-    Ctrl-C and SIGTERM stop it cleanly (a second one at once): finished shards are kept, and the same command goes on.
+    Ctrl-C and SIGTERM stop it cleanly (a second one at once). Finished shards are kept, and the same command continues.
     """
     with stopping_on_signals():
         try:

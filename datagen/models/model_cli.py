@@ -62,7 +62,7 @@ class ModelViewConfig:
     Attributes:
         model: `builtin`, or a model file.
         out: File to write: a contact sheet (.jpg or .png), or the mean face (.obj, .glb or .ply).
-        components: How many identity and how many expression components the sheet shows.
+        components: Number of identity components and of expression components that the sheet shows.
     """
 
     model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL

@@ -37,7 +37,7 @@ class NetworkOptions:
         model: `builtin`, or the model file that the checkpoint was trained for.
         landmarks: File that `pix2face landmarks select` wrote, which says which vertices are the landmarks. Without it
             the checkpoint says so; where it does not, and for renders, the model does.
-        device: Torch device, such as cpu or cuda; without it a GPU where there is one.
+        device: Torch device, such as cpu or cuda. Default: a GPU if there is one.
     """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None

@@ -52,7 +52,8 @@ class EvaluateConfig:
         batch_size: Faces that go through the network at once.
         resamples: Bootstrap resamples behind each interval; 0 for no intervals.
         seed: Seed of the bootstrap.
-        max_rejected: How many faces with damaged files are tolerated; more make the exit status 3.
+        max_rejected: Largest number of faces with damaged files for which the exit status is still 0; with more, it
+            is 3.
         allow_missing: Exit with status 0 although files of the benchmark are missing; without it the status is 3.
     """
 

@@ -50,7 +50,7 @@ class DetectorConfig:
 
 
 def detector(config: Annotated[DetectorConfig, tyro.conf.arg(name="")]) -> int:
-    """Train the detector of faces on rendered people over pictures that show nobody.
+    """Train the face detector on rendered people in front of pictures without people.
 
     Run the same command again to go on after an interruption.
     """

@@ -40,10 +40,11 @@ class DetectorRecipe:
         learning_rate: Largest learning rate of Adam.
         schedule: How the learning rate falls, as for `train`.
         warm_up: Scenes over which the learning rate first rises from 0.
-        precision: Arithmetic of the network's layers; weights and loss are float32 in any case.
+        precision: Arithmetic of the network's layers; weights and loss are always float32.
         box_weight: Weight of the boxes in the loss, beside that of the heatmap of centres.
         clip: Largest norm of the gradient; 0 for no limit.
-        ema: Decay, a step, of the running mean of the weights that the checkpoint holds; 0 for no running mean.
+        ema: Decay per step of the running mean of the weights, which the checkpoint then contains; 0 for no running
+            mean.
         norm_batches: Batches over which the batch norms are measured again after the last step.
         seed: Seed of the initial weights and of the scenes.
     """

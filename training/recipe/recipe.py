@@ -31,8 +31,8 @@ class LossWeights:
     Attributes:
         pncc: Weight of the mean absolute error of PNCC, in units of its scale.
         offset: Weight of the mean absolute error of the offsets, in units of their scale.
-        mask: Weight of the cross entropy of the mask, where the network predicts it.
-        seen: Weight of the cross entropy of the seen part of the mask, where the network predicts it.
+        mask: Weight of the cross entropy of the mask, if the network predicts it.
+        seen: Weight of the cross entropy of the visible part of the mask, if the network predicts it.
     """
 
     pncc: Annotated[float, tyro.conf.arg(name="weight-pncc")] = 1.0
@@ -83,31 +83,33 @@ class Recipe:
         architecture: Architecture of the network.
         size_px: Side of the network's input: a power of two (paper) or a multiple of 64 (residual).
         filters: Filters of the network's first level.
-        planes: Planes of the output: 6 for the maps, 7 with the mask, 8 with the seen part of the mask as well (which
-            the shards must know).
-        batch_size: Pictures a step, over all parts and processes together.
-        parts: Compute each batch in this many parts, one after the other, whose gradients are added; saves memory.
-        epochs: Epochs, of --epoch-size pictures each; a checkpoint is written after each.
-        epoch_size: Pictures an epoch, drawn from the shards over and over with new jitter; rounded up to whole batches.
+        planes: Output planes: 6 for PNCC and offset, 7 with the mask, 8 also with its visible part (the shards must
+            have the layer `seen`).
+        batch_size: Number of pictures per step, for all parts and processes together.
+        parts: Compute each batch in this many parts, one after the other, and add their gradients; this saves memory.
+        epochs: Number of epochs, of --epoch-size pictures each. A checkpoint is written after each epoch.
+        epoch_size: Number of pictures per epoch, drawn from the shards repeatedly with new jitter; rounded up to whole
+            batches.
         learning_rate: Largest learning rate of Adam.
-        schedule: How the learning rate falls: paper to 0.021 of its start, from epoch to epoch; cosine and linear to 0,
-            from step to step.
-        warm_up: Pictures over which the learning rate first rises from 0 (cosine, linear).
-        precision: Arithmetic of the network's layers; weights and loss are float32 in any case.
+        schedule: How the learning rate falls. paper: after each epoch, to 0.021 of its start. cosine, linear: after
+            each step, to 0.
+        warm_up: Number of pictures over which the learning rate first rises from 0 (cosine, linear).
+        precision: Arithmetic of the network's layers; weights and loss are always float32.
         weights: Weights of the parts of the loss.
-        loss_over: Pixels over which the errors of the maps are averaged: all of them, the mask, or its seen part.
-        clip: Largest norm of the gradient, to which longer ones are shortened; 0 for no limit.
-        ema: Decay, a step, of the running mean of the weights that the checkpoint holds; 0 for no running mean.
-        norm_batches: Batches over which the batch norms are measured again after the last step, with the weights of the
-            checkpoint; 0 keeps the running statistics. Source: Izmailov et al. 2018, Sec. 3.2.
+        loss_over: Pixels over which the errors of the maps are averaged: all pixels, the mask, or its visible part.
+        clip: Largest norm of the gradient; larger gradients are scaled down to it. 0 for no limit.
+        ema: Decay per step of the running mean of the weights, which the checkpoint then contains; 0 for no running
+            mean.
+        norm_batches: Number of batches over which the statistics of batch norms are measured again after the last step,
+            with the weights of the checkpoint; 0 keeps the running statistics. Source: Izmailov et al. 2018, Sec. 3.2.
         seed: Seed of the initial weights, the order of the samples and their jitter.
         jitter: How far samples are varied.
         cropping: full: crops are turned, scaled and shifted, as in the paper. box: squares of --crop-scale around the
-            face's box, a few percent off, as when the network is used; much faster. shift: squares of whole pixels at
-            random places, for pictures that were made as crops; as fast. none: the middle of the picture, in its own
-            colours.
-        crop_scale: Side of the crop that the network is given of a face when it is used, in units of the longer side of
-            the face's box; stored in the checkpoint.
+            face's box, shifted by a few per cent, as at inference; much faster. shift: squares of whole pixels at
+            random places, for pictures that were rendered as crops; as fast as box. none: the middle of the picture,
+            with unchanged colours.
+        crop_scale: Side of the crop that the network gets at inference, in units of the longer side of the face's box;
+            stored in the checkpoint.
     """
 
     architecture: ArchitectureName = "paper"

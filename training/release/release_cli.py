@@ -26,7 +26,7 @@ class ExportConfig:
     Attributes:
         checkpoint: Checkpoint that `train` wrote.
         out: Folder for the release.
-        report: Reports of `evaluate` (report.json) whose errors the model card quotes.
+        report: Reports of `evaluate` (report.json) whose errors are copied into the model card.
         landmarks: Landmarks that `pix2face landmarks select` chose on fits of this network; the release contains them.
         onnx: Write the network as ONNX as well (pip install 'pix2face[onnx]').
     """

@@ -27,7 +27,7 @@ class EmptyConfig:
         n: Number of pictures.
         seed: Seed of all pictures.
         size: Side of the pictures, in pixels.
-        held_out: Draw only environments, patterns and pictures that the others never show, to measure on.
+        held_out: Draw only environments, patterns and pictures that never occur without this option, for measuring.
     """
 
     out: Path
@@ -38,7 +38,7 @@ class EmptyConfig:
 
 
 def empty(config: Annotated[EmptyConfig, tyro.conf.arg(name="")]) -> int:
-    """Draw pictures that show nobody, for `train detector` and to measure false alarms on."""
+    """Draw pictures without people, to train a detector (`train detector`) and to measure its false alarms."""
     if config.n < 1 or config.size < 1 or config.seed < 0:
         raise UsageError(f"expected --n and --size of at least 1 and --seed of at least 0, found {config}")
     prepare_output_folder(config.out)
