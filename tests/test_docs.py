@@ -22,7 +22,15 @@ sys.path.append(str(ROOT / "docs"))
 from command_help import PROGRAMS, commands, help_text  # noqa: E402  (an extension of Sphinx, beside the pages)
 
 # Of docker, dask and torchrun, and of a benchmark whose options are the fields of a class.
-FOREIGN_OPTIONS = {"--group-add", "--gpus", "--nproc-per-node", "--nthreads", "--curve-steps", "--curve-size-px"}
+FOREIGN_OPTIONS = {
+    "--group-add",
+    "--gpus",
+    "--shm-size",
+    "--nproc-per-node",
+    "--nthreads",
+    "--curve-steps",
+    "--curve-size-px",
+}
 
 
 def relative_links(text: str) -> set[str]:

@@ -63,7 +63,7 @@ class TrackConfig:
         faces: Network, model and face boxes.
         detect_every: Run the detector on every n-th frame only; boxes in between are interpolated.
         all_faces: Follow every face through the frames that show it; without it the main face through all frames.
-        smoothing: How landmarks and poses are smoothed: none, mean3 (mean of three frames, as in the paper),
+        smoothing: How the 2D landmarks are smoothed: none, mean3 (mean of three frames, as in the paper),
             one-euro (looks at no later frame) or spline (smoothest).
         how: Camera and coefficients of each frame.
         identity_frames: Largest number of frames, evenly spread over the clip, that the identity is fitted to.
