@@ -30,6 +30,9 @@ def read_gnm(path: Path) -> StoredModel:
     needed = (TEMPLATE, "vertex_identity_basis", "expression_basis")
     arrays = read_npz(path, (*needed, "quads", "triangles"), "an .npz of arrays", LARGEST_FILE_BYTES)
     check_names(path, needed, arrays)
+    texts = [name for name, array in arrays.items() if array.dtype.kind not in "fiu"]
+    if texts:
+        raise InputFileError(f"{path}: expected numbers in {texts[0]}, found text")
     mean = coordinates(f"{path} ({TEMPLATE})", arrays[TEMPLATE]) * MM_PER_METRE
     polygons = _polygons(path, arrays, len(mean))
     return StoredModel(

@@ -67,7 +67,10 @@ def test_help_and_recipe_start_from_the_preset(capsys):
         with pytest.raises(SystemExit):
             parsed("--preset", name, "--help")
         shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
-        assert f"Pictures a step, over all parts and processes together. (default: {preset.batch_size})" in shown
+        assert (
+            f"Number of pictures per step, for all parts and processes together. (default: {preset.batch_size})"
+            in shown
+        )
 
 
 def test_the_configuration_of_a_training_keeps_its_form():

@@ -107,8 +107,8 @@ def test_files_of_a_folder_that_are_none(model_path: Path, tmp_path: Path) -> No
     assert "megapixels, found a head" in found["bomb"]
     assert "found 0 bytes that are none" in found["empty"]
     assert "found a device, pipe or socket" in found["device"]
-    for name in ("nowhere", "self"):
-        assert "cannot read it" in found[name]
+    assert "found no such file" in found["nowhere"]
+    assert "cannot read it" in found["self"]
 
 
 def test_a_photograph_without_right_to_read_is_rejected(model_path: Path, tmp_path: Path) -> None:
