@@ -10,7 +10,6 @@ one face being one number.
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +23,7 @@ from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES
 from pix2face.geometry.camera import HeadPose, pinhole_of
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from tests.fits import paper_fit
 from tests.full_size_model import full_size_model
 from tests.pix2face.fitting.rendered_faces import KnownFace, render_known_face
@@ -143,11 +142,7 @@ def main() -> int:
         model, options.faces, fit, options.noise_mm, options.outliers, perspective=options.camera == "pinhole"
     )
     chosen = {name: str(value) for name, value in vars(options).items() if name != "out"}
-    text = json.dumps({"options": chosen, "errors": summary(errors), "measured_on": surroundings()}, indent=2)
-    if options.out is not None:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report({"options": chosen, "errors": summary(errors), "measured_on": surroundings()}, options.out)
     return 0
 
 

@@ -8,7 +8,6 @@ files' own pages.
 
 import argparse
 import io
-import json
 import resource
 import shutil
 import subprocess
@@ -23,7 +22,7 @@ import numpy as np
 import scipy.io
 
 from pix2face.face_files.w300lp import read_coefficient_file
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 FOLDERS = ("AFW", "HELEN", "IBUG", "LFPW", "AFW_Flip", "HELEN_Flip", "IBUG_Flip", "LFPW_Flip")
 FULL_SIZE = 122_450
@@ -115,10 +114,7 @@ def main() -> None:
             per_file = conversion["seconds"] / len(paths)
             conversion["minutes_for_300wlp_extrapolated"] = per_file * FULL_SIZE / 60
             result["conversion"] = {"model": Path(options.model).name, "workers": options.workers, **conversion}
-    text = json.dumps(result, indent=2)
-    print(text)  # noqa: T201
-    if options.out:
-        options.out.write_text(text + "\n", encoding="utf-8")
+    write_report(result, options.out)
 
 
 if __name__ == "__main__":

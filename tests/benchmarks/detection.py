@@ -10,7 +10,6 @@ faces. With a checkpoint, the same after a second prediction has refined and con
 """
 
 import argparse
-import json
 import sys
 import time
 import xml.etree.ElementTree as ET
@@ -27,7 +26,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import builtin_model
 from pix2face.photographs.refined_detection import find_faces
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 HIT, FALSE = 0.5, 0.3
 
@@ -108,10 +107,7 @@ def main() -> int:
         report[name] = measure(detector.detect, faces)
         if predictor is not None:
             report[f"{name}, refined"] = measure(refined(detector, predictor), faces)
-    text = json.dumps(report, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(report, options.out)
     return 0
 
 

@@ -8,7 +8,6 @@ those of `pix2face fit`: as it is, not held to the silhouette, and with the regu
 """
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
@@ -27,7 +26,7 @@ from pix2face.files.images import read_photograph
 from pix2face.fitting.fit_options import FitOptions
 from pix2face.geometry.crops import crop_image, square_crop
 from pix2face.inference import PACKAGED
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 
 def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callable[[], object]]:
@@ -90,10 +89,7 @@ def main() -> None:
         "network": {"size_px": header.size_px, "architecture": header.architecture, "widths": list(header.widths)},
         "one_core": rows,
     }
-    text = json.dumps(report, indent=2)
-    if options.out:
-        options.out.write_text(text + "\n")
-    print(text)  # noqa: T201
+    write_report(report, options.out)
 
 
 if __name__ == "__main__":

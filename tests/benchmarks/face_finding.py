@@ -10,7 +10,6 @@ from the decoded picture to boxes.
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +30,7 @@ from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import IMAGE_SUFFIXES, read_photograph
 from pix2face.geometry.crops import FaceBox
 from pix2face.tracking.video import open_frames
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 Find = Callable[[ndarray], Sequence[DetectedFace]]
 YAWS = {"to 30": (0.0, 30.0), "to 60": (30.0, 60.0), "above": (60.0, 181.0)}
@@ -201,10 +200,7 @@ def main() -> int:
             write_sheets(seen, options.min_score, options.sheets, name)
     report |= {path.name: clip_figures(find, path, options.min_score) for path in options.clips}
     report |= {"milliseconds": times_ms(find)} if options.time else {}
-    text = json.dumps(report, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(report, options.out)
     return 0
 
 

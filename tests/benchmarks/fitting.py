@@ -8,7 +8,6 @@ the same run, alternately, so that figures of two machines can be compared. Erro
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -32,7 +31,7 @@ from pix2face.fitting.picture_measurement import (
 from pix2face.fitting.prepared_model import prepared_model
 from pix2face.models.morphable_model import MorphableModel
 from tests.benchmarks.closed_loop import MODELS, known_face, measure, summary
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from tests.fits import paper_fit
 
 VERTEX_COUNTS = (600, 1250, COEFFICIENT_VERTICES, 5000, 10_000)
@@ -131,10 +130,7 @@ def main() -> int:
                 "milliseconds": least_ms(functions, options.repeats),
                 "subsets": subsets(model, options.faces, options.repeats),
             }
-    text = json.dumps(report | {"measured_on": surroundings()}, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(report | {"measured_on": surroundings()}, options.out)
     return 0
 
 

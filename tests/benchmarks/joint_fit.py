@@ -10,7 +10,6 @@ root mean square distance of the vertices of the face, in mm.
 """
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import replace
@@ -23,7 +22,7 @@ from pix2face.fitting.joint_fit import fit_joint
 from pix2face.geometry.camera import HeadPose
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, KnownFace, render_known_face
 
@@ -110,10 +109,7 @@ def main() -> int:
         },
         "measured_on": surroundings(),
     }
-    text = json.dumps(report, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(report, options.out)
     return 0
 
 

@@ -10,7 +10,6 @@ by the same code as in a training. The best of some rounds, each of as many draw
 """
 
 import argparse
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import islice
@@ -25,7 +24,7 @@ import torch
 from pix2face.files.images import decode_image
 from pix2face.geometry.jitter import JitterRange, draw_jitter
 from pix2face.shards.layers import IMAGE
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from training.data.batches import batch_row, empty_batch
 from training.data.cropping import cut, cut_around_box, resample, vary_colours
 from training.data.dataset import middle_corner
@@ -164,10 +163,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
     folders = {text: measure(text, options.rounds, options.draws, options.workers) for text in options.shards}
-    text = json.dumps({**surroundings(), "folders": folders}, indent=2)
-    if options.out:
-        options.out.write_text(text + "\n")
-    print(text)  # noqa: T201
+    write_report({**surroundings(), "folders": folders}, options.out)
 
 
 if __name__ == "__main__":

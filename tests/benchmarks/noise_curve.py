@@ -4,7 +4,6 @@ python -m tests.benchmarks.noise_curve [--faces 20] [--out out/noise_curve.json]
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, PREDICTED_MA
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.closed_loop import measure, summary
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import KnownFace
 
@@ -73,10 +72,7 @@ def main() -> int:
     found = curves(options.faces)
     draw(found, options.picture)
     report = {"faces": options.faces, "outliers": OUTLIERS, "noise_mm": NOISE_MM, "mean_error_percent": found}
-    text = json.dumps(report | {"measured_on": surroundings()}, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(report | {"measured_on": surroundings()}, options.out)
     return 0
 
 

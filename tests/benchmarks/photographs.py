@@ -10,7 +10,6 @@ shards are kept, and a run that was stopped goes on; pictures a second are then 
 """
 
 import argparse
-import json
 import os
 import sys
 import tempfile
@@ -29,7 +28,7 @@ from pix2face.face_files.coefficients import save_coefficients
 from pix2face.models.morphable_model import BUILTIN_MODEL, builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN, order_layers
 from tests.benchmarks.render import by_stage
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 
 def measure(place: Path, options: argparse.Namespace) -> dict[str, object]:
@@ -84,10 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as name:
         found = measure(options.shards or Path(name), options)
     described = {name: getattr(options, name) for name in ("size", "appearance", "seed", "workers", "shard_size")}
-    text = json.dumps({**described, **found, "measured_on": surroundings()}, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report({**described, **found, "measured_on": surroundings()}, options.out)
     return 0
 
 

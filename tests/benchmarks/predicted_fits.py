@@ -9,7 +9,6 @@ left where size and place are put right; and milliseconds of processor time a fa
 """
 
 import argparse
-import json
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -41,7 +40,7 @@ from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 Fit = Callable[[FaceMaps], FaceFit]
 
@@ -131,10 +130,7 @@ def main() -> int:
         for name, fit in variants(model).items():
             rows[name] = {key: round(value, 3) for key, value in row(faces, fit).items()}
             sys.stderr.write(f"{name}: {rows[name]}\n")
-    text = json.dumps({"faces": len(faces), "rows": rows, "measured_on": surroundings()}, indent=2, ensure_ascii=False)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n", encoding="utf-8")
-    sys.stdout.write(text + "\n")
+    write_report({"faces": len(faces), "rows": rows, "measured_on": surroundings()}, options.out)
     return 0
 
 

@@ -7,7 +7,6 @@ on other machines compare as ratios. Times are of the processor (all threads of 
 """
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -27,7 +26,7 @@ from datagen.rendering.renderer import Renderer
 from datagen.rendering.screen_projection import project_to_screen
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from tests.meshes import mesh_model, sheet
 
 RASTERISERS = ("compute", "fragment")
@@ -194,10 +193,7 @@ def main() -> None:
             "LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS"),
             "measured_on": surroundings(),
         }
-    text = json.dumps(result, indent=2)
-    print(text)  # noqa: T201
-    if options.out:
-        options.out.write_text(text + "\n", encoding="utf-8")
+    write_report(result, options.out)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ Without --originals the faces are invented: coefficients drawn from their standa
 """
 
 import argparse
-import json
 import os
 import sys
 import tempfile
@@ -40,7 +39,7 @@ from tests.benchmarks.photograph_folder import (
     write_folder,
     write_full_size_model,
 )
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 SIZES_PX = (NATIVE_PX, 256)
 N_REFERENCE = 30
@@ -186,10 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             for size_px in SIZES_PX:
                 result[f"{size_px} px"] = measure_size(place, model, size_px, options)
-    text = json.dumps(result | {"measured_on": surroundings()}, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(result | {"measured_on": surroundings()}, options.out)
     return 0
 
 

@@ -7,7 +7,6 @@ calling thread and finishes each stage before the next begins.
 """
 
 import argparse
-import json
 import os
 import sys
 import time
@@ -35,7 +34,7 @@ from datagen.sampling.faces import sample_faces
 from pix2face.face_files.coefficients import Face
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 STAGES = {
     "upload head": (SceneHead, "load"),
@@ -133,10 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     os.environ["LP_NUM_THREADS"] = "0"  # before the driver is loaded
     result = measure(options.n, options.size, options.preset) | {"measured_on": surroundings()}
-    text = json.dumps(result, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(result, options.out)
     return 0
 
 

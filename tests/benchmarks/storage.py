@@ -9,7 +9,6 @@ too, which counts only where nothing else runs.
 
 import argparse
 import hashlib
-import json
 import multiprocessing
 import tempfile
 import zlib
@@ -30,7 +29,7 @@ from pix2face.shards.map_storage import predict, undo_prediction
 from pix2face.shards.sample import MAP_LAYERS, Sample
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 from pix2face.shards.shard_writing import ShardWriter, write_shard
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -295,10 +294,7 @@ def main() -> None:
         "h5py_hdf5": h5py.version.hdf5_version,
         "folders": {folder.name: measure_folder(folder, options.n, options.rounds) for folder in options.shards},
     }
-    text = json.dumps(report, indent=2)
-    if options.out:
-        options.out.write_text(text + "\n")
-    print(text)  # noqa: T201
+    write_report(report, options.out)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ Prints and writes JSON:
 """
 
 import argparse
-import json
 import resource
 import subprocess
 import sys
@@ -26,7 +25,7 @@ from numpy import ndarray
 
 from pix2face.commands.cli import main as pix2face_main
 from pix2face.tracking.smoothing import SMOOTHINGS, JitterMeter, open_smoother
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 FPS = 25.0
 NOISE = 0.01
@@ -154,10 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tracks = [Path(own) for own in options.tracks.split(",") if own]
         report["clips"] = {own.parent.name: measure_track(own) for own in tracks}
         report["memory"] = measure_memory()
-    text = json.dumps(report | {"measured_on": surroundings()}, indent=2)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(text + "\n")
-    sys.stdout.write(text + "\n")
+    write_report(report | {"measured_on": surroundings()}, options.out)
     return 0
 
 
