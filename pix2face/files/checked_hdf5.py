@@ -10,6 +10,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from isal import isal_zlib
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
@@ -91,6 +92,8 @@ def check_contained(file: h5py.File, path: Path, sliced: Container[str] = ()) ->
                 left -= 0 if found in sliced else declared + _bytes_for_chunks(item)
                 if left < 0:
                     raise _too_large(path, found, declared, item.id.get_storage_size())
+                if found not in sliced:
+                    _check_chunks(item, found, path)
 
 
 def read_array(file: h5py.File, name: str, path: Path) -> ndarray:
@@ -166,6 +169,26 @@ def _bytes_for_chunks(item: h5py.Dataset) -> int:
     if not item.chunks:
         return 0
     return BYTES_FOR_CHUNK * _product(tuple(-(-n // chunk) for n, chunk in zip(item.shape, item.chunks, strict=True)))
+
+
+def _check_chunks(item: h5py.Dataset, name: str, path: Path) -> None:
+    """Checks that each chunk unfolds to its declared size: the library reads as much, also beyond the end of less."""
+    if not item.chunks:
+        return
+    n_bytes = _product(item.chunks) * item.dtype.itemsize
+    properties = item.id.get_create_plist()
+    filters = [properties.get_filter(place)[0] for place in range(properties.get_nfilters())]
+    if set(filters) - {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}:
+        return  # of other compressions only the library knows the size
+    for number in range(item.id.get_num_chunks()):
+        left_out, content = item.id.read_direct_chunk(item.id.get_chunk_info(number).chunk_offset)
+        if h5py.h5z.FILTER_DEFLATE in filters and not left_out >> filters.index(h5py.h5z.FILTER_DEFLATE) & 1:
+            try:
+                content = isal_zlib.decompressobj().decompress(content, n_bytes)
+            except isal_zlib.error as error:  # type: ignore[misc] # the stub says it is a value
+                raise OSError(f"a chunk of {name} cannot be unfolded ({error})") from error
+        if len(content) < n_bytes:
+            raise _too_large(path, f"a chunk of {name}", n_bytes, len(content))
 
 
 def _product(lengths: tuple[int, ...]) -> int:

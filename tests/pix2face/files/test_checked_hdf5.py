@@ -1,6 +1,7 @@
 """HDF5 files that point elsewhere or declare more than they hold."""
 
 import fcntl
+import zlib
 from pathlib import Path
 
 import h5py
@@ -178,3 +179,21 @@ def test_arrays_in_many_small_chunks_are_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("mean", (1 << 24,), "u1", chunks=(64,), compression="gzip")
     refused(tmp_path / "a.h5", "expected /mean to hold what it declares")
+
+
+@pytest.mark.parametrize("left_out", [0, 1])
+def test_chunks_that_unfold_to_less_than_they_declare_are_refused(tmp_path: Path, left_out: int) -> None:
+    """The library reads beyond their end, which shows memory or ends the process."""
+    content = bytes(399)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        mean = file.create_dataset("mean", (100,), "f4", chunks=(100,), compression="gzip")
+        mean.id.write_direct_chunk((0,), content if left_out else zlib.compress(content), filter_mask=left_out)
+    refused(tmp_path / "a.h5", "a chunk of /mean to hold what it declares, found 400 bytes declared and 399 stored")
+
+
+@pytest.mark.parametrize("options", [{}, {"shuffle": True, "fletcher32": True}, {"compression": "lzf"}])
+def test_chunks_of_all_filters_are_read(tmp_path: Path, options: dict[str, object]) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("mean", data=np.arange(250.0), chunks=(100,), **{"compression": "gzip", **options})
+    with open_hdf5(tmp_path / "a.h5") as file:
+        np.testing.assert_array_equal(file["mean"], np.arange(250.0))
