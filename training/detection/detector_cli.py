@@ -31,6 +31,8 @@ class DetectorConfig:
     Attributes:
         shards: Folders of shards with the layers image, coverage and landmarks.
         backgrounds: Folder of pictures that show nobody, such as `datagen empty` draws.
+        things: Folders of drawn things on transparent ground, which are pasted beside the people: PNG files such as
+            those of Debian's package openclipart-png. They must show no human face.
         out: Folder for the detector, the log, and the state from which an interrupted training goes on.
         init: Detector whose weights the training starts from.
         numbers: Length and optimisation.
@@ -41,6 +43,7 @@ class DetectorConfig:
 
     shards: tuple[str, ...]
     backgrounds: Path
+    things: tuple[Path, ...] = ()
     out: Path = RUNS / "detector"
     init: Annotated[Path | None, optional("PATH")] = None
     numbers: Annotated[DetectorRecipe, tyro.conf.arg(name="")] = field(default_factory=DetectorRecipe)
@@ -60,7 +63,7 @@ def detector(config: Annotated[DetectorConfig, tyro.conf.arg(name="")]) -> int:
             f"expected --workers and --state-minutes of at least 0, found {config.workers} and {config.state_minutes}"
         )
     shards = index_shards(parse_shard_folders(config.shards), layers=PEOPLE_LAYERS)
-    task = DetectorTask(shards, config.backgrounds, config.numbers, config.init)
+    task = DetectorTask(shards, config.backgrounds, config.things, config.numbers, config.init)
     prepare_output_folder(config.out)
     done = steps_done(config.out / RESUME_NAME, task.configuration) * config.numbers.batch_size
     say(console, f"people: {shards.description}; scenes: {counted(config.numbers.steps, 'step')}, {done} scenes done")

@@ -19,6 +19,7 @@ from training.data.loader import DrawLoader
 from training.data.shard_index import ShardIndex
 from training.detection.backgrounds import Backgrounds
 from training.detection.centre_loss import CentreLosses, SceneBatch, batch_bytes, empty_batch, fill_row
+from training.detection.decoys import Things
 from training.detection.people import People
 from training.detection.scenes import SceneMaker
 from training.loop.learner import Learner
@@ -102,8 +103,8 @@ class DetectorRecipe:
 class SceneDraws:
     """Numbered scenes, a batch at a time; each process opens its files when it makes its first scene."""
 
-    def __init__(self, shards: ShardIndex, backgrounds: Path, size_px: int, seed: int) -> None:
-        self._parts = shards, backgrounds, size_px, seed
+    def __init__(self, shards: ShardIndex, backgrounds: Path, things: Sequence[Path], size_px: int, seed: int) -> None:
+        self._parts = shards, backgrounds, things, size_px, seed
         self._maker: SceneMaker | None = None
 
     def batch(self, draws: Sequence[int]) -> SceneBatch:
@@ -114,17 +115,17 @@ class SceneDraws:
 
     def batch_bytes(self, n_samples: int) -> int:
         """The memory that a batch takes."""
-        return batch_bytes(n_samples, self._parts[2])
+        return batch_bytes(n_samples, self._parts[3])
 
     def empty_batch(self, n_samples: int, memory: mmap | None = None) -> SceneBatch:
         """A batch for ``fill``."""
-        return empty_batch(n_samples, self._parts[2], memory)
+        return empty_batch(n_samples, self._parts[3], memory)
 
     def fill(self, batch: SceneBatch, draws: Sequence[int]) -> None:
         """Fills a batch."""
         if self._maker is None:
-            shards, backgrounds, size_px, seed = self._parts
-            self._maker = SceneMaker(People(shards), Backgrounds(backgrounds), size_px, seed)
+            shards, backgrounds, things, size_px, seed = self._parts
+            self._maker = SceneMaker(People(shards), Backgrounds(backgrounds), Things(things), size_px, seed)
         for place, draw in enumerate(draws):
             fill_row(batch, place, self._maker.make(draw))
 
@@ -136,6 +137,7 @@ class DetectorTask:
     Args:
         shards: People, with the layers of ``training.detection.people.PEOPLE_LAYERS``.
         backgrounds: Folder of pictures that show nobody.
+        things: Folders of drawn things.
         recipe: What to do.
         initial: A detector whose weights are started from.
 
@@ -143,12 +145,19 @@ class DetectorTask:
         UsageError: A number makes no sense, or the folder holds no picture.
     """
 
-    def __init__(self, shards: ShardIndex, backgrounds: Path, recipe: DetectorRecipe, initial: Path | None) -> None:
+    def __init__(
+        self,
+        shards: ShardIndex,
+        backgrounds: Path,
+        things: Sequence[Path],
+        recipe: DetectorRecipe,
+        initial: Path | None,
+    ) -> None:
         recipe.check()
         self.recipe: StepRecipe = recipe
         self._own_recipe = recipe
         self.initial: nn.Module | None = load_centre_network(initial)[1] if initial else None
-        self._shards, self._backgrounds = shards, backgrounds
+        self._shards, self._backgrounds, self._things = shards, backgrounds, things
         start = {"initial_sha256": hashlib.sha256(initial.read_bytes()).hexdigest()} if initial else {}
         data = {
             "samples": len(shards),
@@ -156,6 +165,7 @@ class DetectorTask:
             "model_sha256": shards.model_sha256,
             "where": shards.where,
             "backgrounds_sha256": Backgrounds(backgrounds).sha256(),
+            "things_sha256": hashlib.sha256(b"".join(Things(things).contents())).hexdigest(),
         }
         self.configuration = json.dumps(asdict(recipe) | data | start, sort_keys=True)
 
@@ -167,7 +177,7 @@ class DetectorTask:
     def new_loader(self, surroundings: Surroundings) -> DrawLoader[SceneBatch]:
         """What composes the scenes."""
         return DrawLoader(
-            SceneDraws(self._shards, self._backgrounds, self._own_recipe.size_px, self.recipe.seed),
+            SceneDraws(self._shards, self._backgrounds, self._things, self._own_recipe.size_px, self.recipe.seed),
             self.recipe.batch_size,
             workers=surroundings.workers,
             pin_memory=surroundings.device.startswith("cuda"),

@@ -2,7 +2,7 @@
 
 A scene depends on the seed and its number alone. What the paste itself would tell is made worthless: whole renders are
 pasted as rectangles, other things are pasted with the outlines of people, and heads are pasted whose faces are painted
-over. So neither an edge nor an outline says that there is a face.
+over, ears and other parts of heads, and drawn things. So neither an edge nor an outline says that there is a face.
 """
 
 from collections.abc import Sequence
@@ -15,6 +15,7 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
 from training.detection.backgrounds import Backgrounds
+from training.detection.decoys import Things, part_of_head, textured, without_face
 from training.detection.developing import develop
 from training.detection.people import People, Person, halved
 
@@ -57,12 +58,13 @@ class SceneMaker:
     Args:
         people: To be pasted.
         backgrounds: To paste them over.
+        things: To be pasted as well.
         size_px: Side of the scenes.
         seed: Of all scenes.
     """
 
-    def __init__(self, people: People, backgrounds: Backgrounds, size_px: int, seed: int) -> None:
-        self._people, self._backgrounds = people, backgrounds
+    def __init__(self, people: People, backgrounds: Backgrounds, things: Things, size_px: int, seed: int) -> None:
+        self._people, self._backgrounds, self._things = people, backgrounds, things
         self._size_px, self._seed = size_px, seed
 
     def make(self, number: int) -> Scene:
@@ -72,9 +74,10 @@ class SceneMaker:
         _, (fewest, most), sizes = KINDS[int(rng.choice(len(KINDS), p=[kind[0] for kind in KINDS]))]
         self._add_rectangles(rng, scene)
         n_faces = int(rng.integers(fewest, most + 1))
-        n_decoys = int(rng.integers(1, 4)) if rng.uniform() < (0.6 if n_faces == 0 else 0.25) else 0
+        n_decoys = int(rng.integers(1, 4)) if rng.uniform() < (0.6 if n_faces == 0 else 0.35) else 0
         things = [True] * n_faces + [False] * n_decoys
         rng.shuffle(things)
+        self._add_things(rng, scene)
         low, high = np.log(sizes)
         common = rng.uniform(low, high)  # the people of a group are about as large as each other
         for is_face in things:
@@ -107,7 +110,7 @@ class SceneMaker:
             rgba = np.dstack([rgba[..., :3], np.full(rgba.shape[:2], 255, np.uint8)])
         else:
             rgba = _with_lower_edge(rng, rgba, person)
-        matrix = _place(rng, person, side_px, self._size_px, scene)
+        matrix = _place(rng, person.landmarks2d, side_px, scene)
         landmarks = person.landmarks2d @ matrix[:, :2].T + matrix[:, 2]
         box = np.concatenate([landmarks.min(axis=0), landmarks.max(axis=0)])
         covered = _paste(rng, scene.image, rgba, matrix)
@@ -119,16 +122,32 @@ class SceneMaker:
         scene.is_counted.append(bool(person.is_seen and share >= LEAST_INSIDE and longer >= LEAST_FACE_PX))
 
     def _add_decoy(self, rng: np.random.Generator, scene: Scene, side_px: float) -> None:
-        """Something with the outline of a person, or a person whose face is painted over."""
+        """Something with the outline of a person, a person whose face is painted over, or a part of a head."""
         person = self._people.get(int(rng.integers(len(self._people))))
+        kind = rng.uniform()
+        part = part_of_head(rng, person) if kind < 0.4 else None
+        if part is not None:
+            _note_covered(scene, _paste(rng, scene.image, part, _place(rng, _corners(part), side_px, scene)))
+            return
         rgba = _with_lower_edge(rng, person.rgba, person)
-        if rng.uniform() < 0.5:
+        if kind < 0.7:
             height, width = rgba.shape[:2]
             rgba = np.dstack([self._backgrounds.draw(rng, max(height, width))[:height, :width], rgba[..., 3]])
         else:
-            rgba = _without_face(rng, rgba, person)
-        matrix = _place(rng, person, side_px, self._size_px, scene)
-        _note_covered(scene, _paste(rng, scene.image, rgba, matrix))
+            rgba = without_face(rng, rgba, person)
+        _note_covered(scene, _paste(rng, scene.image, rgba, _place(rng, person.landmarks2d, side_px, scene)))
+
+    def _add_things(self, rng: np.random.Generator, scene: Scene) -> None:
+        """Drawn things, alone or many of one kind, behind the people."""
+        if not len(self._things) or rng.uniform() < 0.4:
+            return
+        for _ in range(int(rng.integers(1, 5))):
+            rgba = self._things.draw(rng)
+            height, width = rgba.shape[:2]
+            rgba = textured(rng, rgba, self._backgrounds.draw(rng, max(height, width))[:height, :width])
+            side_px = self._size_px * float(np.exp(rng.uniform(np.log(0.05), np.log(0.7))))
+            for _ in range(int(rng.integers(2, 8)) if rng.uniform() < 0.3 and side_px < 0.2 * self._size_px else 1):
+                _paste(rng, scene.image, rgba, _place(rng, _corners(rgba), side_px, scene))
 
     def _add_occluders(self, rng: np.random.Generator, scene: Scene) -> None:
         """Things in front: bars, discs and rectangles of other pictures, most of them at faces."""
@@ -150,18 +169,30 @@ class SceneMaker:
             _note_covered(scene, mask)
 
 
+def _corners(rgba: UInt8[ndarray, "h w 4"]) -> Float64[ndarray, "2 2"]:
+    return np.array([[0, 0], rgba.shape[1::-1]], dtype=np.float64)
+
+
 def _place(
-    rng: np.random.Generator, person: Person, side_px: float, size_px: int, scene: Scene
+    rng: np.random.Generator, points: Float64[ndarray, "n 2"], side_px: float, scene: Scene
 ) -> Float64[ndarray, "2 3"]:
-    """The affine map from a render to the scene: turned, mirrored and scaled, apart from other faces if it can be."""
+    """The affine map from a render to the scene: turned, mirrored and scaled, apart from other faces if it can be.
+
+    Args:
+        rng: Decides everything.
+        points: Of the render, whose bounding box is to have ``side_px``.
+        side_px: Longer side of the bounding box in the scene.
+        scene: With the faces so far.
+    """
+    size_px = len(scene.image)
     roll = rng.uniform(-45, 45) if rng.uniform() < 0.2 else rng.normal(0, 10)
     angle, stretch = np.deg2rad(roll), np.exp(rng.normal(0, 0.05, 2))
-    extent = np.ptp(person.landmarks2d, axis=0)
+    extent = np.ptp(points, axis=0)
     scale = side_px / float(extent.max())
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     mirror = np.diag([-1.0 if rng.uniform() < 0.5 else 1.0, 1.0])
     linear = scale * turn @ np.diag(stretch) @ mirror
-    middle = linear @ (person.landmarks2d.min(axis=0) + extent / 2)
+    middle = linear @ (points.min(axis=0) + extent / 2)
     reach = 0.3 * side_px  # centres stay this far within, or half as far beyond where the picture is to cut the face
     margin = min(-0.5 * reach if rng.uniform() < 0.15 else reach, 0.45 * size_px)
     centre = rng.uniform(margin, size_px - margin, 2)
@@ -246,24 +277,6 @@ def _with_lower_edge(
         cv2.ellipse(mask, centre.astype(int).tolist(), (int(reach[0]), int(reach[1])), 0, 0, 360, 255, -1, cv2.LINE_AA)
         return np.dstack([rgba[..., :3], np.minimum(rgba[..., 3], mask)])
     return rgba
-
-
-def _without_face(rng: np.random.Generator, rgba: UInt8[ndarray, "h w 4"], person: Person) -> UInt8[ndarray, "h w 4"]:
-    """A head from which the face is gone: its hull has the colour of something else of the person, with some grain."""
-    centre = person.landmarks2d.mean(axis=0)
-    hull = cv2.convexHull((centre + 1.15 * (person.landmarks2d - centre)).astype(np.int32))
-    mask = np.zeros(rgba.shape[:2], dtype=np.uint8)
-    cv2.fillConvexPoly(mask, hull, 255)
-    soft = (cv2.GaussianBlur(mask, (0, 0), 3) / np.float32(255))[..., None]
-    solid = np.argwhere(rgba[..., 3] > 200)
-    row, column = solid[int(rng.integers(len(solid)))] if len(solid) else (0, 0)
-    grain = rng.normal(0, rng.uniform(0, 12), (len(rgba) // 4 + 1, rgba.shape[1] // 4 + 1, 1)).astype(np.float32)
-    grain = np.asarray(
-        cv2.resize(grain, (rgba.shape[1], rgba.shape[0]), interpolation=cv2.INTER_LINEAR), dtype=np.float32
-    )
-    paint = np.clip(rgba[row, column, :3].astype(np.float32) + grain[..., None], 0, 255)
-    colour = rgba[..., :3] + soft * (paint - rgba[..., :3])
-    return np.dstack([colour.astype(np.uint8), rgba[..., 3]])
 
 
 def counted_boxes(scene: Scene) -> tuple[Float32[ndarray, "n 4"], Sequence[Float64[ndarray, "4"]]]:

@@ -2,20 +2,22 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from pix2face.errors import UsageError
+from pix2face.errors import InputFileError, UsageError
 from training.data.shard_index import index_shards
 from training.detection.backgrounds import Backgrounds
+from training.detection.decoys import Things, part_of_head, textured, without_face
 from training.detection.people import PEOPLE_LAYERS, People, Person, halved
-from training.detection.scenes import Scene, SceneMaker, _add_bars, _note_covered, _paste, _place, _without_face
+from training.detection.scenes import Scene, SceneMaker, _add_bars, _note_covered, _paste, _place
 
 
 @pytest.fixture
 def maker(people_dir: Path, backgrounds_dir: Path) -> SceneMaker:
     people = People(index_shards([people_dir], layers=PEOPLE_LAYERS))
-    return SceneMaker(people, Backgrounds(backgrounds_dir), 96, 0)
+    return SceneMaker(people, Backgrounds(backgrounds_dir), Things([]), 96, 0)
 
 
 def white_square() -> Person:
@@ -48,7 +50,7 @@ def test_what_is_pasted_lies_where_its_box_says(side_px: float) -> None:
     person = white_square()
     for seed in range(8):
         rng = np.random.default_rng(seed)
-        matrix = _place(rng, person, side_px, 256, Scene(np.zeros((256, 256, 3), np.uint8)))
+        matrix = _place(rng, person.landmarks2d, side_px, Scene(np.zeros((256, 256, 3), np.uint8)))
         landmarks = person.landmarks2d[:4] @ matrix[:, :2].T + matrix[:, 2]
         low, high = landmarks.min(axis=0), landmarks.max(axis=0)
         if low.min() < 2 or high.max() > 254:
@@ -84,10 +86,52 @@ def test_faces_beyond_the_border_of_a_photograph_are_not_counted() -> None:
 
 def test_a_face_that_is_painted_over_is_gone() -> None:
     person = white_square()
-    painted = _without_face(np.random.default_rng(0), person.rgba, person)
+    painted = without_face(np.random.default_rng(0), person.rgba, person)
     inside = painted[26:38, 36:48, :3].astype(int)
     assert np.ptp(inside.mean(axis=2)) < 90
     np.testing.assert_array_equal(painted[..., 3], person.rgba[..., 3])
+
+
+def test_a_part_of_a_head_shows_little_of_the_face() -> None:
+    """The face is a white square of 24 px on black: a part has white in at most the share that is allowed."""
+    parts = [part_of_head(np.random.default_rng(seed), white_square()) for seed in range(40)]
+    shares = [float((part[..., 0] > 0).mean()) for part in parts if part is not None]
+    assert len(shares) > 30
+    assert max(shares) <= 0.3
+    assert max(shares) > 0.1
+
+
+def test_things_are_pasted_as_they_are_cut_out(
+    people_dir: Path, backgrounds_dir: Path, tmp_path: Path, maker: SceneMaker
+) -> None:
+    """A red disc on transparent ground, with a transparent margin and 16 bits a channel; scenes then show it."""
+    disc = np.zeros((64, 48, 4), dtype=np.uint16)
+    disc[20:40, 10:30] = [0, 0, 65535, 65535]  # blue, green, red, alpha
+    cv2.imwrite(str(tmp_path / "disc.png"), disc)
+    things = Things([tmp_path])
+    thing = things.draw(np.random.default_rng(0))
+    assert thing.shape == (20, 20, 4)
+    np.testing.assert_array_equal(thing[10, 10], [255, 0, 0, 255])
+    changed = textured(np.random.default_rng(1), thing, np.full((20, 20, 3), 50, np.uint8))
+    np.testing.assert_array_equal(changed[..., 3], thing[..., 3])
+    people = People(index_shards([people_dir], layers=PEOPLE_LAYERS))
+    other = SceneMaker(people, Backgrounds(backgrounds_dir), things, 96, 0)
+    assert any((other.make(number).image != maker.make(number).image).any() for number in range(4))
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3)])
+def test_things_without_transparency_are_whole_rectangles(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    cv2.imwrite(str(tmp_path / "flat.png"), np.full(shape, 90, dtype=np.uint8))
+    thing = Things([tmp_path]).draw(np.random.default_rng(0))
+    np.testing.assert_array_equal(thing, np.array([90, 90, 90, 255], np.uint8) + np.zeros((5, 7, 1), np.uint8))
+
+
+def test_folders_and_files_without_things_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="expected PNG files of things, found none"):
+        Things([tmp_path])
+    (tmp_path / "text.png").write_text("text")
+    with pytest.raises(InputFileError, match=r"text\.png"):
+        Things([tmp_path]).draw(np.random.default_rng(0))
 
 
 def test_large_pictures_are_halved_before_they_are_drawn_small() -> None:
