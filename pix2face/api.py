@@ -43,7 +43,7 @@ class Pix2Face:
         predictor: The network.
         model: The morphable model that the network was trained for; None where maps are all that is wanted.
         detector: What finds faces; None takes the default of ``pix2face.detectors.detection``.
-        refine: Whether a first prediction in the detector's boxes corrects, confirms and refutes them; needs the model.
+        refine: Whether a first prediction in the detector's boxes corrects, confirms or rejects them; needs the model.
         min_score: Smallest score of a detected face. None keeps the faces with a score of 1 or more and, where boxes
             are refined, those of the others that a first prediction confirms.
 

@@ -18,7 +18,7 @@ class ExportConfig:
     """Configuration of ``pix2face export``.
 
     Attributes:
-        checkpoint: Checkpoint that `train` wrote; without it the one that comes with the package.
+        checkpoint: Checkpoint that `train` wrote. Default: the one that comes with the package.
         out: ONNX file to write.
     """
 
@@ -27,7 +27,7 @@ class ExportConfig:
 
 
 def export(config: Annotated[ExportConfig, tyro.conf.arg(name="")]) -> int:
-    """Write the network as ONNX (any batch size; scales, sizes and the model's hash in its metadata)."""
+    """Write the network as ONNX, for any batch size. The metadata contain scales, sizes and the model's hash."""
     from pix2face.inference.onnx_export import export_onnx  # torch's exporter takes seconds to load
 
     check_output_file(config.out, (".onnx",))

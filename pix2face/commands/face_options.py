@@ -33,10 +33,10 @@ class NetworkOptions:
     """Which network, and the morphable model that it was trained for.
 
     Attributes:
-        checkpoint: Checkpoint that `train` wrote; without it the one that comes with the package.
+        checkpoint: Checkpoint that `train` wrote. Default: the one that comes with the package.
         model: `builtin`, or the model file that the checkpoint was trained for.
-        landmarks: File that `pix2face landmarks select` wrote, which says which vertices are the landmarks. Without it
-            the checkpoint says so; where it does not, and for renders, the model does.
+        landmarks: File from `pix2face landmarks select` that lists the vertices of the landmarks. Default: the vertices
+            that the checkpoint lists; for renders, and if it lists none, those of the model.
         device: Torch device, such as cpu or cuda. Default: a GPU if there is one.
     """
 
@@ -83,13 +83,16 @@ class FaceOptions:
 
     Attributes:
         network: Network and model.
-        boxes: File of face boxes, in place of a detector: CSV with the header image,left,top,right,bottom or JSON. For
-            videos the first column is frame, from 0; the boxes.csv that `pix2face track` wrote is such a file.
+        boxes: File of face boxes to use instead of a detector: JSON, or CSV with the header
+            image,left,top,right,bottom. For videos, the first column is frame, counted from 0, as in boxes.csv, which
+            is written by `pix2face track`.
         detector: Detector that finds faces: lbp, lbp-quick (five times as fast, finds fewer), cnn (a small network that
             was trained on rendered people; finds profiles) or dlib (as in the paper; pip install 'pix2face[dlib]').
-        min_score: Smallest score of a detected face. Larger scores are surer; without it, faces with a score of 1 or
-            more are kept, and in photographs also those of the others that a first prediction confirms.
-        refine: Correct each box by a first prediction; in photographs also confirm or refute what the detector found.
+        min_score: Smallest score of a detected face. The higher the score, the surer the detector. By default, faces
+            with a score of at least 1 are kept, and in photographs also those with lower scores that a first prediction
+            confirms.
+        refine: Correct each box by a first prediction. In photographs, the prediction also confirms or rejects what the
+            detector found.
     """
 
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
@@ -106,7 +109,7 @@ class PhotographOptions:
 
     Attributes:
         faces: Network, boxes and detector.
-        box: Face box in pixels (tight around the 68 landmarks), in place of a detector.
+        box: Face box in pixels, tight around the 68 landmarks, to use instead of a detector.
         largest: Take only the largest face of each photograph.
     """
 

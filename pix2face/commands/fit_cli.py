@@ -49,11 +49,11 @@ class FitConfig:
         faces: Network, model and face boxes.
         out: Folder for fits, meshes, point clouds and overlays.
         how: Camera and coefficients.
-        joint: Fit one identity to all photographs, and an expression to each; they must show one person (the largest
-            face counts).
+        joint: Fit one identity to all photographs, and one expression to each. They must show the same person; the
+            largest face of each photograph is used.
         mesh: Formats of the mesh, separated by commas: obj, ply, glb; or none.
-        colour: Colours of the mesh, from the photograph: vertex, texture or none; auto takes a texture where the model
-            has texture coordinates, else vertex colours. A .ply has vertex colours in place of a texture.
+        colour: Colours of the mesh, taken from the photograph: vertex, texture or none; auto uses a texture if the
+            model has texture coordinates, and vertex colours otherwise. A .ply has vertex colours instead of a texture.
     """
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="(required)")]
@@ -66,7 +66,7 @@ class FitConfig:
 
 
 def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
-    """Fit camera, coefficients and landmarks to every face: NAME-0.json (largest face), mesh, points, pictures."""
+    """Fit a camera and a mesh to every face. Write NAME-0.json (largest face), landmarks, mesh, points and pictures."""
     config.faces.check()
     formats = parse_mesh_formats(config.mesh)
     config.how.check()

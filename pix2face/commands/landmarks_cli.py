@@ -39,16 +39,17 @@ FitFrame = Callable[[Annotation, AnnotatedFace], FittedFrame]
 
 @dataclass(frozen=True)
 class LandmarksSelectConfig:
-    """Choose, for each landmark, the vertex with the least mean reprojection error over annotated frames.
+    """Choose, for each landmark, the vertex with the smallest mean reprojection error over annotated frames.
 
     Attributes:
-        data: Folder of annotated photographs, with subfolders: .pts beside the picture, .mat of AFLW2000-3D, or .xml of
-            dlib.
-        out: File to write; --landmarks of other commands takes it.
+        data: Folder of annotated photographs, with its subfolders. Annotations are .pts files beside the pictures, .mat
+            files of AFLW2000-3D, or .xml files of dlib.
+        out: File to write, for the option --landmarks of other commands.
         scheme: Scheme of the annotated points.
         network: The network whose predicted maps are fitted, as in the paper, and the model.
-        coeffs: Take the fits of this table instead (as `datagen fit` writes it), matched by name.
-        folds: Number of parts of the frames; each is held out in turn to measure the choice that the others lead to.
+        coeffs: Use the fits in this table, which `datagen fit` wrote, instead of predictions. They are matched by name.
+        folds: Number of parts that the frames are divided into. Each part is held out in turn to test the vertices that
+            are chosen on the others.
     """
 
     data: Path
@@ -61,12 +62,12 @@ class LandmarksSelectConfig:
 
 @dataclass(frozen=True)
 class LandmarksShowConfig:
-    """Draw the mean face from three sides, with its landmarks in green and those of a file in red.
+    """Draw the mean face in three views, with its landmarks in green and those of a file in red.
 
     Attributes:
         file: File that `pix2face landmarks select` wrote.
         out: Picture to write (.png or .jpg).
-        scheme: Landmarks of the model to draw where no file is given.
+        scheme: Landmarks of the model to draw if no file is given.
         model: `builtin`, or a model file.
     """
 
@@ -83,7 +84,7 @@ LandmarksCommand = (
 
 
 def landmarks(command: Annotated[LandmarksCommand, tyro.conf.arg(name="")]) -> int:
-    """Choose the vertices of a model that are its landmarks, from annotated frames, or show where they lie."""
+    """Choose the landmark vertices of a model from annotated frames, or show where they lie."""
     return _select(command) if isinstance(command, LandmarksSelectConfig) else _show(command)
 
 

@@ -34,7 +34,7 @@ class PredictConfig:
 
 
 def predict(config: Annotated[PredictConfig, tyro.conf.arg(name="")]) -> int:
-    """Predict the maps of every face (PNCC and offset in mm, mask) and a picture of them, NAME-0-maps.png."""
+    """Predict the maps of every face (PNCC and offset in mm, mask), and draw them as NAME-0-maps.png."""
     config.faces.check()
     formats, console = parse_formats(config.format), Console(stderr=True)
     images = given_files(config.images, console)

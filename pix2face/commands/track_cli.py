@@ -62,11 +62,11 @@ class TrackConfig:
         out: Folder for boxes, landmarks, overlay and summary.
         faces: Network, model and face boxes.
         detect_every: Run the detector on every n-th frame only; boxes in between are interpolated.
-        all_faces: Follow every face through the frames that show it; without it the main face through all frames.
+        all_faces: Follow every face through the frames that show it. By default, only the main face is followed.
         smoothing: How the 2D landmarks are smoothed: none, mean3 (mean of three frames, as in the paper),
-            one-euro (looks at no later frame) or spline (smoothest).
+            one-euro (uses no later frames) or spline (smoothest).
         how: Camera and coefficients of each frame.
-        identity_frames: Largest number of frames, evenly spread over the clip, that the identity is fitted to.
+        identity_frames: Largest number of frames that the identity is fitted to. They are spread evenly over the clip.
         write: What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (a file for each frame) and
             video (overlay.mp4).
     """
@@ -83,7 +83,7 @@ class TrackConfig:
 
 
 def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
-    """Follow faces through a video: landmarks and pose of every frame, one identity, an overlay, and their jitter."""
+    """Follow faces through a video. Write landmarks and poses of all frames, an identity, an overlay and the jitter."""
     formats = _check_call(config)
     _silence_decoders()
     source = open_frames(config.video)

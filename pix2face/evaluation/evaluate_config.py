@@ -24,37 +24,40 @@ class EvaluateConfig:
 
     Attributes:
         split: Benchmark to measure on.
-        data: Folder with the files of the benchmark; without it the environment variable PIX2FACE_DATA names it.
+        data: Folder with the files of the benchmark. Default: the folder that the environment variable PIX2FACE_DATA
+            names.
         network: Network and model.
-        predictions: Measure the landmarks of another system instead: a file .npz or .csv (docs/how_to/evaluate.md), or,
-            of clips, a folder with what `pix2face track` wrote for each (CLIP/track.npz).
-        frame: Where the predictions have the centre of the first pixel: at 0, at 1, or at 0.5.
-        oracle: Measure the model fitted to the truth instead, which shows how much of an error is the model's.
-        out: Folder for the report; without it out/evaluate-SPLIT.
-        truth: Which of several truths to measure against (aflw2000-3d: original or reannotated); without it the
-            benchmark's own.
-        reannotated: File of re-annotated landmarks; without it one beside the pictures.
-        boxes: Where the network looks: at the true box, as the benchmarks do, or where a detector finds the face. The
-            report then tells how well it finds faces.
-        detector: Detector of --boxes detected, as for `pix2face fit`.
+        predictions: Measure the landmarks of another system instead of a checkpoint: an .npz or .csv file
+            as described in docs/how_to/evaluate.md, or, for clips, a folder with the track.npz that `pix2face track`
+            wrote for each clip, as CLIP/track.npz.
+        frame: Coordinate of the centre of the first pixel in the predictions: 0, 1 or 0.5.
+        oracle: Measure the model fitted to the truth instead. This error is the part that the model causes.
+        out: Folder for the report. Default: out/evaluate-SPLIT.
+        truth: Ground truth to measure against, for benchmarks that have several (aflw2000-3d: original or
+            reannotated). Default: the benchmark's own.
+        reannotated: File of re-annotated landmarks. Default: the one beside the pictures.
+        boxes: Boxes that the network gets: the true ones, as in the benchmarks, or those that a detector finds. With
+            detected boxes, the report also says how well the detector finds faces.
+        detector: Detector for --boxes detected, as for `pix2face fit`.
         min_score: Smallest score of a detected face, as for `pix2face fit`.
-        refine: Correct, confirm and refute detected boxes by a first prediction, as `pix2face fit` does.
-        normaliser: What errors are divided by; without it the benchmark's own.
-        threshold: Error, as a fraction, from which a face counts as failed and where the error curve ends; without it
-            the benchmark's own.
+        refine: Correct, confirm or reject detected boxes by a first prediction, as `pix2face fit` does.
+        normaliser: What errors are divided by. Default: the benchmark's own.
+        threshold: Error, as a fraction, from which a face counts as failed. The error curve ends there. Default: the
+            benchmark's own.
         how: Camera, coefficients and landmarks.
-        by: Attributes of renders, or expressions of them, by which errors are told apart as well, such as skin.melanin,
-            light.kind or "abs(yaw_deg)". The language is that of `train --where`; `datagen stats` lists the attributes.
-            Without it the benchmark's own.
-        align: How 3D landmarks are aligned with the true ones (menpo3d-tracking); without it the benchmark's own.
-        crop_scale: Side of the crop that the network is given, in units of the longer side of the face's box; without
-            it the checkpoint's own.
-        batch_size: Faces that go through the network at once.
-        resamples: Bootstrap resamples behind each interval; 0 for no intervals.
+        by: Attributes of renders, or expressions of attributes, by which the errors are also grouped, such as
+            skin.melanin, light.kind or "abs(yaw_deg)". Expressions are written as for `train --where`; `datagen stats`
+            lists the attributes. Default: the benchmark's own.
+        align: How 3D landmarks are aligned with the true ones (menpo3d-tracking). Default: the benchmark's own.
+        crop_scale: Side of the network's crop, as a multiple of the longer side of the face's box. Default: the
+            checkpoint's own.
+        batch_size: Number of faces that the network processes at once.
+        resamples: Number of bootstrap resamples for each interval; 0 for no intervals.
         seed: Seed of the bootstrap.
-        max_rejected: Largest number of faces with damaged files for which the exit status is still 0; with more, it
-            is 3.
-        allow_missing: Exit with status 0 although files of the benchmark are missing; without it the status is 3.
+        max_rejected: Largest number of faces with damaged files for which the exit status is still 0. With more, the
+            exit status is 3.
+        allow_missing: Exit with status 0 even if files of the benchmark are missing. By default, the exit status is
+            then 3.
     """
 
     split: Split

@@ -33,15 +33,15 @@ class FitOptions:
     Source: Crispell and Bazik 2017, Eq. 1 (affine camera) and Eq. 4 (regularisation).
 
     Attributes:
-        camera: Camera of the fit. The principal point of a pinhole is the centre of the photograph; auto takes a
-            pinhole where perspective shows, else weak-perspective.
-        regularisation: Tikhonov weight of the coefficients, in mm^2; `estimate` derives it from the maps of each face,
+        camera: Camera of the fit. A pinhole has its principal point at the centre of the photograph; auto uses a
+            pinhole if the face shows perspective, and weak-perspective otherwise.
+        regularisation: Tikhonov weight of the coefficients, in mm^2; `estimate` computes it from the maps of each face,
             which takes longer.
         contour: Where the jaw landmarks lie: off puts them at fixed points of the skin, 2d on the visible outline,
-            where 300-W has them.
-        silhouette: Hold camera and mesh to the silhouette: no part of the face lies beyond its mask. Weak-perspective
-            cameras only.
-        reprojection_rounds: How often the camera is fitted again to the fitted mesh, and the coefficients after it.
+            as in 300-W.
+        silhouette: Keep the fitted face inside its mask (the silhouette). For weak-perspective cameras only.
+        reprojection_rounds: How often the camera is fitted again to the fitted mesh, and then the coefficients to that
+            camera.
     """
 
     camera: CameraKind = "weak-perspective"

@@ -31,14 +31,14 @@ class DetectorConfig:
     Attributes:
         shards: Folders of shards with the layers image, coverage and landmarks.
         backgrounds: Folder of pictures that show nobody, such as `datagen empty` draws.
-        things: Folders of drawn things on transparent ground, which are pasted beside the people: PNG files such as
-            those of Debian's package openclipart-png. They must show no human face.
-        out: Folder for the detector, the log, and the state from which an interrupted training goes on.
-        init: Detector whose weights the training starts from.
+        things: Folders of drawings on transparent backgrounds, which are pasted beside the people: PNG files such as
+            those of Debian's package openclipart-png. They must not show human faces.
+        out: Folder for the detector, the log, and the state from which an interrupted training continues.
+        init: Detector whose weights the training starts from. Default: random weights.
         numbers: Length and optimisation.
-        workers: Processes that compose scenes.
+        workers: Number of processes that compose scenes.
         device: Torch device, such as cpu or cuda.
-        state_minutes: Minutes after which the state to go on from is written again.
+        state_minutes: Minutes between two writings of the state from which an interrupted training continues.
     """
 
     shards: tuple[str, ...]
@@ -55,7 +55,7 @@ class DetectorConfig:
 def detector(config: Annotated[DetectorConfig, tyro.conf.arg(name="")]) -> int:
     """Train the face detector on rendered people in front of pictures without people.
 
-    Run the same command again to go on after an interruption.
+    After an interruption, run the same command again to continue.
     """
     console = Console(stderr=True)
     if config.workers < 0 or config.state_minutes < 0:

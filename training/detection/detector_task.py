@@ -35,18 +35,18 @@ class DetectorRecipe:
 
     Attributes:
         size_px: Side of the scenes, a multiple of 32.
-        batch_size: Scenes a step.
-        epochs: Epochs, of --epoch-size scenes each; a checkpoint is written after each.
-        epoch_size: Scenes an epoch; every scene is new.
+        batch_size: Number of scenes per step.
+        epochs: Number of epochs. A checkpoint is written after each.
+        epoch_size: Number of scenes per epoch. Every scene is new.
         learning_rate: Largest learning rate of Adam.
         schedule: How the learning rate falls, as for `train`.
-        warm_up: Scenes over which the learning rate first rises from 0.
+        warm_up: Number of scenes over which the learning rate first rises from 0.
         precision: Arithmetic of the network's layers; weights and loss are always float32.
-        box_weight: Weight of the boxes in the loss, beside that of the heatmap of centres.
+        box_weight: Weight of the loss of the boxes, relative to that of the heatmap of centres.
         clip: Largest norm of the gradient; 0 for no limit.
-        ema: Decay per step of the running mean of the weights, which the checkpoint then contains; 0 for no running
+        ema: Decay per step of the running mean of the weights. The checkpoint contains this mean; 0 for no running
             mean.
-        norm_batches: Batches over which the batch norms are measured again after the last step.
+        norm_batches: Number of batches over which the batch norms are measured again after the last step.
         seed: Seed of the initial weights and of the scenes.
     """
 

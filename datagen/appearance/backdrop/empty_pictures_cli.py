@@ -27,7 +27,8 @@ class EmptyConfig:
         n: Number of pictures.
         seed: Seed of all pictures.
         size: Side of the pictures, in pixels.
-        held_out: Draw only environments, patterns and pictures that never occur without this option, for measuring.
+        held_out: Draw only environments, patterns and pictures that are never drawn without this option. Use these for
+            measuring.
     """
 
     out: Path
@@ -38,7 +39,7 @@ class EmptyConfig:
 
 
 def empty(config: Annotated[EmptyConfig, tyro.conf.arg(name="")]) -> int:
-    """Draw pictures without people, to train a detector (`train detector`) and to measure its false alarms."""
+    """Draw pictures without people, for training a detector (`train detector`) and measuring its false alarms."""
     if config.n < 1 or config.size < 1 or config.seed < 0:
         raise UsageError(f"expected --n and --size of at least 1 and --seed of at least 0, found {config}")
     prepare_output_folder(config.out)

@@ -23,10 +23,10 @@ class CompareConfig:
     """Configuration of ``evaluate compare``.
 
     Attributes:
-        reports: Two reports of the same benchmark, A and B: files report.json, or the folders that hold them.
-        resamples: Resamples of the paired bootstrap.
+        reports: Two reports of the same benchmark, A and B: the files report.json, or the folders that contain them.
+        resamples: Number of resamples of the paired bootstrap.
         seed: Seed of the bootstrap.
-        out: JSON file for the figures; without it none is written.
+        out: JSON file for the figures. Default: no file is written.
     """
 
     reports: Annotated[tuple[Path, Path], tyro.conf.Positional]
