@@ -28,8 +28,8 @@ CARD_FILE = "dataset_card.md"
 N_KINDS_SHOWN = 20
 _NOT_RECORDED = "not recorded"
 _OTHER_LAYERS = {
-    IMAGE: "JPEG or PNG files as they are (`image_bytes`, `image_end`)",
-    LANDMARKS: "68 points of iBUG in px and in mm, and which of them are seen",
+    IMAGE: "JPEG or PNG files, unchanged (`image_bytes`, `image_end`)",
+    LANDMARKS: "the 68 iBUG points in px and in mm, and which of them are visible",
 }
 
 
@@ -113,7 +113,7 @@ def dataset_card(summary: DatasetSummary) -> str:
         "geometries": _kinds(summary.geometries),
         "licence": _quoted(header.licence),
         "terms": "\n".join(f"- {line}" for line in terms(summary)),
-        "example": f"One layer without the package:\n\n{_block(example, 'python')}\n\n" if example else "",
+        "example": f"To read one layer without the package:\n\n{_block(example, 'python')}\n\n" if example else "",
         "configuration": _block(_pretty(header.configuration), "json"),
     }
     return Template(own_file("dataset_card.md")).substitute(texts)
@@ -130,7 +130,7 @@ def terms(summary: DatasetSummary) -> list[str]:
     if n_photographs:
         lines.append(
             f"**Photographs ({n_photographs}): not to be passed on** unless the terms of their source allow it. Those "
-            "of 300W-LP and AFLW2000-3D are for research only, and the shards hold their very bytes."
+            "of 300W-LP and AFLW2000-3D are for research only. The shards contain the original bytes of photographs."
         )
     if n_own:
         lines.append(
@@ -140,8 +140,8 @@ def terms(summary: DatasetSummary) -> list[str]:
     if header.model_sha256 != builtin.sha256:
         lines.append(
             f"**Maps, coefficients, landmarks and renders of {_quoted(header.model_name)}: not to be passed on** "
-            "unless its terms (above) allow it. PNCC is the model's mean face itself and the offsets span its bases: "
-            "maps made with the Basel Face Model are bound like the model, which is not passed on."
+            "unless its terms (above) allow it. PNCC is the mean face of the model, and the offsets span its bases. "
+            "Maps made with the Basel Face Model must therefore not be passed on, like the model itself."
         )
     else:
         is_fitted = n_photographs > 0 or PictureKind.PHOTOGRAPH in summary.pictures

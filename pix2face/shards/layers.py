@@ -49,7 +49,7 @@ _TABLE = (
         stored=np.dtype("<i2"),
         steps_per_unit=FIXED_POINT_STEPS_PER_MM,
         is_smooth=True,
-        meaning="the matching point of the mean face, model frame; 0 outside the mask",
+        meaning="the matching point on the mean face, model frame; 0 outside the mask",
     ),
     Layer(
         name="offset",
@@ -59,14 +59,14 @@ _TABLE = (
         stored=np.dtype("<i2"),
         steps_per_unit=FIXED_POINT_STEPS_PER_MM,
         is_smooth=True,
-        meaning="what leads from there to the same point of this face, model frame; 0 outside the mask",
+        meaning="the vector from that point to the same point on this face, model frame; 0 outside the mask",
     ),
     Layer(
         name="mask",
         n_channels=1,
         dtype=np.bool_,
         stored=np.dtype("u1"),
-        meaning="where PNCC and offset hold: the nearest triangle is of the face and shows its outside",
+        meaning="where PNCC and offset are valid: the nearest triangle belongs to the face and shows its outside",
     ),
     Layer(
         name="depth",
@@ -76,7 +76,7 @@ _TABLE = (
         stored=np.dtype("<i4"),
         steps_per_unit=128,
         is_smooth=True,
-        meaning="camera z, larger is farther; 0 outside the mask",
+        meaning="z in the camera frame, larger is farther; 0 outside the mask",
     ),
     Layer(
         name="normals",
@@ -101,15 +101,15 @@ _TABLE = (
         n_channels=1,
         dtype=np.uint8,
         stored=np.dtype("u1"),
-        meaning="0 background, else 1 + place of the region in the header's region_names, on the whole head",
+        meaning="0 for the background, otherwise 1 + index into region_names of the header; on the whole head",
     ),
     Layer(
         name="seen",
         n_channels=1,
         dtype=np.bool_,
         stored=np.dtype("u1"),
-        meaning="the part of the mask that the picture shows: not behind hair, glasses, hands or hats, nor beyond the "
-        "border of the photograph",
+        meaning="the part of the mask that is visible in the picture: not behind hair, glasses, hands or hats, and not "
+        "beyond the border of the photograph",
     ),
     Layer(
         name="coverage",
@@ -117,16 +117,16 @@ _TABLE = (
         dtype=np.float32,
         stored=np.dtype("u1"),
         steps_per_unit=255,
-        meaning="share of the pixel that shows the person and what the person wears or holds, 0 to 1; the rest shows "
-        "the backdrop",
+        meaning="share of the pixel, 0 to 1, that shows the person (with hair, clothes and held things) or an object "
+        "in front; the rest of the pixel shows the backdrop",
     ),
     Layer(
         name="seen_regions",
         n_channels=1,
         dtype=np.uint8,
         stored=np.dtype("u1"),
-        meaning="as regions, of what is nearest in the picture: the head's regions, and after these hair, glasses, "
-        "clothes and what else stands before it",
+        meaning="as regions, for what is nearest in the picture: the regions of the head, and after these hair, "
+        "glasses, clothes and other objects",
     ),
 )
 LAYERS: Mapping[str, Layer] = {layer.name: layer for layer in _TABLE}

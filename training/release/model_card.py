@@ -14,15 +14,16 @@ from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
 REPORT_FORMAT = "pix2face-evaluation"
 LARGEST_BYTES = 64 << 20
 
-INTENDED_USE = """Dense landmarks, a camera and the coefficients of the morphable model from photographs with faces:
-research, graphics, measuring other systems. Not made, and not tested, for telling who a person is, or for judging
-anybody; what it says of a face is an estimate of shape, and looks certain also where it is wrong."""
+INTENDED_USE = """Use the network to estimate dense landmarks, a camera and the coefficients of the morphable model from
+photographs of faces, in research, in graphics, or to measure other systems. It was neither made nor tested for
+identifying people or for judging anybody. Its output is an estimate of shape, which looks plausible even where it is
+wrong."""
 
-KNOWN_FAILURES = """Large poses are worse than frontal ones, and the jaw is worse than the inner face (see the tables,
-where there are any). Photographs that are cut off, silhouettes, hard shadows, and hands or objects over the face are
-hard cases."""
+KNOWN_FAILURES = """Errors are larger for large poses than for frontal faces, and larger for the jaw than for the inner
+face (see the tables, if there are any). Hard cases are faces cut off by the border of the photograph, silhouettes, hard
+shadows, and hands or objects in front of the face."""
 
-NOT_MEASURED = "None were given: `train export --report report.json` quotes those of `evaluate`."
+NOT_MEASURED = "No report was given. `train export --report report.json` adds the tables of a report of `evaluate`."
 
 
 def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path]) -> str:
@@ -63,9 +64,8 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
         + (", from the weights of another training (`initial_sha256` below)" if is_continued else ""),
         "weights": f"{weights.name}, {weights.stat().st_size / 1e6:.1f} MB, SHA-256 {sha256}",
     }
-    return (
-        "\n".join(_rows(facts, ("", ""))) + "\n\nLoading runs no code. `pix2face predict --checkpoint FILE photo.jpg`."
-    )
+    usage = "Loading the file runs no code. To try it, run `pix2face predict --checkpoint FILE photo.jpg`."
+    return "\n".join(_rows(facts, ("", ""))) + f"\n\n{usage}"
 
 
 def _data(header: CheckpointHeader, configuration: Mapping[str, Any]) -> str:
