@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.images import declared_size_px, decode_image
+from pix2face.files.images import decode_image
+from pix2face.files.picture_size import declared_size_px
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.maps import FaceMaps
 from pix2face.shards.layers import SEEN

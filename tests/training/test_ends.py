@@ -1,5 +1,6 @@
 """``train`` ends by itself whatever fails, with one line and its exit status; and it works without ``/dev/shm``."""
 
+import json
 import os
 import re
 import shutil
@@ -13,13 +14,17 @@ from pathlib import Path
 
 import h5py
 import pytest
+from safetensors import safe_open
 
 from tests.full_disk import FULL, files_of_at_most
+from tests.mounts import with_mount
 from training.cli import main
+from training.loop.resume import METADATA_KEY
 
 PATIENCE_SECONDS = 60
 ORPHANS_END_SECONDS = 5
-SMALL = ["--preset", "tiny", "--size-px", "32", "--filters", "4", "--batch-size", "4", "--device", "cpu"]
+BATCH_SIZE = 4
+SMALL = ["--preset", "tiny", "--size-px", "32", "--filters", "4", "--batch-size", str(BATCH_SIZE), "--device", "cpu"]
 # The first checkpoint is written after two steps, and nobody waits for the last.
 LONG = ["--workers", "1", "--epochs", "1000", "--epoch-size", "8"]
 NO_SHARED_MEMORY = "mount -t tmpfs -o ro none /dev/shm"
@@ -32,12 +37,7 @@ def options(shards: Path, out: Path, *more: str) -> list[str]:
 
 def start(arguments: list[str], mount: str = "") -> subprocess.Popen[str]:
     """Starts ``train``, where something is mounted for it alone."""
-    inside = ["unshare", "--map-root-user", "--mount", "sh", "-c", f'{mount} && exec "$@"', "sh"] if mount else []
-    if inside and (
-        shutil.which("unshare") is None or subprocess.run([*inside, "true"], capture_output=True).returncode
-    ):
-        pytest.skip("this machine does not let a test mount anything for a program")
-    command = [*inside, sys.executable, "-m", "training.cli", *arguments]
+    command = [*(with_mount(mount) if mount else []), sys.executable, "-m", "training.cli", *arguments]
     return subprocess.Popen(
         command, env={**os.environ, "OMP_NUM_THREADS": "1"}, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -109,10 +109,10 @@ def test_a_signal_to_all_its_processes_saves_the_state_and_it_needs_no_shared_me
     os.killpg(process.pid, signal.SIGTERM)  # as a batch system does at the end of the time
     status, lines = end_of(process)
     assert status == 128 + signal.SIGTERM
-    assert [
-        line for line in lines if re.fullmatch(r"stopped after \d+ samples; the same command goes on from there", line)
-    ]
-    assert (tmp_path / "run" / "resume.safetensors").exists()
+    said = (re.fullmatch(r"stopped after (\d+) samples; the same command goes on from there", line) for line in lines)
+    (n_samples,) = (int(found[1]) for found in said if found)
+    with safe_open(tmp_path / "run" / "resume.safetensors", "pt") as state:
+        assert BATCH_SIZE * json.loads(state.metadata()[METADATA_KEY])["step"] == n_samples
 
 
 def test_a_folder_that_cannot_be_written_to_is_one_line(shards_dir: Path, tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.images import declared_size_px, read_bytes, read_size_px
+from pix2face.files.images import in_whole_numbers, read_bytes, read_size_px
 from pix2face.files.opening import is_folder, walk_files
+from pix2face.files.picture_size import declared_size_px
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 # A picture is read at a half, a quarter or an eighth of its size where that is still fine enough.
@@ -51,7 +52,7 @@ def read_crop(
     """
     path = Path(folder) / name
     with _named_as_backdrop():
-        content = read_bytes(path)
+        content = in_whole_numbers(read_bytes(path), str(path))
         finer = min(declared_size_px(content, str(path))) * crop[2] / max(height, width)
     picture = _decode(content, finer, path)
     rows, columns = picture.shape[:2]

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -244,6 +245,13 @@ def test_photographs_are_stored_as_people_see_them(
     assert (sample.image_bytes == content) == (orientation == 1)
     assert orientation_tag(sample.image_bytes) == 1
     assert np.abs(sample.image.astype(int) - upright).mean() < 4
+
+
+def test_photographs_of_fractions_are_stored_as_pictures(maker: SampleMaker, faces: list[Face], tmp_path: Path) -> None:
+    grey = np.linspace(0, 1, SIZE, dtype=np.float32)[:, None].repeat(SIZE, axis=1)
+    assert cv2.imwrite(str(tmp_path / "photograph.tiff"), grey)
+    sample = maker.make(replace(faces[0], image_path=tmp_path / "photograph.tiff"))
+    assert np.abs(sample.image / 255 - grey[..., None]).max() < 0.02
 
 
 def test_photographs_have_no_such_layer(maker: SampleMaker, faces: list[Face], tmp_path: Path) -> None:

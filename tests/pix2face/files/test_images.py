@@ -124,6 +124,26 @@ def test_grey_fractions_are_read_without_a_word(tmp_path: Path, capfd: pytest.Ca
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_fractions_are_stored_as_every_program_reads_them(tmp_path: Path, channels: int) -> None:
+    values = (np.repeat(picture()[..., 1:2], 3, axis=2) if channels == 1 else picture()) / np.float32(255)
+    path = write(tmp_path / "float.tiff", values[..., 0] if channels == 1 else values[..., ::-1])
+    assert np.abs(decode_image(upright_bytes(read_bytes(path), "here"), "here") / 255 - values).mean() < 0.03
+
+
+def test_numbers_that_are_no_picture_are_named_alike_wherever_they_are_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "wide.tiff", np.zeros((4, 4), np.int32))
+    for read in (lambda: read_photograph(path), lambda: upright_bytes(read_bytes(path), str(path))):
+        with pytest.raises(InputFileError, match=r"wide\.tiff: expected a picture of 8 or 16 bits .*found .* of int32"):
+            read()
+
+
+def test_whole_numbers_are_stored_as_they_are(tmp_path: Path) -> None:
+    for numbers in (picture(), picture().astype(np.uint16) << 8):
+        content = read_bytes(write(tmp_path / "whole.tiff", numbers))
+        assert upright_bytes(content, "here") is content
+
+
 def test_undefined_floating_point_is_black_or_clipped(tmp_path: Path) -> None:
     values = np.array([[[np.nan, -np.inf, np.inf]]], dtype=np.float32)
     found = read_photograph(write(tmp_path / "nan.tiff", values[..., ::-1]))

@@ -15,6 +15,7 @@ from pix2face.inference.checkpoint import METADATA_KEY, load_checkpoint, save_ch
 from pix2face.inference.onnx_export import INPUT_NAME, OUTPUT_NAME, export_onnx, load_onnx
 from pix2face.inference.predictor import Predictor
 from pix2face.networks.residual import ResidualUNet, residual_widths
+from tests.full_disk import FULL, files_of_at_most
 from tests.pix2face.photographs.seen_faces import header_of, write_checkpoint
 from tests.synthetic_models import small_head_model
 
@@ -126,6 +127,18 @@ def test_without_the_packages_the_line_that_installs_them(
     monkeypatch.setitem(__import__("sys").modules, "onnx", None)
     with pytest.raises(UsageError, match=r"pip install 'pix2face\[onnx\]'"):
         export_onnx(checkpoint, tmp_path / "network.onnx")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(
+    checkpoint: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "network.onnx"
+    with files_of_at_most(10_000):
+        assert main(["export", "--checkpoint", str(checkpoint), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.endswith(f"{FULL}: '{out}'\n")
+    assert said.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

@@ -203,6 +203,12 @@ def test_crops_have_the_size_asked_for(tmp_path: Path, height: int, width: int, 
         assert found[:, 0].mean() < 15
 
 
+def test_pictures_of_fractions_serve_as_others(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "grey.tiff"), np.full((64, 64), 0.5, np.float32))
+    found = read_crop(str(tmp_path), "grey.tiff", (0.0, 0.0, 1.0), 8, 8)
+    assert np.abs(found.astype(int) - 127).max() <= 1
+
+
 def test_folders_and_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match=r"missing: expected a folder"):
         drawn(0, BackdropConfig(folder=str(tmp_path / "missing"), folder_share=1.0))
