@@ -41,11 +41,11 @@ class Pix2Face:
 
     Args:
         predictor: The network.
-        model: The morphable model that the network was trained for; None where maps are all that is wanted.
-        detector: What finds faces; None takes the default of ``pix2face.detectors.detection``.
+        model: The morphable model that the network was trained for; None if only maps are wanted.
+        detector: The face detector; None uses the default of ``pix2face.detectors.detection``.
         refine: Whether a first prediction in the detector's boxes corrects, confirms or rejects them; needs the model.
-        min_score: Smallest score of a detected face. None keeps the faces with a score of 1 or more and, where boxes
-            are refined, those of the others that a first prediction confirms.
+        min_score: Smallest score of a detected face. None keeps the faces with a score of 1 or more and, if boxes are
+            refined, those with lower scores that a first prediction confirms.
 
     Raises:
         ModelMismatchError: The network was trained for another model.
@@ -94,19 +94,19 @@ class Pix2Face:
         """Opens a checkpoint and the model that it was trained for.
 
         Args:
-            checkpoint: What training wrote; None takes the packaged one.
-            model: ``builtin``, the path of a model file, or a model; None where maps are all that is wanted.
-            device: Name of a torch device; None takes a GPU where there is one.
+            checkpoint: Checkpoint of a training; None uses the packaged one.
+            model: ``builtin``, the path of a model file, or a model; None if only maps are wanted.
+            device: Name of a torch device; None uses a GPU if there is one.
             detector: Name of a face detector, one of ``pix2face.detectors.detection.DETECTORS``.
             refine: As in the class.
-            own_landmarks: Whether landmarks that the checkpoint brings along take the place of the model's; None means
-                that they do unless a model is given, not the name of one.
+            own_landmarks: Whether the landmarks in the checkpoint are used instead of those of the model. None uses
+                them unless ``model`` is a model and not a name.
             min_score: As in the class.
 
         Raises:
             InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
             ModelMismatchError: The checkpoint was trained for another model.
-            UsageError: No checkpoint was named, and there is none to take instead; or no such detector or device.
+            UsageError: No checkpoint was named, and the package has none; or there is no such detector or device.
         """
         path = PACKAGED if checkpoint is None else Path(checkpoint)
         predictor = Predictor.load(path, device)
@@ -116,7 +116,7 @@ class Pix2Face:
         return cls(predictor, opened, open_detector(detector), refine, min_score=min_score)
 
     def find_faces(self, image: GivenPhotograph) -> list[DetectedFace]:
-        """The faces in a photograph with their boxes and scores, largest first; empty where there is none.
+        """Finds the faces in a photograph: their boxes and scores, largest first; empty if there is none.
 
         Raises:
             InputFileError: The photograph's file is missing, or cannot be decoded.
@@ -129,14 +129,14 @@ class Pix2Face:
         return sure_faces(detector.candidates(image), self._min_score)
 
     def predict(self, image: GivenPhotograph, boxes: GivenBoxes | None = None) -> list[Prediction]:
-        """The maps of every face of one photograph.
+        """Predicts the maps of every face in a photograph.
 
         Args:
             image: The photograph.
-            boxes: Where the faces are; None detects them.
+            boxes: Boxes of the faces; None detects them.
 
         Returns:
-            One for each box, in their order; empty where there is no face.
+            One prediction for each box, in the same order; empty if there is no face.
 
         Raises:
             DegenerateGeometryError: A box has no extent, or the network's output is not finite.
@@ -148,7 +148,7 @@ class Pix2Face:
     def predict_batch(
         self, images: Sequence[GivenPhotograph], boxes: Sequence[GivenBoxes] | None = None
     ) -> list[list[Prediction]]:
-        """The maps of every face of several photographs, of any sizes; the network sees many faces at once.
+        """Predicts the maps of every face in several photographs of any sizes, many faces at once.
 
         Args:
             images: The photographs.
@@ -181,7 +181,7 @@ class Pix2Face:
         boxes: GivenBoxes | None = None,
         options: FitOptions = DEFAULT_FIT,
     ) -> list[FaceFit]:
-        """Camera, coefficients, mesh and landmarks of every face of one photograph, in its pixels.
+        """Fits camera, coefficients, mesh and landmarks to every face in a photograph, in its pixels.
 
         Args:
             image: The photograph.
@@ -203,10 +203,10 @@ class Pix2Face:
         image_size_px: tuple[int, int],
         options: FitOptions = DEFAULT_FIT,
     ) -> FaceFit:
-        """As ``fit``, from maps that are there already.
+        """Fits a face as ``fit`` does, to maps that were predicted before.
 
         Args:
-            prediction: Of one face.
+            prediction: The prediction for one face.
             image_size_px: Height and width of the photograph.
             options: As in ``fit``.
 
@@ -228,7 +228,7 @@ class Pix2Face:
 
         Args:
             images: The photographs, each showing the person.
-            boxes: For each photograph where the person is; None takes the largest face.
+            boxes: Box of the person in each photograph; None uses the largest face.
             options: As in ``fit``.
 
         Returns:
@@ -252,11 +252,11 @@ class Pix2Face:
         image_sizes_px: Sequence[tuple[int, int]],
         options: FitOptions = DEFAULT_FIT,
     ) -> list[FaceFit]:
-        """As ``fit_joint``, from maps that are there already.
+        """Fits photographs as ``fit_joint`` does, to maps that were predicted before.
 
         Args:
-            predictions: Of one face in each photograph.
-            image_sizes_px: Height and width of each.
+            predictions: The prediction for one face in each photograph.
+            image_sizes_px: Height and width of each photograph.
             options: As in ``fit``.
 
         Raises:

@@ -9,7 +9,7 @@ LONGEST_MESSAGE = 2000
 
 
 class Pix2FaceError(Exception):
-    """Base of everything that is the fault of input or surroundings, not of the code."""
+    """Base class of all errors that are caused by input or environment, not by the code."""
 
     def __str__(self) -> str:
         text = super().__str__()
@@ -37,4 +37,4 @@ class UsageError(Pix2FaceError):
 
 
 class SampleRejectedError(Pix2FaceError):
-    """One sample cannot be used. It is listed with its reason; the job goes on."""
+    """One sample cannot be used. It is listed with its reason, and the job continues."""

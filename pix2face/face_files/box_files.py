@@ -1,9 +1,9 @@
-"""Face boxes from a file, where another detector or a person has found the faces (layout: docs/reference).
+"""Reads boxes of faces that another detector or a person has found (layout: docs/reference).
 
-CSV with a header, one face a line: ``image,left,top,right,bottom`` (further columns are ignored). JSON: an object with
-a list of ``[left, top, right, bottom]`` for each image. An image is named by its path, or by its file name alone; the
-frame of a video by its number, counted from 0. Boxes are tight around the 68 landmarks, in pixels of the picture as
-people see it (orientation tag applied), with pixel centres at +0.5.
+A CSV file has a header and one face per line: ``image,left,top,right,bottom`` (other columns are ignored). A JSON file
+is an object with a list of ``[left, top, right, bottom]`` for each image. An image is identified by its path or by its
+file name alone, and a frame of a video by its number, counted from 0. Boxes are tight around the 68 landmarks, in
+pixels of the upright picture (orientation tag applied), with pixel centres at +0.5.
 """
 
 import csv
@@ -35,12 +35,12 @@ class BoxFile:
     boxes: Mapping[str, tuple[FaceBox, ...]]  #: for each name its boxes, largest first
 
     def of_image(self, path: Path) -> tuple[FaceBox, ...]:
-        """The boxes of a picture, largest first; empty where the file names none."""
+        """The boxes of a picture, largest first; empty if the file has none."""
         names = (str(path), path.as_posix(), path.name)
         return next((self.boxes[name] for name in names if name in self.boxes), ())
 
     def of_frame(self, frame: int) -> tuple[FaceBox, ...]:
-        """The boxes of a frame of a video, counted from 0, largest first; empty where the file names none."""
+        """The boxes of a frame of a video, counted from 0, largest first; empty if the file has none."""
         return self.boxes.get(str(frame), ())
 
 
@@ -48,7 +48,8 @@ def read_box_file(path: Path) -> BoxFile:
     """Reads a CSV or JSON file of face boxes.
 
     Raises:
-        InputFileError: It is missing, of another format, or holds a box without extent or beyond all pictures.
+        InputFileError: It is missing or of another format, or it contains a box without extent or with impossible
+            coordinates.
     """
     rows = _json_rows(path) if path.suffix.lower() == ".json" else _csv_rows(path)
     boxes: dict[str, list[FaceBox]] = {}

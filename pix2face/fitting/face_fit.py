@@ -29,10 +29,10 @@ class FaceFit:
         camera: From the model frame to the picture.
         identity: Coefficients in standard deviations.
         expression: Coefficients in standard deviations.
-        model: What the coefficients are of.
+        model: The model of the coefficients.
         landmarks2d: Projections of the landmark vertices, seen or hidden, pixels (x, y), centres at +0.5.
         landmarks3d: The landmark vertices, mm, model frame.
-        box: Where the network looked for the face, pixels; None for a fit to maps of unknown origin.
+        box: Box in which the network looked for the face, pixels; None for a fit to maps of unknown origin.
         score: The score that the detector gave the face; None if the box was given.
     """
 
@@ -47,7 +47,7 @@ class FaceFit:
 
     @cached_property
     def vertices(self) -> Float32[ndarray, "v 3"]:
-        """The mesh of these coefficients, mm, model frame; computed when asked for."""
+        """The vertices of the mesh, mm, model frame. They are computed on first access."""
         return self.model.vertices(self.identity[None], self.expression[None])[0]
 
     def in_image(self, crop: Crop) -> "FaceFit":
@@ -69,21 +69,20 @@ def fit_face(
     """Fits camera and coefficients to the maps of one picture.
 
     Args:
-        maps: PNCC, offset and mask. Where the maps say which part of the mask is seen, the camera is fitted to that
+        maps: PNCC, offset and mask. If the maps say which part of the mask is visible, the camera is fitted to that
             part.
-        model: The model that the maps are of.
+        model: The morphable model of the maps.
         options: Camera, regularisation and so on. The defaults are for predicted maps. Exact maps are fitted best
             without the silhouette and with ``EXACT_MAPS_REGULARISATION``. All cameras are robust against outliers;
             "auto" decides by ``camera_choice``.
-        principal_point_px: Where the optical axis of a pinhole meets the maps; None takes their centre, which is wrong
-            for a crop beside the centre of the image.
-        scheme: Which landmarks of the model.
-        n_vertices: How many vertices of the face to look for, evenly spread (time against error:
-            docs/explanation/fitting.md). None takes 1,200 where lambda is that of predicted maps (0.5 mm^2 and more),
-            else 2,500.
+        principal_point_px: Where the optical axis of a pinhole meets the maps. None uses the centre of the maps, which
+            is wrong if the crop is not at the centre of the image.
+        scheme: Scheme of the model's landmarks.
+        n_vertices: Number of vertices of the face to look for, evenly spread (docs/explanation/fitting.md compares time
+            and error). None means 1,200 if lambda is that of predicted maps (0.5 mm^2 or more), otherwise 2,500.
         constraints: "vertices" as in the paper, or "surface": pixels inside the triangles of the mean face. On exact
-            maps surface constraints are ten times as accurate and ten times as slow; in noisy maps hardly a pixel lies
-            on the surface. They cannot be held to the silhouette.
+            maps, surface constraints are ten times as accurate and ten times as slow. In noisy maps, hardly any pixel
+            lies on the surface. They cannot be combined with the silhouette.
 
     Raises:
         DegenerateGeometryError: Fewer than 50 valid pixels, values that are not finite, or none of the vertices found.
@@ -112,12 +111,12 @@ def face_of_coefficients(
     """Puts a face together from its camera and coefficients.
 
     Args:
-        model: What the coefficients are of.
+        model: The model of the coefficients.
         camera: From the model frame to pixels.
         identity: Standard deviations.
         expression: Standard deviations.
-        scheme: Which landmarks of the model.
-        contour: "2d" moves the jaw landmarks (in the picture; those in space stay) to the visible outline.
+        scheme: Scheme of the model's landmarks.
+        contour: "2d" moves the jaw landmarks in the picture to the visible outline; the 3D landmarks are unchanged.
 
     Raises:
         UsageError: The model has no such landmarks, or they have no jaw to move.

@@ -25,10 +25,10 @@ HELD_CAMERAS = ("weak-perspective", "auto")
 class FitOptions:
     """How camera, coefficients and landmarks of a face are found. The defaults are for maps that a network predicts.
 
-    The penalty on coefficients is lambda |c|^2 with coefficients in standard deviations, so the best lambda is the
-    variance (mm^2) of the error of one coordinate of one offset, where the errors of the constraints are independent.
-    Errors of a network are alike over patches of the face: where n constraints share one error, lambda is n times the
-    variance.
+    The penalty on coefficients is lambda |c|^2 with coefficients in standard deviations. If the errors of the
+    constraints are independent, the best lambda is the variance (mm^2) of the error of one coordinate of one offset.
+    Errors of a network are correlated over patches of the face: if n constraints share one error, the best lambda is n
+    times the variance.
 
     Source: Crispell and Bazik 2017, Eq. 1 (affine camera) and Eq. 4 (regularisation).
 

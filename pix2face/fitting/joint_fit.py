@@ -26,14 +26,14 @@ def fit_joint(
 ) -> list[FaceFit]:
     """Fits pictures of one person together: the identity is shared, cameras and expressions are not.
 
-    Maps are taken one after the other, so they may come from a generator: of each picture only its camera and a block
+    Maps are read one after the other, so they may come from a generator. For each picture, only its camera and a block
     of (expressions x identities) numbers are kept. Time and memory are linear in the number of pictures.
 
     Args:
-        maps: Of each picture.
-        model: The model that the maps are of.
-        options: As in ``fit_face``. Regularisation "estimate" is estimated for each picture, so that noisy ones count
-            less. Identity pays the penalty once, whatever the number of pictures.
+        maps: Maps of each picture.
+        model: The morphable model of the maps.
+        options: As in ``fit_face``. With the regularisation "estimate", lambda is estimated for each picture, so that
+            noisy pictures count less. The penalty on the identity counts once, whatever the number of pictures.
         principal_points_px: As in ``fit_face``, one for each picture.
         scheme: As in ``fit_face``.
 

@@ -81,7 +81,7 @@ class HeadPose:
 
 
 def affine_camera(a: Float[ndarray, "2 4"]) -> Camera:
-    """A camera from an affine projection matrix (Eq. 1), depth along the viewing direction that both rows leave out.
+    """The camera of an affine projection matrix (Eq. 1). Depth is along the direction perpendicular to both rows.
 
     Raises:
         DegenerateGeometryError: The rows are parallel.
@@ -116,7 +116,7 @@ def pinhole_camera(parameters: Pinhole) -> Camera:
 
 
 def nearest_weak_perspective(camera: Camera) -> WeakPerspective:
-    """The scaled orthographic camera nearest to an affine one (exact where it is one); a pinhole is linearised first.
+    """The scaled orthographic camera nearest to an affine one (exact if it is one); a pinhole is linearised first.
 
     The 2x3 part is replaced by the nearest matrix with orthogonal rows of equal length (Frobenius norm).
     """
@@ -158,7 +158,7 @@ def linearised(camera: Camera) -> Camera:
 def head_pose(camera: Camera) -> HeadPose:
     """Pitch, yaw and roll of the head in the camera (docs/reference/conventions.md).
 
-    Pitch is within ±90°. So yaw, within ±180°, says how far a head is turned also beyond a profile.
+    Pitch is within ±90° and yaw within ±180°, so yaw also says how far a head is turned beyond a profile.
     """
     return unfolded(published_pose(camera))
 
@@ -176,7 +176,7 @@ def unfolded(pose: HeadPose) -> HeadPose:
 
 
 def published_pose(camera: Camera) -> HeadPose:
-    """The same angles as files of 300W-LP hold them: yaw is within ±90°, beyond which pitch and roll turn over."""
+    """The same rotation as files of 300W-LP state it: yaw is within ±90°; beyond it, pitch and roll jump by 180°."""
     # R = Rx Ry Rz of the negated angles; by hand, since the general way takes longer than all else about landmarks.
     r = (FRONTAL @ nearest_weak_perspective(camera).rotation).tolist()
     cos_yaw = math.hypot(r[0][0], r[0][1])
@@ -189,10 +189,10 @@ def published_pose(camera: Camera) -> HeadPose:
 
 
 def angle_between_poses_deg(a: HeadPose, b: HeadPose) -> float:
-    """The angle of the one rotation that turns one head into the other, 0 to 180.
+    """The angle of the rotation that turns one head into the other, 0 to 180.
 
-    Unlike differences of pitch, yaw and roll it says the same of every head: near a profile, pitch and roll turn about
-    almost one axis, so that both may be far off in a head that is hardly turned.
+    Unlike differences of pitch, yaw and roll, it means the same for every head. Near a profile, pitch and roll turn
+    about almost the same axis, so both may be far off although the rotation is nearly right.
     """
     cosine = (np.trace(rotation_of_pose(a).T @ rotation_of_pose(b)) - 1) / 2
     return math.degrees(math.acos(min(max(float(cosine), -1.0), 1.0)))

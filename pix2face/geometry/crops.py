@@ -105,8 +105,8 @@ def square_crop(
         scale: Side of the square as a multiple of the box's longer side.
         size_px: Side of the crop in its own pixels.
         shift: Displacement of the centre as a fraction of the longer side, (right, down).
-        rotation: Radians; positive turns the content of the crop anticlockwise as seen.
-        mirror: Whether left and right change places.
+        rotation: Radians; a positive rotation turns the content of the crop anticlockwise.
+        mirror: Whether left and right are exchanged.
     """
     pixel = scale * box.longer_side / size_px
     centre = box.centre + np.asarray(shift) * box.longer_side
@@ -121,13 +121,13 @@ def square_crop(
 
 
 def image_centre_in_crop(crop: Crop, image_size_px: tuple[int, int]) -> Float64[ndarray, "2"]:
-    """The centre of an image of some height and width, in the pixels of a crop: the principal point of its camera."""
+    """The centre of an image of the given height and width, in pixels of a crop: the principal point of its camera."""
     height, width = image_size_px
     return crop.to_crop(np.array([width, height]) / 2)
 
 
 def pixels_in_image(crop: Crop, image_size_px: tuple[int, int]) -> Bool[ndarray, "s s"] | None:
-    """Which pixels of a crop lie in the image of some height and width; None where all do."""
+    """Which pixels of a crop lie in the image of the given height and width; None if all do."""
     limits, side = np.array(image_size_px[::-1]), crop.size_px
     corners = crop.to_image(np.array([[0, 0], [0, side], [side, 0], [side, side]], dtype=np.float64))
     if ((corners >= 0) & (corners <= limits)).all():
@@ -140,8 +140,8 @@ def pixels_in_image(crop: Crop, image_size_px: tuple[int, int]) -> Bool[ndarray,
 def crop_image(image: Shaped[ndarray, "h w *c"], crop: Crop, *, nearest: bool = False) -> Shaped[ndarray, "s s *c"]:
     """Resamples an image (uint8, int16 or float32) into a crop; beyond the border it is black.
 
-    Where the crop is coarser, pixels are averaged first, so that fine texture does not alias. ``nearest`` takes the
-    nearest pixel instead of blending, for labels.
+    If the crop is coarser than the image, pixels are averaged first to avoid aliasing. ``nearest`` takes the nearest
+    pixel instead of blending, for labels.
     """
     matrix = crop.crop_from_image[:2]
     if not nearest:
@@ -158,7 +158,7 @@ def crop_image(image: Shaped[ndarray, "h w *c"], crop: Crop, *, nearest: bool = 
 
 
 def centres_to_integers(matrix: Float64[ndarray, "2 3"]) -> Float64[ndarray, "2 3"]:
-    """An affine map between frames with centres at +0.5, as OpenCV wants it: with centres at integers."""
+    """Converts an affine map between frames with centres at +0.5 to centres at integers, as OpenCV expects it."""
     shifted = matrix.copy()
     shifted[:, 2] += matrix[:, :2] @ np.full(2, 0.5) - 0.5
     return shifted

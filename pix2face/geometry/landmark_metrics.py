@@ -1,7 +1,7 @@
 """Errors of landmarks: normalised mean error, error curve, area under it, failure rate.
 
-A face whose fit failed has the error infinity. It stays in every count: the curve never reaches it and the failure rate
-includes it. Only means and medians are taken over the successes, and say so by ``n_failed``.
+A face whose fit failed has an infinite error. It is part of every count: the curve never reaches it, and the failure
+rate includes it. Only means and medians are over the other faces; ``n_failed`` says how many failed.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ POINT_SETS = {"68": ALL68, "51": INNER51}
 @final
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Summary of the errors of a set of faces, in fractions (not per cent); None where there is nothing to average."""
+    """Summary of the errors of a set of faces, in fractions (not per cent); None if there is nothing to average."""
 
     n_images: int  #: faces evaluated, failed ones included
     n_failed: int  #: faces without a fit (error infinity)
@@ -70,7 +70,7 @@ def normalising_distance(truth: Float[ndarray, "68 2"], normaliser: Normaliser) 
 def landmark_errors(
     predicted: Float[ndarray, "68 2"], truth: Float[ndarray, "68 2"], normaliser: Normaliser
 ) -> Float64[ndarray, "68"]:
-    """The distance of each landmark from its true place, divided by a length of all true landmarks.
+    """The distance of each landmark from its true place, divided by a length computed from all true landmarks.
 
     It is a fraction (0.03 is 3 %), and infinity for a predicted point that is not finite.
 

@@ -17,9 +17,9 @@ FIXED_POINT_STEPS_PER_MM = 128
 class FaceMaps:
     """Dense correspondence and shape of one picture, in mm, model frame; 0 outside the mask."""
 
-    pncc: Float32[ndarray, "h w 3"]  #: for each pixel the matching point of the mean face
-    offset: Float32[ndarray, "h w 3"]  #: displacement from there to the same point of this face
-    mask: Bool[ndarray, "h w"]  #: where both are valid
+    pncc: Float32[ndarray, "h w 3"]  #: for each pixel, the matching point on the mean face
+    offset: Float32[ndarray, "h w 3"]  #: displacement from there to the same point on this face
+    mask: Bool[ndarray, "h w"]  #: where PNCC and offset are valid
     #: The part of the mask where the picture shows the face itself and not something in front of it; None if unknown.
     seen: Bool[ndarray, "h w"] | None = None
     #: Where the picture that they belong to shows the photograph that it is a crop of, and is not empty beside it; None
@@ -33,7 +33,7 @@ class FaceMaps:
 
 
 def face_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
-    """Rows and columns of the mask's bounding box; both empty where the mask is."""
+    """Rows and columns of the mask's bounding box; both are empty if the mask is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return slice(0, 0), slice(0, 0)
@@ -41,7 +41,7 @@ def face_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
 
 
 def fixed_point_to_maps(values: Int16[ndarray, "*h 3"]) -> Float32[ndarray, "*h 3"]:
-    """Steps of 1/128 mm to millimetres."""
+    """Converts steps of 1/128 mm to millimetres."""
     return np.multiply(values, np.float32(1 / FIXED_POINT_STEPS_PER_MM), dtype=np.float32)
 
 
@@ -54,9 +54,9 @@ def valid_pixels(pncc: Float32[ndarray, "h w 3"], smallest_radius_mm: float) -> 
 
 
 def eroded(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
-    """A mask without its outermost pixel, where a network's maps lie between face and background.
+    """Removes the outermost pixels of a mask, where a network's maps lie between face and background.
 
-    The border of the picture is no border of the face.
+    The border of the picture does not count as a border of the face.
     """
     kernel = np.ones((3, 3), dtype=np.uint8)
     return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)

@@ -31,7 +31,7 @@ DESCRIPTION = (
 def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
     """Writes the network of a checkpoint as ONNX, with the checkpoint's header as JSON in its metadata.
 
-    The batch may have any size. A file of that name is replaced at once or not at all; its folder is made.
+    The batch may have any size. An existing file is replaced in one step or not at all. The folder is created.
 
     Raises:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
@@ -65,7 +65,7 @@ def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
 
 
 def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]:
-    """Opens what ``export_onnx`` wrote, to run on the CPU by onnxruntime.
+    """Opens an ONNX file of ``export_onnx``, to run on the CPU with onnxruntime.
 
     Raises:
         InputFileError: The file is missing, truncated, not ours, or of a newer schema.

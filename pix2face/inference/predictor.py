@@ -28,9 +28,9 @@ class Prediction:
     """The prediction for one face."""
 
     maps: FaceMaps  #: in the pixels of the crop
-    crop: Crop  #: leads back to the pixels of the picture
+    crop: Crop  #: converts to pixels of the picture and back
     box: FaceBox  #: where the network looked, pixels of the picture
-    score: float | None = None  #: the detector's for this face; None if the box was given
+    score: float | None = None  #: score of the detection; None if the box was given
     n_undefined: int = 0  #: pixels where the network's output is not finite; they are outside the mask
 
     def check_finite(self) -> None:
@@ -53,8 +53,8 @@ class Predictor:
 
     Args:
         network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits.
-        header: Of its checkpoint.
-        device: Where the network is.
+        header: Header of its checkpoint.
+        device: The device that the network is on.
     """
 
     def __init__(
@@ -66,15 +66,15 @@ class Predictor:
 
     @classmethod
     def load(cls, path: Path, device: str | None = None) -> "Predictor":
-        """Opens what training wrote, or what ``export_onnx`` wrote (.onnx), which runs on the CPU.
+        """Opens a checkpoint of a training, or an ONNX file of ``export_onnx`` (.onnx), which runs on the CPU.
 
         Args:
             path: The file.
-            device: Name of a torch device; None takes a GPU where there is one.
+            device: Name of a torch device; None uses a GPU if there is one.
 
         Raises:
             InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
-            UsageError: No such device (of ONNX: none but the CPU), or the package for ONNX is not installed.
+            UsageError: There is no such device (ONNX runs on the CPU only), or the package for ONNX is not installed.
         """
         if path.suffix.lower() == ".onnx":
             from pix2face.inference.onnx_export import load_onnx
@@ -91,17 +91,17 @@ class Predictor:
         return cls(network.to(chosen), header, chosen)
 
     def with_crop_scale(self, crop_scale: float) -> "Predictor":
-        """The same network, given crops of another size (``CheckpointHeader.crop_scale``)."""
+        """The same network with crops of another size (``CheckpointHeader.crop_scale``)."""
         return Predictor(self._network, replace(self.header, crop_scale=crop_scale), self._device)
 
     def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> Prediction:
-        """The maps of one face in an RGB image, by the tight box of its 68 landmarks in pixels of the image."""
+        """Predicts the maps of a face in an RGB image. The box (in pixels) is tight around its 68 landmarks."""
         return self.predict_batch([(image, box)])[0]
 
     def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
-        """The maps of several faces, each given by its picture and box as in ``predict``, in one pass of the network.
+        """Predicts the maps of several faces, each a picture and a box as in ``predict``, in one pass of the network.
 
-        All are in memory at once: a few dozen are plenty. ``predict_many`` takes any number.
+        All faces are in memory at once, so use it for a few dozen at most. ``predict_many`` takes any number.
         """
         if not faces:
             return []
@@ -117,7 +117,7 @@ class Predictor:
         ]
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
-        """As ``predict_batch`` for any number of faces, in as many passes as it takes to keep memory small."""
+        """Predicts the maps of any number of faces, in several passes of ``predict_batch`` that need little memory."""
         starts = range(0, len(faces), FACES_AT_A_TIME)
         return [own for start in starts for own in self.predict_batch(faces[start : start + FACES_AT_A_TIME])]
 
@@ -129,7 +129,7 @@ class Predictor:
 
 
 def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> tuple[FaceMaps, int]:
-    """Converts a network's output to maps in millimetres, 0 outside the mask, and counts the pixels not finite in it.
+    """Converts a network's output to maps in mm, 0 outside the mask, and counts the pixels that are not finite.
 
     The planes hold maps in units of the header's scales, then logits of masks, if any. They are overwritten.
     """

@@ -62,7 +62,7 @@ class LandmarkChoice:
 def save_landmarks(
     path: Path, model: MorphableModel, scheme: str, selection: LandmarkSelection, origin: dict[str, Any]
 ) -> None:
-    """Writes chosen landmarks with their errors, and with what they were chosen on (``origin``), for the reader."""
+    """Writes chosen landmarks with their errors and, for the reader, the data that they were chosen on (``origin``)."""
     content = {
         "format": FORMAT,
         "schema_version": SCHEMA_VERSION,
@@ -99,7 +99,7 @@ def load_landmarks(path: Path) -> LandmarkChoice:
 
 
 def open_model_with(name_or_path: str, landmarks: Path | None) -> MorphableModel:
-    """Opens a model, with the landmarks of a file in place of its own where one is given.
+    """Opens a model, with the landmarks of a file instead of its own if a file is given.
 
     Raises:
         Pix2FaceError: As ``open_model`` and ``with_landmarks``.
@@ -109,7 +109,7 @@ def open_model_with(name_or_path: str, landmarks: Path | None) -> MorphableModel
 
 
 def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
-    """The model with the landmarks of a file in place of its own of the same scheme.
+    """The model with the landmarks of a file instead of its own of the same scheme.
 
     Raises:
         InputFileError: As ``load_landmarks``, or a vertex that the model does not have.
@@ -140,7 +140,7 @@ def with_vertices(model: MorphableModel, scheme: str, vertices: Sequence[int]) -
 
 
 def with_own_landmarks(model: MorphableModel, header: CheckpointHeader) -> MorphableModel:
-    """The model with a network's own choice of landmarks in place of the model's, where it has one.
+    """The model with the landmarks that a network brings along, if it has any, instead of its own.
 
     Raises:
         ModelMismatchError: The network was trained for another model.

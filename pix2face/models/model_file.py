@@ -26,7 +26,7 @@ SCHEMA_VERSION = 1
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Alignment:
-    """How an imported model came to the project's frame. No scale was applied beyond the published unit."""
+    """How an imported model was aligned with the model frame. The only scale applied is that of the published unit."""
 
     frame_from_file: Float64[ndarray, "4 4"]  # rigid transform (mm) from the published frame to the project's
     residual_mm: float  # RMS distance that is left to the built-in model's landmarks or surface
@@ -35,7 +35,7 @@ class Alignment:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearModel:
-    """What a model's file and the model in memory have in common: mean, bases, and the tables of its vertices.
+    """What the file and the model in memory have in common: mean, bases, and the tables of the vertices.
 
     Lengths are in mm, in the model frame: x to the subject's left, y up, z out of the face, origin inside the head.
     """
@@ -98,7 +98,7 @@ COMPRESSED_BYTES = 4 << 20
 
 
 def write_stored_model(model: StoredModel, path: Path, *, quantise: bool = False) -> None:
-    """Writes a model. The file's folder is made.
+    """Writes a model. The folder of the file is created.
 
     With ``quantise`` the bases are stored as int16 with one step per component: 1/32767 of its largest value. That
     takes a quarter of the size. Imported models are not quantised, so they stay exact.

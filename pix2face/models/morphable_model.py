@@ -1,4 +1,4 @@
-"""The morphable model in memory: X = mean + identity + expression, with the tables that the mesh carries.
+"""The morphable model in memory: X = mean + identity + expression, with the tables that belong to the mesh.
 
 Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
 """
@@ -42,7 +42,7 @@ class MorphableModel(LinearModel):
 
     @property
     def is_face_triangle(self) -> Bool[ndarray, " t"]:
-        """Which triangles belong to the regions where maps hold."""
+        """Which triangles belong to the regions where maps are valid."""
         return self.triangles_of(*self.face_regions)
 
     @property
@@ -58,15 +58,15 @@ class MorphableModel(LinearModel):
         return float(np.linalg.norm(self.mean[self.is_face_vertex], axis=1).min())
 
     def triangles_of(self, *regions: str) -> Bool[ndarray, " t"]:
-        """Which triangles belong to one of some regions; those that the model lacks have none."""
+        """Which triangles belong to any of the given regions; regions that the model lacks are ignored."""
         return np.isin(self.region_names, regions)[self.triangle_regions]
 
     def vertices_of(self, *regions: str) -> Int32[ndarray, " n"]:
-        """The vertices of the triangles of some regions, in rising order."""
+        """The vertices of the triangles of the given regions, in ascending order."""
         return np.unique(self.triangles[self.triangles_of(*regions)])
 
     def vertices(self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]) -> Float32[ndarray, "n v 3"]:
-        """The vertices (mm, model frame) of faces with some coefficients, in standard deviations.
+        """The vertices (mm, model frame) of faces with the given coefficients, in standard deviations.
 
         Source: Crispell and Bazik 2017, Eq. 3.
         """
@@ -82,7 +82,7 @@ def load_model(path: Path, refinement_steps: int | None = None) -> MorphableMode
 
     Args:
         path: The file.
-        refinement_steps: Catmull-Clark steps from the control mesh; None takes what the file asks for. The hash is
+        refinement_steps: Catmull-Clark steps from the control mesh; None uses the number in the file. The hash is
             that of the file, so maps of different refinements of one file are comparable.
 
     Raises:

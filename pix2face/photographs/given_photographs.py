@@ -1,4 +1,4 @@
-"""Photographs and face boxes as callers have them, and as everything else takes them."""
+"""Converts photographs and face boxes that callers pass to the types that other modules use."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -28,7 +28,7 @@ _DEEP_MODES = ("I", "F")
 
 
 def as_photograph(image: object) -> UInt8[ndarray, "h w 3"]:
-    """A photograph as people see it: RGB, 8 bit, with the orientation tag of a file or a PIL image applied.
+    """Converts a photograph to 8-bit RGB, and applies the orientation tag of a file or a PIL image.
 
     Raises:
         InputFileError: The file is missing, or cannot be decoded.
@@ -49,7 +49,7 @@ def as_photograph(image: object) -> UInt8[ndarray, "h w 3"]:
 
 
 def as_photographs(images: object) -> list[UInt8[ndarray, "_ _ 3"]]:
-    """Several photographs, each as ``as_photograph``; errors are those, too.
+    """Converts several photographs, each as ``as_photograph`` does and with the same errors.
 
     Raises:
         UsageError: It is a single photograph.
@@ -60,11 +60,11 @@ def as_photographs(images: object) -> list[UInt8[ndarray, "_ _ 3"]]:
 
 
 def as_boxes(boxes: object) -> list[FaceBox | DetectedFace]:
-    """Face boxes that are given as ``FaceBox``, as four numbers each, or as detected faces, which stay such.
+    """Converts boxes, each a ``FaceBox``, four numbers, or a detected face, which is returned unchanged.
 
     Raises:
         DegenerateGeometryError: A box has no extent, or is not finite.
-        UsageError: Something else was given, such as a box alone.
+        UsageError: Something else was given, such as a single box instead of a list.
     """
     if not isinstance(boxes, Iterable) or isinstance(boxes, str):
         raise UsageError(f"expected face boxes [(left, top, right, bottom), ...], found {boxes!r}")

@@ -26,7 +26,7 @@ def parse_formats(text: str) -> tuple[str, ...]:
     """The formats in a list such as ``npz,exr``.
 
     Raises:
-        UsageError: One is not known, or there is none.
+        UsageError: A format is not known, or none is given.
     """
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
     if not set(names) <= set(MAP_FORMATS):

@@ -1,7 +1,7 @@
 """Fitted meshes as ``.obj``, ``.ply`` and ``.glb``, with colours per vertex or a texture.
 
-Layouts: docs/reference. All are in the model frame: x to the subject's left, y up, z out of the face; .obj and
-.ply in mm, .glb in metres, because glTF says so and viewers go by it.
+Layouts: docs/reference. All are in the model frame: x to the subject's left, y up, z out of the face. Units are mm for
+.obj and .ply, and metres for .glb, because glTF requires it and viewers rely on it.
 """
 
 import re
@@ -34,11 +34,11 @@ READABLE_LETTERS = 40
 @final
 @dataclass(frozen=True, eq=False)
 class FaceMesh:
-    """A mesh with what colours it; a texture goes before vertex colours where a format has both.
+    """A mesh with its colours. If a format supports both, a texture takes precedence over vertex colours.
 
     Attributes:
         vertices: mm, model frame.
-        model: Whose triangles and texture coordinates they have.
+        model: The model, with the triangles and texture coordinates of these vertices.
         vertex_colours: RGB, or None.
         texture: RGB in the model's texture coordinates, first row at v = 1, or None.
     """
@@ -67,10 +67,10 @@ def write_mesh(path: Path, mesh: FaceMesh) -> None:
     """Writes a mesh in the format of the file's suffix: .obj, .ply or .glb.
 
     The k-th vertex of .obj and .ply is the k-th of the model; .glb repeats vertices where the texture has a seam. A
-    .ply has no texture: give it vertex colours. With a texture an .obj gets a .mtl and a .png beside it.
+    .ply has no texture: give it vertex colours. If there is a texture, a .mtl and a .png are written beside an .obj.
 
     Raises:
-        UsageError: The suffix is another one.
+        UsageError: The suffix is not one of these.
     """
     writer = _WRITERS.get(path.suffix.lower().removeprefix("."))
     if writer is None:
@@ -79,10 +79,10 @@ def write_mesh(path: Path, mesh: FaceMesh) -> None:
 
 
 def material_stem(stem: str) -> str:
-    """What the files beside an .obj are called: its own stem where the format, which has no quotes, can name it.
+    """The stem of the files beside an .obj: its own, if the format, which has no quotes, can express it.
 
-    Readers end a name at a space, a comment at ``#``, and take what begins with ``-`` for an option. Letters of any
-    script are safe in UTF-8. What is not safe becomes ``_``, and a checksum tells such names apart.
+    Readers end a name at a space, begin a comment at ``#``, and take a leading ``-`` for an option. Letters of any
+    script are safe in UTF-8. Unsafe characters become ``_``, and a checksum keeps such names distinct.
     """
     safe = re.sub(r"^-|[\s#\\\x00-\x1f\x7f\ud800-\udfff]", "_", stem)
     if safe == stem:
@@ -93,10 +93,10 @@ def material_stem(stem: str) -> str:
 def split_at_seams(
     model: MorphableModel,
 ) -> tuple[Int[ndarray, " n"], Float64[ndarray, "n 2"], Int[ndarray, "t 3"]]:
-    """The mesh with one texture coordinate a vertex.
+    """Splits vertices so that each has one texture coordinate.
 
     Returns:
-        For each new vertex the model's vertex and its texture coordinate; the triangles of new vertices.
+        For each new vertex, the vertex of the model and the texture coordinate; and the triangles of the new vertices.
 
     Raises:
         UsageError: The model has no texture coordinates.
@@ -166,7 +166,7 @@ def _exported(mesh: "trimesh.Trimesh", kind: MeshFormat) -> bytes:
 
 
 def linear_colours(colours: UInt8[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
-    """Colours of a photograph as glTF wants those of vertices: proportional to light."""
+    """Converts colours of a photograph to those of vertices in glTF, which are proportional to light."""
     return np.asarray(np.rint(255 * srgb_to_linear(np.arange(256) / 255)).astype(np.uint8)[colours])
 
 

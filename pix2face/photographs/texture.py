@@ -65,27 +65,28 @@ class SurfacePoints:
         return cls(np.repeat(np.arange(n, dtype=np.int32)[:, None], 3, axis=1), np.tile([1.0, 0.0, 0.0], (n, 1)))
 
     def interpolate(self, attribute: Float[ndarray, "v ..."]) -> Float64[ndarray, "n ..."]:
-        """A quantity given per vertex at the points."""
+        """Interpolates a quantity that is given per vertex at the points."""
         weights = self.weights.reshape(*self.weights.shape, *[1] * (attribute.ndim - 1))
         return np.asarray((attribute[self.corners] * weights).sum(axis=1), dtype=np.float64)
 
 
 @final
 class PhotographColours:
-    """What a photograph knows of the colours of the face that was fitted to it.
+    """The colours of a fitted face, as far as they can be found in its photograph.
 
-    Where a point of the face is seen, its colour is the photograph's; where it is hidden, the mirrored point's, if the
-    model is symmetric and that one is seen; the rest of the face has the colour of what is seen around it, fading to
-    the median colour of the middle of the face, which everything has that is not face (scalp, neck, and ears that hair
-    covers). In between, colours are blended: by how much the surface turns to the viewer, and towards scalp and neck.
+    A visible point of the face has its colour in the photograph. A hidden point has the colour of its mirror point, if
+    the model is symmetric and the mirror point is visible. The rest of the face has the colour of the visible parts
+    around it, which fades to the median colour of the middle of the face. Everything that is not face (scalp, neck, and
+    ears that hair covers) has this median colour. In between, colours are blended, depending on how much the surface
+    faces the viewer, and towards scalp and neck.
 
     Args:
         image: RGB.
-        fit: In the pixels of the image.
+        fit: The fit, in pixels of the image.
         model: The model of the fit.
 
     Attributes:
-        skin: The median colour of the middle of the face, RGB; grey where nothing of the face is seen.
+        skin: The median colour of the middle of the face, RGB; grey if no part of the face is visible.
 
     Raises:
         DegenerateGeometryError: The face has no extent in the image, or is not in front of the camera.
@@ -181,9 +182,10 @@ def face_texture(
 
     Args:
         image: RGB.
-        fit: In the pixels of the image.
+        fit: The fit, in pixels of the image.
         model: The model of the fit.
-        size_px: Side of the texture; None takes what is fine enough for the face, whose part of it differs by model.
+        size_px: Side of the texture. None chooses a side that is fine enough for the face, whose part of the texture
+            depends on the model.
 
     Raises:
         DegenerateGeometryError: As ``PhotographColours``.

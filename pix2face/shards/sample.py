@@ -35,25 +35,25 @@ class PictureKind(StrEnum):
 class Sample:
     """A picture, its layers, and the face that they show.
 
-    Pixels have their centres at +0.5, the origin is the top left corner of the picture. The model frame has x to the
-    subject's left, y up and z out of the face, in mm.
+    Pixels have their centres at +0.5, and the origin is the top left corner of the picture. The model frame has x to
+    the subject's left, y up and z out of the face, in mm.
 
     Attributes:
         sample_id: Unique in its set of shards.
-        image_bytes: The JPEG or PNG file of the picture, for a photograph that was not resampled its own bytes. None
-            where the sample was stored or read without its picture.
+        image_bytes: The JPEG or PNG file of the picture: the original bytes of a photograph that was not resampled.
+            None if the sample was stored or read without its picture.
         layers: Arrays by name, of the shapes, dtypes and units that ``pix2face.shards.layers.LAYERS`` lists: ``pncc``
             and ``offset`` are (h, w, 3) float32 in mm, ``mask`` is (h, w) bool. On the way into a shard a layer may
             also be in steps (its stored dtype).
         camera: Projects points of the model frame into this picture.
         identity: Coefficients, in standard deviations.
         expression: Coefficients, in standard deviations.
-        landmarks2d: Pixels. Empty where the set has no landmarks.
+        landmarks2d: Pixels. Empty if the set has no landmarks.
         landmarks3d: mm, model frame.
         visible: Which landmarks are inside the picture and not hidden by the head itself. ``seen_landmarks`` also
-            accounts for what stands in front of the head.
-        attributes: What else is known of the sample: its pose in degrees, where geometry and picture come from.
-        place: Names the sample in error messages: its file and its place there. Empty for one that was not read.
+            accounts for things in front of the head.
+        attributes: Other facts about the sample, such as its pose in degrees and the sources of geometry and picture.
+        place: File and position of the sample, for error messages. Empty if it was not read from a file.
     """
 
     sample_id: str
@@ -100,7 +100,7 @@ class Sample:
 
     @property
     def seen_landmarks(self) -> Bool[ndarray, " m"]:
-        """Which visible landmarks nothing stands in front of (no hair, no hand, no border of the photograph).
+        """Which visible landmarks are not covered by hair, hands or other things, or by the photograph's border.
 
         Raises:
             UsageError: The layer ``mask`` or ``seen`` is missing.

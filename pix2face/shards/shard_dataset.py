@@ -20,7 +20,7 @@ class ShardDataset(Sequence[Sample]):
 
     It is an ordinary sequence (length, index, iteration) of ``Sample``, whose arrays are NumPy's, and needs no torch.
     It keeps no file open, so it can be pickled, forked and handed to the workers of
-    ``torch.utils.data.DataLoader``. It holds about 200 bytes for each sample.
+    ``torch.utils.data.DataLoader``. It takes about 200 bytes of memory per sample.
 
     Example:
         >>> dataset = ShardDataset("shards/", layers=("image", "pncc", "offset", "mask"))
@@ -33,10 +33,10 @@ class ShardDataset(Sequence[Sample]):
     Args:
         shards: A folder of ``shard-*.h5``, or the paths of some shards.
         layers: Names of the layers to read (``pix2face.shards.layers.LAYER_NAMES``); ``image`` is the picture. None
-            reads all that the first shard has. Camera, coefficients, landmarks and attributes are always read.
+            reads all layers of the first shard. Camera, coefficients, landmarks and attributes are always read.
 
     Attributes:
-        header: What the first shard says of all its samples: model, licence, layers, names of regions.
+        header: Header of the first shard: model, licence, layers, names of regions.
         layers: The layers that are read.
 
     Raises:
