@@ -36,8 +36,8 @@ LARGEST_INTEGER = 2**63 - 1  # of TOML
 class AppearanceConfig:
     """What synthetic photographs are drawn from."""
 
-    # The preset that it starts from. `plain` draws heads without hair, clothes and surroundings, painted region by
-    # region; only the table `geometry` counts then. Models other than the built-in one need `plain`.
+    # The preset that this configuration starts from. `plain` draws heads without hair, clothes and surroundings,
+    # painted region by region; only the table `geometry` counts then. Models other than the built-in one need `plain`.
     preset: str = DEFAULT
     # Poses, cameras, crops and expressions, drawn by `datagen sample`. The other tables are drawn by `datagen render`.
     geometry: GeometryConfig = field(default_factory=GeometryConfig)

@@ -21,11 +21,11 @@ class GeometryConfig:
     is_plain: bool = False
     # Share of faces that are far from the mean in one to three of the largest identity components.
     extreme_identity_share: Share = 0.12
-    # Smallest and largest distance of those, in standard deviations.
+    # Smallest and largest distance of these components from the mean, in standard deviations.
     extreme_identity: Annotated[Range, Limits(0, 5)] = (1.8, 2.7)
     identity_spread: Annotated[float, Limits(0, 1.3)] = 1.0  # Factor on all identity coefficients, up to 1.3.
     wide_yaw_share: Share = 0.40  # Share of heads whose yaw is uniform in `wide_yaw_deg`, to either side.
-    wide_yaw_deg: Annotated[Range, Limits(0, 120)] = (25.0, 95.0)  # Smallest and largest yaw of those.
+    wide_yaw_deg: Annotated[Range, Limits(0, 120)] = (25.0, 95.0)  # Smallest and largest yaw of these heads.
     # Share of heads whose yaw is uniform within `largest_yaw_deg`; all other heads are about frontal.
     any_yaw_share: Share = 0.10
     largest_yaw_deg: Annotated[float, Limits(0, 120)] = 110.0  # Largest yaw; beyond it no face is visible.
@@ -54,7 +54,7 @@ class GeometryConfig:
     shift: FromZero = 0.06
     largest_shift: Annotated[float, Limits(0, 1)] = 0.2  # Largest such shift; larger ones are clipped.
     off_centre_share: Share = 0.05  # Share of pictures whose centre is uniform within `off_centre_shift` instead.
-    # As a share of the longer side; at 0.5 the border of the picture runs through the face.
+    # Largest shift of these pictures, as a share of the longer side; at 0.5, the border runs through the face.
     off_centre_shift: Annotated[float, Limits(0, 1)] = 0.5
     neutral_share: Share = 0.15  # Share of faces at rest (except for gaze and lids).
     emotion_share: Share = 0.45  # Share of faces that show one of ten emotions.

@@ -11,19 +11,19 @@ from datagen.config_limits import Share, check_limits, check_parts
 class AccessoriesConfig:
     """How often people wear or hold something. All numbers are shares, 0 to 1."""
 
-    glasses: Share = 0.20  # People with glasses.
-    sunglasses: Share = 0.04  # People with dark glasses.
-    goggles: Share = 0.01  # Glasses of either kind that are goggles for swimming or skiing.
-    beard: Share = 0.30  # Men with a beard or a moustache that is more than stubble.
-    headwear: Share = 0.10  # People with a hat, a headscarf, a helmet or the like.
-    mask: Share = 0.03  # People with a mask over mouth and nose, or a scarf pulled up.
-    hand: Share = 0.07  # People with a hand at or in front of the face.
-    held: Share = 0.03  # People who hold a phone, a microphone, a cup, food or the like to the face.
-    thing: Share = 0.05  # Pictures with a thing or another person in front of the face.
-    jewellery: Share = 0.35  # Women with earrings, a necklace or a piercing; a quarter as many men.
-    sound: Share = 0.04  # People with earphones, headphones or a headset.
-    scarf: Share = 0.06  # People with a scarf around the neck.
-    pattern: Share = 0.25  # Garments with a pattern instead of one colour.
+    glasses: Share = 0.20  # Share of people with glasses.
+    sunglasses: Share = 0.04  # Share of people with dark glasses.
+    goggles: Share = 0.01  # Share of these glasses that are goggles for swimming or skiing.
+    beard: Share = 0.30  # Share of men with a beard or a moustache that is more than stubble.
+    headwear: Share = 0.10  # Share of people with a hat, a headscarf, a helmet or the like.
+    mask: Share = 0.03  # Share of people with a mask over mouth and nose, or a scarf pulled up.
+    hand: Share = 0.07  # Share of people with a hand at or in front of the face.
+    held: Share = 0.03  # Share of people who hold a phone, a microphone, a cup, food or the like to the face.
+    thing: Share = 0.05  # Share of pictures with a thing or another person in front of the face.
+    jewellery: Share = 0.35  # Share of women with earrings, a necklace or a piercing; a quarter of it for men.
+    sound: Share = 0.04  # Share of people with earphones, headphones or a headset.
+    scarf: Share = 0.06  # Share of people with a scarf around the neck.
+    pattern: Share = 0.25  # Share of garments with a pattern instead of one colour.
     # Smallest share of the face that stays visible from straight ahead and from 45° to both sides.
     least_visible: Share = 0.40
 

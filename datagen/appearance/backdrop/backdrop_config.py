@@ -20,7 +20,7 @@ class BackdropConfig:
     folder_share: Share = 0.6  # Share of backdrops from that folder, if there is one.
     # Share of environments that are shown with a wider angle than the camera's, and so with more detail.
     widened_share: Share = 0.6
-    widest_view_deg: Annotated[float, Limits(10, 150)] = 100.0  # Largest angle across the picture of those.
+    widest_view_deg: Annotated[float, Limits(10, 150)] = 100.0  # Largest angle of view of these environments.
     # Smallest and largest radius of the defocus blur, as a share of the picture's width.
     blur: Annotated[Range, Limits(0, 0.5, is_open=True)] = (0.002, 0.05)
     sharp_share: Share = 0.3  # Share of backdrops that are in focus.

@@ -62,7 +62,7 @@ class PhotographConfig:
     # Smallest and largest side of pictures before they are enlarged; a face takes about 0.63 of it.
     resolution_px: Annotated[Range, Limits(8, 16384)] = (38.0, 120.0)
     monochrome_share: Share = 0.06  # Share of pictures in black and white.
-    toned_share: Share = 0.25  # Share of those that are sepia or toned otherwise.
+    toned_share: Share = 0.25  # Share of monochrome pictures that are sepia or toned otherwise.
     smoothed_share: Share = 0.04  # Share of pictures in which a program smoothed the skin.
     sharpened_share: Share = 0.25  # Share of pictures that are sharpened, with haloes.
     overlay_share: Share = 0.03  # Share of pictures with a watermark, a text or a date.

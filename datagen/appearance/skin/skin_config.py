@@ -15,7 +15,7 @@ class SkinConfig:
     melanin_contrast: Annotated[float, Limits(0, 4)] = 1.3
     # Standard deviation that is added to a person's place between the lightest and the darkest skin.
     melanin_spread: Annotated[float, Limits(0, 0.5)] = 0.05
-    haemoglobin: Annotated[Range, Limits(0, 0.8)] = (0.07, 0.27)  # From pale to ruddy; 0.16 is usual.
+    haemoglobin: Annotated[Range, Limits(0, 0.8)] = (0.07, 0.27)  # Blood in the skin: pale to ruddy; 0.16 is usual.
     flush: Annotated[Range, Limits(0, 0.8)] = (0.02, 0.22)  # Additional haemoglobin of cheeks, nose and ears.
     sunburn_share: Share = 0.04  # Share of people whose flush is two to four times as strong.
     blotches: Annotated[Range, Limits(0, 2)] = (0.04, 0.22)  # Relative unevenness of melanin and of blood.
@@ -39,7 +39,7 @@ class SkinConfig:
     pupil: Annotated[Range, Limits(0.1, 0.85)] = (0.2, 0.5)  # Radius of the pupil relative to that of the iris.
     odd_eyes_share: Share = 0.012  # Share of people with two different irises, or with coloured contact lenses.
     redness: Annotated[Range, Limits(0, 2)] = (0.0, 0.35)  # Redness of the white of the eye.
-    yellow_teeth: Annotated[Range, Limits(0, 2)] = (0.0, 0.55)  # 0 is bleached, 1 brown.
+    yellow_teeth: Annotated[Range, Limits(0, 2)] = (0.0, 0.55)  # Colour of the teeth: 0 is bleached, 1 is brown.
     gap_share: Share = 0.12  # Share of people with gaps between their teeth.
     missing_tooth_share: Share = 0.015  # Share of people who lack one of the front teeth.
     gold_tooth_share: Share = 0.012  # Share of people with a gold tooth.
