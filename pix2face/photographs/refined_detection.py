@@ -1,8 +1,9 @@
 """Boxes of a detector, refined and confirmed by what the network predicts in them.
 
-The network was trained on crops around the box of the 68 landmarks; a detector hits it within some tenths. So the maps
-of a first prediction are fitted, and the box of the fit's landmarks is used for a second one. Where there is no face,
-the maps fit no face either, which tells doubtful candidates of a detector apart.
+The network was trained on crops around the box of the 68 landmarks, and the box of a detector differs from it by some
+tenths. Therefore the maps of a first prediction are fitted, and the box around the landmarks of the fit is used for a
+second one. Where there is no face, the maps fit no face either. This confirms or rejects doubtful candidates of a
+detector.
 """
 
 from collections.abc import Sequence
@@ -58,7 +59,7 @@ class RefinedBox:
         box: Around the landmarks of the face that was fitted to the maps, pixels of the picture.
         residual_mm: How badly the maps fit a face; see above.
         overlap: Intersection over union with the box that the prediction was made in.
-        seen_share: Of the face, as far as the network says what of it the picture shows; else None.
+        seen_share: Visible share of the face; None if the network does not predict which part is visible.
     """
 
     box: FaceBox
@@ -68,12 +69,12 @@ class RefinedBox:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether the refined box may be used in place of the first one."""
+        """Whether the refined box may be used instead of the first one."""
         return self.residual_mm <= PLAUSIBLE_MM and self.overlap >= PLAUSIBLE_OVERLAP
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether this is a face, even if the detector was in doubt."""
+        """Whether this is a face, even if its detection score is low."""
         if self.seen_share is None:
             fits = self.residual_mm <= CONFIRMED_MM
         else:
@@ -82,7 +83,7 @@ class RefinedBox:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether this is no face, even if the detector stands by it."""
+        """Whether this is not a face, even if its detection score is high."""
         is_seen = self.seen_share is None or self.seen_share >= REFUTED_SEEN
         if not is_seen and self.residual_mm > REFUTED_UNSEEN_MM:
             return True
@@ -94,7 +95,7 @@ def refine_boxes(
 ) -> list[FaceBox]:
     """The boxes of the landmarks of first predictions, or the given boxes where those are not plausible.
 
-    Each face is a picture (RGB) and the box of a face in it by a detector, in its pixels.
+    Each face is a picture (RGB) and the detected box of a face in it, in pixels.
     """
     boxes = []
     for prediction, (_, box) in zip(predictor.predict_many(faces), faces, strict=True):
@@ -104,7 +105,7 @@ def refine_boxes(
 
 
 def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:
-    """What a prediction in a box says of it; None where its maps determine no face."""
+    """The refined box of a prediction; None if its maps determine no face."""
     try:
         fit = fit_face(prediction.maps, model)
         better = FaceBox.around(prediction.crop.to_image(fit.landmarks2d))
@@ -133,8 +134,8 @@ def confirm_faces(
 ) -> list[DetectedFace]:
     """The candidates that are faces, with refined boxes, largest first.
 
-    A candidate with the score ``sure_score`` or more stays unless the prediction refutes it; a doubtful one comes in
-    only where the prediction confirms it.
+    A candidate with a score of at least ``sure_score`` is kept unless the prediction rejects it. A candidate with a
+    lower score is kept only if the prediction confirms it.
     """
     kept = []
     predictions = predictor.predict_many([(image, face.box) for face in candidates])
@@ -156,8 +157,9 @@ def find_faces(
 ) -> list[DetectedFace]:
     """The faces of a picture (RGB), found by a detector, refined and confirmed by the network; largest first.
 
-    With ``min_score``, these are the candidates with this score or more that the network does not refute; without it,
-    those with a score of 1 or more and those of the others that the network confirms.
+    With ``min_score``, these are the candidates with at least this score that the network does not reject. Without it,
+    these are the candidates with a score of at least 1 that the network does not reject, and those with lower scores
+    that it confirms.
     """
     return choose_faces(image, detector.candidates(image), predictor, model, min_score)
 
