@@ -51,7 +51,7 @@ class ViewConfig:
 
 
 def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
-    """Write a page that shows the fitted mesh and point cloud of every face, to be turned, beside its photograph."""
+    """Write a page on which you can turn the fitted mesh and point cloud of every face beside its photograph."""
     config.faces.check()
     config.how.check()
     check_output_file(config.out, (".html",))

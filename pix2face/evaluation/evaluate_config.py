@@ -31,7 +31,8 @@ class EvaluateConfig:
             as described in docs/how_to/evaluate.md, or, for clips, a folder with the track.npz that `pix2face track`
             wrote for each clip, as CLIP/track.npz.
         frame: Coordinate of the centre of the first pixel in the predictions: 0, 1 or 0.5.
-        oracle: Measure the model fitted to the truth instead. This error is the part that the model causes.
+        oracle: Measure the morphable model fitted to the truth instead of a checkpoint. Its error is the part that the
+            model causes.
         out: Folder for the report. Default: out/evaluate-SPLIT.
         truth: Ground truth to measure against, for benchmarks that have several (aflw2000-3d: original or
             reannotated). Default: the benchmark's own.
