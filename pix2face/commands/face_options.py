@@ -35,8 +35,8 @@ class NetworkOptions:
     Attributes:
         checkpoint: Checkpoint that `train` wrote. Default: the one that comes with the package.
         model: `builtin`, or the model file that the checkpoint was trained for.
-        landmarks: File from `pix2face landmarks select` that lists the vertices of the landmarks. Default: the landmarks
-            in the checkpoint. If it has none, and for renders, those of the model.
+        landmarks: File from `pix2face landmarks select` that lists the vertices of the landmarks. Default: the
+            landmarks in the checkpoint. If it has none, and for renders, those of the model.
         device: Torch device, such as cpu or cuda. Default: a GPU if there is one.
     """
 
