@@ -27,7 +27,7 @@ from pix2face.photographs.given_photographs import (
     as_photograph,
     as_photographs,
 )
-from pix2face.photographs.refined_detection import find_faces
+from pix2face.photographs.refined_detection import refine_faces
 
 
 @final
@@ -43,9 +43,8 @@ class Pix2Face:
         predictor: The network.
         model: The morphable model that the network was trained for; None if only maps are wanted.
         detector: The face detector; None uses the default of ``pix2face.detectors.detection``.
-        refine: Whether a first prediction in the detector's boxes corrects, confirms or rejects them; needs the model.
-        min_score: Smallest score of a detected face. None keeps the faces with a score of 1 or more and, if boxes are
-            refined, those with lower scores that a first prediction confirms.
+        refine: Whether a first prediction corrects or rejects the detector's boxes; needs the model.
+        min_score: Smallest score of a detected face; None is 1.
 
     Raises:
         ModelMismatchError: The network was trained for another model.
@@ -124,9 +123,10 @@ class Pix2Face:
         """
         image = as_photograph(image)
         detector = self._detector or open_detector()
+        faces = sure_faces(detector.candidates(image), self._min_score)
         if self._refine and self._model is not None:
-            return find_faces(image, detector, self.predictor, self._model, self._min_score)
-        return sure_faces(detector.candidates(image), self._min_score)
+            return refine_faces(image, faces, self.predictor, self._model)
+        return faces
 
     def predict(self, image: GivenPhotograph, boxes: GivenBoxes | None = None) -> list[Prediction]:
         """Predicts the maps of every face in a photograph.

@@ -86,13 +86,10 @@ class FaceOptions:
         boxes: File of face boxes to use instead of a detector: JSON, or CSV with the header
             image,left,top,right,bottom. For videos, the first column is frame, counted from 0, as in boxes.csv, which
             is written by `pix2face track`.
-        detector: Detector that finds faces: lbp, lbp-quick (five times as fast, finds fewer), cnn (a small network that
-            was trained on rendered people; finds profiles) or dlib (as in the paper; pip install 'pix2face[dlib]').
-        min_score: Smallest score of a detected face. The higher the score, the surer the detector. By default, faces
-            with a score of at least 1 are kept, and in photographs also those with lower scores that a first prediction
-            confirms.
-        refine: Correct each box by a first prediction. In photographs, the prediction also confirms or rejects what the
-            detector found.
+        detector: Detector that finds faces: cnn (the network that comes with the package) or dlib (as in the paper;
+            pip install 'pix2face[dlib]').
+        min_score: Smallest score of a detected face. The higher the score, the surer the detector. Default: 1.
+        refine: Correct each box by a first prediction. In photographs, boxes in which it finds no face are rejected.
     """
 
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()

@@ -73,7 +73,7 @@ class TrackConfig:
 
     video: Annotated[Path, tyro.conf.Positional]
     out: Path = Path("out/track")
-    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = FaceOptions(detector="lbp-quick")
+    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = FaceOptions()
     detect_every: int = 1
     all_faces: bool = False
     smoothing: Smoothing = "mean3"

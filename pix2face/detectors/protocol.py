@@ -20,8 +20,7 @@ class DetectedFace:
 
     Attributes:
         box: The tight box of its 68 landmarks, as far as the detector can tell; pixels.
-        score: Larger means surer. The detector is sure of faces with at least 1; lower scores are candidates that
-            `refined_detection` may confirm.
+        score: Larger means surer. The detector is sure of faces with at least 1; lower scores are doubtful.
     """
 
     box: FaceBox

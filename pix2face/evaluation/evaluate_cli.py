@@ -159,7 +159,7 @@ def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
     if config.boxes == "detected":
         if config.predictions is not None or config.oracle:
             raise UsageError("--boxes detected: expected a checkpoint to measure; nothing else looks at boxes")
-        refined = "corrected, confirmed or rejected by a first prediction" if config.refine else "as they are"
+        refined = "corrected or rejected by a first prediction" if config.refine else "as they are"
         rule = (
             f"boxes of the detector {config.detector}, {refined}. Of those whose centre lies in the tight box of the "
             "true landmarks and whose longer side is within a factor of 2 of its own, the one that overlaps it most; "

@@ -41,7 +41,7 @@ class EvaluateConfig:
             detected boxes, the report also says how well the detector finds faces.
         detector: Detector for --boxes detected, as for `pix2face fit`.
         min_score: Smallest score of a detected face, as for `pix2face fit`.
-        refine: Correct, confirm or reject detected boxes by a first prediction, as `pix2face fit` does.
+        refine: Correct or reject detected boxes by a first prediction, as `pix2face fit` does.
         normaliser: What errors are divided by. Default: the benchmark's own.
         threshold: Error, as a fraction, from which a face counts as failed. The error curve ends there. Default: the
             benchmark's own.

@@ -1,9 +1,9 @@
-"""Boxes of a detector, refined and confirmed by what the network predicts in them.
+"""Boxes of a detector, refined by what the network predicts in them.
 
-The network was trained on crops around the box of the 68 landmarks, and the box of a detector differs from it by some
-tenths. Therefore the maps of a first prediction are fitted, and the box around the landmarks of the fit is used for a
-second one. Where there is no face, the maps fit no face either. This confirms or rejects doubtful candidates of a
-detector.
+The network was trained on crops around the box of the 68 landmarks, and a detector hits that box within some tenths. So
+the model is fitted to the maps of a first prediction, and the box of the fitted landmarks is used for a second one.
+Where there is no face, the maps seldom fit one, which removes half of a detector's false boxes (figures:
+docs/explanation/detection_and_tracking.md).
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.detectors.protocol import (
-    SURE_SCORE,
-    DetectedFace,
-    Detector,
-    overlap,
-    sure_faces,
-    without_doubles,
-)
+from pix2face.detectors.protocol import DetectedFace, overlap, without_doubles
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
@@ -31,19 +24,11 @@ from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.models.morphable_model import MorphableModel
 
 # How well the maps of a crop fit a face: the median distance between a pixel and the projection of its own point, at
-# the scale of the face. A network that has hardly been trained leaves 4 to 6 mm on faces and 6 to 20 mm elsewhere.
-PLAUSIBLE_MM = 8.0
-CONFIRMED_MM = 5.5
-REFUTED_MM = 12.0
-# How much of the face the network sees, where it says so: it finds a face in anything, but sees little of those that
-# are not there. The limits are the packaged network's: set on a dozen photographs, and beyond what the 73 annotated
-# faces of others have (seen by 0.62 at least, with 3.4 mm at most: tests.benchmarks.annotated). Of renders 10 of 35
-# that are hidden by more than half are refuted.
-CONFIRMED_SEEN, CONFIRMED_SEEN_MM = 0.7, 3.5
-REFUTED_SEEN, REFUTED_UNSEEN_MM = 0.45, 2.5
+# the scale of the face. The packaged network leaves 2 mm on most faces; of those in 400 photographs of AFLW2000-3D, two
+# are above the limit. A network that has hardly been trained leaves 10 mm and more on faces as well.
+PLAUSIBLE_MM = 6.0
 # Overlap of the refined box with the detector's: a true one is corrected by little.
-PLAUSIBLE_OVERLAP = 0.5
-CONFIRMED_OVERLAP = 0.65
+PLAUSIBLE_OVERLAP = 0.4
 # Two detections whose refined boxes overlap by more are of one face.
 SAME_FACE_OVERLAP = 0.4
 
@@ -69,25 +54,13 @@ class RefinedBox:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether the refined box may be used instead of the first one."""
+        """Whether the maps fit a face in this place, so that the refined box may be used."""
         return self.residual_mm <= PLAUSIBLE_MM and self.overlap >= PLAUSIBLE_OVERLAP
 
     @property
-    def is_confirmed(self) -> bool:
-        """Whether this is a face, even if its detection score is low."""
-        if self.seen_share is None:
-            fits = self.residual_mm <= CONFIRMED_MM
-        else:
-            fits = self.seen_share >= CONFIRMED_SEEN and self.residual_mm <= CONFIRMED_SEEN_MM
-        return fits and self.overlap >= CONFIRMED_OVERLAP
-
-    @property
     def is_refuted(self) -> bool:
-        """Whether this is not a face, even if its detection score is high."""
-        is_seen = self.seen_share is None or self.seen_share >= REFUTED_SEEN
-        if not is_seen and self.residual_mm > REFUTED_UNSEEN_MM:
-            return True
-        return self.residual_mm > REFUTED_MM and self.overlap < PLAUSIBLE_OVERLAP
+        """Whether this is no face, by a network that can tell: one that says what of a face a picture shows."""
+        return self.seen_share is not None and not self.is_plausible
 
 
 def refine_boxes(
@@ -125,53 +98,17 @@ def _residual_px(maps: FaceMaps, camera: Camera) -> float:
     return float(np.median(np.linalg.norm(camera.project(points3d) - centres, axis=1)))
 
 
-def confirm_faces(
-    image: UInt8[ndarray, "h w 3"],
-    candidates: Sequence[DetectedFace],
-    predictor: Predictor,
-    model: MorphableModel,
-    sure_score: float = SURE_SCORE,
+def refine_faces(
+    image: UInt8[ndarray, "h w 3"], faces: Sequence[DetectedFace], predictor: Predictor, model: MorphableModel
 ) -> list[DetectedFace]:
-    """The candidates that are faces, with refined boxes, largest first.
+    """The faces that a detector found in a picture (RGB), with refined boxes, largest first.
 
-    A candidate with a score of at least ``sure_score`` is kept unless the prediction rejects it. A candidate with a
-    lower score is kept only if the prediction confirms it.
+    Left out are those that a network rejects that can tell, and all but the surest of those that turn out to be one.
     """
     kept = []
-    predictions = predictor.predict_many([(image, face.box) for face in candidates])
-    for face, prediction in zip(candidates, predictions, strict=True):
+    predictions = predictor.predict_many([(image, face.box) for face in faces])
+    for face, prediction in zip(faces, predictions, strict=True):
         refined = refined_box(prediction, face.box, model)
-        if refined is None or refined.is_refuted:
-            continue
-        if face.score >= sure_score or refined.is_confirmed:
+        if refined is not None and not refined.is_refuted:
             kept.append(DetectedFace(refined.box if refined.is_plausible else face.box, face.score))
     return sorted(without_doubles(kept, SAME_FACE_OVERLAP), key=lambda face: -face.box.longer_side)
-
-
-def find_faces(
-    image: UInt8[ndarray, "h w 3"],
-    detector: Detector,
-    predictor: Predictor,
-    model: MorphableModel,
-    min_score: float | None = None,
-) -> list[DetectedFace]:
-    """The faces of a picture (RGB), found by a detector, refined and confirmed by the network; largest first.
-
-    With ``min_score``, these are the candidates with at least this score that the network does not reject. Without it,
-    these are the candidates with a score of at least 1 that the network does not reject, and those with lower scores
-    that it confirms.
-    """
-    return choose_faces(image, detector.candidates(image), predictor, model, min_score)
-
-
-def choose_faces(
-    image: UInt8[ndarray, "h w 3"],
-    candidates: Sequence[DetectedFace],
-    predictor: Predictor,
-    model: MorphableModel,
-    min_score: float | None = None,
-) -> list[DetectedFace]:
-    """As ``find_faces``, from the candidates that a detector has found."""
-    if min_score is None:
-        return confirm_faces(image, candidates, predictor, model)
-    return confirm_faces(image, sure_faces(candidates, min_score), predictor, model, min_score)

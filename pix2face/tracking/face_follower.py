@@ -23,7 +23,6 @@ from pix2face.detectors.protocol import Box
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
-from pix2face.photographs.refined_detection import REFUTED_SEEN
 from pix2face.tracking.clip_fit import FrameFitter, MeasuredFace, carried, eye_distance_px
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
 from pix2face.tracking.smoothing import JitterMeter, Smoother
@@ -37,6 +36,8 @@ FitState = Literal["fitted", "carried", "none"]
 
 # A fit is carried over so many seconds of frames without a face: an eye blink of the network, not a blank screen.
 LONGEST_CARRIED_SECONDS = 0.5
+# A face of which the network sees a smaller share is hidden, or there is none.
+LEAST_SEEN = 0.45
 # Faces that are in the network at a time.
 FACES_AT_A_TIME = 8
 # The identity is settled long before: docs/explanation/fitting.md shows how its error falls with the number
@@ -191,7 +192,7 @@ class FaceFollower:
         seen_share = None if measured is None else measured.seen_share
         if seen_share is not None:
             self._seen_shares.append(seen_share)
-        if box.source != "detected" and seen_share is not None and seen_share < REFUTED_SEEN:
+        if box.source != "detected" and seen_share is not None and seen_share < LEAST_SEEN:
             measured = None  # neither detector nor network finds a face
         state = self._state(box, measured)
         is_cut = self._last is not None and (self._last.box.track != box.track or state == "none")

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import final
 
 from pix2face.command_line import counted
-from pix2face.photographs.refined_detection import REFUTED_SEEN
-from pix2face.tracking.face_follower import FaceFollower
+from pix2face.tracking.face_follower import LEAST_SEEN, FaceFollower
 from pix2face.tracking.face_tracks import FrameBox, TrackSummary, read_boxes
 from pix2face.tracking.track_files import BOX_SOURCES
 
@@ -71,7 +70,7 @@ def face_report(face: ClipFace, follower: FaceFollower, smoothing: str) -> list[
             f"warning: {counted(face.counts['fit none'], 'frame')} without a face and without one shortly before: no "
             "landmarks there (column fit: none)"
         )
-    if follower.seen_share is not None and follower.seen_share < REFUTED_SEEN:
+    if follower.seen_share is not None and follower.seen_share < LEAST_SEEN:
         lines.append(
             f"warning: {face.folder}: the network sees {100 * follower.seen_share:.0f} % of a face there; "
             "it is hidden, or there is none"

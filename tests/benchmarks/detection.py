@@ -1,12 +1,12 @@
 """How many faces the detectors find, and how well their boxes fit: python -m tests.benchmarks.detection.
 
-    python -m tests.benchmarks.detection --faces FOLDER [--detectors lbp,dlib] [--checkpoint C]
+    python -m tests.benchmarks.detection --faces FOLDER [--detectors cnn,dlib] [--checkpoint C]
         [--out out/detection.json]
 
 Prints and writes JSON. For each detector: recall (overlap with an annotated face of more than half their union), false
 boxes (overlap with every face below 0.3), overlap and errors of the boxes that hit, in % of the longer side of the
 face's own box, seconds of one core for a photograph, and what its calibration should be by the medians over these
-faces. With a checkpoint, the same after a second prediction has refined and confirmed the boxes.
+faces. With a checkpoint, the same after a first prediction has refined the boxes.
 """
 
 import argparse
@@ -20,12 +20,12 @@ import numpy as np
 from numpy import ndarray
 
 from pix2face.detectors.detection import DETECTORS, Detector, open_detector
-from pix2face.detectors.protocol import overlap
+from pix2face.detectors.protocol import overlap, sure_faces
 from pix2face.files.images import read_photograph
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import builtin_model
-from pix2face.photographs.refined_detection import find_faces
+from pix2face.photographs.refined_detection import refine_faces
 from tests.benchmarks.surroundings import surroundings, write_report
 
 HIT, FALSE = 0.5, 0.3
@@ -87,8 +87,13 @@ def _errors(face: FaceBox, box: FaceBox) -> list[float]:
 
 
 def refined(detector: Detector, predictor: Predictor) -> Finder:
-    """The detector with its boxes refined and confirmed by the network."""
-    return lambda image: [face.box for face in find_faces(image, detector, predictor, builtin_model())]
+    """The detector with its boxes refined by the network."""
+
+    def find(image: ndarray) -> list[FaceBox]:
+        faces = sure_faces(detector.candidates(image))
+        return [face.box for face in refine_faces(image, faces, predictor, builtin_model())]
+
+    return find
 
 
 def main() -> int:

@@ -1,6 +1,7 @@
 """Pictures whose colours are the PNCC of a mean face, and stand-ins for detector and network that read them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,6 +16,8 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
+from pix2face.networks.architectures import MOST_PLANES
+from pix2face.networks.paper import MAP_PLANES
 from tests.pix2face.photographs.seen_faces import header_of
 
 HEIGHT_PX, WIDTH_PX = 120, 160
@@ -47,15 +50,16 @@ def true_box(model: MorphableModel, camera: Camera) -> FaceBox:
     return FaceBox.around(true_landmarks(model, camera))
 
 
-def colour_network(planes_of_pncc: float) -> object:
-    """From a crop of such a picture to its PNCC, with offset 0."""
+def colour_network(planes_of_pncc: float, says_seen: bool) -> object:
+    """From a crop of such a picture to its PNCC, with offset 0; and, if wanted, to the masks of a face that is seen."""
 
     def network(images: Tensor) -> Tensor:
         levels = (images + 0.5) * 255
         pncc_mm = ((levels - 1) / 254 - 0.5) * SPAN_MM
         is_coloured = levels.amin(dim=1) > 2  # beside the face, blends with black
         is_face = torch.stack([_largest_blob(own) for own in is_coloured])[:, None]
-        return torch.cat([pncc_mm * is_face / planes_of_pncc, torch.zeros_like(images)], dim=1)
+        masks = [is_face.float() - 0.5] * (2 if says_seen else 0)
+        return torch.cat([pncc_mm * is_face / planes_of_pncc, torch.zeros_like(images), *masks], dim=1)
 
     return network
 
@@ -66,9 +70,9 @@ def _largest_blob(mask: Tensor) -> Tensor:
     return torch.from_numpy(labels == 1 + np.argmax(stats[1:, 4])) & mask if len(stats) > 1 else mask
 
 
-def colour_predictor(model: MorphableModel, size_px: int = 96) -> Predictor:
-    header = header_of(model, size_px)
-    return Predictor(colour_network(header.pncc_scale_mm), header)
+def colour_predictor(model: MorphableModel, size_px: int = 96, *, says_seen: bool = False) -> Predictor:
+    header = replace(header_of(model, size_px), planes=MOST_PLANES if says_seen else MAP_PLANES)
+    return Predictor(colour_network(header.pncc_scale_mm, says_seen), header)
 
 
 class BlobDetector:

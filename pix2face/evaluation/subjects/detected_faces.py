@@ -11,7 +11,7 @@ from pix2face.evaluation.figures.detection_summary import FaceDetection, is_of_f
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.refined_detection import choose_faces
+from pix2face.photographs.refined_detection import refine_faces
 
 
 @final
@@ -20,7 +20,7 @@ class FaceSearch:
     """A detector and what is done with its boxes."""
 
     detector: Detector
-    predictor: Predictor | None = None  # refines, confirms and refutes boxes; None uses them as they are
+    predictor: Predictor | None = None  # corrects and rejects boxes; None uses them as they are
     model: MorphableModel | None = None  # of the predictor
     min_score: float | None = None  # as in ``Pix2Face``
 
@@ -35,10 +35,9 @@ class FaceSearch:
         started = time.perf_counter()
         candidates = self.detector.candidates(image)
         detected = time.perf_counter()
-        if self.predictor is None or self.model is None:
-            faces = sure_faces(candidates, self.min_score)
-        else:
-            faces = choose_faces(image, candidates, self.predictor, self.model, self.min_score)
+        faces = sure_faces(candidates, self.min_score)
+        if self.predictor is not None and self.model is not None:
+            faces = refine_faces(image, faces, self.predictor, self.model)
         done = time.perf_counter()
         truth = FaceBox.around(face.landmarks2d)
         hits = [own for own in faces if is_of_face(own.box, truth)]

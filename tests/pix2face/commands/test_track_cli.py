@@ -259,7 +259,7 @@ def test_no_face_in_the_whole_clip_is_one_error(tmp_path, capsys):
     for index in range(3):
         (source / f"{index}.png").write_bytes(encode_image(np.zeros((40, 60, 3), dtype=np.uint8)))
     assert track(source, "--out", tmp_path / "out") == 2
-    assert "expected a face, found none by the detector lbp-quick in 3 frames" in capsys.readouterr().err
+    assert "expected a face, found none by the detector cnn in 3 frames" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("stand_ins")

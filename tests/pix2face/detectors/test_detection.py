@@ -13,7 +13,6 @@ from skimage.data import astronaut
 
 from pix2face.detectors import dlib_cnn
 from pix2face.detectors.detection import DETECTORS, Detector, open_detector
-from pix2face.detectors.lbp_cascade import ONE_LOOK, LbpCascadeDetector
 from pix2face.detectors.protocol import DetectedFace, overlap, sure_boxes, without_doubles
 from pix2face.errors import UsageError
 from pix2face.files.images import encode_image, read_photograph
@@ -38,7 +37,7 @@ def detector(request) -> Detector:
 def test_finds_the_astronaut(detector):
     assert isinstance(detector, Detector)
     boxes = detector.detect(ASTRONAUT)
-    assert overlap(boxes[0], ASTRONAUT_FACE) > 0.65
+    assert overlap(boxes[0], ASTRONAUT_FACE) > 0.6
     assert boxes == sorted(boxes, key=lambda box: -box.longer_side)
     candidates = detector.candidates(ASTRONAUT)
     assert all(a.score >= b.score for a, b in pairwise(candidates))
@@ -53,17 +52,9 @@ def test_a_picture_without_a_face_has_no_box(detector, shape):
 
 def test_boxes_grow_with_the_picture():
     larger = cv2.resize(ASTRONAUT, None, fx=3, fy=3, interpolation=cv2.INTER_LINEAR)
-    found = open_detector("lbp-quick").detect(larger)[0]
+    found = open_detector().detect(larger)[0]
     third = FaceBox(found.left / 3, found.top / 3, found.right / 3, found.bottom / 3)
     assert overlap(third, ASTRONAUT_FACE) > 0.7
-
-
-def test_four_looks_find_a_tilted_face_that_one_look_misses():
-    height, width = ASTRONAUT.shape[:2]
-    matrix = cv2.getRotationMatrix2D((128, 131), 25, 1)
-    tilted = cv2.warpAffine(ASTRONAUT, matrix, (width, height))
-    assert not any(overlap(box, ASTRONAUT_FACE) > 0.4 for box in LbpCascadeDetector(ONE_LOOK).detect(tilted))
-    assert any(overlap(box, ASTRONAUT_FACE) > 0.4 for box in LbpCascadeDetector().detect(tilted))
 
 
 @pytest.mark.parametrize("kind", ["grey", "alpha", "16 bit"])
@@ -75,8 +66,8 @@ def test_other_kinds_of_pictures_are_seen_as_well(tmp_path, kind):
         "16 bit": picture.astype(np.uint16) * 257,
     }[kind]
     cv2.imwrite(str(tmp_path / "a.png"), stored)
-    boxes = open_detector("lbp-quick").detect(read_photograph(tmp_path / "a.png"))
-    assert overlap(boxes[0], ASTRONAUT_FACE) > 0.65
+    boxes = open_detector().detect(read_photograph(tmp_path / "a.png"))
+    assert overlap(boxes[0], ASTRONAUT_FACE) > 0.6
 
 
 def test_an_orientation_tag_is_followed(tmp_path):
@@ -87,8 +78,8 @@ def test_an_orientation_tag_is_followed(tmp_path):
     )
     tagged = jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + jpeg[2:]
     (tmp_path / "a.jpg").write_bytes(tagged)
-    boxes = open_detector("lbp-quick").detect(read_photograph(tmp_path / "a.jpg"))
-    assert overlap(boxes[0], ASTRONAUT_FACE) > 0.65
+    boxes = open_detector().detect(read_photograph(tmp_path / "a.jpg"))
+    assert overlap(boxes[0], ASTRONAUT_FACE) > 0.6
 
 
 def test_several_faces_are_found_and_ordered(tmp_path):
@@ -96,14 +87,14 @@ def test_several_faces_are_found_and_ordered(tmp_path):
     both = np.zeros((256, 256 + small.shape[1], 3), dtype=np.uint8)
     both[:, :256], both[: small.shape[0], 256:] = ASTRONAUT, small
     (tmp_path / "a.png").write_bytes(encode_image(both))
-    boxes = open_detector("lbp-quick").detect(read_photograph(tmp_path / "a.png"))
+    boxes = open_detector().detect(read_photograph(tmp_path / "a.png"))
     faces = [ASTRONAUT_FACE, FaceBox(256 + 86 * 0.6, 93 * 0.6, 256 + 171 * 0.6, 170 * 0.6)]
     assert [max(overlap(face, box) for box in boxes) > 0.6 for face in faces] == [True, True]
     assert boxes[0].longer_side >= boxes[1].longer_side
 
 
 def test_an_unknown_detector_is_refused_with_the_names_of_the_known():
-    with pytest.raises(UsageError, match="lbp, lbp-quick, cnn, dlib, found 'haar'"):
+    with pytest.raises(UsageError, match="cnn, dlib, found 'haar'"):
         open_detector("haar")
 
 
@@ -154,7 +145,7 @@ def test_what_is_left_without_doubles_overlaps_little_and_covers_the_rest(faces)
 
 # Recall and errors as docs/explanation/detection_and_tracking.md has them, with some room: decoders of JPEG differ by
 # a grey level.
-@pytest.mark.parametrize(("name", "least_found", "most_false", "least_overlap"), [("lbp", 40, 4, 0.77)])
+@pytest.mark.parametrize(("name", "least_found", "most_false", "least_overlap"), [("cnn", 40, 30, 0.7)])
 def test_recall_and_box_error_on_annotated_photographs(shared_dir, name, least_found, most_false, least_overlap):
     figures = measure(open_detector(name).detect, annotated_faces(shared_dir / "data" / "dlib_faces"))
     assert figures["faces"] == 43

@@ -285,7 +285,7 @@ def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys, monkeypa
         assert report["n_failed"] == 2
         assert report["table"][0]["all_images"]["mean"] is None
         assert report["table"][0]["all_images"]["failure_rate"] == 1
-        assert "Box of the crop: boxes of the detector lbp, as they are" in printed
+        assert "Box of the crop: boxes of the detector cnn, as they are" in printed
         assert f"2 not found: ibug/image_003_1.jpg (the detector {found})" in printed
     assert report["detection"]["n_false"] == 2
 
@@ -298,7 +298,7 @@ def test_a_detector_is_measured_on_renders(tmp_path, small_model, capsys, monkey
     monkeypatch.setattr(
         "pix2face.evaluation.subjects.measured_subject.open_detector", lambda name: FixedDetector(*faces)
     )
-    call = ("--data", tmp_path / "shards", "--boxes", "detected", "--no-refine", "--detector", "lbp-quick")
+    call = ("--data", tmp_path / "shards", "--boxes", "detected", "--no-refine", "--detector", "dlib")
     assert run(tmp_path, *call, split="builtin-heldout") == 0
     report, printed = stored_report(tmp_path), capsys.readouterr().out
     own, face = report["detection"], report["faces"][0]["detection"]
@@ -333,7 +333,7 @@ def sides_of(box):
         (["--truth", "reannotated"], "ibug: expected hand-marked as --truth, found reannotated"),
         (["--align", "rigid"], "--align rigid: expected a split with 3D landmarks, found ibug"),
         (["--oracle", "--boxes", "detected"], "--boxes detected: expected a checkpoint"),
-        (["--detector", "lbp-quick"], "--detector: expected --boxes detected"),
+        (["--detector", "dlib"], "--detector: expected --boxes detected"),
         (["--no-refine"], "--no-refine: expected --boxes detected"),
         (["--boxes", "detected", "--detector", "haar"], "expected a detector of"),
         (["--predictions", "p.npz", "--contour", "2d"], "--contour 2d: expected a fit"),
