@@ -89,6 +89,7 @@ class Pix2Face:
         *,
         own_landmarks: bool | None = None,
         min_score: float | None = None,
+        smallest_face: float | None = None,
     ) -> "Pix2Face":
         """Opens a checkpoint and the model that it was trained for.
 
@@ -101,18 +102,21 @@ class Pix2Face:
             own_landmarks: Whether the landmarks in the checkpoint are used instead of those of the model. None uses
                 them unless ``model`` is a model and not a name.
             min_score: As in the class.
+            smallest_face: Longer side of the smallest faces to be found, as a share of the photograph's longer side;
+                None takes the detector's own (``pix2face.detectors.detection.open_detector``).
 
         Raises:
             InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
             ModelMismatchError: The checkpoint was trained for another model.
-            UsageError: No checkpoint was named, and the package has none; or there is no such detector or device.
+            UsageError: No checkpoint was named, and the package has none; there is no such detector or device; or the
+                smallest face is not a share.
         """
         path = PACKAGED if checkpoint is None else Path(checkpoint)
         predictor = Predictor.load(path, device)
         opened = open_model(str(model)) if isinstance(model, str | Path) else model
         if opened is not None and (opened is not model if own_landmarks is None else own_landmarks):
             opened = with_own_landmarks(opened, predictor.header)
-        return cls(predictor, opened, open_detector(detector), refine, min_score=min_score)
+        return cls(predictor, opened, open_detector(detector, smallest_face), refine, min_score=min_score)
 
     def find_faces(self, image: GivenPhotograph) -> list[DetectedFace]:
         """Finds the faces in a photograph: their boxes and scores, largest first; empty if there is none.

@@ -152,7 +152,7 @@ def _finder(config: TrackConfig, source: FrameSource) -> Find:
         Pix2FaceError: The file cannot be used, or what the detector needs is not installed.
     """
     if config.faces.boxes is None:
-        detector = open_detector(config.faces.detector)
+        detector = open_detector(config.faces.detector, config.faces.smallest_face)
         return lambda index, image: sure_faces(detector.candidates(image), config.faces.min_score)
     given = read_box_file(config.faces.boxes)
     if source.pictures:
@@ -179,7 +179,8 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
         by = f"in {config.faces.boxes}" if config.faces.boxes else f"by the detector {config.faces.detector}"
         raise InputFileError(
             f"{source.path}: expected a face, found none {by} in {counted(n_frames, 'frame')}; "
-            "try another --detector, or say where it is with --boxes"
+            "look for small faces with --smallest-face 0.02, accept doubtful ones with --min-score 0.5, or say where "
+            "the face is with --boxes"
         )
     return n_frames, tracker.tracks
 
@@ -255,6 +256,7 @@ def _job_summary(config: TrackConfig, source: FrameSource, fitter: FrameFitter, 
         "frames_announced": source.n_announced,
         "detector": None if config.faces.boxes else config.faces.detector,
         "min_score": config.faces.min_score,
+        "smallest_face": config.faces.smallest_face,
         "smoothing": config.smoothing,
         "camera": config.how.camera,
         "regularisation": config.how.regularisation,

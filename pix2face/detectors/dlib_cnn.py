@@ -32,7 +32,9 @@ CALIBRATION = WindowCalibration(shift=(0.04, 0.17), width=0.92, height=0.9)
 
 # The network sees faces of 80 px and more. Pictures are brought to this length of their longer side, so that faces of
 # a twelfth of it are found whatever the camera's resolution; time grows with the square.
+SMALLEST_SEEN_PX = 80
 LONGEST_SIDE_PX = 1000
+LARGEST_SIDE_PX = 2000  # the longest that a smallest face can ask for: four times the time and the memory
 LARGEST_ENLARGEMENT = 4.0  # of a tiny picture: beyond, there is nothing left to see
 LEAST_SIDE_PX = 40  # half a face; dlib's filters do not fit into less than half of this
 
@@ -42,14 +44,16 @@ class DlibCnnDetector:
     """dlib's max-margin CNN, calibrated to ``FaceBox``.
 
     Args:
-        longest_side_px: Pictures are scaled so that their longer side has this length.
+        smallest_face: Longer side of the smallest faces to be found, as a share of the picture's longer side. None
+            takes what ``LONGEST_SIDE_PX`` finds.
 
     Raises:
         UsageError: dlib or its weights are not installed.
     """
 
-    def __init__(self, longest_side_px: int = LONGEST_SIDE_PX) -> None:
-        self._longest_side_px = longest_side_px
+    def __init__(self, smallest_face: float | None = None) -> None:
+        wanted = LONGEST_SIDE_PX if smallest_face is None else SMALLEST_SEEN_PX / smallest_face
+        self._longest_side_px = min(wanted, LARGEST_SIDE_PX)
         self._find_faces = _load_network(_find_weights())
 
     def detect(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:

@@ -107,12 +107,13 @@ def _check_numbers(config: EvaluateConfig) -> None:
     of_detection = {
         "--detector": config.detector != DEFAULT_DETECTOR,
         "--min-score": config.min_score is not None,
+        "--smallest-face": config.smallest_face is not None,
         "--no-refine": not config.refine,
     }
     for name in (name for name, is_given in of_detection.items() if is_given and config.boxes != "detected"):
         raise UsageError(f"{name}: expected --boxes detected with it")
     if config.boxes == "detected":
-        open_detector(config.detector)  # an unknown one is refused before anything takes time
+        open_detector(config.detector, config.smallest_face)  # an unknown one is refused before anything takes time
     if config.predictions is None and config.frame != "0-based":
         raise UsageError(f"--frame {config.frame}: expected --predictions with it")
     subjects = {

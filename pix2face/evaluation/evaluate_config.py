@@ -41,6 +41,7 @@ class EvaluateConfig:
             detected boxes, the report also says how well the detector finds faces.
         detector: Detector for --boxes detected, as for `pix2face fit`.
         min_score: Smallest score of a detected face, as for `pix2face fit`.
+        smallest_face: Longer side of the smallest faces to find, as for `pix2face fit`.
         refine: Correct or reject detected boxes by a first prediction, as `pix2face fit` does.
         normaliser: What errors are divided by. Default: the benchmark's own.
         threshold: Error, as a fraction, from which a face counts as failed. The error curve ends there. Default: the
@@ -73,6 +74,7 @@ class EvaluateConfig:
     boxes: Literal["truth", "detected"] = "truth"
     detector: str = DEFAULT_DETECTOR
     min_score: Annotated[float | None, optional("FLOAT")] = None
+    smallest_face: Annotated[float | None, optional("FLOAT")] = None
     refine: bool = True
     normaliser: Annotated[Normaliser | None, optional(choices(Normaliser))] = None
     threshold: Annotated[float | None, optional("FLOAT")] = None

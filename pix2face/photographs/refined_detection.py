@@ -59,7 +59,7 @@ class RefinedBox:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether this is no face, by a network that can tell: one that says what of a face a picture shows."""
+        """Whether a network that says what of a face a picture shows finds none here; others cannot tell."""
         return self.seen_share is not None and not self.is_plausible
 
 

@@ -80,7 +80,8 @@ def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) 
     search = None
     if config.boxes == "detected":
         own_predictor, own_model = (predictor, model) if config.refine else (None, None)
-        search = FaceSearch(open_detector(config.detector), own_predictor, own_model, config.min_score)
+        detector = open_detector(config.detector, config.smallest_face)
+        search = FaceSearch(detector, own_predictor, own_model, config.min_score)
     subject = NetworkSubject(
         predictor,
         lambda maps, image_centre: fit_face(maps, model, how, principal_point_px=image_centre),

@@ -49,7 +49,7 @@ def two_of_one_person(
         def candidates(self, image: np.ndarray) -> list:
             return [DetectedFace(next(detectors), 1.0)]
 
-    monkeypatch.setattr("pix2face.api.open_detector", lambda name="cnn": OneByOne())
+    monkeypatch.setattr("pix2face.api.open_detector", lambda *call: OneByOne())
     return first, second
 
 

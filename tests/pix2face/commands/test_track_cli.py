@@ -55,7 +55,7 @@ def stand_ins(monkeypatch, model) -> None:
     """The command opens the small head, a network that reads colours, and a detector of blobs."""
     monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: model)
     monkeypatch.setattr(Predictor, "load", lambda path, device=None: colour_predictor(model))
-    monkeypatch.setattr(track_cli, "open_detector", lambda name: BlobDetector())
+    monkeypatch.setattr(track_cli, "open_detector", lambda *call: BlobDetector())
 
 
 def track(*arguments: object) -> int:
@@ -169,7 +169,7 @@ def test_boxes_of_a_few_frames_lead_through_the_whole_clip(tmp_path, frames):
 
 @pytest.mark.usefixtures("stand_ins")
 def test_frames_without_a_detection_are_flagged(tmp_path, frames, monkeypatch):
-    monkeypatch.setattr(track_cli, "open_detector", lambda name: BlobDetector(missing=(0, 3, 4, 7)))
+    monkeypatch.setattr(track_cli, "open_detector", lambda *call: BlobDetector(missing=(0, 3, 4, 7)))
     assert track(frames, "--out", tmp_path, "--write", "csv,npz") == 0
     flags = [row["box"] for row in rows_of(tmp_path / "landmarks.csv")]
     assert flags == ["held", "detected", "detected", "interpolated", "interpolated", "detected", "detected", "held"]

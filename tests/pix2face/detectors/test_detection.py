@@ -30,7 +30,7 @@ def detector(request) -> Detector:
         pytest.importorskip("dlib", reason="the extra dlib is not installed")
         if importlib.util.find_spec(dlib_cnn.WEIGHTS_PACKAGE) is None:
             pytest.skip(f"the package {dlib_cnn.WEIGHTS_PACKAGE} is not installed")
-        return dlib_cnn.DlibCnnDetector(longest_side_px=360)  # an eighth of the time
+        return dlib_cnn.DlibCnnDetector(smallest_face=80 / 360)  # an eighth of the time
     return open_detector(request.param)
 
 
@@ -96,6 +96,22 @@ def test_several_faces_are_found_and_ordered(tmp_path):
 def test_an_unknown_detector_is_refused_with_the_names_of_the_known():
     with pytest.raises(UsageError, match="cnn, dlib, found 'haar'"):
         open_detector("haar")
+
+
+@pytest.mark.parametrize("share", [0.0, -0.1, 1.01, float("nan")])
+def test_a_smallest_face_is_a_share_of_the_picture(share):
+    with pytest.raises(UsageError, match="a share of the picture's longer side"):
+        open_detector("cnn", share)
+
+
+def test_smaller_faces_are_found_if_they_are_asked_for():
+    picture = np.full((1000, 1600, 3), 128, dtype=np.uint8)
+    scale = 24 / ASTRONAUT_FACE.longer_side
+    small = cv2.resize(ASTRONAUT, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    picture[500 : 500 + len(small), 900 : 900 + small.shape[1]] = small
+    face = FaceBox(*(np.array([86, 93, 171, 170]) * scale + np.tile([900, 500], 2)).tolist())
+    assert not any(overlap(box, face) > 0.4 for box in open_detector().detect(picture))
+    assert any(overlap(box, face) > 0.4 for box in open_detector(smallest_face=0.01).detect(picture))
 
 
 def test_missing_weights_name_the_line_that_gets_them(monkeypatch):

@@ -278,7 +278,7 @@ def test_a_detectors_misses_are_failures(tmp_path, small_model, capsys, monkeypa
     other = FixedDetector((FaceBox(0, 0, 9, 9), 1.2))
     for detector, found in ((FixedDetector(), "found no face"), (other, "found 1 elsewhere")):
         monkeypatch.setattr(
-            "pix2face.evaluation.subjects.measured_subject.open_detector", lambda name, own=detector: own
+            "pix2face.evaluation.subjects.measured_subject.open_detector", lambda *call, own=detector: own
         )
         assert run(tmp_path, "--data", tmp_path, "--boxes", "detected", "--no-refine") == 0
         report, printed = stored_report(tmp_path), capsys.readouterr().out
@@ -296,7 +296,7 @@ def test_a_detector_is_measured_on_renders(tmp_path, small_model, capsys, monkey
     right = FaceBox(tight.left + 4, tight.top, tight.right + 4, tight.bottom)
     faces = ((right, 2.0), (FaceBox(0, 0, 9, 9), 1.1), (FaceBox(9, 0, 18, 9), 0.3))
     monkeypatch.setattr(
-        "pix2face.evaluation.subjects.measured_subject.open_detector", lambda name: FixedDetector(*faces)
+        "pix2face.evaluation.subjects.measured_subject.open_detector", lambda *call: FixedDetector(*faces)
     )
     call = ("--data", tmp_path / "shards", "--boxes", "detected", "--no-refine", "--detector", "dlib")
     assert run(tmp_path, *call, split="builtin-heldout") == 0
@@ -335,6 +335,8 @@ def sides_of(box):
         (["--oracle", "--boxes", "detected"], "--boxes detected: expected a checkpoint"),
         (["--detector", "dlib"], "--detector: expected --boxes detected"),
         (["--no-refine"], "--no-refine: expected --boxes detected"),
+        (["--smallest-face", 0.1], "--smallest-face: expected --boxes detected"),
+        (["--boxes", "detected", "--smallest-face", 0], "above 0 and at most 1 (--smallest-face 0.02), found 0"),
         (["--boxes", "detected", "--detector", "haar"], "expected a detector of"),
         (["--predictions", "p.npz", "--contour", "2d"], "--contour 2d: expected a fit"),
         (["--oracle", "--regularisation", 80], "--regularisation: expected a checkpoint"),
