@@ -10,7 +10,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.detectors.detection import DEFAULT_DETECTOR, DetectedFace, Detector, open_detector
-from pix2face.detectors.protocol import box_and_score, sure_faces
+from pix2face.detectors.protocol import SURE_SCORE, box_and_score, sure_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
@@ -44,7 +44,7 @@ class Pix2Face:
         model: The morphable model that the network was trained for; None if only maps are wanted.
         detector: The face detector; None uses the default of ``pix2face.detectors.detection``.
         refine: Whether a first prediction corrects or rejects the detector's boxes; needs the model.
-        min_score: Smallest score of a detected face; None is 1.
+        min_score: Smallest score of a detected face.
 
     Raises:
         ModelMismatchError: The network was trained for another model.
@@ -57,7 +57,7 @@ class Pix2Face:
         detector: Detector | None = None,
         refine: bool = True,
         *,
-        min_score: float | None = None,
+        min_score: float = SURE_SCORE,
     ) -> None:
         if model is not None:
             predictor.header.check_model(model.name, model.sha256)
@@ -88,7 +88,7 @@ class Pix2Face:
         refine: bool = True,
         *,
         own_landmarks: bool | None = None,
-        min_score: float | None = None,
+        min_score: float = SURE_SCORE,
         smallest_face: float | None = None,
     ) -> "Pix2Face":
         """Opens a checkpoint and the model that it was trained for.

@@ -12,7 +12,7 @@ from numpy import ndarray
 from pix2face.api import Pix2Face
 from pix2face.command_line import optional
 from pix2face.detectors.detection import DEFAULT_DETECTOR
-from pix2face.detectors.protocol import Box
+from pix2face.detectors.protocol import SURE_SCORE, Box
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError, UsageError
 from pix2face.face_files.box_files import LARGEST_BOX_PX, BoxFile, read_box_file
 from pix2face.geometry.crops import FaceBox
@@ -89,7 +89,7 @@ class FaceOptions:
             is written by `pix2face track`.
         detector: Detector that finds faces: cnn (the network that comes with the package) or dlib (as in the paper;
             pip install 'pix2face[dlib]').
-        min_score: Smallest score of a detected face. The higher the score, the surer the detector. Default: 1.
+        min_score: Smallest score of a detected face. The higher the score, the surer the detector.
         smallest_face: Longer side of the smallest faces to find, as a share of the longer side of the picture. Smaller
             shares take longer. Default: about 0.04 for cnn and 0.08 for dlib.
         refine: Correct each box by a first prediction. In photographs, boxes in which it finds no face are rejected.
@@ -98,7 +98,7 @@ class FaceOptions:
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
     boxes: Annotated[Path | None, optional("PATH")] = None
     detector: str = DEFAULT_DETECTOR
-    min_score: Annotated[float | None, optional("FLOAT")] = None
+    min_score: float = SURE_SCORE
     smallest_face: Annotated[float | None, optional("FLOAT")] = None
     refine: bool = True
 

@@ -41,10 +41,9 @@ class Detector(Protocol):
         """The sure and the doubtful faces, surest first."""
 
 
-def sure_faces(candidates: Sequence[DetectedFace], min_score: float | None = None) -> list[DetectedFace]:
-    """The faces with a score of at least ``min_score`` (1 if it is None), largest first."""
-    least = SURE_SCORE if min_score is None else min_score
-    return sorted((face for face in candidates if face.score >= least), key=lambda face: -face.box.longer_side)
+def sure_faces(candidates: Sequence[DetectedFace], min_score: float = SURE_SCORE) -> list[DetectedFace]:
+    """The faces with a score of at least ``min_score``, largest first."""
+    return sorted((face for face in candidates if face.score >= min_score), key=lambda face: -face.box.longer_side)
 
 
 def sure_boxes(candidates: Sequence[DetectedFace]) -> list[FaceBox]:

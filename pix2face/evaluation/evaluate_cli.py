@@ -21,6 +21,7 @@ from pix2face.command_line import (
     say,
 )
 from pix2face.detectors.detection import DEFAULT_DETECTOR, open_detector
+from pix2face.detectors.protocol import SURE_SCORE
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.benchmarks.benchmark_search import find_benchmark
@@ -106,7 +107,7 @@ def _check_numbers(config: EvaluateConfig) -> None:
             raise UsageError(f"{name}: expected {least} or more, found {value}")
     of_detection = {
         "--detector": config.detector != DEFAULT_DETECTOR,
-        "--min-score": config.min_score is not None,
+        "--min-score": config.min_score != SURE_SCORE,
         "--smallest-face": config.smallest_face is not None,
         "--no-refine": not config.refine,
     }

@@ -9,6 +9,7 @@ import tyro
 from pix2face.command_line import choices, optional
 from pix2face.commands.face_options import NetworkOptions
 from pix2face.detectors.detection import DEFAULT_DETECTOR
+from pix2face.detectors.protocol import SURE_SCORE
 from pix2face.evaluation.benchmarks.manifest import Split
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.landmark_metrics import Alignment, Normaliser
@@ -73,7 +74,7 @@ class EvaluateConfig:
     reannotated: Annotated[Path | None, optional("PATH")] = None
     boxes: Literal["truth", "detected"] = "truth"
     detector: str = DEFAULT_DETECTOR
-    min_score: Annotated[float | None, optional("FLOAT")] = None
+    min_score: float = SURE_SCORE
     smallest_face: Annotated[float | None, optional("FLOAT")] = None
     refine: bool = True
     normaliser: Annotated[Normaliser | None, optional(choices(Normaliser))] = None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import final
 
 from pix2face.detectors.detection import DetectedFace, Detector
-from pix2face.detectors.protocol import overlap, sure_faces
+from pix2face.detectors.protocol import SURE_SCORE, overlap, sure_faces
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.figures.detection_summary import FaceDetection, is_of_face
 from pix2face.geometry.crops import FaceBox
@@ -22,7 +22,7 @@ class FaceSearch:
     detector: Detector
     predictor: Predictor | None = None  # corrects and rejects boxes; None uses them as they are
     model: MorphableModel | None = None  # of the predictor
-    min_score: float | None = None  # as in ``Pix2Face``
+    min_score: float = SURE_SCORE  # of the faces that count
 
     def find(self, face: BenchmarkFace) -> FaceDetection:
         """Looks for the annotated face.
