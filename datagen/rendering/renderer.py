@@ -23,12 +23,9 @@ from datagen.rendering.picture_drawing import PICTURE_OVERSAMPLING, PictureDrawe
 from datagen.rendering.screen_projection import project_to_screen
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import Camera
+from pix2face.geometry.landmarks import LANDMARK_TOLERANCE_MM
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
-
-# A landmark is a point of the surface, but the depth at its pixel is taken up to 0.7 px beside it, where a slanting
-# cheek is some millimetres deeper; what hides a landmark (nose, jaw, the other half of the head) is farther away.
-LANDMARK_TOLERANCE_MM = 3.0
 
 
 @final
@@ -159,5 +156,7 @@ def visible_landmarks(
     column, row = np.floor(camera.project(points)).astype(np.int64).T
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     surface = surface_depth[np.where(inside, row, 0), np.where(inside, column, 0)]
-    # At the silhouette the centre of the landmark's own pixel may be background (inf): it counts as seen.
+    # The depth is taken up to 0.7 px beside the landmark, where a slanting cheek is some millimetres deeper: the
+    # tolerance also covers this. At the silhouette, the centre of the landmark's own pixel may be background (inf): the
+    # landmark counts as seen.
     return np.asarray(inside & (camera.depth(points) < surface + LANDMARK_TOLERANCE_MM))

@@ -50,6 +50,10 @@ IBUG68_PARTS: Final[Mapping[str, tuple[int, ...]]] = {
 # Everything but the jaw, whose points mean different things to a photograph (outline) and to a 3D model (fixed points).
 INNER51: Final = tuple(range(17, 68))
 
+# A landmark is hidden by what is nearer by more than this. An annotated point is a place of some millimetres: the inner
+# corners of the mouth lie in the fold of the lips, which cover them by 1 to 3 mm in a smile. What hides a landmark from
+# people (nose, jaw, the other half of the head) is farther away.
+LANDMARK_TOLERANCE_MM: Final = 3.0
 OUTER_EYE_CORNERS: Final = (36, 45)
 RIGHT_EYE: Final = IBUG68_GROUPS["right_eye"]
 LEFT_EYE: Final = IBUG68_GROUPS["left_eye"]

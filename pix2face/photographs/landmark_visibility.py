@@ -10,12 +10,9 @@ from numpy import ndarray
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import Crop
-from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.landmarks import IBUG68, LANDMARK_TOLERANCE_MM
 from pix2face.geometry.maps import FaceMaps
 
-# A vertex lies on its own surface: only what is nearer by more than this hides it. Landmark vertices sit a little
-# below the skin of the neighbouring triangles where the surface is bent.
-TOLERANCE_MM = 1.0
 # How far from the face, in pixels of the maps, a point is still taken for one of its border.
 REACH_PX = 4
 
@@ -65,7 +62,7 @@ def visible_vertices(
     camera: Camera,
     indices: Int[ndarray, " m"],
     *,
-    tolerance_mm: float = TOLERANCE_MM,
+    tolerance_mm: float = LANDMARK_TOLERANCE_MM,
 ) -> Bool[ndarray, " m"]:
     """Whether the line of sight to each vertex meets no other part of the mesh in front of it.
 

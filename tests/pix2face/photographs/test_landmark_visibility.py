@@ -45,6 +45,15 @@ def test_a_frontal_face_shows_its_landmarks_and_a_profile_half_of_them():
     assert other[45] == one[36]
 
 
+def test_lips_do_not_hide_the_corners_of_a_smiling_mouth():
+    model = builtin_model()
+    corners = model.landmarks[IBUG68][[48, 54, 60, 64]]
+    smile = sum(model.named_expressions[name] for name in ("mouthSmileLeft", "mouthSmileRight"))
+    vertices = model.vertices(np.zeros((1, model.n_identity), np.float32), smile[None].astype(np.float32))[0]
+    assert not visible_vertices(vertices, model.triangles, camera_of(0), corners, tolerance_mm=1)[2:].any()
+    assert visible_vertices(vertices, model.triangles, camera_of(0), corners).all()
+
+
 def test_a_triangle_in_front_hides_and_one_behind_does_not():
     vertices = np.array([[0, 0, 0], [-9, -9, 5], [9, -9, 5], [0, 9, 5]], dtype=float)
     triangles = np.array([[1, 2, 3]])

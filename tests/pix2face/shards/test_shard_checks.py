@@ -293,6 +293,14 @@ def test_landmarks_that_differ_in_number_are_refused(shard: Path) -> None:
     assert "the numbers of landmarks differ" in verify_shard(shard)[0]
 
 
+def test_pictures_of_4096_pixels_are_checked(tmp_path: Path) -> None:
+    mask = np.zeros((4096, 4096), dtype=bool)
+    mask[8:10, 4000:4090] = True
+    large = replace(make_triplet(0), image_bytes=None, layers={"mask": mask})
+    write_shard(tmp_path / "shard-00000.h5", replace(HEADER, layers=("mask", "landmarks")), [large])
+    assert verify_shard(tmp_path / "shard-00000.h5") == []
+
+
 def test_layers_that_are_too_large_for_their_file_are_not_unfolded(tmp_path: Path) -> None:
     large = replace(make_triplet(0), image_bytes=None, layers={"mask": np.zeros((8192, 8192), dtype=bool)})
     write_shard(tmp_path / "shard-00000.h5", replace(HEADER, layers=("mask", "landmarks")), [large])
