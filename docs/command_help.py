@@ -19,7 +19,7 @@ from sphinx.util.docutils import SphinxDirective
 PROGRAMS = {
     "datagen": "datagen.cli",
     "train": "training.cli",
-    "evaluate": "pix2face.evaluation.evaluate_cli",
+    "evaluate": "pix2face.evaluation.cli",
     "pix2face": "pix2face.commands.cli",
 }
 # Subcommands that the help of their program names in its text and not in a list.

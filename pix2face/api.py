@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.detectors.detection import DEFAULT_DETECTOR, DetectedFace, Detector, open_detector
+from pix2face.detectors import DEFAULT_DETECTOR
+from pix2face.detectors.detection import DetectedFace, Detector, open_detector
 from pix2face.detectors.protocol import SURE_SCORE, box_and_score, sure_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import FaceFit, fit_face
@@ -19,7 +20,8 @@ from pix2face.geometry.crops import image_centre_in_crop
 from pix2face.inference import PACKAGED
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
-from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.models import BUILTIN_MODEL
+from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.given_photographs import (
     GivenBoxes,
     GivenPhotograph,

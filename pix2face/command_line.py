@@ -3,8 +3,7 @@
 import json
 import os
 import stat
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, final, get_args
@@ -22,95 +21,13 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
-from threadpoolctl import threadpool_limits
 
-from pix2face import __version__
-from pix2face.errors import Pix2FaceError, UsageError
-from pix2face.files.writing import WRITE_ERRORS, written_in_one_step
+from pix2face.errors import UsageError
+from pix2face.files.writing import written_in_one_step
 
-EXIT_BROKEN_PIPE = 1
 EXIT_ERROR = 2
 EXIT_REJECTED = 3
-EXIT_INTERRUPTED = 130
 REJECTED_FILE = "rejected.jsonl"
-
-
-def run_commands(
-    program: str, description: str, commands: Mapping[str, Callable[..., int]], arguments: Sequence[str] | None
-) -> int:
-    """Parses a command line with subcommands, runs the one chosen, and turns our errors into one line.
-
-    Args:
-        program: Name in messages.
-        description: First lines of ``--help``.
-        commands: For each subcommand a function of one configuration dataclass; its docstring is its help. A command
-            under the name "" is what the program does where no subcommand is named.
-        arguments: Without the program's name; None takes those of the process.
-
-    Returns:
-        The exit status: what the command returned, 2 on an error of ours, 130 when interrupted, 1 where nobody reads
-        the output any more.
-    """
-    _replace_missing_streams()
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    if "" in commands and given and given[0] in commands:
-        chosen = commands[given[0]]
-        return run_commands(f"{program} {given[0]}", _first_line(chosen), {"": chosen}, given[1:])
-    try:
-        # Fits solve systems of some hundred unknowns: threads of the linear algebra only wait for each other, and
-        # beside any other job they make a solve up to a hundred times slower. torch has threads of its own.
-        with threadpool_limits(1, user_api="blas"):
-            status = _run(program, description, commands, given)
-        sys.stdout.flush()  # else a failure to write the last lines would come too late to be said
-        return status
-    except BrokenPipeError:
-        # As rich does where it prints. What is still to be written must not fail once more while Python ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_BROKEN_PIPE
-    except (Pix2FaceError, OSError) as error:
-        # OSError: no such right, no space, a file where a folder should be: what no command can foresee.
-        sys.stderr.write(f"{program}: error: {printable(str(_with_its_place(error)))}\n")
-        return EXIT_ERROR
-    except MemoryError as error:
-        found = f" ({printable(str(error))})" if str(error) else ""
-        sys.stderr.write(f"{program}: error: more memory is needed than there is{found}; ask for less at a time\n")
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
-        return EXIT_INTERRUPTED
-
-
-def _with_its_place(error: Pix2FaceError | OSError) -> Pix2FaceError | OSError:
-    """Names the standard output in the error of a failed write to it: errors of files name the file."""
-    if isinstance(error, OSError) and error.filename is None and error.errno in WRITE_ERRORS:
-        return OSError(error.errno, error.strerror, "standard output")
-    return error
-
-
-def _replace_missing_streams() -> None:
-    """Drops what is printed where a program was started without a standard output or error."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 (until the process ends)
-
-
-def _run(program: str, description: str, commands: Mapping[str, Callable[..., int]], arguments: list[str]) -> int:
-    if arguments[:1] == ["--version"]:
-        sys.stdout.write(f"{program} {__version__}\n")
-        return 0
-    named = {name: command for name, command in commands.items() if name}
-    version = "" if " " in program else f"\n\n`{program} --version` prints the version."
-    if "" not in commands:
-        text = f"{description}\n\n`{program} COMMAND --help` explains a command.{version}"
-        return int(tyro.extras.subcommand_cli_from_dict(named, prog=program, description=text, args=arguments))
-    lines = [f"`{program} {name}`: {_first_line(command)}" for name, command in named.items()]
-    subcommands = "\n\n" + "\n".join(["Subcommands, each with a `--help` of its own:", *lines]) if lines else ""
-    text = f"{description}{subcommands}{version}"
-    return int(tyro.cli(commands[""], prog=program, description=text, args=arguments))
-
-
-def _first_line(command: Callable[..., int]) -> str:
-    return (command.__doc__ or "").strip().split("\n")[0]
 
 
 def optional(metavar: str) -> Any:

@@ -6,12 +6,13 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from pix2face.command_line import run_commands
+from pix2face.programs import Command, run_commands
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -76,21 +77,12 @@ def parse(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Parses a command line as its program does, and runs nothing."""
     module = importlib.import_module(PROGRAMS[words[0]])
 
-    def run_stubs(
-        program: str, description: str, functions: Mapping[str, Callable[..., int]], arguments: list[str]
-    ) -> int:
-        return run_commands(program, description, {name: stub(run) for name, run in functions.items()}, arguments)
+    def run_stubs(program: str, description: str, given: Mapping[str, Command], arguments: list[str]) -> int:
+        stubs = {name: replace(command, function=lambda options: 0) for name, command in given.items()}
+        return run_commands(program, description, stubs, arguments)
 
     monkeypatch.setattr(module, "run_commands", run_stubs)
     assert module.main(words[1:]) == 0
-
-
-def stub(command: Callable[..., int]) -> Callable[..., int]:
-    @functools.wraps(command)
-    def does_nothing(*_: object, **__: object) -> int:
-        return 0
-
-    return does_nothing
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

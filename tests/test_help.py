@@ -12,7 +12,7 @@ import pytest
 from datagen.cli import main as datagen
 from pix2face import __version__
 from pix2face.commands.cli import main as pix2face
-from pix2face.evaluation.evaluate_cli import main as evaluate
+from pix2face.evaluation.cli import main as evaluate
 from training.cli import main as train
 from training.recipe.presets import PRESETS
 

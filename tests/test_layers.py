@@ -7,19 +7,21 @@ import sys
 from pathlib import Path
 
 import datagen
+from tests.test_help import PAGES, PROGRAMS
 
 ROOT = Path(__file__).parents[1]
 DATAGEN_MODULES = sorted(
     module.name for module in pkgutil.walk_packages(datagen.__path__, "datagen.") if not module.ispkg
 )
 TRAINING_NEEDS_NO = {"moderngl", "glcontext", "datagen"}
+HELP_NEEDS_NO = {"torch", "scipy", "skimage", "matplotlib", "h5py", "trimesh", "PIL", "moderngl", "OpenEXR"}
 INFERENCE_NEEDS_NO = {"h5py", "moderngl", "glcontext", "datagen", "training"}
 
 
 def loaded_by(*steps: str) -> list[set[str]]:
-    """Top-level modules that are there after importing one set of modules after the other, in a fresh process."""
+    """Top-level modules that are there after one step of code after the other, in a fresh process."""
     show = "print(*{name.partition('.')[0] for name in sys.modules})"
-    code = "\n".join(["import sys", *(f"import {modules}; {show}" for modules in steps)])
+    code = "\n".join(["import sys", *(f"{step}\n{show}" for step in steps)])
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return [set(line.split()) for line in run.stdout.splitlines()]
@@ -27,31 +29,45 @@ def loaded_by(*steps: str) -> list[set[str]]:
 
 # The second step shows each time that what the first has not loaded would be seen.
 def test_inference_loads_neither_hdf5_nor_gl() -> None:
-    loaded, more = loaded_by("pix2face.inference.predictor", "pix2face.shards.shard_reader")
+    loaded, more = loaded_by("import pix2face.inference.predictor", "import pix2face.shards.shard_reader")
     assert "torch" in loaded
     assert not loaded & INFERENCE_NEEDS_NO
     assert more & INFERENCE_NEEDS_NO == {"h5py"}
 
 
 def test_the_package_itself_loads_neither_torch_nor_hdf5() -> None:
-    loaded, more = loaded_by("pix2face", "pix2face.api")
+    loaded, more = loaded_by("import pix2face", "import pix2face.api")
     assert not loaded & {"torch", "h5py", "numpy", "cv2"}
     assert {"torch", "h5py"} <= more
 
 
 def test_no_module_of_datagen_loads_torch() -> None:
     assert {"datagen.cli", "datagen.rendering.renderer", "datagen.appearance.scene"} <= set(DATAGEN_MODULES)
-    loaded, more = loaded_by(", ".join(DATAGEN_MODULES), "training.loop.losses")
+    loaded, more = loaded_by(f"import {', '.join(DATAGEN_MODULES)}", "import training.loop.losses")
     assert "moderngl" in loaded
     assert not loaded & {"torch", "training"}
     assert {"torch", "training"} <= more
 
 
 def test_training_loads_no_gl() -> None:
-    loaded, more = loaded_by("training.cli", "datagen.opengl.gl_context")
+    loaded, more = loaded_by("import training.cli", "import datagen.opengl.gl_context")
     assert "torch" in loaded
     assert not loaded & TRAINING_NEEDS_NO
     assert {"moderngl", "datagen"} <= more & TRAINING_NEEDS_NO
+
+
+def test_help_loads_nothing_heavy() -> None:
+    calls = [(PROGRAMS[program].__module__, words) for program, *words in map(str.split, PAGES)]
+    code = f"""
+import contextlib, importlib, io
+for module, words in {calls}:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+        importlib.import_module(module).main([*words, "--help"])
+"""
+    helped, more = loaded_by(code, "import pix2face.shards.shard_reader")
+    assert {"tyro", "datagen", "training", "pix2face"} <= helped
+    assert not helped & HELP_NEEDS_NO
+    assert "h5py" in more & HELP_NEEDS_NO
 
 
 def check_contracts(folder: Path) -> subprocess.CompletedProcess[str]:

@@ -1,143 +1,27 @@
-"""The program ``train``: shards to a checkpoint."""
+"""The program ``train``: its commands, whose modules are imported when they run."""
 
-import os
-import signal
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
-from pathlib import Path
-from typing import Annotated
 
-import torch
-import tyro
-from rich.console import Console
-from rich.panel import Panel
-
-from pix2face.command_line import prepare_output_folder, progress_bar, run_commands, say
-from pix2face.errors import Pix2FaceError, UsageError
-from pix2face.inference import CHECKPOINT_NAME
-from pix2face.inference.checkpoint import load_header
-from pix2face.models.morphable_model import builtin_model
-from pix2face.stop_signals import exit_status_of, first_signal
-from training.data.shard_folders import parse_shard_folders
-from training.data.shard_index import ShardIndex, index_shards, split_off
-from training.detection.detector_cli import detector
-from training.loop.observers import observers_of
-from training.loop.plan_report import dry_run, summary
-from training.loop.processes import joined_processes
-from training.loop.resume import steps_done
-from training.loop.run_configuration import training_configuration, with_scales_of
-from training.loop.tasks import Surroundings
-from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, TrainingStopped, train
-from training.loop.validation import Validator, validator_of
-from training.recipe.recipe import Recipe
-from training.release.release_cli import export
-from training.train_config import TrainConfig, cores, preset_of
+from pix2face.programs import Command, run_commands
+from training.train_config import DetectorConfig, ExportConfig, TrainConfig, preset_of
 
 DESCRIPTION = """Train the network on shards that `datagen render` wrote.
 
 After an interruption, run the same command again. It continues from the last saved state, and the result is the same as
 without the interruption. `torchrun --nproc-per-node N -m training.cli ...` trains with several processes."""
 
-# Exit status of a process that stops because another one was asked to.
-EXIT_STOPPED = exit_status_of(signal.SIGTERM)
-
-
-def run(config: TrainConfig) -> int:
-    """Trains, and shows a summary first, then a progress bar, and at the end the next command."""
-    recipe = config.recipe()
-    with ExitStack() as stack:
-        signals: list[int] = []
-        stack.enter_context(first_signal(signals.append))
-        processes = stack.enter_context(joined_processes(config.checked_device()))
-        surroundings = config.surroundings(processes)
-        _limit_threads(surroundings)
-        console = Console(stderr=True, quiet=not processes.is_first)
-        shards, validator = _data(config, recipe)
-        if config.dry_run:
-            for line in dry_run(shards, recipe, surroundings):
-                say(console, line)
-            return 0
-        out = config.out
-        _prepare(out, config.restart and processes.is_first)
-        processes.wait_for_all()
-        done = steps_done(out / RESUME_NAME, training_configuration(shards, recipe, config.init)) * recipe.batch_size
-        console.print(Panel(summary(shards, recipe, config.preset, out, done), title="train", expand=False))
-        advance = stack.enter_context(progress_bar(console, "training", recipe.steps * recipe.batch_size))
-        advance(done, already_done=True)
-        board = out / "tensorboard" if config.tensorboard else None
-        watching = observers_of(advance, recipe.epochs, lambda: bool(signals), board, validator)
-        observers = stack.enter_context(watching)
-        try:
-            checkpoint = train(
-                shards, recipe, out, surroundings, initial=config.init, validator=validator, observers=observers
-            )
-        except TrainingStopped as stopped:
-            say(console, str(stopped))
-            return exit_status_of(signals[0]) if signals else EXIT_STOPPED
-        except RuntimeError as error:  # torch has no narrower one for a partner that is gone
-            if processes.count == 1:
-                raise
-            raise Pix2FaceError(
-                f"process {processes.rank} of {processes.count}: {str(error).splitlines()[0]}. "
-                "Did another process end? The same command goes on from the last state"
-            ) from error
-    say(console, f"checkpoint: {checkpoint}")
-    say(console, f"next: {next_command(shards, checkpoint)}")
-    return 0
-
-
-def next_command(shards: ShardIndex, checkpoint: Path) -> str:
-    """The next command for a checkpoint. It names a benchmark only after training on renders of the built-in model."""
-    builtin = builtin_model()
-    # Renders are under the terms of their model and nothing else; photographs have terms of their own.
-    if (shards.model_sha256, shards.licence) == (builtin.sha256, builtin.licence):
-        return f"evaluate --split builtin-heldout --data HELDOUT --checkpoint {checkpoint} (says how to make HELDOUT)"
-    return f"evaluate --help lists the benchmarks for --checkpoint {checkpoint}"
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs ``train``; returns the exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     defaults = TrainConfig.of_preset(preset_of(arguments))
-
-    def train_network(config: Annotated[TrainConfig, tyro.conf.arg(name="")] = defaults) -> int:
-        return run(config)
-
-    return run_commands("train", DESCRIPTION, {"": train_network, "detector": detector, "export": export}, arguments)
-
-
-def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | None]:
-    """The samples to train on, and the validator for the others."""
-    if not 0 <= config.validation < 1:
-        raise UsageError(f"--validation: expected a share from 0 to less than 1, found {config.validation}")
-    if not config.shards:
-        raise UsageError("--shards: expected folders of shards, found none")
-    shards = index_shards(parse_shard_folders(config.shards), config.where)
-    if recipe.jitter.mirror and shards.mirror_obstacle:
-        raise UsageError(
-            f"--mirror yes: expected shards whose samples can be mirrored, but {shards.mirror_obstacle}; "
-            "give --mirror no"
-        )
-    if config.init:
-        shards = with_scales_of(load_header(config.init), shards, recipe)
-    if not config.validation:
-        return shards, None
-    shards, held_out = split_off(shards, config.validation)
-    return shards, validator_of(held_out, recipe, config.validation_samples, config.validate_every)
-
-
-def _prepare(out: Path, is_restarted: bool) -> None:
-    prepare_output_folder(out)
-    if is_restarted:
-        for name in (CHECKPOINT_NAME, BEST_NAME, RESUME_NAME, LOG_NAME):
-            (out / name).unlink(missing_ok=True)
-
-
-def _limit_threads(surroundings: Surroundings) -> None:
-    """Leaves the workers their cores: with more threads than cores, parallel sections wait for each other."""
-    if "OMP_NUM_THREADS" not in os.environ:
-        torch.set_num_threads(max(cores() - surroundings.workers, 1))
+    commands = {
+        "": Command(TrainConfig, "training.train_cli:train_network", default=defaults),
+        "detector": Command(DetectorConfig, "training.detection.detector_cli:detector"),
+        "export": Command(ExportConfig, "training.release.release_cli:export"),
+    }
+    return run_commands("train", DESCRIPTION, commands, arguments)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,18 @@
-"""The options of the command ``train``."""
+"""The options of the commands of ``train``. Nothing that takes long to load is imported here."""
 
 import math
-import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, final
 
-import torch
 import tyro
 
 from pix2face.command_line import optional
 from pix2face.errors import UsageError
 from pix2face.inference import RUNS
-from training.loop.processes import Processes, device_of_process
-from training.loop.tasks import Surroundings
+from training.recipe.detector_recipe import DetectorRecipe
 from training.recipe.presets import PRESETS, PresetName
 from training.recipe.recipe import Recipe
 
@@ -90,42 +87,6 @@ class TrainConfig:
         recipe.check()
         return recipe if self.samples is None else self._of_samples(recipe, self.samples)
 
-    def surroundings(self, processes: Processes) -> Surroundings:
-        """The machine that the options ask for.
-
-        Raises:
-            UsageError: A number makes no sense.
-        """
-        for name, least in (("cache_gb", 0.0), ("workers", 0), ("state_minutes", 0.0)):
-            value = getattr(self, name)
-            if value is not None and not least <= value < math.inf:
-                unit = " (in 10^9 bytes)" if name == "cache_gb" else ""
-                raise UsageError(f"--{name.replace('_', '-')}: expected 0 or more{unit}, found {value}")
-        default_workers = min(max(cores() // 2, 1), 8)
-        return Surroundings(
-            device=self.checked_device(),
-            workers=default_workers if self.workers is None else self.workers,
-            cache_bytes=int(self.cache_gb * 1e9),
-            is_compiled=self.compile,
-            state_minutes=self.state_minutes,
-            processes=processes,
-        )
-
-    def checked_device(self) -> str:
-        """The device of this process.
-
-        Raises:
-            UsageError: The machine has no such device.
-        """
-        device = device_of_process(self.device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        try:
-            torch.zeros(1, device=device).item()  # some devices only pretend to hold numbers
-        except (RuntimeError, AssertionError, ImportError) as error:
-            raise UsageError(
-                f"--device {device}: {str(error).splitlines()[0]}; leave it out to take what is there"
-            ) from error
-        return device
-
     def _of_samples(self, recipe: Recipe, samples: int) -> Recipe:
         """The recipe for so many pictures, in epochs of about the size that it has."""
         if recipe.epochs != PRESETS[self.preset].epochs:
@@ -145,6 +106,52 @@ def preset_of(arguments: Sequence[str]) -> PresetName:
     return next((name for name in PRESETS if name == named), "paper")
 
 
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+@final
+@dataclass(frozen=True, kw_only=True)
+class DetectorConfig:
+    """Train the face detector on rendered people in front of pictures without people.
+
+    After an interruption, run the same command again to continue.
+
+    Attributes:
+        shards: Folders of shards with the layers image, coverage and landmarks.
+        backgrounds: Folder of pictures that show nobody, such as `datagen empty` draws.
+        things: Folders of drawings on transparent backgrounds, which are pasted beside the people: PNG files such as
+            those of Debian's package openclipart-png. They must not show human faces.
+        out: Folder for the detector, the log, and the state from which an interrupted training continues.
+        init: Detector whose weights the training starts from. Default: random weights.
+        numbers: Length and optimisation.
+        workers: Number of processes that compose scenes.
+        device: Torch device, such as cpu or cuda.
+        state_minutes: Minutes between two writings of the state from which an interrupted training continues.
+    """
+
+    shards: tuple[str, ...]
+    backgrounds: Path
+    things: tuple[Path, ...] = ()
+    out: Path = RUNS / "detector"
+    init: Annotated[Path | None, optional("PATH")] = None
+    numbers: Annotated[DetectorRecipe, tyro.conf.arg(name="")] = field(default_factory=DetectorRecipe)
+    workers: int = 1
+    device: str = "cpu"
+    state_minutes: float = 10.0
+
+
+@final
+@dataclass(frozen=True)
+class ExportConfig:
+    """Write the weights as float16 safetensors, a model card, and the same weights as ONNX.
+
+    Attributes:
+        checkpoint: Checkpoint that `train` wrote.
+        out: Folder for the release.
+        report: Reports of `evaluate` (report.json) whose errors are copied into the model card.
+        landmarks: Landmarks that `pix2face landmarks select` chose on fits of this network; the release contains them.
+        onnx: Write the network as ONNX as well (pip install 'pix2face[onnx]').
+    """
+
+    checkpoint: tyro.conf.Positional[Path]
+    out: Path
+    report: Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="")] = ()
+    landmarks: Annotated[Path | None, optional("PATH")] = None
+    onnx: bool = True

@@ -2,47 +2,24 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Annotated
+from dataclasses import asdict, replace
 
-import tyro
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from datagen.datagen_config import DoctorConfig
 from datagen.doctor.doctor import Diagnosis, diagnose
 from datagen.doctor.gl_probe import BackendProbe, devices_apart, probe_backend_apart
 from datagen.doctor.gl_surroundings import Surroundings, survey, versions
-from datagen.opengl.gl_context import BACKENDS, GLSettings, Rasteriser
-from pix2face.command_line import EXIT_ERROR, optional, printable, progress_bar
+from datagen.opengl.gl_context import BACKENDS, GLSettings
+from pix2face.command_line import EXIT_ERROR, printable, progress_bar
 
 console = Console(stderr=True)
 
 
-@dataclass(frozen=True)
-class DoctorConfig:
-    """Configuration of ``datagen doctor``.
-
-    Attributes:
-        gl: Check only this backend: `egl` or `osmesa`. Default: PIX2FACE_GL, otherwise EGL and then OSMesa.
-        device: Check this device of EGL's list, which starts at 0. Default: PIX2FACE_GL_DEVICE, otherwise EGL's first
-            device.
-        rasteriser: Check this rasteriser. Default: PIX2FACE_RASTERISER, otherwise `compute` if the driver has
-            OpenGL 4.3.
-        json: Print everything as JSON instead of tables.
-    """
-
-    gl: Annotated[str | None, optional("STR")] = None
-    device: Annotated[int | None, optional("INT")] = None
-    rasteriser: Rasteriser = "auto"
-    json: bool = False
-
-
-def doctor(config: Annotated[DoctorConfig, tyro.conf.arg(name="")]) -> int:
-    """Report which OpenGL is installed, compare test renders with the reference, and name the remedy for each problem.
-
-    The exit status is 0 if renders can be trusted, and 2 if not.
-    """
+def doctor(config: DoctorConfig) -> int:
+    """Runs ``datagen doctor``."""
     settings = GLSettings(config.gl, config.device, config.rasteriser).resolved()
     with progress_bar(console, "probing", 1 + len(BACKENDS)) as advance:
         surroundings = survey(devices_apart())

@@ -16,6 +16,7 @@ from typing import Any, final
 
 import numpy as np
 
+from datagen.opengl import Rasteriser
 from datagen.opengl.egl_devices import EGLDevice, egl_devices
 from datagen.opengl.gl_context import (
     COMPUTE_VERSION,
@@ -25,7 +26,6 @@ from datagen.opengl.gl_context import (
     REMEDY,
     GLContext,
     GLSettings,
-    Rasteriser,
     create_gl_context,
 )
 from datagen.rendering.renderer import Renderer

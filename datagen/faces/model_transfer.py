@@ -5,21 +5,20 @@ least-squares coefficients of the target are linear in the points. So the transf
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 from numpy import ndarray
 from scipy.spatial import KDTree
 
+from datagen.datagen_config import Through
 from pix2face.errors import ModelMismatchError, UsageError
 from pix2face.face_files.coefficients import FaceCoefficients, configuration_to_json
 from pix2face.fitting.from_landmarks import LANDMARK_REGULARISATION
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.rigid_alignment import RigidTransform, fit_rigid
 from pix2face.models.morphable_model import MorphableModel
-
-Through = Literal["dense", "landmarks"]
 
 # Points of the aligned mean faces that are farther apart than this do not match: one of the surfaces ends there.
 LARGEST_DISTANCE_MM = 10.0

@@ -24,7 +24,8 @@ from datagen.opengl.gl_context import GLSettings
 from datagen.samples.sample_making import check_appearance
 from datagen.samples.stage_times import StageTimes
 from pix2face.command_line import REJECTED_FILE, write_rejected
-from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.models import BUILTIN_MODEL
+from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.models.surface_attributes import check_layers
 from pix2face.shards.shard_reader import ShardReader
 

@@ -1,102 +1,40 @@
 """The command ``datagen render``."""
 
-import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
 
-import tyro
 from rich.console import Console
 
 from datagen.appearance.appearance_config import DEFAULT, PLAIN, PRESETS, AppearanceConfig, load_configuration
 from datagen.appearance.backdrop.picture_folder import list_pictures
+from datagen.datagen_config import RenderConfig
 from datagen.jobs.executors import DaskCluster, ProcessPool, WorkPlace
 from datagen.jobs.folder_lock import UNFINISHED_SHARDS
 from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, reopened, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.models.model_cli import describe
-from datagen.opengl.gl_context import GLSettings, Rasteriser
+from datagen.opengl.gl_context import GLSettings
 from datagen.samples.baked_jitter import JitterBake, ViewMaker
 from pix2face.command_line import (
     EXIT_REJECTED,
     REJECTED_FILE,
     check_max_rejected,
     counted,
-    optional,
     prepare_output_folder,
     progress_bar,
     say,
 )
 from pix2face.errors import UsageError
 from pix2face.geometry.jitter import JitterRange
-from pix2face.models.morphable_model import BUILTIN_MODEL
+from pix2face.models import BUILTIN_MODEL
 from pix2face.shards.layers import ALL_LAYERS, DEFAULT_LAYERS, SCENE_LAYERS, SEEN, order_layers, parse_layers
 from pix2face.stop_signals import StoppedBySignal, stopping_on_signals
 
 console = Console(stderr=True)
 
 
-@dataclass(frozen=True)
-class RenderConfig:
-    """Configuration of ``datagen render``.
-
-    Attributes:
-        coeffs: Folder of 300W-LP or AFLW2000-3D files (with subfolders), or a table (.h5) made by `datagen
-            sample`, `datagen fit` or `datagen coeffs convert`.
-        out: Folder of the shards. Running the same command again completes it. It is refused if settings, the table or
-            the files of the source have changed. A file that was edited without changing its size is not noticed.
-        model: `builtin`, or a model file made by `datagen model import`. An imported BFM 2009 uses the coefficients
-            of 300W-LP as they are; any other model is fitted to the landmarks of the files.
-        appearance: How faces without photographs are drawn: `plain`, `default`, `hard`, or a TOML file as `datagen
-            appearance` prints it (docs/explanation/synthetic_photographs.md). Default: `default` for the built-in
-            model, and `plain` for other models, which can have no other.
-        backgrounds: Folder of your own pictures (with subfolders) to use as backgrounds. `folder_share` of the
-            appearance is the share of the synthetic photographs that have one.
-        layers: Layers of each sample: `all`, or some of image, pncc, offset, mask, depth, normals, uv, regions and
-            landmarks, separated by commas. Synthetic photographs also have three others: seen is the visible part of
-            the face, coverage is how much of each pixel is not backdrop, and seen_regions says what is nearest in each
-            pixel. Default: image, pncc, offset, mask, landmarks, and seen for synthetic photographs.
-        seed: Seed of light, colours and background of rendered pictures, and of the jitter.
-        shard_size: Faces in a shard. One process makes a whole shard, so a small set needs small shards to use all
-            processes.
-        jitter: Number of variants of each face that take its place: crops of 1 to 1.8 times its box, shifted, turned,
-            with other gamma and colours. `train` does not need them: it varies every sample anew each time.
-        jitter_size: Side of such variants, in pixels.
-        jitter_mirror: Mirror every other variant. Refused if the model is not symmetric.
-        workers: Number of processes that render on this machine.
-        scheduler: Render on the workers of this Dask scheduler instead, such as
-            tcp://host:8786 (docs/how_to/render_many_samples.md). Its connections are neither encrypted nor
-            authenticated, so anyone who can reach it can run code on its workers.
-        gl: OpenGL backend. Default: EGL, or OSMesa if EGL fails.
-        device: Number of the GPU, as `datagen doctor` lists them.
-        rasteriser: `compute` needs OpenGL 4.3. `auto` uses `compute` if it is available, and otherwise `fragment`.
-        max_rejected: Largest number of rejected samples for which the exit status is still 0; with more, it is 3.
-    """
-
-    coeffs: Path
-    out: Path
-    model: str = BUILTIN_MODEL
-    appearance: Annotated[str | None, optional("STR")] = None
-    backgrounds: Annotated[Path | None, optional("PATH")] = None
-    layers: Annotated[str | None, optional("STR")] = None
-    seed: int = 0
-    shard_size: int = 100
-    jitter: int = 0
-    jitter_size: int = 256
-    jitter_mirror: bool = False
-    workers: int = os.cpu_count() or 1
-    scheduler: Annotated[str | None, optional("STR")] = None
-    gl: Annotated[Literal["egl", "osmesa"] | None, optional("{egl,osmesa}")] = None
-    device: Annotated[int | None, optional("INT")] = None
-    rasteriser: Rasteriser = "auto"
-    max_rejected: int = 0
-
-
-def render(config: Annotated[RenderConfig, tyro.conf.arg(name="")]) -> int:
-    """Render image / PNCC / offset triplets into sharded HDF5. One bad sample never ends the job.
-
-    Ctrl-C and SIGTERM stop it cleanly (a second one at once). Finished shards are kept, and the same command continues.
-    """
+def render(config: RenderConfig) -> int:
+    """Runs ``datagen render``."""
     with stopping_on_signals():
         try:
             return _render(config)

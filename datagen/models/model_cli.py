@@ -1,84 +1,34 @@
 """The command ``datagen model``: import a published morphable model, describe a model, or show it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import tyro
 from jaxtyping import Float32
 from numpy import ndarray
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from datagen.datagen_config import ModelCommand, ModelImportConfig, ModelInfoConfig, ModelViewConfig
 from datagen.models.model_view import MESH_SUFFIXES, PICTURE_SUFFIXES, write_view
 from pix2face.command_line import check_output_file, printable, say
 from pix2face.errors import UsageError
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats.model_import import import_model
+from pix2face.models import BUILTIN_MODEL
 from pix2face.models.model_crop import without_regions
 from pix2face.models.model_file import Alignment, read_stored_model, write_stored_model
-from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, load_model, open_model
+from pix2face.models.morphable_model import MorphableModel, load_model, open_model
 
 SHOWN_COMPONENTS = 5
 
 console = Console(stderr=True)
 
 
-@dataclass(frozen=True)
-class ModelImportConfig:
-    """Convert a published model to the project's own file and frame. The files' content tells which model it is.
-
-    Attributes:
-        path: BFM 2009: folder with Model_Shape.mat and Model_Expression.mat (as 300W-LP needs it), or
-            with 01_MorphableModel.mat; BFM 2017 or 2019: the .h5; FLAME: the .pkl; Surrey: the .bin; ICT-FaceKit: the
-            folder; GNM: the .npz.
-        out: Model file to write (.h5).
-        without: Regions to leave out, such as `neck`. `datagen model info` lists the regions of a model.
-    """
-
-    path: Annotated[Path, tyro.conf.Positional]
-    out: Path
-    without: Annotated[tuple[str, ...], tyro.conf.arg(help_behavior_hint="")] = ()
-
-
-@dataclass(frozen=True)
-class ModelInfoConfig:
-    """Print sizes, extents, components, variance, landmarks, licence and hash of a model.
-
-    Attributes:
-        model: `builtin`, or a model file.
-    """
-
-    model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
-
-
-@dataclass(frozen=True)
-class ModelViewConfig:
-    """Draw the mean face and ±3 standard deviations of the first components, or write the mean face as a mesh.
-
-    Attributes:
-        model: `builtin`, or a model file.
-        out: File to write: a contact sheet (.jpg or .png), or the mean face (.obj, .glb or .ply).
-        components: Number of identity components and of expression components that the sheet shows.
-    """
-
-    model: Annotated[str, tyro.conf.Positional] = BUILTIN_MODEL
-    out: Path = Path("model.jpg")
-    components: int = 4
-
-
-ModelCommand = (
-    Annotated[ModelImportConfig, tyro.conf.subcommand("import", prefix_name=False)]
-    | Annotated[ModelInfoConfig, tyro.conf.subcommand("info", prefix_name=False)]
-    | Annotated[ModelViewConfig, tyro.conf.subcommand("view", prefix_name=False)]
-)
-
-
-def model(command: Annotated[ModelCommand, tyro.conf.arg(name="")]) -> int:
-    """Import a published morphable model, describe a model, or show it."""
+def model(command: ModelCommand) -> int:
+    """Runs ``datagen model``."""
     if isinstance(command, ModelImportConfig):
         return _import_model(command)
     return _show_model(command) if isinstance(command, ModelInfoConfig) else _view_model(command)

@@ -9,11 +9,10 @@ from typing import Any, Literal, final, get_args
 
 import moderngl
 
+from datagen.opengl import Rasteriser
 from datagen.opengl.egl_devices import count_egl_devices, egl_devices
 from datagen.opengl.osmesa_context import OSMesaContext, load_osmesa
 from pix2face.errors import GLUnavailableError, UsageError
-
-Rasteriser = Literal["auto", "compute", "fragment"]
 
 BACKENDS = ("egl", "osmesa")
 RASTERISERS: tuple[Rasteriser, ...] = get_args(Rasteriser)

@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 from numpy import ndarray
 
 from datagen.appearance.plain_appearance import PlainAppearance
-from datagen.opengl.gl_context import GLContext, Rasteriser, choose_rasteriser
+from datagen.opengl import Rasteriser
+from datagen.opengl.gl_context import GLContext, choose_rasteriser
 from datagen.rendering.compute_rasteriser import ComputeRasteriser
 from datagen.rendering.fragment_rasteriser import FragmentRasteriser
 from datagen.rendering.gl_mesh import GLMesh

@@ -1,33 +1,16 @@
 """The command ``pix2face export``: a checkpoint in, an ONNX file out."""
 
 import logging
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, final
 
-import tyro
 from rich.console import Console
 
-from pix2face.command_line import check_output_file, optional, say
+from pix2face.command_line import check_output_file, say
+from pix2face.commands.pix2face_config import ExportConfig
 from pix2face.inference import PACKAGED
 
 
-@final
-@dataclass(frozen=True)
-class ExportConfig:
-    """Configuration of ``pix2face export``.
-
-    Attributes:
-        checkpoint: Checkpoint that `train` wrote. Default: the one that comes with the package.
-        out: ONNX file to write.
-    """
-
-    checkpoint: Annotated[Path | None, optional("PATH")] = None
-    out: Path = Path("out/network.onnx")
-
-
-def export(config: Annotated[ExportConfig, tyro.conf.arg(name="")]) -> int:
-    """Write the network as ONNX, for any batch size. The metadata contain scales, sizes and the model's hash."""
+def export(config: ExportConfig) -> int:
+    """Runs ``pix2face export``."""
     from pix2face.inference.onnx_export import export_onnx  # torch's exporter takes seconds to load
 
     check_output_file(config.out, (".onnx",))

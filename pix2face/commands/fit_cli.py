@@ -4,14 +4,13 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, final
+from typing import final
 
-import tyro
 from rich.console import Console
 
 from pix2face.api import Pix2Face
 from pix2face.command_line import check_output_folder
-from pix2face.commands.face_options import PhotographOptions
+from pix2face.commands.face_finder import open_finder
 from pix2face.commands.given_files import given_files
 from pix2face.commands.photograph_jobs import (
     Photograph,
@@ -23,11 +22,11 @@ from pix2face.commands.photograph_jobs import (
     write_maps_picture,
     write_picture,
 )
+from pix2face.commands.pix2face_config import Colour, FitConfig
 from pix2face.commands.result_folder import ResultFolder
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import crop_image
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_files import fit_to_json
@@ -36,37 +35,9 @@ from pix2face.photographs.landmark_visibility import landmarks_in_sight
 from pix2face.photographs.mesh_files import FaceMesh, parse_mesh_formats, write_mesh
 from pix2face.photographs.texture import face_texture, vertex_colours
 
-Colour = Literal["auto", "none", "vertex", "texture"]
 
-
-@final
-@dataclass(frozen=True)
-class FitConfig:
-    """Configuration of ``pix2face fit``.
-
-    Attributes:
-        images: Photographs: files, folders of them, or quoted patterns such as 'photos/*.jpg'.
-        faces: Network, model and face boxes.
-        out: Folder for fits, meshes, point clouds and overlays.
-        how: Camera and coefficients.
-        joint: Fit one identity to all photographs, and one expression to each. They must show the same person; the
-            largest face of each photograph is used.
-        mesh: Formats of the mesh, separated by commas: obj, ply, glb; or none.
-        colour: Colours of the mesh, taken from the photograph: vertex, texture or none; auto uses a texture if the
-            model has texture coordinates, and vertex colours otherwise. A .ply has vertex colours instead of a texture.
-    """
-
-    images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="(required)")]
-    faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
-    out: Path = Path("out/fit")
-    how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
-    joint: bool = False
-    mesh: str = "obj,glb"
-    colour: Colour = "auto"
-
-
-def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
-    """Fit a camera and a mesh to every face. Write NAME-0.json (largest face), landmarks, mesh, points and pictures."""
+def fit(config: FitConfig) -> int:
+    """Runs ``pix2face fit``."""
     config.faces.check()
     formats = parse_mesh_formats(config.mesh)
     config.how.check()
@@ -75,7 +46,7 @@ def fit(config: Annotated[FitConfig, tyro.conf.arg(name="")]) -> int:
     console = Console(stderr=True)
     images = given_files(config.images, console)
     check_output_folder(config.out)
-    finder = config.faces.open()
+    finder = open_finder(config.faces)
     model = finder.pix2face.model
     if config.colour == "texture" and model.uv is None:
         raise UsageError(

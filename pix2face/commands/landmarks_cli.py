@@ -1,20 +1,19 @@
 """The command ``pix2face landmarks``: choose the vertices that annotated frames say the landmarks are; show them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-import tyro
 from jaxtyping import Float64
 from numpy import ndarray
 from rich.console import Console
 from rich.table import Table
 
-from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, optional, progress_bar, say
-from pix2face.commands.face_options import NetworkOptions
+from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, progress_bar, say
+from pix2face.commands.face_finder import open_network_model, open_predictor
 from pix2face.commands.photograph_jobs import write_picture
+from pix2face.commands.pix2face_config import LandmarksCommand, LandmarksSelectConfig, LandmarksShowConfig
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.face_files.annotations import AnnotatedFace, Annotation, find_annotations
 from pix2face.face_files.coefficients import load_coefficients
@@ -26,7 +25,7 @@ from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import load_landmarks, save_landmarks, with_landmarks
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection, ReprojectionErrors, fold_of_frame
-from pix2face.models.morphable_model import BUILTIN_MODEL, MorphableModel, open_model
+from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_pictures import draw_model_landmarks
 
 PROBLEMS_SHOWN = 10
@@ -37,54 +36,8 @@ FittedFrame = tuple[Camera, Float64[ndarray, "v 3"]]
 FitFrame = Callable[[Annotation, AnnotatedFace], FittedFrame]
 
 
-@dataclass(frozen=True)
-class LandmarksSelectConfig:
-    """Choose, for each landmark, the vertex with the smallest mean reprojection error over annotated frames.
-
-    Attributes:
-        data: Folder of annotated photographs, with its subfolders. Annotations are .pts files beside the pictures, .mat
-            files of AFLW2000-3D, or .xml files of dlib.
-        out: File to write, for the option --landmarks of other commands.
-        scheme: Scheme of the annotated points.
-        network: The network whose predicted maps are fitted, as in the paper, and the model.
-        coeffs: Use the fits in this table, which `datagen fit` wrote, instead of predictions. They are matched by name.
-        folds: Number of parts that the frames are divided into. Each part is held out in turn to test the vertices that
-            are chosen on the others.
-    """
-
-    data: Path
-    out: Path = Path("landmarks.json")
-    scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = IBUG68
-    network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
-    coeffs: Annotated[Path | None, optional("PATH")] = None
-    folds: int = 5
-
-
-@dataclass(frozen=True)
-class LandmarksShowConfig:
-    """Draw the mean face in three views, with its landmarks in green and those of a file in red.
-
-    Attributes:
-        file: File that `pix2face landmarks select` wrote.
-        out: Picture to write (.png or .jpg).
-        scheme: Landmarks of the model to draw if no file is given.
-        model: `builtin`, or a model file.
-    """
-
-    file: Annotated[Path | None, tyro.conf.Positional, optional("PATH")] = None
-    out: Path = Path("landmarks.png")
-    scheme: str = IBUG68
-    model: str = BUILTIN_MODEL
-
-
-LandmarksCommand = (
-    Annotated[LandmarksSelectConfig, tyro.conf.subcommand("select")]
-    | Annotated[LandmarksShowConfig, tyro.conf.subcommand("show")]
-)
-
-
-def landmarks(command: Annotated[LandmarksCommand, tyro.conf.arg(name="")]) -> int:
-    """Choose the landmark vertices of a model from annotated frames, or show where they lie."""
+def landmarks(command: LandmarksCommand) -> int:
+    """Runs ``pix2face landmarks``."""
     return _select(command) if isinstance(command, LandmarksSelectConfig) else _show(command)
 
 
@@ -108,13 +61,13 @@ def _select(config: LandmarksSelectConfig) -> int:
     if config.network.checkpoint is not None and config.coeffs is not None:
         raise UsageError("expected --checkpoint (fit predicted maps) or --coeffs (take fits as given), found both")
     annotations = find_annotations(config.data, config.scheme)
-    model = config.network.open_model()
+    model = open_network_model(config.network)
     candidates = np.flatnonzero(model.is_face_vertex)
     errors = ReprojectionErrors(candidates, SCHEMES[config.scheme], config.folds)
     if config.coeffs is not None:
         fit_frame, origin = _given_fits(model, config.coeffs), str(config.coeffs.name)
     else:
-        predictor = config.network.open_predictor()
+        predictor = open_predictor(config.network)
         fit_frame, origin = _predicted_fits(model, predictor), f"maps predicted by {config.network.path.name}"
     problems = _measure(annotations, fit_frame, candidates, errors, config)
     if len(problems) == len(annotations):

@@ -14,7 +14,7 @@ from numpy import ndarray
 from rich.console import Console
 
 from pix2face.command_line import EXIT_REJECTED, progress_bar, say
-from pix2face.commands.face_options import FaceFinder
+from pix2face.commands.face_finder import FaceFinder
 from pix2face.errors import DegenerateGeometryError, InputFileError
 from pix2face.files.images import read_photograph
 from pix2face.files.writing import write_file

@@ -4,27 +4,25 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, final, get_args
+from typing import get_args
 
 import cv2
-import tyro
 from jaxtyping import UInt8
 from numpy import ndarray
 from rich.console import Console
 
 from pix2face.command_line import check_output_folder, counted, prepare_output_folder, progress_bar, say
-from pix2face.commands.face_options import FaceOptions
+from pix2face.commands.face_finder import open_network_model, open_predictor, with_chosen_landmarks
+from pix2face.commands.pix2face_config import TrackConfig
 from pix2face.detectors.detection import open_detector
 from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import GrowingFile, write_file
-from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
+from pix2face.tracking import TrackFormat
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.face_follower import (
-    IDENTITY_FRAMES,
     FaceFollower,
     find_boxes,
     find_identities,
@@ -39,8 +37,8 @@ from pix2face.tracking.face_tracks import (
     lasting_faces,
     main_face,
 )
-from pix2face.tracking.smoothing import Smoothing, open_smoother
-from pix2face.tracking.track_files import OVERLAY_NAME, TrackFiles, TrackFormat, draw_frame, remove_earlier_files
+from pix2face.tracking.smoothing import open_smoother
+from pix2face.tracking.track_files import OVERLAY_NAME, TrackFiles, draw_frame, remove_earlier_files
 from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
 from pix2face.tracking.video import FrameSource, OverlayVideo, open_frames
 
@@ -52,46 +50,16 @@ Find = Callable[[int, UInt8[ndarray, "_ _ 3"]], Sequence[Box] | None]
 SMALL_FACE_PX = 40.0
 
 
-@final
-@dataclass(frozen=True)
-class TrackConfig:
-    """Configuration of ``pix2face track``.
-
-    Attributes:
-        video: Video file, folder of frames, or pattern such as frames/%05d.png.
-        out: Folder for boxes, landmarks, overlay and summary.
-        faces: Network, model and face boxes.
-        detect_every: Run the detector on every n-th frame only; boxes in between are interpolated.
-        all_faces: Follow every face through the frames that show it. By default, only the main face is followed.
-        smoothing: How the 2D landmarks are smoothed: none, mean3 (mean of three frames, as in the paper),
-            one-euro (uses no later frames) or spline (smoothest).
-        how: Camera and coefficients of each frame.
-        identity_frames: Largest number of frames that the identity is fitted to. They are spread evenly over the clip.
-        write: What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (a file for each frame) and
-            video (overlay.mp4).
-    """
-
-    video: Annotated[Path, tyro.conf.Positional]
-    out: Path = Path("out/track")
-    faces: Annotated[FaceOptions, tyro.conf.arg(name="")] = FaceOptions()
-    detect_every: int = 1
-    all_faces: bool = False
-    smoothing: Smoothing = "mean3"
-    how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
-    identity_frames: int = IDENTITY_FRAMES
-    write: Annotated[str, tyro.conf.arg(metavar="csv,npz,pts,video")] = "csv,npz,video"
-
-
-def track(config: Annotated[TrackConfig, tyro.conf.arg(name="")]) -> int:
-    """Follow faces through a video. Write landmarks and poses of all frames, an identity, an overlay and the jitter."""
+def track(config: TrackConfig) -> int:
+    """Runs ``pix2face track``."""
     formats = _check_call(config)
     _silence_decoders()
     source = open_frames(config.video)
     find = _finder(config, source)
     check_output_folder(config.out)
     network = config.faces.network
-    model, predictor = network.open_model(), network.open_predictor()
-    model = network.with_chosen_landmarks(model, predictor)
+    model, predictor = open_network_model(network), open_predictor(network)
+    model = with_chosen_landmarks(network, model, predictor)
     fitter = FrameFitter(predictor, model, config.how, config.faces.refine)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"

@@ -1,26 +1,23 @@
 """The command ``pix2face view``: photographs or fits in, a page that turns the faces out."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, final
 
 import numpy as np
 import trimesh
-import tyro
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from rich.console import Console
 
 from pix2face.command_line import check_output_file, say
-from pix2face.commands.face_options import PhotographOptions
+from pix2face.commands.face_finder import open_finder
 from pix2face.commands.given_files import given_files
 from pix2face.commands.photograph_jobs import Tally, located, look_at
+from pix2face.commands.pix2face_config import ViewConfig
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.files.opening import is_regular, open_regular
 from pix2face.files.writing import write_file
-from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry.crops import crop_image
 from pix2face.geometry.maps import point_cloud
 from pix2face.models.morphable_model import MorphableModel, open_model
@@ -31,27 +28,8 @@ from pix2face.photographs.view_page import ViewedFace, face_data, view_page
 LARGEST_CLOUD_BYTES = 64 << 20
 
 
-@final
-@dataclass(frozen=True)
-class ViewConfig:
-    """Configuration of ``pix2face view``.
-
-    Attributes:
-        inputs: Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote: files, folders of
-            photographs, or quoted patterns such as 'photos/*.jpg'.
-        faces: Network, model and face boxes.
-        out: Page to write; any browser opens it without a network connection.
-        how: Camera and coefficients of photographs.
-    """
-
-    inputs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="(required)")]
-    faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
-    out: Path = Path("out/view.html")
-    how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
-
-
-def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
-    """Write a page on which you can turn the fitted mesh and point cloud of every face beside its photograph."""
+def view(config: ViewConfig) -> int:
+    """Runs ``pix2face view``."""
     config.faces.check()
     config.how.check()
     check_output_file(config.out, (".html",))
@@ -86,7 +64,7 @@ def view(config: Annotated[ViewConfig, tyro.conf.arg(name="")]) -> int:
 def _fit_photographs(
     config: ViewConfig, photographs: list[Path], console: Console, show: Callable[[str], None]
 ) -> Tally:
-    finder, tally = config.faces.open(), Tally()
+    finder, tally = open_finder(config.faces), Tally()
     pix2face = finder.pix2face
     for photograph in look_at(photographs, finder, console, tally):
         for face in photograph.faces:

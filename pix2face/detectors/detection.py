@@ -8,19 +8,19 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Final
 
+from pix2face.detectors import DEFAULT_DETECTOR
 from pix2face.detectors.centre_detector import CentreDetector
 from pix2face.detectors.dlib_cnn import DlibCnnDetector
 from pix2face.detectors.protocol import DetectedFace, Detector
 from pix2face.errors import UsageError
 
-__all__ = ["DEFAULT_DETECTOR", "DETECTORS", "DetectedFace", "Detector", "open_detector"]
+__all__ = ["DETECTORS", "DetectedFace", "Detector", "open_detector"]
 
 # From the smallest face that is looked for, as in ``open_detector``.
 DETECTORS: Final[Mapping[str, Callable[[float | None], Detector]]] = {
     "cnn": lambda smallest_face: CentreDetector.load(smallest_face=smallest_face),
     "dlib": DlibCnnDetector,
 }
-DEFAULT_DETECTOR: Final = "cnn"
 
 
 @cache

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
 from rich.console import Console
 
 from pix2face.command_line import (
@@ -17,10 +16,11 @@ from pix2face.command_line import (
     counted,
     prepare_output_folder,
     progress_bar,
-    run_commands,
     say,
 )
-from pix2face.detectors.detection import DEFAULT_DETECTOR, open_detector
+from pix2face.commands.face_finder import open_network_model
+from pix2face.detectors import DEFAULT_DETECTOR
+from pix2face.detectors.detection import open_detector
 from pix2face.detectors.protocol import SURE_SCORE
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
@@ -30,7 +30,6 @@ from pix2face.evaluation.evaluate_config import EvaluateConfig
 from pix2face.evaluation.evaluator import Evaluator, FaceResult, evaluate_faces, frontal_landmarks, model_landmarks
 from pix2face.evaluation.figures.attribute_bins import AttributeValues, attribute_values
 from pix2face.evaluation.figures.bootstrap import Bootstrap
-from pix2face.evaluation.report.compare_cli import compare
 from pix2face.evaluation.report.evaluation_report import EvaluationSettings, Report, make_report
 from pix2face.evaluation.report.report_files import write_report
 from pix2face.evaluation.report.report_pictures import Cases
@@ -40,19 +39,15 @@ from pix2face.fitting.fit_options import DEFAULT_FIT
 from pix2face.geometry.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.models.morphable_model import MorphableModel
 
-DESCRIPTION = (
-    "Measure a checkpoint, or the landmarks of another system, on a benchmark: tables with intervals, report.json and "
-    "a page."
-)
 DATA_VARIABLE = "PIX2FACE_DATA"
 N_CASES = 12
 
 
-def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
+def evaluate(config: EvaluateConfig) -> int:
     """Measures a checkpoint, or the landmarks of another system, on a benchmark."""
     _check_numbers(config)
     manifest = _as_asked(config, load_manifest(config.split))
-    model = config.network.open_model()
+    model = open_network_model(config.network)
     model_landmarks(model)  # a model without them is refused before anything takes time
     data = config.data or os.environ.get(DATA_VARIABLE)
     found = find_benchmark(manifest, Path(data) if data else None, model, config.reannotated)
@@ -85,11 +80,6 @@ def evaluate(config: Annotated[EvaluateConfig, tyro.conf.arg(name="")]) -> int:
     if is_lacking:
         say(Console(stderr=True), f"{report.title}: the exit status is 3; --allow-missing accepts missing files")
     return EXIT_REJECTED if is_lacking or len(report.unreadable) > config.max_rejected else 0
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The program."""
-    return run_commands("evaluate", DESCRIPTION, {"": evaluate, "compare": compare}, arguments)
 
 
 def _check_numbers(config: EvaluateConfig) -> None:
@@ -227,7 +217,3 @@ def _with_pictures(results: Sequence[FaceResult], found: BenchmarkFiles) -> Case
             face = face.with_image()
         cases.append((face, result))
     return cases
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

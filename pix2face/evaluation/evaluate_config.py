@@ -7,12 +7,12 @@ from typing import Annotated, Literal, final
 import tyro
 
 from pix2face.command_line import choices, optional
-from pix2face.commands.face_options import NetworkOptions
-from pix2face.detectors.detection import DEFAULT_DETECTOR
+from pix2face.commands.pix2face_config import NetworkOptions
+from pix2face.detectors import DEFAULT_DETECTOR
 from pix2face.detectors.protocol import SURE_SCORE
 from pix2face.evaluation.benchmarks.manifest import Split
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
-from pix2face.geometry.landmark_metrics import Alignment, Normaliser
+from pix2face.geometry import Alignment, Normaliser
 
 # Where predictions have the centre of the first pixel: at 0, at 1, or (the project's own frame) at 0.5.
 PixelFrame = Literal["0-based", "1-based", "half-pixel"]
@@ -88,3 +88,21 @@ class EvaluateConfig:
     seed: int = 0
     max_rejected: int = 0
     allow_missing: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class CompareConfig:
+    """Compare two reports of the same benchmark face by face: B minus A with 95 % intervals (paired bootstrap).
+
+    Attributes:
+        reports: Two reports of the same benchmark, A and B: the files report.json, or the folders that contain them.
+        resamples: Number of resamples of the paired bootstrap.
+        seed: Seed of the bootstrap.
+        out: JSON file for the figures. Default: no file is written.
+    """
+
+    reports: Annotated[tuple[Path, Path], tyro.conf.Positional]
+    resamples: int = 1000
+    seed: int = 0
+    out: Annotated[Path | None, optional("PATH")] = None

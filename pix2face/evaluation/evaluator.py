@@ -18,12 +18,11 @@ from pix2face.evaluation.figures.detection_summary import FaceDetection
 from pix2face.evaluation.figures.pose_summary import PoseErrors
 from pix2face.evaluation.subjects.subjects import FoundFace, Subject
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, compare_coefficients, compare_maps
+from pix2face.geometry import Alignment, Normaliser
 from pix2face.geometry.camera import HeadPose, angle_between_poses_deg
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmark_metrics import (
     POINT_SETS,
-    Alignment,
-    Normaliser,
     distances3d,
     landmark_errors,
     normalising_distance,

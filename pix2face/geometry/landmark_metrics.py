@@ -6,21 +6,17 @@ rate includes it. Only means and medians are over the other faces; ``n_failed`` 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
+from pix2face.geometry import Alignment, Normaliser
 from pix2face.geometry.landmarks import INNER51, LEFT_EYE, OUTER_EYE_CORNERS, RIGHT_EYE
 from pix2face.geometry.rigid_alignment import fit_rigid
 
-# What the distances are divided by. Papers differ; no function here has a default.
-Normaliser = Literal["outer-eye", "inter-pupil", "box-sqrt", "box-diagonal"]
-
-# How 3D landmarks are laid onto the true ones before their distances are measured.
-Alignment = Literal["none", "rigid", "similarity", "depth"]
 ALIGNMENTS: dict[Alignment, str] = {
     "none": "as they are: same unit, axes and origin needed",
     "rigid": "moved and turned by least squares over all points, not scaled: same unit needed",

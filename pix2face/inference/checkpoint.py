@@ -19,8 +19,9 @@ from pix2face.files.opening import check_regular, is_folder, is_regular
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.crops import INFERENCE_SCALE
 from pix2face.inference import CHECKPOINT_NAME
+from pix2face.networks import MAP_PLANES
 from pix2face.networks.architectures import build_network
-from pix2face.networks.paper import MAP_PLANES, paper_widths
+from pix2face.networks.paper import paper_widths
 
 # Sides of inputs and filters of levels, as far as a network could be run on.
 Side = Annotated[int, msgspec.Meta(ge=1, le=1024)]

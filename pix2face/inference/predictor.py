@@ -15,8 +15,8 @@ from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
 from pix2face.geometry.maps import FaceMaps, eroded, valid_pixels
 from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
+from pix2face.networks import MAP_PLANES
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
-from pix2face.networks.paper import MAP_PLANES
 
 # The network is no faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16

@@ -13,10 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from numpy import ndarray
 
+from pix2face.models import BUILTIN_MODEL
 from pix2face.models.model_file import LinearModel, StoredModel, read_stored_model
 from pix2face.models.subdivision import refine
-
-BUILTIN_MODEL = "builtin"
 
 
 @final

@@ -3,18 +3,16 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, final
+from typing import final
 
 from torch import nn
 
-from pix2face.networks.paper import MAP_PLANES, UNet, level_count, paper_widths
+from pix2face.networks import MAP_PLANES, MOST_PLANES
+from pix2face.networks.paper import UNet, level_count, paper_widths
 from pix2face.networks.residual import SIZE_DIVISOR, ResidualUNet, residual_widths
-
-ArchitectureName = Literal["paper", "residual"]
 
 # Planes after the six of the maps: logits of the mask, then of the part of it that is seen.
 MASK_PLANE, SEEN_PLANE = MAP_PLANES, MAP_PLANES + 1
-MOST_PLANES = MAP_PLANES + 2
 
 
 @final

@@ -8,8 +8,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pix2face.networks import MAP_PLANES
+
 PLANES_IN = 3
-MAP_PLANES = 6  # PNCC x, y, z, then offset x, y, z; planes after these are masks
 WIDEST = 8  # the deepest levels have eight times the first level's filters
 LEAK = 0.2
 VARIANCE_FLOOR = 1e-5

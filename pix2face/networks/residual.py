@@ -8,7 +8,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pix2face.networks.paper import MAP_PLANES, PLANES_IN
+from pix2face.networks import MAP_PLANES
+from pix2face.networks.paper import PLANES_IN
 
 # Filters of each level, as multiples of the first level's: 32-64-128-192-256-256 for 32.
 WIDTH_MULTIPLES = (1, 2, 4, 6, 8, 8)

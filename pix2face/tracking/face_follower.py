@@ -23,6 +23,7 @@ from pix2face.detectors.protocol import Box
 from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
+from pix2face.tracking import IDENTITY_FRAMES
 from pix2face.tracking.clip_fit import FrameFitter, MeasuredFace, carried, eye_distance_px
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
 from pix2face.tracking.smoothing import JitterMeter, Smoother
@@ -40,9 +41,6 @@ LONGEST_CARRIED_SECONDS = 0.5
 LEAST_SEEN = 0.45
 # Faces that are in the network at a time.
 FACES_AT_A_TIME = 8
-# The identity is settled long before: docs/explanation/fitting.md shows how its error falls with the number
-# of pictures.
-IDENTITY_FRAMES = 100
 
 
 @final

@@ -8,15 +8,15 @@ delay, measured.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
-from typing import Final, Literal, final
+from typing import Final, final
 
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.errors import UsageError
+from pix2face.tracking import Smoothing
 
-Smoothing = Literal["none", "mean3", "one-euro", "spline"]
 SMOOTHINGS: Final[tuple[Smoothing, ...]] = ("none", "mean3", "one-euro", "spline")
 
 # The smoothing spline penalises the square of the second difference by this much: half the height of a swing of 6

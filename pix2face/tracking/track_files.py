@@ -9,7 +9,7 @@ import zipfile
 from contextlib import ExitStack, suppress
 from dataclasses import astuple
 from pathlib import Path
-from typing import IO, Final, Literal, final
+from typing import IO, Final, final
 
 import numpy as np
 from jaxtyping import UInt8
@@ -21,10 +21,10 @@ from pix2face.geometry.landmarks import N_IBUG68, ONE_BASED_TO_CENTRES_PX
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_pictures import draw_box, draw_landmarks
 from pix2face.photographs.landmark_visibility import visible_landmarks
+from pix2face.tracking import TrackFormat
 from pix2face.tracking.face_follower import TrackedFace, TrackedFrame
 from pix2face.tracking.face_tracks import BoxSource
 
-TrackFormat = Literal["csv", "npz", "pts", "video"]
 BOX_SOURCES: Final[tuple[BoxSource, ...]] = ("detected", "interpolated", "held")
 
 CSV_COLUMNS: Final = (

@@ -104,7 +104,7 @@ def measured(options: argparse.Namespace, condition: str, seed: int, out: Path) 
         run("training.cli", [*training, *length, *options.train_options.split()], threads)
         where = ["--split", "aflw2000-3d", "--data", options.data, "--checkpoint", out / "checkpoint.safetensors"]
         how = ["--allow-missing", "--resamples", 0, "--out", out / "evaluation"]
-        run("pix2face.evaluation.evaluate_cli", [*where, *how], threads)
+        run("pix2face.evaluation.cli", [*where, *how], threads)
     rows = json.loads(report.read_text(encoding="utf-8"))["table"]
     (row,) = (row for row in rows if (row["method"], row["points"]) == ("network", "68"))
     per_cent = {name: group["mean"] for name, group in row["groups"].items()}

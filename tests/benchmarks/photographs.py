@@ -25,7 +25,8 @@ from datagen.jobs.render_job import RenderJob
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import UsageError
 from pix2face.face_files.coefficients import save_coefficients
-from pix2face.models.morphable_model import BUILTIN_MODEL, builtin_model
+from pix2face.models import BUILTIN_MODEL
+from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN, order_layers
 from tests.benchmarks.render import by_stage
 from tests.benchmarks.surroundings import surroundings, write_report

@@ -3,7 +3,8 @@
 import torch
 from torch import Tensor, nn
 
-from pix2face.networks.paper import LEAK, MAP_PLANES, PLANES_IN, UNet, paper_widths
+from pix2face.networks import MAP_PLANES
+from pix2face.networks.paper import LEAK, PLANES_IN, UNet, paper_widths
 
 
 class PlainUNet(nn.Module):

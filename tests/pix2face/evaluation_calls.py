@@ -5,7 +5,7 @@ import json
 import numpy as np
 import torch
 
-from pix2face.evaluation.evaluate_cli import main
+from pix2face.evaluation.cli import main
 from pix2face.inference.checkpoint import CheckpointHeader, save_checkpoint
 from pix2face.networks.paper import UNet, paper_widths
 from tests.pix2face.benchmark_files import frontal_camera, landmarks_of, write_photograph, write_pts

@@ -3,26 +3,24 @@
 import io
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from types import SimpleNamespace
 
 import pytest
-import tyro
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 from threadpoolctl import threadpool_info
 
+from pix2face import programs
 from pix2face.command_line import (
     check_output_file,
     counted,
     prepare_output_folder,
     printable,
     progress_bar,
-    run_commands,
     say,
 )
 from pix2face.errors import (
@@ -34,6 +32,7 @@ from pix2face.errors import (
     SampleRejectedError,
     UsageError,
 )
+from pix2face.programs import Command, run_commands
 
 OUR_ERRORS = [
     InputFileError,
@@ -52,30 +51,28 @@ class CountConfig:
     n: int = 1
 
 
-def count(config: Annotated[CountConfig, tyro.conf.arg(name="")]) -> int:
-    """Counts, and returns how far."""
-    return config.n
+COUNT = Command(CountConfig, lambda config: config.n)
 
 
-def raising(error: BaseException) -> Callable[[CountConfig], int]:
-    def command(config: Annotated[CountConfig, tyro.conf.arg(name="")]) -> int:
+def raising(error: BaseException) -> Command:
+    def run_command(config: CountConfig) -> int:
         raise error
 
-    return command
+    return Command(CountConfig, run_command)
 
 
-def run(command: Callable[..., int], *arguments: str) -> int:
+def run(command: Command, *arguments: str) -> int:
     return run_commands("program", "Does things.", {"": command}, arguments)
 
 
 def test_the_status_is_what_the_command_returns() -> None:
-    assert run(count, "--n", "3") == 3
-    assert run_commands("program", "", {"count": count, "fail": raising(UsageError("no"))}, ["count", "--n", "7"]) == 7
+    assert run(COUNT, "--n", "3") == 3
+    assert run_commands("program", "", {"count": COUNT, "fail": raising(UsageError("no"))}, ["count", "--n", "7"]) == 7
 
 
 def test_without_arguments_those_of_the_process_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["program", "--n", "5"])
-    assert run_commands("program", "", {"": count}, None) == 5
+    assert run_commands("program", "", {"": COUNT}, None) == 5
 
 
 @pytest.mark.parametrize("kind", OUR_ERRORS)
@@ -127,7 +124,7 @@ def test_an_interruption_is_status_130(capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.parametrize("arguments", [["--n", "many"], ["--no-such-option"], ["surplus"]])
 def test_a_call_that_cannot_be_parsed_is_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        run(count, *arguments)
+        run(COUNT, *arguments)
     assert caught.value.code == 2
 
 
@@ -138,7 +135,7 @@ def test_a_reader_that_has_seen_enough_ends_a_program_quietly(
     os.close(reading)
     with open(writing, "w") as nobody:  # noqa: PTH123 (a descriptor)
         monkeypatch.setattr(sys, "stdout", nobody)
-        assert run(count, "--version") == 1
+        assert run(COUNT, "--version") == 1
     assert capsys.readouterr().err == ""
 
 
@@ -148,7 +145,7 @@ def test_output_that_cannot_be_written_is_one_line(
 ) -> None:
     full = Path("/dev/full").open("w")  # noqa: SIM115 (closing it fails, too)
     monkeypatch.setattr(sys, "stdout", full)
-    assert run(count, "--version") == 2
+    assert run(COUNT, "--version") == 2
     assert capsys.readouterr().err == "program: error: [Errno 28] No space left on device: 'standard output'\n"
     with suppress(OSError):
         full.close()
@@ -157,17 +154,33 @@ def test_output_that_cannot_be_written_is_one_line(
 def test_a_program_needs_no_output_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", None)  # as Python has it after >&-
     monkeypatch.setattr(sys, "stderr", None)
-    assert run(count, "--version") == 0
+    assert run(COUNT, "--version") == 0
     assert run(raising(UsageError("no"))) == 2
     for stream in (sys.stdout, sys.stderr):
         stream.close()
 
 
 def test_linear_algebra_has_one_thread_while_a_command_runs() -> None:
-    def threads(config: Annotated[CountConfig, tyro.conf.arg(name="")]) -> int:
+    def threads(config: CountConfig) -> int:
         return max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
 
-    assert run(threads) == 1
+    assert run(Command(CountConfig, threads)) == 1
+
+
+def test_a_command_is_imported_when_it_runs_and_before_linear_algebra_is_limited(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # What is loaded later would keep all its threads.
+    events: list[str] = []
+    later = Command(CountConfig, "some.module:function")
+    monkeypatch.setattr(programs, "threadpool_limits", lambda *_, **__: events.append("limits") or nullcontext())
+    loaded = SimpleNamespace(function=lambda config: config.n)
+    monkeypatch.setattr(programs.importlib, "import_module", lambda name: events.append(name) or loaded)
+    with pytest.raises(SystemExit):
+        run(later, "--help")
+    assert events == []
+    assert run(later, "--n", "3") == 3
+    assert events == ["some.module", "limits"]
 
 
 @pytest.mark.parametrize(

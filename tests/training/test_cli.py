@@ -10,9 +10,10 @@ from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
-from training.cli import main, next_command
+from training.cli import main
 from training.data.shard_index import index_shards
 from training.loop.plan_report import duration_in_words
+from training.train_cli import next_command
 
 SMALL = [
     "--preset",

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from pix2face.commands.cli import main
-from pix2face.evaluation.evaluate_cli import main as evaluate
+from pix2face.evaluation.cli import main as evaluate
 from pix2face.files.images import encode_image, read_photograph
 from pix2face.fitting import face_fit, joint_fit
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions

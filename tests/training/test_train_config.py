@@ -7,6 +7,7 @@ import tyro
 from pix2face.errors import UsageError
 from training.loop.processes import Processes
 from training.recipe.presets import PRESETS
+from training.train_cli import surroundings_of
 from training.train_config import TrainConfig, preset_of
 
 
@@ -55,7 +56,7 @@ def test_another_architecture_has_widths_of_its_own():
 def test_surroundings_that_make_no_sense_are_refused(name):
     config = TrainConfig(**{name: -1})
     with pytest.raises(UsageError, match=f"--{name.replace('_', '-')}: expected 0 or more"):
-        config.surroundings(Processes())
+        surroundings_of(config, Processes())
 
 
 def test_help_and_recipe_start_from_the_preset(capsys):

@@ -2,61 +2,25 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, final
 
-import tyro
 from rich.console import Console
 
-from pix2face.command_line import counted, optional, prepare_output_folder, progress_bar, say
+from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
 from pix2face.errors import UsageError
-from pix2face.inference import RUNS
 from pix2face.stop_signals import exit_status_of, first_signal
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import index_shards
-from training.detection.detector_task import DetectorRecipe, DetectorTask
+from training.detection.detector_task import DetectorTask
 from training.detection.people import PEOPLE_LAYERS
 from training.loop.observers import observers_of
 from training.loop.resume import steps_done
 from training.loop.tasks import Surroundings
 from training.loop.trainer import RESUME_NAME, TrainingStopped, train_task
+from training.train_config import DetectorConfig
 
 
-@final
-@dataclass(frozen=True, kw_only=True)
-class DetectorConfig:
-    """Configuration of ``train detector``.
-
-    Attributes:
-        shards: Folders of shards with the layers image, coverage and landmarks.
-        backgrounds: Folder of pictures that show nobody, such as `datagen empty` draws.
-        things: Folders of drawings on transparent backgrounds, which are pasted beside the people: PNG files such as
-            those of Debian's package openclipart-png. They must not show human faces.
-        out: Folder for the detector, the log, and the state from which an interrupted training continues.
-        init: Detector whose weights the training starts from. Default: random weights.
-        numbers: Length and optimisation.
-        workers: Number of processes that compose scenes.
-        device: Torch device, such as cpu or cuda.
-        state_minutes: Minutes between two writings of the state from which an interrupted training continues.
-    """
-
-    shards: tuple[str, ...]
-    backgrounds: Path
-    things: Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="")] = ()
-    out: Path = RUNS / "detector"
-    init: Annotated[Path | None, optional("PATH")] = None
-    numbers: Annotated[DetectorRecipe, tyro.conf.arg(name="")] = field(default_factory=DetectorRecipe)
-    workers: int = 1
-    device: str = "cpu"
-    state_minutes: float = 10.0
-
-
-def detector(config: Annotated[DetectorConfig, tyro.conf.arg(name="")]) -> int:
-    """Train the face detector on rendered people in front of pictures without people.
-
-    After an interruption, run the same command again to continue.
-    """
+def detector(config: DetectorConfig) -> int:
+    """Runs ``train detector``."""
     console = Console(stderr=True)
     if config.workers < 0 or config.state_minutes < 0:
         raise UsageError(

@@ -2,9 +2,8 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from mmap import mmap
 from pathlib import Path
 from typing import final
@@ -12,9 +11,8 @@ from typing import final
 import torch
 from torch import nn
 
-from pix2face.errors import UsageError
 from pix2face.inference.centre_files import DetectorHeader, load_centre_network, save_detector
-from pix2face.networks.centre import MULTIPLE, CentreNetwork
+from pix2face.networks.centre import CentreNetwork
 from training.data.loader import DrawLoader
 from training.data.shard_index import ShardIndex
 from training.detection.backgrounds import Backgrounds
@@ -24,79 +22,8 @@ from training.detection.people import People
 from training.detection.scenes import SceneMaker
 from training.loop.learner import Learner
 from training.loop.tasks import Surroundings
-from training.recipe.recipe import Precision, StepRecipe
-from training.recipe.schedule import ScheduleName
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class DetectorRecipe:
-    """Everything that the detector's weights depend on, apart from the data.
-
-    Attributes:
-        size_px: Side of the scenes, a multiple of 32.
-        batch_size: Number of scenes per step.
-        epochs: Number of epochs. A checkpoint is written after each.
-        epoch_size: Number of scenes per epoch. Every scene is new.
-        learning_rate: Largest learning rate of Adam.
-        schedule: How the learning rate falls, as for `train`.
-        warm_up: Number of scenes over which the learning rate first rises from 0.
-        precision: Arithmetic of the network's layers; weights and loss are always float32.
-        box_weight: Weight of the loss of the boxes, relative to that of the heatmap of centres.
-        clip: Largest norm of the gradient; 0 for no limit.
-        ema: Decay per step of the running mean of the weights. The checkpoint contains this mean; 0 for no running
-            mean.
-        norm_batches: Number of batches over which the batch norms are measured again after the last step.
-        seed: Seed of the initial weights and of the scenes.
-    """
-
-    size_px: int = 256
-    batch_size: int = 32
-    epochs: int = 20
-    epoch_size: int = 20_000
-    learning_rate: float = 2e-3
-    schedule: ScheduleName = "cosine"
-    warm_up: int = 6_400
-    precision: Precision = "bfloat16"
-    box_weight: float = 0.5
-    clip: float = 10.0
-    ema: float = 0.998
-    norm_batches: int = 100
-    seed: int = 0
-
-    @property
-    def parts(self) -> int:
-        """Batches are computed whole."""
-        return 1
-
-    @property
-    def epoch_steps(self) -> int:
-        """Steps an epoch."""
-        return math.ceil(self.epoch_size / self.batch_size)
-
-    @property
-    def steps(self) -> int:
-        """Steps of the whole training."""
-        return self.epochs * self.epoch_steps
-
-    def new_network(self) -> nn.Module:
-        """A network with random weights, in the memory layout in which convolutions are fastest."""
-        return CentreNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    def check(self) -> None:
-        """Makes sure that the numbers make sense.
-
-        Raises:
-            UsageError: One does not.
-        """
-        for name, value in asdict(self).items():
-            least = 1 if isinstance(value, int) and name not in ("warm_up", "norm_batches", "seed") else 0
-            if isinstance(value, int | float) and not least <= value < math.inf:
-                raise UsageError(f"--{name.replace('_', '-')}: expected {least} or more, found {value}")
-        if self.size_px % MULTIPLE:
-            raise UsageError(f"--size-px: expected a multiple of {MULTIPLE}, found {self.size_px}")
-        if not 0 <= self.ema < 1:
-            raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")
+from training.recipe.detector_recipe import DetectorRecipe
+from training.recipe.recipe import StepRecipe
 
 
 @final

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
-from pix2face.networks.paper import MAP_PLANES
+from pix2face.networks import MAP_PLANES
 from training.data.batches import Batch
 from training.recipe.recipe import LossOver, LossWeights
 

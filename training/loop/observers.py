@@ -13,8 +13,8 @@ from torch import Tensor, nn
 
 from pix2face.errors import UsageError
 from pix2face.files.writing import naming_failed_writes
+from pix2face.networks import MAP_PLANES
 from pix2face.networks.architectures import MASK_PLANE
-from pix2face.networks.paper import MAP_PLANES
 from training.data.batches import network_input, target_planes
 from training.loop.loss_log import STEPS_A_LINE, StepReport
 from training.loop.trainer import Observers

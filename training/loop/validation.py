@@ -19,7 +19,7 @@ from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import read_planes
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from pix2face.networks.paper import MAP_PLANES
+from pix2face.networks import MAP_PLANES
 from training.data.batches import Batch, batch_row, empty_batch, network_input
 from training.data.cropping import cut, resample
 from training.data.dataset import SampleStore, middle_corner

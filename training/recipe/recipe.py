@@ -1,18 +1,21 @@
-"""The recipe: all numbers of a training."""
+"""The recipe: all numbers of a training. torch is loaded on first use, so that help is quick."""
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Annotated, Literal, Protocol, final, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol, final, runtime_checkable
 
 import tyro
-from torch import nn
 
 from pix2face.errors import UsageError
 from pix2face.geometry.crops import INFERENCE_SCALE, LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.geometry.jitter import JitterRange
-from pix2face.networks.architectures import ARCHITECTURES, MOST_PLANES, ArchitectureName, build_network
-from pix2face.networks.paper import MAP_PLANES
+from pix2face.networks import MAP_PLANES, MOST_PLANES, ArchitectureName
 from training.recipe.schedule import ScheduleName
+
+if TYPE_CHECKING:
+    import torch
+
+    import pix2face.networks.architectures
 
 Precision = Literal["float32", "bfloat16"]
 LossOver = Literal["all", "mask", "seen"]
@@ -71,7 +74,7 @@ class StepRecipe(Protocol):
     def norm_batches(self) -> int: ...  # noqa: D102
     @property
     def seed(self) -> int: ...  # noqa: D102
-    def new_network(self) -> nn.Module: ...  # noqa: D102
+    def new_network(self) -> "torch.nn.Module": ...  # noqa: D102
 
 
 @final
@@ -139,7 +142,7 @@ class Recipe:
     @property
     def widths(self) -> tuple[int, ...]:
         """Filters of each level of the network."""
-        return ARCHITECTURES[self.architecture].widths(self.size_px, self.filters)
+        return _architecture(self.architecture).widths(self.size_px, self.filters)
 
     @property
     def epoch_steps(self) -> int:
@@ -151,8 +154,10 @@ class Recipe:
         """Steps of the whole training."""
         return self.epochs * self.epoch_steps
 
-    def new_network(self) -> nn.Module:
+    def new_network(self) -> "torch.nn.Module":
         """A network with random weights."""
+        from pix2face.networks.architectures import build_network
+
         return build_network(self.architecture, self.size_px, self.widths, self.planes)
 
     def check(self) -> None:
@@ -187,7 +192,7 @@ class Recipe:
         if self.planes < MAP_PLANES:
             raise UsageError(f"--planes: expected at least {MAP_PLANES}, found {self.planes}")
         try:
-            ARCHITECTURES[self.architecture].check_size(self.size_px)
+            _architecture(self.architecture).check_size(self.size_px)
         except ValueError as error:
             raise UsageError(f"--size-px: {error}") from error
 
@@ -206,3 +211,9 @@ class Recipe:
 
 def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
+
+
+def _architecture(name: ArchitectureName) -> "pix2face.networks.architectures.Architecture":
+    from pix2face.networks.architectures import ARCHITECTURES
+
+    return ARCHITECTURES[name]

@@ -1,13 +1,9 @@
 """The command ``datagen empty``: pictures without people."""
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, final
-
-import tyro
 from rich.console import Console
 
 from datagen.appearance.backdrop.empty_pictures import draw_empty_picture
+from datagen.datagen_config import EmptyConfig
 from datagen.random_streams import generator_for
 from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
 from pix2face.errors import UsageError
@@ -17,29 +13,8 @@ from pix2face.files.writing import written_in_one_step
 console = Console(stderr=True)
 
 
-@final
-@dataclass(frozen=True, kw_only=True)
-class EmptyConfig:
-    """Configuration of ``datagen empty``.
-
-    Attributes:
-        out: Folder of the pictures to write.
-        n: Number of pictures.
-        seed: Seed of all pictures.
-        size: Side of the pictures, in pixels.
-        held_out: Draw only environments, patterns and pictures that are never drawn without this option. Use these for
-            measuring.
-    """
-
-    out: Path
-    n: int = 4000
-    seed: int = 0
-    size: int = 320
-    held_out: bool = False
-
-
-def empty(config: Annotated[EmptyConfig, tyro.conf.arg(name="")]) -> int:
-    """Draw pictures without people, for training a detector (`train detector`) and measuring its false alarms."""
+def empty(config: EmptyConfig) -> int:
+    """Runs ``datagen empty``."""
     if config.n < 1 or config.size < 1 or config.seed < 0:
         raise UsageError(f"expected --n and --size of at least 1 and --seed of at least 0, found {config}")
     prepare_output_folder(config.out)

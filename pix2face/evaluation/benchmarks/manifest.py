@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, final, get_args
 
 from pix2face.errors import UsageError
-from pix2face.geometry.landmark_metrics import Alignment, Normaliser
+from pix2face.geometry import Alignment, Normaliser
 
 Split = Literal[
     "ibug",

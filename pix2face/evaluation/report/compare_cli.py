@@ -1,15 +1,13 @@
 """The command ``evaluate compare``: two reports of the same benchmark."""
 
 import json
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Annotated, final
+from dataclasses import asdict
 
-import tyro
 from rich.console import Console
 
-from pix2face.command_line import check_output_file, counted, optional, say
+from pix2face.command_line import check_output_file, counted, say
 from pix2face.errors import UsageError
+from pix2face.evaluation.evaluate_config import CompareConfig
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Bootstrap, Interval
 from pix2face.evaluation.report.compare import Comparison, PointComparison, StoredReport, compare_reports, read_report
 from pix2face.evaluation.report.report_text import terminal_table
@@ -17,26 +15,8 @@ from pix2face.evaluation.report.table_text import NO_FIGURE
 from pix2face.files.writing import write_file
 
 
-@final
-@dataclass(frozen=True)
-class CompareConfig:
-    """Configuration of ``evaluate compare``.
-
-    Attributes:
-        reports: Two reports of the same benchmark, A and B: the files report.json, or the folders that contain them.
-        resamples: Number of resamples of the paired bootstrap.
-        seed: Seed of the bootstrap.
-        out: JSON file for the figures. Default: no file is written.
-    """
-
-    reports: Annotated[tuple[Path, Path], tyro.conf.Positional]
-    resamples: int = 1000
-    seed: int = 0
-    out: Annotated[Path | None, optional("PATH")] = None
-
-
-def compare(config: Annotated[CompareConfig, tyro.conf.arg(name="")]) -> int:
-    """Compare two reports of the same benchmark face by face: B minus A with 95 % intervals (paired bootstrap)."""
+def compare(config: CompareConfig) -> int:
+    """Runs ``evaluate compare``."""
     if config.resamples < 1 or config.seed < 0:
         raise UsageError(f"expected --resamples from 1 and --seed from 0, found {config.resamples} and {config.seed}")
     if config.out is not None:

@@ -27,7 +27,8 @@ from pix2face.evaluation.figures.bootstrap import (
 from pix2face.evaluation.figures.detection_summary import DetectionSummary, summarise_detections
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_errors
-from pix2face.geometry.landmark_metrics import POINT_SETS, Alignment, ErrorSummary, Normaliser, summarise
+from pix2face.geometry import Alignment, Normaliser
+from pix2face.geometry.landmark_metrics import POINT_SETS, ErrorSummary, summarise
 from pix2face.geometry.landmarks import IBUG68_PARTS
 
 NORMALISERS: dict[Normaliser, str] = {

@@ -14,6 +14,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from pix2face import __version__
+from pix2face.commands.face_finder import open_predictor, with_chosen_landmarks
 from pix2face.detectors.detection import open_detector
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.benchmarks.benchmark_search import match_names
@@ -69,13 +70,13 @@ def versions() -> dict[str, str]:
 
 
 def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) -> tuple[Subject, dict[str, Any]]:
-    how, checkpoint, predictor = config.how, config.network.path, config.network.open_predictor()
+    how, checkpoint, predictor = config.how, config.network.path, open_predictor(config.network)
     if config.crop_scale is not None:
         predictor = predictor.with_crop_scale(config.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
     # Renders are annotated by the model's vertices; a checkpoint's own stand for how people annotate photographs.
     if manifest.kind != "shards":
-        model = config.network.with_chosen_landmarks(model, predictor)
+        model = with_chosen_landmarks(config.network, model, predictor)
     takes_own = config.network.landmarks is None and manifest.kind != "shards"
     search = None
     if config.boxes == "detected":

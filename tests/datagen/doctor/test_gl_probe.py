@@ -12,7 +12,8 @@ import pytest
 from datagen.cli import main
 from datagen.doctor import gl_probe
 from datagen.doctor.gl_probe import BackendProbe, check_rendering, devices_apart, probe_backend_apart
-from datagen.opengl.gl_context import COMPUTE_VERSION, GLContext, GLSettings, Rasteriser
+from datagen.opengl import Rasteriser
+from datagen.opengl.gl_context import COMPUTE_VERSION, GLContext, GLSettings
 from datagen.opengl.osmesa_context import OSMESA_LIBRARIES
 from datagen.rendering.renderer import Renderer
 from pix2face.geometry.camera import Camera

@@ -8,7 +8,7 @@ import pytest
 
 from pix2face.detectors.detection import DetectedFace
 from pix2face.evaluation.benchmarks.manifest import load_manifest
-from pix2face.evaluation.evaluate_cli import main
+from pix2face.evaluation.cli import main
 from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.crops import FaceBox
 from tests.pix2face.benchmark_files import write_heldout, write_mat, write_photograph

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from pix2face.evaluation.evaluate_cli import main
+from pix2face.evaluation.cli import main
 from tests.pix2face.benchmark_files import frontal_camera, landmarks_of, write_photograph, write_points, write_pts
 from tests.synthetic_models import small_head_model
 

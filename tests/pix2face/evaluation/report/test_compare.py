@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.evaluation.evaluate_cli import main
+from pix2face.evaluation.cli import main
 from pix2face.evaluation.figures.bootstrap import Bootstrap
 from pix2face.evaluation.report.compare import StoredReport, compare_reports, read_report
 

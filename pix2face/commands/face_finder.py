@@ -1,0 +1,126 @@
+"""Opens what the options of a command name: network, model, and the places of the faces."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import final
+
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from pix2face.api import Pix2Face
+from pix2face.commands.pix2face_config import NetworkOptions, PhotographOptions
+from pix2face.detectors.protocol import Box
+from pix2face.errors import DegenerateGeometryError, ModelMismatchError
+from pix2face.face_files.box_files import BoxFile, read_box_file
+from pix2face.geometry.crops import FaceBox
+from pix2face.inference.predictor import Predictor
+from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
+from pix2face.models.morphable_model import MorphableModel
+
+NO_FACE = (
+    "no face found; is the picture turned? Detectors find upright faces: turn it, say where the face is with "
+    "--box left top right bottom, look for small faces with --smallest-face 0.02, or accept doubtful faces with "
+    "--min-score 0.5"
+)
+
+
+def open_network_model(options: NetworkOptions) -> MorphableModel:
+    """Opens the model, with the landmarks of the file if one is named.
+
+    Raises:
+        Pix2FaceError: As ``open_model_with``.
+    """
+    return open_model_with(options.model, options.landmarks)
+
+
+def open_predictor(options: NetworkOptions) -> Predictor:
+    """Opens the network.
+
+    Raises:
+        Pix2FaceError: As ``Predictor.load``.
+    """
+    return Predictor.load(options.path, options.device)
+
+
+def with_chosen_landmarks(options: NetworkOptions, model: MorphableModel, predictor: Predictor) -> MorphableModel:
+    """The model with the landmarks of the checkpoint, unless a file was named.
+
+    Raises:
+        ModelMismatchError: The checkpoint was trained for another model.
+    """
+    predictor.header.check_model(model.name, model.sha256)
+    return with_own_landmarks(model, predictor.header) if options.landmarks is None else model
+
+
+def open_finder(options: PhotographOptions, *, needs_model: bool = True) -> "FaceFinder":
+    """Opens network, model and boxes.
+
+    Args:
+        options: What to open.
+        needs_model: Whether the model is needed for more than refining the detector's boxes.
+
+    Raises:
+        Pix2FaceError: As ``Pix2Face.load`` and ``read_box_file``.
+    """
+    faces, network = options.faces, options.faces.network
+    detects = options.box is None and faces.boxes is None
+    box_file = None if faces.boxes is None else read_box_file(faces.boxes)
+    model = open_network_model(network) if needs_model or (detects and faces.refine) else None
+    try:
+        pix2face = Pix2Face.load(
+            network.checkpoint,
+            model,
+            network.device,
+            faces.detector,
+            faces.refine,
+            own_landmarks=network.landmarks is None,
+            min_score=faces.min_score,
+            smallest_face=faces.smallest_face,
+        )
+    except ModelMismatchError as error:
+        if needs_model:
+            raise
+        raise ModelMismatchError(f"{error}; or say --no-refine, which needs no model") from error
+    return FaceFinder(pix2face, options.box, box_file, options.largest)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FaceFinder:
+    """Knows where to look for faces."""
+
+    pix2face: Pix2Face
+    box: tuple[float, float, float, float] | None = None  # for all photographs: left, top, right, bottom in pixels
+    box_file: BoxFile | None = None  # boxes by photograph
+    largest: bool = False  # whether only the largest face of a photograph counts
+
+    def only_largest(self) -> "FaceFinder":
+        """Returns a finder that takes the largest face of each photograph."""
+        return replace(self, largest=True)
+
+    def boxes_of(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> Sequence[Box]:
+        """Where to look in a photograph, the largest face first.
+
+        Raises:
+            DegenerateGeometryError: There is none, or one that was given lies beside the photograph.
+        """
+        boxes: Sequence[Box] = self._given(path, image) or self.pix2face.find_faces(image)
+        if not boxes:
+            raise DegenerateGeometryError(NO_FACE)
+        return boxes[:1] if self.largest else boxes
+
+    def _given(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
+        if self.box is not None:
+            boxes, source = [FaceBox(*self.box)], "--box"
+        elif self.box_file is not None:
+            boxes, source = list(self.box_file.of_image(path)), f"a box of {self.box_file.path}"
+            if not boxes:
+                raise DegenerateGeometryError(f"no box in {self.box_file.path}; add a line for this photograph")
+        else:
+            return []
+        height, width = image.shape[:2]
+        for box in boxes:
+            if not (box.left < width and box.right > 0 and box.top < height and box.bottom > 0):
+                raise DegenerateGeometryError(f"{source} lies beside the picture of {width} x {height} pixels")
+        return boxes
