@@ -69,9 +69,9 @@ class RenderConfig:
         backgrounds: Folder of your own pictures (with subfolders) to use as backgrounds. `folder_share` of the
             appearance is the share of the synthetic photographs that have one.
         layers: Layers of each sample: `all`, or some of image, pncc, offset, mask, depth, normals, uv, regions and
-            landmarks, separated by commas. Synthetic photographs also have seen, coverage and seen_regions: what is
-            seen of the face, where the person hides the backdrop, and what stands before the face. Default: image,
-            pncc, offset, mask, landmarks, and seen for synthetic photographs.
+            landmarks, separated by commas. Synthetic photographs also have three others: seen is the visible part of
+            the face, coverage is how much of each pixel is not backdrop, and seen_regions says what is nearest in each
+            pixel. Default: image, pncc, offset, mask, landmarks, and seen for synthetic photographs.
         seed: Seed of light, colours and background of rendered pictures, and of the jitter.
         shard_size: Faces in a shard. One process makes a whole shard, so a small set needs small shards to use all
             processes.

@@ -128,7 +128,7 @@ class DetectorConfig:
 
     shards: tuple[str, ...]
     backgrounds: Path
-    things: tuple[Path, ...] = ()
+    things: Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="")] = ()
     out: Path = RUNS / "detector"
     init: Annotated[Path | None, optional("PATH")] = None
     numbers: Annotated[DetectorRecipe, tyro.conf.arg(name="")] = field(default_factory=DetectorRecipe)

@@ -28,8 +28,8 @@ class NetworkOptions:
     Attributes:
         checkpoint: Checkpoint that `train` wrote. Default: the one that comes with the package.
         model: `builtin`, or the model file that the checkpoint was trained for.
-        landmarks: File from `pix2face landmarks select` that lists the vertices of the landmarks. Default: the vertices
-            that the checkpoint lists; for renders, and if it lists none, those of the model.
+        landmarks: File from `pix2face landmarks select` that lists the vertices of the landmarks. Default: the
+            landmarks in the checkpoint. If it has none, and for renders, those of the model.
         device: Torch device, such as cpu or cuda. Default: a GPU if there is one.
     """
 
@@ -177,7 +177,7 @@ class TrackConfig:
 @final
 @dataclass(frozen=True)
 class ViewConfig:
-    """Write a page that shows the fitted mesh and point cloud of every face, to be turned, beside its photograph.
+    """Write a page on which you can turn the fitted mesh and point cloud of every face beside its photograph.
 
     Attributes:
         inputs: Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote: files, folders of
