@@ -50,7 +50,7 @@ def test_no_module_of_datagen_loads_torch() -> None:
 
 
 def test_training_loads_no_gl() -> None:
-    loaded, more = loaded_by("import training.cli", "import datagen.opengl.gl_context")
+    loaded, more = loaded_by("import training.train_cli", "import datagen.opengl.gl_context")
     assert "torch" in loaded
     assert not loaded & TRAINING_NEEDS_NO
     assert {"moderngl", "datagen"} <= more & TRAINING_NEEDS_NO
