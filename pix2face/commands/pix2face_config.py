@@ -54,8 +54,8 @@ class FaceOptions:
         boxes: File of face boxes to use instead of a detector: JSON, or CSV with the header
             image,left,top,right,bottom. For videos, the first column is frame, counted from 0, as in boxes.csv, which
             is written by `pix2face track`.
-        detector: Detector that finds faces: cnn (the network that comes with the package) or dlib (as in the paper;
-            pip install 'pix2face[dlib]').
+        detector: Detector that finds faces: cnn (the network that comes with the package), dlib (as in the paper; pip
+            install 'pix2face[dlib]'), or a file that `train detector` or `pix2face export --detector` wrote.
         min_score: Smallest score of a detected face. The higher the score, the surer the detector.
         smallest_face: Longer side of the smallest faces to find, as a share of the longer side of the picture. Smaller
             shares take longer. Default: about 0.04 for cnn and 0.08 for dlib.
@@ -196,14 +196,16 @@ class ViewConfig:
 @final
 @dataclass(frozen=True)
 class ExportConfig:
-    """Write the network as ONNX, for any batch size. The metadata contain scales, sizes and the model's hash.
+    """Write a network as ONNX, for any batch size. The metadata contain scales, sizes and the model's hash.
 
     Attributes:
-        checkpoint: Checkpoint that `train` wrote. Default: the one that comes with the package.
+        checkpoint: Checkpoint that `train` or `train detector` wrote. Default: the one that comes with the package.
+        detector: Export a face detector instead of a network for maps.
         out: ONNX file to write.
     """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None
+    detector: bool = False
     out: Path = Path("out/network.onnx")
 
 

@@ -64,6 +64,7 @@ def track(config: TrackConfig) -> int:
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"
     n_frames, tracks = _detect(config, source, find, boxes)
+    remove_earlier_files(config.out)
     faces = _faces(config, tracks, n_frames)
     n_looks = sum(-(-own.n_detected // identity_step(own.n_detected, config.identity_frames)) for own in faces)
     with progress_bar(console, "identity", n_looks) as advance:
@@ -188,8 +189,6 @@ def _follow(
     def open_files(index: int) -> TrackFiles:
         return TrackFiles(faces[index].folder, formats, source.fps, followers[index].identity, model)
 
-    for folder in {config.out, *(own.folder for own in faces)}:
-        remove_earlier_files(folder, formats)
     with ExitStack() as stack:
         files: dict[int, TrackFiles] = {}  # of the faces in the picture: a long clip has more than a process may open
         overlay = None

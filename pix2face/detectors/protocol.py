@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
-import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
@@ -102,8 +101,3 @@ def without_doubles(faces: Sequence[DetectedFace], at_most: float) -> list[Detec
         if all(overlap(face.box, other.box) <= at_most for other in kept):
             kept.append(face)
     return kept
-
-
-def as_array(boxes: Sequence[FaceBox]) -> ndarray:
-    """Boxes as rows of left, top, right, bottom."""
-    return np.array([[box.left, box.top, box.right, box.bottom] for box in boxes], dtype=np.float64).reshape(-1, 4)

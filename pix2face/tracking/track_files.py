@@ -152,12 +152,19 @@ class GrowingNpz:
                 left -= len(block)
 
 
-def remove_earlier_files(folder: Path, formats: tuple[TrackFormat, ...]) -> None:
-    """Removes what an earlier run left of what is to be written: it may be of another clip, or a longer one."""
-    names = {"csv": "landmarks.csv", "npz": "track.npz", "pts": "pts/" + "[0-9]" * 6 + ".pts", "video": OVERLAY_NAME}
-    for own in formats:
-        for path in folder.glob(names[own]):
-            path.unlink()
+def remove_earlier_files(out: Path) -> None:
+    """Removes what an earlier run wrote: it may be of another clip, or of faces that are not found now.
+
+    Folders that are empty then are removed as well. Other files stay.
+    """
+    of_faces = [own for own in out.glob("face-*") if own.name.removeprefix("face-").isdecimal()]
+    for folder in (out, *of_faces):
+        for pattern in ("landmarks.csv", "track.npz", "pts/" + "[0-9]" * 6 + ".pts", OVERLAY_NAME):
+            for path in folder.glob(pattern):
+                path.unlink()
+    for folder in (out / "pts", *(own / "pts" for own in of_faces), *of_faces):
+        with suppress(OSError):  # it is not empty, or not there
+            folder.rmdir()
 
 
 def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:

@@ -193,6 +193,21 @@ def test_all_faces_get_a_folder_each_and_one_overlay(tmp_path, model):
 
 
 @pytest.mark.usefixtures("stand_ins")
+def test_nothing_of_an_earlier_run_is_left(tmp_path, model):
+    out, source = tmp_path / "out", tmp_path / "frames"
+    source.mkdir()
+    for index in range(3):
+        image = draw_faces(model, [camera_at(40 + index, 50), camera_at(120, 70, scale=0.3)])
+        (source / f"{index}.png").write_bytes(encode_image(image))
+    assert track(source, "--out", out, "--all-faces", "--write", "csv,pts,video") == 0
+    (out / "face-1" / "notes.txt").touch()
+    (out / "face-to-face").mkdir()
+    assert track(source, "--out", out, "--write", "csv") == 0
+    left = {str(path.relative_to(out)) for path in out.rglob("*")}
+    assert left == {"boxes.csv", "landmarks.csv", "track.json", "face-1", "face-1/notes.txt", "face-to-face"}
+
+
+@pytest.mark.usefixtures("stand_ins")
 def test_files_are_open_while_their_face_is_in_the_picture(tmp_path, model, monkeypatch):
     source, n_open, most = tmp_path / "frames", 0, 0
     source.mkdir()

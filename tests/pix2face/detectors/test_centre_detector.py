@@ -1,15 +1,21 @@
 """The packaged kind of detector: scaling, decoding, and pictures that are no photographs."""
 
+import tracemalloc
 from collections.abc import Callable
+from dataclasses import astuple
 
+import cv2
 import numpy as np
 import pytest
 from numpy import ndarray
+from skimage.data import astronaut
 
 from pix2face.detectors.centre_decoding import decode
 from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, CentreDetector
-from pix2face.detectors.protocol import Detector
+from pix2face.detectors.protocol import DetectedFace, Detector
 from pix2face.networks.centre import MULTIPLE, STRIDE
+
+ASTRONAUT = np.ascontiguousarray(astronaut()[:256, 94:350])
 
 
 def white_things(pictures: ndarray) -> ndarray:
@@ -62,6 +68,42 @@ def test_smaller_faces_are_looked_for_in_a_finer_picture_at_bounded_cost() -> No
     for smallest_face in (None, 0.5, 0.02, 1e-6):
         CentreDetector(seen_sizes(sizes), smallest_face).detect(picture)
     assert [max(size) for size in sizes] == [LONGEST_SIDE_PX, LONGEST_SIDE_PX, 608, LARGEST_SIDE_PX]
+
+
+def sides_of(faces: list[DetectedFace]) -> ndarray:
+    return np.array([astuple(face.box) for face in faces])
+
+
+def test_a_batch_of_pictures_gives_the_boxes_of_each_alone() -> None:
+    small = cv2.resize(ASTRONAUT, None, fx=0.7, fy=0.7, interpolation=cv2.INTER_AREA)
+    pictures = [ASTRONAUT, np.full_like(ASTRONAUT, 128), ASTRONAUT[:, ::-1], small, ASTRONAUT[:200]]
+    detector = CentreDetector.load()
+    batch = detector.candidates_of_batch(pictures)
+    assert len(batch) == len(pictures)
+    for together, picture in zip(batch, pictures, strict=True):
+        alone = detector.candidates(picture)
+        assert [face.score for face in together] == pytest.approx([face.score for face in alone], abs=1e-4)
+        np.testing.assert_allclose(sides_of(together), sides_of(alone), atol=0.01)
+    assert batch[0]
+    assert detector.candidates_of_batch([]) == []
+
+
+def test_three_hundred_people_on_one_picture() -> None:
+    face = cv2.resize(ASTRONAUT[60:200, 60:200], (64, 64), interpolation=cv2.INTER_AREA)
+    picture = np.tile(face, (15, 20, 1))
+    n_found = len(CentreDetector.load(smallest_face=0.02).candidates(picture))
+    assert 0 < n_found < 1000
+
+
+@pytest.mark.parametrize("shape", [(20_000, 20_000), (1, 20_000), (20_000, 3)])
+def test_a_huge_picture_is_not_copied(shape: tuple[int, int]) -> None:
+    """Of 1.2 GB, were it in memory; only the pixels that are looked at are."""
+    picture = np.broadcast_to(np.uint8([90, 120, 150]), (*shape, 3))
+    tracemalloc.start()
+    assert CentreDetector(white_things, smallest_face=0.01).detect(picture) == []
+    most_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most_bytes < 300_000_000
 
 
 def test_of_two_boxes_of_a_face_the_surer_one_stays() -> None:

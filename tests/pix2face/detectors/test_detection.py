@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from skimage.data import astronaut
 
 from pix2face.detectors import dlib_cnn
+from pix2face.detectors.centre_detector import PACKAGED
 from pix2face.detectors.detection import DETECTORS, Detector, open_detector
 from pix2face.detectors.protocol import DetectedFace, overlap, sure_boxes, without_doubles
-from pix2face.errors import UsageError
+from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import encode_image, read_photograph
 from pix2face.geometry.crops import FaceBox
 from tests.benchmarks.detection import annotated_faces, measure
@@ -57,16 +58,18 @@ def test_boxes_grow_with_the_picture():
     assert overlap(third, ASTRONAUT_FACE) > 0.7
 
 
-@pytest.mark.parametrize("kind", ["grey", "alpha", "16 bit"])
+@pytest.mark.parametrize("kind", ["grey", "alpha", "16 bit", "float"])
 def test_other_kinds_of_pictures_are_seen_as_well(tmp_path, kind):
     picture = cv2.cvtColor(ASTRONAUT, cv2.COLOR_RGB2BGR)
     stored = {
         "grey": cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY),
         "alpha": np.dstack([picture, np.full(picture.shape[:2], 200, np.uint8)]),
         "16 bit": picture.astype(np.uint16) * 257,
+        "float": (picture / 255).astype(np.float32),
     }[kind]
-    cv2.imwrite(str(tmp_path / "a.png"), stored)
-    boxes = open_detector().detect(read_photograph(tmp_path / "a.png"))
+    path = tmp_path / ("a.tiff" if kind == "float" else "a.png")
+    cv2.imwrite(str(path), stored)
+    boxes = open_detector().detect(read_photograph(path))
     assert overlap(boxes[0], ASTRONAUT_FACE) > 0.6
 
 
@@ -94,8 +97,15 @@ def test_several_faces_are_found_and_ordered(tmp_path):
 
 
 def test_an_unknown_detector_is_refused_with_the_names_of_the_known():
-    with pytest.raises(UsageError, match="cnn, dlib, found 'haar'"):
+    with pytest.raises(UsageError, match=r"cnn, dlib, or a file .*, found 'haar'"):
         open_detector("haar")
+
+
+def test_a_detector_can_be_a_file(tmp_path):
+    assert open_detector(str(PACKAGED)).detect(ASTRONAUT) == open_detector().detect(ASTRONAUT)
+    for name in ("missing.safetensors", "missing.onnx"):
+        with pytest.raises(InputFileError, match=name):
+            open_detector(str(tmp_path / name))
 
 
 @pytest.mark.parametrize("share", [0.0, -0.1, 1.01, float("nan")])

@@ -5,12 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from skimage.data import astronaut
 
+from pix2face.commands.cli import main
 from pix2face.detectors.centre_detector import PACKAGED as PACKAGED_DETECTOR
+from pix2face.detectors.detection import open_detector
 from pix2face.errors import InputFileError
 from pix2face.inference import PACKAGED
 from pix2face.inference.centre_files import DetectorHeader, load_centre_network, load_detector, runner, save_detector
-from pix2face.inference.centre_onnx import export_detector
 from pix2face.networks.centre import CentreNetwork
 
 HEADER = DetectorHeader(licence="CC0-1.0", configuration="{}", samples=64)
@@ -34,12 +36,16 @@ def test_a_network_comes_back_from_its_file(tmp_path: Path) -> None:
 def test_onnx_answers_the_same_for_any_size_and_number_of_pictures(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime", reason="the extra onnx is not installed")
     path, rng = tmp_path / "detector.onnx", np.random.default_rng(2)
-    export_detector(PACKAGED_DETECTOR, path)
+    assert main(["export", "--detector", "--out", str(path)]) == 0
     (own_header, own), (header, answers) = load_detector(PACKAGED_DETECTOR), load_detector(path)
     assert header == own_header
     for shape in ((1, 64, 96, 3), (3, 160, 32, 3)):
         pictures = rng.integers(0, 256, shape, dtype=np.uint8)
         np.testing.assert_allclose(answers(pictures), own(pictures), atol=1e-3)
+    picture = astronaut()[:256, 94:350]
+    found, expected = open_detector(str(path)).candidates(picture), open_detector().candidates(picture)
+    assert [face.score for face in found] == pytest.approx([face.score for face in expected], abs=1e-3)
+    assert found[0].score > 1
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
