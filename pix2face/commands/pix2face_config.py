@@ -201,7 +201,7 @@ class ExportConfig:
     Attributes:
         checkpoint: Checkpoint that `train` or `train detector` wrote. Default: the one that comes with the package.
         detector: Export a face detector instead of a network for maps.
-        out: ONNX file to write.
+        out: ONNX file to write (pip install 'pix2face[onnx]').
     """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None
