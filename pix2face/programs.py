@@ -32,22 +32,21 @@ class Command:
         function: The function that runs the command with its options and returns the exit status, or its place as
             "package.module:name". A place is imported when the command runs, so that help is quick.
         help: Help of the command, if its options are a union.
-        default: Options that a command line starts from. None: the defaults of the dataclass.
+        default: From a command line to the options that it starts from. None: the defaults of the dataclass.
     """
 
     options: Any
     function: Callable[[Any], int] | str
     help: str = ""
-    default: Any = None
+    default: Callable[[Sequence[str]], Any] | None = None
 
     @property
     def description(self) -> str:
         """The help before the options."""
         return self.help or inspect.cleandoc(self.options.__doc__ or "").partition("\n\nAttributes:")[0]
 
-    @property
-    def reader(self) -> Callable[..., "Invocation"]:
-        """What tyro calls with the options that it has read."""
+    def reader(self, arguments: Sequence[str]) -> Callable[..., "Invocation"]:
+        """What tyro calls with the options that it has read from a command line."""
 
         def read(options: Any) -> Invocation:
             return Invocation(self, options)
@@ -56,7 +55,7 @@ class Command:
         reader.__doc__ = self.description
         reader.__annotations__ = {"options": Annotated[self.options, tyro.conf.arg(name="")]}
         if self.default is not None:
-            reader.__defaults__ = (self.default,)
+            reader.__defaults__ = (self.default(arguments),)
         return cast("Callable[..., Invocation]", reader)
 
 
@@ -144,12 +143,12 @@ def _run(program: str, description: str, commands: Mapping[str, Command], argume
     version = "" if " " in program else f"\n\n`{program} --version` prints the version."
     if "" not in commands:
         text = f"{description}\n\n`{program} COMMAND --help` explains a command.{version}"
-        readers = {name: command.reader for name, command in named.items()}
+        readers = {name: command.reader(arguments) for name, command in named.items()}
         return tyro.extras.subcommand_cli_from_dict(readers, prog=program, description=text, args=arguments).run()
     lines = [f"`{program} {name}`: {_first_line(command)}" for name, command in named.items()]
     subcommands = "\n\n" + "\n".join(["Subcommands, each with a `--help` of its own:", *lines]) if lines else ""
     text = f"{description}{subcommands}{version}"
-    return tyro.cli(commands[""].reader, prog=program, description=text, args=arguments).run()
+    return tyro.cli(commands[""].reader(arguments), prog=program, description=text, args=arguments).run()
 
 
 def _first_line(command: Command) -> str:

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 
 from pix2face.programs import Command, run_commands
-from training.train_config import DetectorConfig, ExportConfig, TrainConfig, preset_of
+from training.train_config import DetectorConfig, ExportConfig, TrainConfig, defaults_of
 
 DESCRIPTION = """Train the network on shards that `datagen render` wrote.
 
@@ -12,16 +12,16 @@ After an interruption, run the same command again. It continues from the last sa
 without the interruption. `torchrun --nproc-per-node N -m training.cli ...` trains with several processes."""
 
 
+COMMANDS = {
+    "": Command(TrainConfig, "training.train_cli:train_network", default=defaults_of),
+    "detector": Command(DetectorConfig, "training.detection.detector_cli:detector"),
+    "export": Command(ExportConfig, "training.release.release_cli:export"),
+}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs ``train``; returns the exit status."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    defaults = TrainConfig.of_preset(preset_of(arguments))
-    commands = {
-        "": Command(TrainConfig, "training.train_cli:train_network", default=defaults),
-        "detector": Command(DetectorConfig, "training.detection.detector_cli:detector"),
-        "export": Command(ExportConfig, "training.release.release_cli:export"),
-    }
-    return run_commands("train", DESCRIPTION, commands, arguments)
+    return run_commands("train", DESCRIPTION, COMMANDS, argv)
 
 
 if __name__ == "__main__":

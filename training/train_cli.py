@@ -12,6 +12,7 @@ from rich.panel import Panel
 
 from pix2face.command_line import prepare_output_folder, progress_bar, say
 from pix2face.errors import Pix2FaceError, UsageError
+from pix2face.files.writing import write_file
 from pix2face.inference import CHECKPOINT_NAME
 from pix2face.inference.checkpoint import load_header
 from pix2face.models.morphable_model import builtin_model
@@ -27,7 +28,7 @@ from training.loop.tasks import Surroundings
 from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, TrainingStopped, train
 from training.loop.validation import Validator, validator_of
 from training.recipe.recipe import Recipe
-from training.train_config import TrainConfig
+from training.train_config import CONFIGURATION_NAME, TrainConfig
 
 # Exit status of a process that stops because another one was asked to.
 EXIT_STOPPED = exit_status_of(signal.SIGTERM)
@@ -52,6 +53,8 @@ def train_network(config: TrainConfig) -> int:
         _prepare(out, config.restart and processes.is_first)
         processes.wait_for_all()
         done = steps_done(out / RESUME_NAME, training_configuration(shards, recipe, config.init)) * recipe.batch_size
+        if processes.is_first:
+            write_file(out / CONFIGURATION_NAME, config.as_json())
         console.print(Panel(summary(shards, recipe, config.preset, out, done), title="train", expand=False))
         advance = stack.enter_context(progress_bar(console, "training", recipe.steps * recipe.batch_size))
         advance(done, already_done=True)

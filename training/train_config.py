@@ -1,8 +1,9 @@
 """The options of the commands of ``train``. Nothing that takes long to load is imported here."""
 
+import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, final
@@ -10,11 +11,18 @@ from typing import Annotated, Literal, final
 import tyro
 
 from pix2face.command_line import optional
-from pix2face.errors import UsageError
+from pix2face.errors import InputFileError, UsageError
+from pix2face.files.json_text import JsonObject, read_json_file, typed
 from pix2face.inference import RUNS
 from training.recipe.detector_recipe import DetectorRecipe
 from training.recipe.presets import PRESETS, PresetName
 from training.recipe.recipe import Recipe
+
+# The options of a training, in its folder.
+CONFIGURATION_NAME = "configuration.json"
+LARGEST_CONFIGURATION_BYTES = 1 << 20
+# Options of one call, which are not stored.
+OF_ONE_CALL = frozenset(("config", "restart", "dry_run"))
 
 
 @final
@@ -27,6 +35,8 @@ class TrainConfig:
         preset: Values of all options that describe the training. paper: 256 px, 60 epochs of 100,000 pictures; needs a
             GPU. tiny: two minutes on two cores. cpu: 128 px, residual network, half an hour on two idle cores. gpu: the
             same network at 256 px. `train --preset NAME --help` shows its values.
+        config: File of options, such as the configuration.json that each training writes into its folder. Options on
+            the command line win. Without --out, the training in that folder continues.
         out: Folder for the checkpoint, the log, and the state from which an interrupted training continues.
         init: Checkpoint whose weights the training starts from. The residual network is fully convolutional and can
             continue at another size, so most of a training can run on small pictures.
@@ -52,6 +62,7 @@ class TrainConfig:
 
     shards: Annotated[tuple[str, ...], tyro.conf.arg(help_behavior_hint="(required)")] = ()
     preset: PresetName = "paper"
+    config: Annotated[Path | None, optional("PATH")] = None
     out: Path = RUNS / "paper"
     init: Annotated[Path | None, optional("PATH")] = None
     samples: Annotated[int | None, optional("INT")] = None
@@ -77,6 +88,32 @@ class TrainConfig:
         mirror: Literal["yes", "no"] = "yes" if recipe.jitter.mirror else "no"
         return cls(preset=preset, out=RUNS / preset, mirror=mirror, numbers=recipe)
 
+    @classmethod
+    def of_file(cls, path: Path) -> "TrainConfig":
+        """The options in a file. What it leaves out has the values of its preset.
+
+        Raises:
+            InputFileError: It is no file of options of ``train``, or has others.
+        """
+        expected = "a JSON file of options of `train`"
+        given = read_json_file(path, JsonObject, expected, LARGEST_CONFIGURATION_BYTES)
+        defaults = cls.of_preset(next((name for name in PRESETS if name == given.get("preset")), "paper"))
+        unknown: list[str] = []
+        options = _overridden(json.loads(defaults.as_json()), given, unknown)
+        if unknown:
+            raise InputFileError(f"{path}: expected {expected}, found unknown ones: {', '.join(unknown)}")
+        numbers = {field.name: options.pop(field.name) for field in fields(Recipe)}
+        try:
+            config: TrainConfig = typed({**options, "numbers": numbers, "config": str(path)}, cls)
+        except ValueError as error:
+            raise InputFileError(f"{path}: expected {expected}, found another value ({error})") from error
+        return config
+
+    def as_json(self) -> str:
+        """The options as a file that ``of_file`` reads."""
+        options = {name: value for name, value in asdict(self).items() if name not in OF_ONE_CALL}
+        return json.dumps(options | options.pop("numbers"), indent=1, default=str) + "\n"
+
     def recipe(self) -> Recipe:
         """The recipe that the options ask for.
 
@@ -97,13 +134,42 @@ class TrainConfig:
         return replace(recipe, epochs=epochs, epoch_size=math.ceil(samples / epochs))
 
 
-def preset_of(arguments: Sequence[str]) -> PresetName:
-    """The preset that a command line names, which decides the defaults of all other options."""
-    named = "paper"
-    for option, following in pairwise([*arguments, ""]):
-        if option.split("=")[0] == "--preset":
-            named = option.partition("=")[2] or following
-    return next((name for name in PRESETS if name == named), "paper")
+def defaults_of(arguments: Sequence[str]) -> TrainConfig:
+    """The options that a command line starts from: those of its file, or else of its preset.
+
+    Raises:
+        InputFileError: As ``TrainConfig.of_file``.
+        UsageError: There is a file and a preset, or ``--resume``.
+    """
+    if "--resume" in arguments:
+        raise UsageError(
+            "--resume: there is no such option; the same command with the same --out continues an interrupted training"
+        )
+    path, preset = _value_of("--config", arguments), _value_of("--preset", arguments)
+    if path is None:
+        return TrainConfig.of_preset(next((name for name in PRESETS if name == preset), "paper"))
+    if preset is not None:
+        raise UsageError("expected --config or --preset, found both; a file of options has its preset in it")
+    return TrainConfig.of_file(Path(path))
+
+
+def _value_of(option: str, arguments: Sequence[str]) -> str | None:
+    """What a command line gives for an option; its last value counts."""
+    value = None
+    for word, following in pairwise([*arguments, ""]):
+        if word.split("=")[0] == option:
+            value = word.partition("=")[2] or following
+    return value
+
+
+def _overridden(defaults: JsonObject, given: JsonObject, unknown: list[str], place: str = "") -> JsonObject:
+    """Values with those given in their place; names that have no default are added to ``unknown``."""
+    unknown += [f"{place}{name}" for name in given if name not in defaults]
+    merged = {**defaults, **given}
+    for name, value in defaults.items():
+        if isinstance(value, dict) and isinstance(merged[name], dict):
+            merged[name] = _overridden(value, merged[name], unknown, f"{place}{name}.")
+    return merged
 
 
 @final

@@ -60,7 +60,7 @@ def parse_json(
 def typed(value: Any, kind: type[T] | Any) -> Any:
     """What `json` parsed, as another type; as `parse_json`."""
     try:
-        return msgspec.convert(value, kind)
+        return msgspec.convert(value, kind, dec_hook=_path)
     except msgspec.ValidationError as error:
         raise ValueError(f"{error}") from error
 
@@ -81,6 +81,13 @@ def read_json_file(path: Path, kind: type[T] | Any, expected: str, largest_bytes
         return parse_json(read_regular(path, expected, largest_bytes).removeprefix(BOM_UTF8), kind)
     except ValueError as error:
         raise InputFileError(f"{path}: expected {expected}, found something else ({error})") from error
+
+
+def _path(kind: type, value: Any) -> Path:
+    """A path from its text; msgspec knows of no other type of ours."""
+    if kind is Path and isinstance(value, str):
+        return Path(value)
+    raise TypeError(f"Expected `str`, got `{type(value).__name__}`")
 
 
 def _check_levels(value: Any) -> None:

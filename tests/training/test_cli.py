@@ -42,6 +42,12 @@ def test_from_shards_to_a_checkpoint(shards_dir, tmp_path, capsys):
     assert "next: evaluate --help" in said
     assert main(arguments) == 0
     assert "2 done" in capsys.readouterr().err
+    assert main(["--config", str(tmp_path / "run" / "configuration.json")]) == 0
+    assert "2 done" in capsys.readouterr().err
+    assert main(["--config", str(tmp_path / "run" / "configuration.json"), "--out", str(tmp_path / "again")]) == 0
+    first, again = (load_checkpoint(tmp_path / name / "checkpoint.safetensors")[1] for name in ("run", "again"))
+    for own, other in zip(first.parameters(), again.parameters(), strict=True):
+        assert torch.equal(own, other)
 
 
 def test_the_next_command_is_the_benchmark_of_the_faces_trained_on(shards_dir, tmp_path):

@@ -1,14 +1,15 @@
 import json
+import re
 from dataclasses import asdict, replace
 
 import pytest
 import tyro
 
-from pix2face.errors import UsageError
+from pix2face.errors import InputFileError, UsageError
 from training.loop.processes import Processes
 from training.recipe.presets import PRESETS
 from training.train_cli import surroundings_of
-from training.train_config import TrainConfig, preset_of
+from training.train_config import TrainConfig, defaults_of
 
 
 def recipe_of(*arguments: object):
@@ -17,7 +18,7 @@ def recipe_of(*arguments: object):
 
 def parsed(*arguments: object) -> TrainConfig:
     words = [str(argument) for argument in arguments]
-    return tyro.cli(TrainConfig, default=TrainConfig.of_preset(preset_of(words)), args=words)
+    return tyro.cli(TrainConfig, default=defaults_of(words), args=words)
 
 
 def test_a_length_in_samples_becomes_epochs_of_the_same_size():
@@ -100,3 +101,50 @@ def test_the_configuration_of_a_training_keeps_its_form():
         "cropping": "full",
         "crop_scale": 1.4,
     }
+
+
+def test_a_file_of_options_is_what_was_written(tmp_path):
+    file = tmp_path / "configuration.json"
+    given = parsed(
+        "--preset", "cpu", "--shards", "a:0.7", "b", "--init", "a.safetensors", "--mirror", "no", "--samples", 9
+    )
+    file.write_text(given.as_json())
+    assert replace(parsed("--config", file), config=None) == given
+    changed = parsed(f"--config={file}", "--weight-offset", 7, "--out", "runs/again", "--shards", "c")
+    assert changed.recipe() == replace(given.recipe(), weights=replace(given.numbers.weights, offset=7.0))
+    assert (str(changed.out), changed.shards, changed.preset) == ("runs/again", ("c",), "cpu")
+
+
+def test_a_file_may_say_little(tmp_path):
+    file = tmp_path / "little.json"
+    file.write_text(json.dumps({"preset": "cpu", "weights": {"mask": 1}, "jitter": {"gamma": [0.5, 2]}}))
+    numbers = parsed("--config", file).numbers
+    of_preset = PRESETS["cpu"]
+    jitter = replace(of_preset.jitter, gamma=(0.5, 2.0))
+    assert numbers == replace(of_preset, weights=replace(of_preset.weights, mask=1.0), jitter=jitter)
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ({"seed": 1, "sede": 2, "jitter": {"gama": 1}}, "unknown ones: sede, jitter.gama"),
+        ({"dry_run": True}, "unknown ones: dry_run"),
+        ({"seed": "one"}, "Expected `int`, got `str` - at `$.numbers.seed`"),
+        ({"init": 3}, "Expected `str`, got `int`"),
+        ({"jitter": 3}, "Expected `object`, got `int`"),
+        ({"preset": "huge"}, "Invalid enum value 'huge'"),
+        ([], "Expected `object`, got `array`"),
+    ],
+)
+def test_a_file_that_is_wrong_says_where(content, found, tmp_path):
+    file = tmp_path / "wrong.json"
+    file.write_text(json.dumps(content))
+    with pytest.raises(InputFileError, match=re.escape(found)):
+        TrainConfig.of_file(file)
+
+
+def test_calls_that_start_from_two_places_are_refused(tmp_path):
+    with pytest.raises(UsageError, match="expected --config or --preset, found both"):
+        defaults_of(["--config", "a.json", "--preset", "cpu"])
+    with pytest.raises(UsageError, match="the same command with the same --out continues"):
+        defaults_of(["--resume"])
