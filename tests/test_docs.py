@@ -78,7 +78,8 @@ def parse(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module(PROGRAMS[words[0]])
 
     def run_stubs(program: str, description: str, given: Mapping[str, Command], arguments: list[str]) -> int:
-        stubs = {name: replace(command, function=lambda options: 0) for name, command in given.items()}
+        # No default: the files that command lines start from are not there.
+        stubs = {name: replace(own, function=lambda options: 0, default=None) for name, own in given.items()}
         return run_commands(program, description, stubs, arguments)
 
     monkeypatch.setattr(module, "run_commands", run_stubs)
