@@ -23,11 +23,30 @@ KNOWN_FAILURES = """Errors are larger for large poses than for frontal faces, an
 face (see the tables, if there are any). Hard cases are faces cut off by the border of the photograph, silhouettes, hard
 shadows, and hands or objects in front of the face."""
 
+WITHOUT_THIS_PACKAGE = """These lines need only `pip install onnxruntime`:
+
+```python
+import onnxruntime
+network = onnxruntime.InferenceSession("{onnx}")
+planes = network.run(None, {{"image": pictures}})[0]
+```
+
+`pictures` is a float32 array of shape (n, 3, {size}, {size}): RGB crops of faces, each value divided by 255, minus 0.5.
+The side of a crop is {crop_scale:g} times the longer side of the face's box, which is tight around its 68 landmarks.
+Planes 0 to 2 are x, y, z of PNCC in units of {pncc:g} mm, and planes 3 to 5 those of the offset in units of {offset:g}
+mm. {mask} `network.get_modelmeta().custom_metadata_map` contains these numbers."""
+
 NOT_MEASURED = "No report was given. `train export --report report.json` adds the tables of a report of `evaluate`."
 
 
-def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path]) -> str:
+def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path], onnx: str | None = None) -> str:
     """The card of a checkpoint in Markdown, with the figures of reports that ``evaluate`` wrote.
+
+    Args:
+        header: Of the checkpoint.
+        weights: The checkpoint.
+        reports: Files of reports.
+        onnx: Name of the same network as ONNX, if there is one.
 
     Raises:
         InputFileError: A report cannot be read, or is not one.
@@ -37,6 +56,7 @@ def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path])
     sections = {
         "What it is": _what_it_is(header, weights, "initial_sha256" in configuration),
         "Use": INTENDED_USE.replace("\n", " "),
+        **({} if onnx is None else {"Run it without this package": _without_this_package(header, onnx)}),
         "Training data": _data(header, configuration),
         "Measured errors": "\n\n".join(measured) or NOT_MEASURED,
         "Known failures": KNOWN_FAILURES.replace("\n", " "),
@@ -66,6 +86,22 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
     }
     usage = "Loading the file runs no code. To try it, run `pix2face predict --checkpoint FILE photo.jpg`."
     return "\n".join(_rows(facts, ("", ""))) + f"\n\n{usage}"
+
+
+def _without_this_package(header: CheckpointHeader, onnx: str) -> str:
+    mask = f"A pixel shows the face where the length of PNCC exceeds {header.smallest_radius_mm / 2:.1f} mm."
+    if header.planes > MASK_PLANE:
+        mask = "A pixel shows the face where plane 6 is above 0."
+    if header.planes > SEEN_PLANE:
+        mask += " Where plane 7 is above 0, nothing hides the face."
+    return WITHOUT_THIS_PACKAGE.format(
+        onnx=onnx,
+        size=header.size_px,
+        crop_scale=header.crop_scale,
+        pncc=header.pncc_scale_mm,
+        offset=header.offset_scale_mm,
+        mask=mask,
+    )
 
 
 def _data(header: CheckpointHeader, configuration: Mapping[str, Any]) -> str:

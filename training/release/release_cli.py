@@ -28,7 +28,7 @@ def export(config: ExportConfig) -> int:
     weights = config.out / WEIGHTS_NAME
     save_checkpoint(weights, header, network, torch.float16)
     written = [weights, config.out / CARD_NAME]
-    write_file(written[1], model_card(header, weights, config.report))
+    write_file(written[1], model_card(header, weights, config.report, ONNX_NAME if config.onnx else None))
     if config.onnx:
         from pix2face.inference.onnx_export import export_onnx  # torch's exporter takes seconds to load
 

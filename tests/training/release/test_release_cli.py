@@ -1,6 +1,8 @@
 """A trained checkpoint becomes a release: half the size, the same maps, a card with the figures of a report."""
 
 import json
+import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -72,7 +74,7 @@ def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
         with_own_landmarks(MODEL, replace(header, landmarks={"ibug68": (10**6,)}))
 
 
-def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path):
+def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path, monkeypatch):
     for package in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(package, reason="pip install 'pix2face[onnx]'")
     from pix2face.inference.onnx_export import load_onnx
@@ -83,6 +85,14 @@ def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path):
         expected = load_checkpoint(tmp_path / "release" / "checkpoint.safetensors")[1](images)
     found = load_onnx(tmp_path / "release" / "network.onnx")[1](images)
     assert (found - expected).abs().max() <= 1e-4 * (expected.max() - expected.min())
+    (lines,) = re.findall("```python\n(.*?)```", (tmp_path / "release" / "README.md").read_text(), re.DOTALL)
+    assert lines.count("\n") == 3
+    monkeypatch.chdir(tmp_path / "release")
+    for package in ("pix2face", "training", "torch"):
+        monkeypatch.setitem(sys.modules, package, None)
+    names = {"pictures": images.numpy()}
+    exec(lines, names)
+    np.testing.assert_array_equal(names["planes"], found.numpy())
 
 
 def test_the_card_says_what_it_is_and_quotes_a_report(checkpoint, tmp_path, monkeypatch):
