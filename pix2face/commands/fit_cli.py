@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
@@ -28,6 +28,7 @@ from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import crop_image
+from pix2face.geometry.other_cameras import gltf_camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_files import fit_to_json
 from pix2face.photographs.fit_pictures import draw_overlay, write_point_cloud
@@ -112,11 +113,14 @@ class _Writer:
         overlay = draw_overlay(
             face.image, fitted, self.model, in_sight=in_sight
         )  # may fail: before anything is written
-        mesh = _coloured(self.config.colour, self.formats, face.image, fitted, self.model)
+        mesh = replace(
+            _coloured(self.config.colour, self.formats, face.image, fitted, self.model),
+            camera=gltf_camera(fitted.camera, face.size_px),
+        )
         for name in self.formats:
             write_mesh(folder / f"{face.name}.{name}", mesh)
         way = os.path.relpath(face.path.absolute(), self.results.path.absolute())
-        write_file(folder / f"{face.name}.json", fit_to_json(fitted, self.model, way, face.size_px[0]))
+        write_file(folder / f"{face.name}.json", fit_to_json(fitted, self.model, way, face.size_px))
         crop = crop_image(face.image, face.prediction.crop)
         write_point_cloud(folder / f"{face.name}-points.ply", face.prediction.maps, crop)
         write_maps_picture(folder, face)

@@ -16,15 +16,9 @@ from pix2face.face_files.w300lp import pose_of_camera
 from pix2face.files.json_text import JsonObject, read_json_file
 from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.geometry.camera import (
-    Camera,
-    head_pose,
-    linearised,
-    nearest_weak_perspective,
-    pinhole_of,
-    weak_perspective_camera,
-)
+from pix2face.geometry.camera import Camera, head_pose, linearised, nearest_weak_perspective, pinhole_of
 from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.other_cameras import camera_kind, colmap_camera, gltf_camera, opencv_camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.landmark_visibility import visible_landmarks
 
@@ -32,13 +26,13 @@ from pix2face.photographs.landmark_visibility import visible_landmarks
 LARGEST_FILE_BYTES = 32 << 20
 
 
-def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_height_px: int) -> str:
+def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px: tuple[int, int]) -> str:
     """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5).
 
-    ``photograph`` is its path, from the folder of the file if it is relative; 300W-LP's pose refers to its height.
+    ``photograph`` is its path, from the folder of the file if it is relative, and ``size_px`` its height and width.
     """
     pose = head_pose(fitted.camera)
-    published = pose_of_camera(fitted.camera, image_height_px)
+    published = pose_of_camera(fitted.camera, size_px[0])
     angles = np.radians([published.head.pitch_deg, published.head.yaw_deg, published.head.roll_deg])
     return json.dumps(
         {
@@ -46,8 +40,11 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_h
             "box_px": None if fitted.box is None else astuple(fitted.box),
             "score": fitted.score,
             "model": {"name": model.name, "sha256": model.sha256},
-            "camera_kind": _camera_kind(fitted.camera),
+            "camera_kind": camera_kind(fitted.camera),
             "camera_matrix": fitted.camera.matrix.tolist(),
+            "opencv": opencv_camera(fitted.camera),
+            "colmap": colmap_camera(fitted.camera, size_px),
+            "gltf": gltf_camera(fitted.camera, size_px),
             "focal_px": None if fitted.camera.is_affine else pinhole_of(fitted.camera).focal_px,
             "pose_deg": {name.removesuffix("_deg"): angle for name, angle in asdict(pose).items()},
             "px_per_mm": nearest_weak_perspective(linearised(fitted.camera)).scale,
@@ -62,10 +59,10 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, image_h
     )
 
 
-def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path, image_height_px: int) -> None:
-    """Writes a fit; the photograph is named by its way from the file's folder."""
+def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path, size_px: tuple[int, int]) -> None:
+    """Writes a fit; the photograph is named by its way from the file's folder, and has a height and width."""
     way = os.path.relpath(photograph.absolute(), path.parent.absolute())
-    write_file(path, fit_to_json(fitted, model, way, image_height_px))
+    write_file(path, fit_to_json(fitted, model, way, size_px))
 
 
 def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
@@ -100,15 +97,6 @@ def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
             f"{path}: expected a fit that `pix2face fit` wrote, found one without a valid {error}; fit again"
         ) from error
     return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d, box, score), photograph
-
-
-def _camera_kind(camera: Camera) -> str:
-    """What the matrix is, whatever was asked for."""
-    if not camera.is_affine:
-        return "pinhole"
-    nearest = weak_perspective_camera(nearest_weak_perspective(camera)).matrix[:2]
-    is_weak = np.abs(nearest - camera.matrix[:2]).max() <= 1e-6 * np.abs(camera.matrix[:2, :3]).max()
-    return "weak-perspective" if is_weak else "affine"
 
 
 def _numbers(fields: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Float64[ndarray, "..."]:

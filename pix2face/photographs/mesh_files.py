@@ -6,10 +6,10 @@ Layouts: docs/reference. All are in the model frame: x to the subject's left, y 
 
 import re
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float, Float64, Int, UInt8
@@ -41,12 +41,14 @@ class FaceMesh:
         model: The model, with the triangles and texture coordinates of these vertices.
         vertex_colours: RGB, or None.
         texture: RGB in the model's texture coordinates, first row at v = 1, or None.
+        camera: Camera of the photograph as ``gltf_camera`` describes it, for .glb only; or None.
     """
 
     vertices: Float[ndarray, "v 3"]
     model: MorphableModel
     vertex_colours: UInt8[ndarray, "v 3"] | None = None
     texture: UInt8[ndarray, "s s 3"] | None = None
+    camera: Mapping[str, Any] | None = None
 
 
 def parse_mesh_formats(text: str) -> tuple[str, ...]:
@@ -156,11 +158,18 @@ def _write_glb(path: Path, mesh: FaceMesh) -> None:
     else:
         colours = None if mesh.vertex_colours is None else linear_colours(mesh.vertex_colours)
         shown = trimesh.Trimesh(vertices, mesh.model.triangles, vertex_colors=colours, process=False)
-    write_file(path, _exported(shown, "glb"))
+
+    def add_camera(tree: dict[str, Any]) -> None:
+        if mesh.camera is not None:
+            tree["cameras"] = [{"name": "photograph", **mesh.camera["camera"]}]
+            tree["scenes"][0]["nodes"].append(len(tree["nodes"]))
+            tree["nodes"].append({"name": "photograph", "camera": 0, "matrix": mesh.camera["matrix"]})
+
+    write_file(path, _exported(shown, "glb", tree_postprocessor=add_camera))
 
 
-def _exported(mesh: "trimesh.Trimesh", kind: MeshFormat) -> bytes:
-    content = mesh.export(file_type=kind)
+def _exported(mesh: "trimesh.Trimesh", kind: MeshFormat, **options: Any) -> bytes:
+    content = mesh.export(file_type=kind, **options)
     assert isinstance(content, bytes)
     return content
 

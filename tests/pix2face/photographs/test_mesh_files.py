@@ -1,5 +1,6 @@
 """Meshes open in another reader with the right counts, in mm, in the colours that they were given."""
 
+import json
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from numpy import ndarray
 
 from pix2face.errors import UsageError
 from pix2face.files.images import read_photograph
+from pix2face.geometry.other_cameras import gltf_camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.mesh_files import (
     FaceMesh,
@@ -19,6 +21,7 @@ from pix2face.photographs.mesh_files import (
     split_at_seams,
     write_mesh,
 )
+from tests.pix2face.geometry.test_other_cameras import PINHOLE, SIZE_PX, WEAK, projected_by_gltf
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
 
@@ -152,3 +155,30 @@ def test_formats_are_read_from_a_list() -> None:
 def test_another_ending_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"face\.stl: expected a mesh file"):
         write_mesh(tmp_path / "face.stl", FaceMesh(face(PLAIN), PLAIN))
+
+
+@pytest.mark.parametrize("kind", ["weak-perspective", "pinhole"])
+def test_a_glb_brings_the_camera_of_its_photograph(kind: str, tmp_path: Path) -> None:
+    """pygltflib reads the file; its camera and its mesh, by glTF's own formulas, give the pixels of the fit."""
+    pygltflib = pytest.importorskip("pygltflib", reason="pip install 'pix2face[dev]'")
+    camera = {"weak-perspective": WEAK, "pinhole": PINHOLE}[kind]
+    write_mesh(tmp_path / "face.glb", FaceMesh(face(PLAIN), PLAIN, camera=gltf_camera(camera, SIZE_PX)))
+    stored = pygltflib.GLTF2().load(str(tmp_path / "face.glb"))
+    (node,) = (own for index, own in enumerate(stored.nodes) if index in stored.scenes[0].nodes and own.camera == 0)
+    form = {"camera": json.loads(stored.cameras[0].to_json()), "matrix": node.matrix}
+    position = stored.accessors[stored.meshes[0].primitives[0].attributes.POSITION]
+    view = stored.bufferViews[position.bufferView]
+    content = stored.binary_blob()[view.byteOffset + (position.byteOffset or 0) :]
+    vertices = np.frombuffer(content, "<f4", 3 * position.count).reshape(-1, 3)
+    np.testing.assert_allclose(projected_by_gltf(form, vertices), camera.project(face(PLAIN)), atol=1e-3)
+
+
+def test_trimesh_sees_the_face_through_the_camera_of_a_glb(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "face.glb", FaceMesh(face(PLAIN), PLAIN, camera=gltf_camera(PINHOLE, SIZE_PX)))
+    scene = trimesh.load_scene(tmp_path / "face.glb")
+    scene.camera.resolution = SIZE_PX[::-1]
+    vertices = scene.to_mesh().vertices
+    x, y, z = trimesh.transform_points(vertices, np.linalg.inv(scene.camera_transform)).T
+    focal = scene.camera.focal[1]  # of the horizontal angle it makes yfov times aspectRatio, which glTF does not mean
+    pixels = np.column_stack([SIZE_PX[1] / 2 + focal * x / -z, SIZE_PX[0] / 2 - focal * y / -z])
+    np.testing.assert_allclose(pixels, PINHOLE.project(face(PLAIN)), atol=1e-3)
