@@ -99,7 +99,7 @@ class Pix2Face:
             checkpoint: Checkpoint of a training; None uses the packaged one.
             model: ``builtin``, the path of a model file, or a model; None if only maps are wanted.
             device: Name of a torch device; None uses a GPU if there is one.
-            detector: Name of a face detector, one of ``pix2face.detectors.detection.DETECTORS``.
+            detector: Name or file of a face detector, as ``pix2face.detectors.detection.open_detector`` takes it.
             refine: As in the class.
             own_landmarks: Whether the landmarks in the checkpoint are used instead of those of the model. None uses
                 them unless ``model`` is a model and not a name.

@@ -252,6 +252,8 @@ def test_it_is_loaded_from_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         Pix2Face.load(checkpoint, model, "nonsense")
     with pytest.raises(UsageError, match="expected a detector of"):
         Pix2Face.load(checkpoint, model, detector="nonsense")
+    with pytest.raises(UsageError, match="the smallest face as a share"):
+        Pix2Face.load(checkpoint, model, smallest_face=2.0)
 
 
 def test_the_package_names_it_and_nothing_else() -> None:
