@@ -183,7 +183,8 @@ class ViewConfig:
         inputs: Photographs, which are fitted first, or fits (.json) that `pix2face fit` wrote: files, folders of
             photographs, or quoted patterns such as 'photos/*.jpg'.
         faces: Network, model and face boxes.
-        out: Page to write; any browser opens it without a network connection.
+        out: Page to write; any browser opens it without a network connection. More than 10 faces are spread over pages
+            that lead to each other: view.html, view-2.html and so on.
         how: Camera and coefficients of photographs.
     """
 

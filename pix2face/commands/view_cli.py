@@ -9,7 +9,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from rich.console import Console
 
-from pix2face.command_line import check_output_file, say
+from pix2face.command_line import check_output_file, counted, say
 from pix2face.commands.face_finder import open_finder
 from pix2face.commands.given_files import given_files
 from pix2face.commands.photograph_jobs import Tally, located, look_at
@@ -17,12 +17,11 @@ from pix2face.commands.pix2face_config import ViewConfig
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.files.opening import is_regular, open_regular
-from pix2face.files.writing import write_file
 from pix2face.geometry.crops import crop_image
 from pix2face.geometry.maps import point_cloud
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_files import read_fit
-from pix2face.photographs.view_page import ViewedFace, face_data, view_page
+from pix2face.photographs.view_page import ViewedFace, ViewPages, face_data
 
 # A fit has fewer points than the crop that the network looks at has pixels.
 LARGEST_CLOUD_BYTES = 64 << 20
@@ -33,8 +32,9 @@ def view(config: ViewConfig) -> int:
     config.faces.check()
     config.how.check()
     check_output_file(config.out, (".html",))
-    console, shown = Console(stderr=True), list[str]()
+    console = Console(stderr=True)
     inputs = given_files(config.inputs, console, " or a fit (.json)")
+    pages = ViewPages(config.out, f"pix2face: {inputs[0].stem}")
     fits = [path for path in inputs if path.suffix.lower() == ".json"]
     photographs = [path for path in inputs if path.suffix.lower() != ".json"]
     if fits and config.faces.faces.network.landmarks is not None:
@@ -42,21 +42,20 @@ def view(config: ViewConfig) -> int:
             f"--landmarks: expected photographs alone, found {fits[0]}, which keeps the landmarks it was written with; "
             "give --landmarks to `pix2face fit`"
         )
-    tally = _fit_photographs(config, photographs, console, shown.append) if photographs else Tally()
+    tally = _fit_photographs(config, photographs, console, pages.add) if photographs else Tally()
     model = open_model(config.faces.faces.network.model) if fits else None
     for path in fits:
         try:
             assert model is not None
-            shown.append(face_data(_stored_face(path, model), model))
+            pages.add(face_data(_stored_face(path, model), model))
             tally.n_faces += 1
         except (InputFileError, DegenerateGeometryError) as error:
             tally.problems.append(located(error, path))
-    if shown:
-        config.out.parent.mkdir(parents=True, exist_ok=True)
-        page = view_page(shown, f"pix2face: {inputs[0].stem}")
-        write_file(config.out, page.encode("utf-8", errors="backslashreplace"))
-    else:
+    pages.close()
+    if not pages.paths:
         say(console, f"no face to show: {config.out} is not written")
+    elif len(pages.paths) > 1:
+        say(console, f"{counted(len(pages.paths), 'page')}, which lead to each other: the last is {pages.paths[-1]}")
     tally.n_photographs = len(inputs)
     return tally.report(console, config.out)
 

@@ -1,4 +1,4 @@
-"""One HTML file that shows fitted faces over their photographs and turns them; it needs no other file and no network.
+"""HTML files that show fitted faces over their photographs and turn them; they need no other file and no network.
 
 The viewer in it is three.js with ``scripts/viewer/viewer.js`` (ASSETS.md says how it is built).
 """
@@ -6,12 +6,15 @@ The viewer in it is three.js with ``scripts/viewer/viewer.js`` (ASSETS.md says h
 import base64
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, final
+from urllib.parse import quote
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -19,6 +22,8 @@ from numpy import ndarray
 
 from pix2face.command_line import printable
 from pix2face.files.images import encode_photograph
+from pix2face.files.opening import is_regular
+from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
@@ -27,6 +32,8 @@ from pix2face.models.surface_attributes import vertex_normals
 from pix2face.photographs.mesh_files import linear_colours, split_at_seams
 from pix2face.photographs.texture import face_texture, vertex_colours
 
+# A face of the built-in model takes 1.5 MB, so a page opens in a moment.
+FACES_A_PAGE = 10
 PHOTOGRAPH_PX, PHOTOGRAPH_SCALE = 640, 2.0
 JPEG_QUALITY = 90
 
@@ -72,14 +79,66 @@ def _score(fit: FaceFit) -> str:
     return "" if fit.score is None else f", score {fit.score:.2f}"
 
 
-def view_page(faces: Sequence[str], title: str) -> str:
-    """The page of some faces (of ``face_data``); whatever their names are, they are shown and never obeyed."""
+@final
+class ViewPages:
+    """Writes faces to pages of at most ``FACES_A_PAGE``: NAME.html, NAME-2.html and so on, each with links to the next.
+
+    Only the faces of one page are in memory. Pages of an earlier and longer run are removed at the end.
+
+    Args:
+        path: The first page.
+        title: Title of all pages.
+    """
+
+    def __init__(self, path: Path, title: str) -> None:
+        self._path, self._title = path, title
+        self._faces: list[str] = []
+        self.paths: list[Path] = []
+
+    def add(self, face: str) -> None:
+        """Adds a face (of ``face_data``)."""
+        if len(self._faces) == FACES_A_PAGE:
+            self._write(is_last=False)
+        self._faces.append(face)
+
+    def close(self) -> None:
+        """Writes the last page, if there is any face."""
+        if not self._faces:
+            return
+        self._write(is_last=True)
+        number = len(self.paths) + 1
+        while is_regular(self._place(number)) and self._place(number).read_bytes()[: len(_MARK)] == _MARK.encode():
+            self._place(number).unlink()
+            number += 1
+
+    def _write(self, *, is_last: bool) -> None:
+        number = len(self.paths) + 1
+        links = [(number - 1, "previous")] if number > 1 else []
+        links += [] if is_last else [(number + 1, "next")]
+        ways = " ".join(f'<a href="{quote(os.fsencode(self._place(to).name))}">{word}</a>' for to, word in links)
+        navigation = f"<nav>Page {number} {ways}</nav>" if ways else ""
+        page = view_page(self._faces, self._title, navigation)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(self._place(number), page.encode("utf-8", errors="backslashreplace"))
+        self.paths.append(self._place(number))
+        self._faces = []
+
+    def _place(self, number: int) -> Path:
+        return self._path if number == 1 else self._path.with_stem(f"{self._path.stem}-{number}")
+
+
+def view_page(faces: Sequence[str], title: str, navigation: str = "") -> str:
+    """The page of some faces (of ``face_data``); whatever their names are, they are shown and never obeyed.
+
+    ``navigation`` is HTML for its head.
+    """
     script = _viewer()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     # In a script element "<" could end it, and nothing else is special.
     data = "[" + ",\n".join(faces).replace("<", "\\u003c") + "]"
     policy = f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:"
-    return _PAGE.format(title=escape(printable(title)), policy=policy, style=_STYLE, data=data, script=script)
+    shown = {"title": escape(printable(title)), "policy": policy, "style": _STYLE, "navigation": navigation}
+    return _MARK + _PAGE.format(data=data, script=script, **shown)
 
 
 def _mesh_fields(face: ViewedFace, model: MorphableModel) -> dict[str, Any]:
@@ -139,17 +198,19 @@ figure { margin: 0; flex: 1 1 20em; min-width: 0; height: 100%; container-type: 
 [data-view=turned] #hint { display: none; }
 #problem { padding: 1em; background: #7a2020; }
 #facts { color: #b8c0c8; }
+nav a { color: inherit; }
 @media (max-width: 45em) { figure { height: 50%; flex-basis: 100%; } }
 """
 
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
+# How our pages begin, by which those of an earlier run are known.
+_MARK = "<!doctype html><!-- pix2face view -->\n"
+_PAGE = """<html lang="en"><head><meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="{policy}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
 <style>{style}</style></head>
 <body data-state="loading">
-<header>
+<header>{navigation}
 <label>Face <select id="face"></select></label>
 <fieldset id="toggles">
 <label><input type="checkbox" id="show-mesh" checked> mesh</label>

@@ -2,10 +2,12 @@
 
 import base64
 import json
+import os
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote_to_bytes
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from numpy import ndarray
 
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.view_page import ViewedFace, face_data, view_page
+from pix2face.photographs.view_page import FACES_A_PAGE, ViewedFace, ViewPages, face_data, view_page
 from tests.browser import visit
 from tests.pix2face.photographs.seen_faces import photographed_face
 from tests.synthetic_models import small_head_model
@@ -115,6 +117,41 @@ def test_nothing_comes_from_elsewhere_and_only_the_viewer_runs() -> None:
     assert policy is not None
     assert "default-src 'none'" in policy
     assert re.search(r"script-src 'sha256-[\w+/=]{44}';", policy)
+
+
+def write_pages(path: Path, n_faces: int) -> list[Path]:
+    pages = ViewPages(path, "faces")
+    for index in range(n_faces):
+        pages.add(json.dumps({"name": str(index)}))
+    pages.close()
+    return pages.paths
+
+
+def test_many_faces_come_on_pages_that_lead_to_each_other(tmp_path: Path) -> None:
+    paths = write_pages(tmp_path / "a b#caf\udce9.html", 2 * FACES_A_PAGE + 1)
+    elements = [Elements(path.read_text()) for path in paths]
+    names = [[int(face["name"]) for face in json.loads(own.scripts[0])] for own in elements]
+    assert names == [list(range(10)), list(range(10, 20)), [20]]
+    links = [[a["href"] for tag, a in own.tags if tag == "a"] for own in elements]
+    ways = [[tmp_path / os.fsdecode(unquote_to_bytes(str(link))) for link in own] for own in links]
+    assert ways == [[paths[1]], [paths[0], paths[2]], [paths[1]]]
+
+
+def test_a_full_page_is_the_only_one_and_no_face_makes_none(tmp_path: Path) -> None:
+    (only,) = write_pages(tmp_path / "view.html", FACES_A_PAGE)
+    assert "<nav>" not in only.read_text()
+    assert write_pages(tmp_path / "none.html", 0) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["view.html"]
+
+
+def test_pages_of_a_longer_run_go_and_other_files_stay(tmp_path: Path) -> None:
+    for number in (2, 4):
+        (tmp_path / f"view-{number}.html").write_text("<!doctype html><p>mine")
+    write_pages(tmp_path / "view.html", 1)
+    assert len(list(tmp_path.iterdir())) == 3
+    write_pages(tmp_path / "view.html", 2 * FACES_A_PAGE + 1)
+    write_pages(tmp_path / "view.html", 1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["view-4.html", "view.html"]
 
 
 @pytest.mark.parametrize("model", [PLAIN, TEXTURED])
