@@ -22,8 +22,6 @@ PROGRAMS = {
     "evaluate": "pix2face.evaluation.cli",
     "pix2face": "pix2face.commands.cli",
 }
-# Subcommands that the help of their program names in its text and not in a list.
-IN_TEXT = {"train": ["export"], "evaluate": ["compare"]}
 CODE = re.compile(r"(`+[^`]+`+|(?<![\w-])--[a-z][\w-]*)")
 
 
@@ -44,10 +42,11 @@ def help_text(program: str, path: Sequence[str] = ()) -> str:
 def commands(program: str, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """The program itself (an empty path) and each of its subcommands, parents first."""
     yield path
-    listed = re.match(r"usage: .*?\[-h\][^{}\n]*\{([\w,-]+)\}\s*(\[|\n)", help_text(program, path))
-    children = listed[1].split(",") if listed else []
-    if not path:
-        children += [child for child in IN_TEXT.get(program, []) if child not in children]
+    if path:
+        listed = re.match(r"usage: .*?\[-h\][^{}\n]*\{([\w,-]+)\}\s*(\[|\n)", help_text(program, path))
+        children = listed[1].split(",") if listed else []
+    else:
+        children = [name for name in importlib.import_module(PROGRAMS[program]).COMMANDS if name]
     for child in children:
         yield from commands(program, (*path, child))
 
