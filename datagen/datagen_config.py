@@ -325,12 +325,15 @@ class StatsConfig:
 
     Attributes:
         shards: Folder of shards.
+        everything: Print all tables, with every range and value. Without this option, what matters most is printed, on
+            two screens. The page always has all tables.
         out: Also write the statistics as a page (.html) or a picture (.png).
         json: Print everything as JSON instead of tables.
         where: Count only samples that fulfil this condition, such as "abs(yaw_deg) < 60", written as for `train`.
     """
 
     shards: Annotated[Path, tyro.conf.Positional]
+    everything: Annotated[bool, tyro.conf.arg(name="all")] = False
     out: Annotated[Path | None, optional("PATH")] = None
     json: bool = False
     where: Annotated[str, tyro.conf.arg(help_behavior_hint="")] = ""

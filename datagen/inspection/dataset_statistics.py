@@ -54,6 +54,12 @@ class Histogram:
         low, high = self.edges[first], self.edges[last + 1]
         return f"{low:g} {self.unit} and more" if np.isinf(high) else f"{low:g} to {high:g} {self.unit}"
 
+    def middle(self) -> str:
+        """Names the ranges in which the middle 90 % of the known values lie, as one range."""
+        up_to = np.cumsum(self.counts) / max(int(self.counts.sum()), 1)
+        first, last = np.searchsorted(up_to, [0.05, 0.95], side="right")
+        return self.range_name(int(first), min(int(last), len(self.counts) - 1))
+
     def rare(self) -> list[str]:
         """Names the ranges with less than 1 % of the samples; neighbouring ranges are summed."""
         found, first = [], None
@@ -102,14 +108,23 @@ class DatasetStatistics:
             return {}
         return {name: float(self.visible_share[list(points)].mean()) for name, points in IBUG68_PARTS.items()}
 
-    def rare(self) -> list[str]:
-        """Says what less than 1 % of the samples have; neighbouring ranges are summed."""
+    def rare_ranges(self) -> list[str]:
+        """Says which ranges of pose, size and distance, and which landmarks, less than 1 % of the samples have."""
         found = [line for histogram in self.histograms for line in histogram.rare()]
         hidden = [i for i, share in enumerate(self.visible_share) if share < RARE_SHARE]
         if hidden:
             found.append(f"landmarks seen in less than 1 %: {', '.join(map(str, hidden))}")
-        for name, kinds in self.kinds.items():
-            rare = [(value, n) for value, n in kinds.items() if n < RARE_SHARE * self.n_samples]
+        return found
+
+    def rare_kinds(self, name: str) -> list[tuple[str, int]]:
+        """The values of a text attribute that less than 1 % of the samples have, and how many have each."""
+        return [(value, n) for value, n in self.kinds[name].items() if n < RARE_SHARE * self.n_samples]
+
+    def rare(self) -> list[str]:
+        """Says what less than 1 % of the samples have; neighbouring ranges are summed."""
+        found = self.rare_ranges()
+        for name in self.kinds:
+            rare = self.rare_kinds(name)
             found += [f"{name} {value!r}: {_share(n, self.n_samples)}" for value, n in rare[:N_RARE_SHOWN]]
             if others := [n for _, n in rare[N_RARE_SHOWN:]]:
                 found.append(f"{name}, {len(others)} more values: {_share(sum(others), self.n_samples)}")

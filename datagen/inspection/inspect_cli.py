@@ -11,7 +11,13 @@ from datagen.inspection.dataset_card import write_card
 from datagen.inspection.preview import contact_sheet, spread_samples
 from datagen.inspection.preview_page import preview_page
 from datagen.inspection.sample_counts import count_samples
-from datagen.inspection.statistics_tables import picture_png, print_statistics, statistics_page, statistics_picture
+from datagen.inspection.statistics_tables import (
+    picture_png,
+    print_statistics,
+    print_summary,
+    statistics_page,
+    statistics_picture,
+)
 from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.files.writing import write_file
@@ -77,7 +83,7 @@ def stats(config: StatsConfig) -> int:
         print(dumps(found.as_json(), indent=2))
     else:
         print(f"{counted(found.n_samples, 'sample')} in {counted(found.n_shards, 'shard')}", flush=True)
-        print_statistics(Console(), found)
+        (print_statistics if config.everything else print_summary)(Console(), found)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         if out.suffix.lower() == ".html":

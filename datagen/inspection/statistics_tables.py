@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 N_KINDS_SHOWN = 24
+# With these, the summary of the largest set has 90 lines: two screens.
+N_ATTRIBUTES_SHOWN, N_DOUBTS_SHOWN, N_SIZES_SHOWN = 32, 4, 3
 
 
 @final
@@ -37,13 +39,7 @@ class Listing:
 def listings(found: DatasetStatistics) -> list[Listing]:
     """Everything that was counted, as tables. What the set lacks has no table."""
     tables = [_histogram_listing(histogram) for histogram in found.histograms]
-    lines = tuple(_coefficient_line(one) for one in found.coefficients if len(one.rms))
-    columns = ("basis", "components", "RMS (lowest, highest)", "beyond 3 sd", "most (component)", "largest")
-    tables.append(Listing("coefficients, standard deviations", columns, lines))
-    parts = tuple((name, _per_cent(share)) for name, share in found.visible_parts().items())
-    tables.append(Listing("landmarks seen", ("part", "share"), parts))
-    sizes = _most(found.picture_sizes, found.n_samples)
-    tables.append(Listing("pictures", ("width x height, px", "samples", "share"), sizes))
+    tables += _faces_and_pictures(found)
     for name, kinds in found.kinds.items():
         lines = _most(kinds, found.n_samples) or (("too many values to list", "", ""),)
         tables.append(Listing(f"attribute {name}", ("value", "samples", "share"), lines))
@@ -53,9 +49,43 @@ def listings(found: DatasetStatistics) -> list[Listing]:
     return [table for table in tables if table.lines]
 
 
+def summary(found: DatasetStatistics) -> list[Listing]:
+    """What matters first, on two screens: doubts, then a line for each quantity and each text attribute."""
+    known = [histogram for histogram in found.histograms if histogram.counts.any()]
+    quantities = tuple((own.name, own.middle(), *_most_frequent(own)) for own in known)
+    attributes = tuple(
+        (name, str(len(kinds)), *_most(kinds, found.n_samples)[0][::2], str(len(found.rare_kinds(name))))
+        for name, kinds in found.kinds.items()
+        if kinds
+    )
+    n_more = len(attributes) - N_ATTRIBUTES_SHOWN
+    more = ((f"{n_more} more", "", "", "", ""),) if n_more > 0 else ()
+    columns = ("attribute", "values", "most frequent", "share", "rare values")
+    tables = [
+        Listing("ground truth that cannot be true", ("sample", "doubt"), _first(found.doubtful, N_DOUBTS_SHOWN)),
+        Listing("poses, sizes and distances", ("quantity", "middle 90 %", "most frequent", "share"), quantities),
+        *_faces_and_pictures(found, N_SIZES_SHOWN),
+        Listing("attributes that are texts", columns, attributes[:N_ATTRIBUTES_SHOWN] + more),
+    ]
+    return [table for table in tables if table.lines]
+
+
+def print_summary(out: Console, found: DatasetStatistics) -> None:
+    """Prints what matters first, and which ranges are rare."""
+    _print_tables(out, summary(found))
+    _print_rare(out, found.rare_ranges())
+    numbers = f"{len(found.numbers)} attributes are numbers; " if found.numbers else ""
+    out.print(f"{numbers}--all prints everything that was counted")
+
+
 def print_statistics(out: Console, found: DatasetStatistics) -> None:
     """Prints all tables, and what is rare."""
-    for listed in listings(found):
+    _print_tables(out, listings(found))
+    _print_rare(out, found.rare())
+
+
+def _print_tables(out: Console, tables: Iterable[Listing]) -> None:
+    for listed in tables:
         out.print(Text(printable(listed.title), style="italic"), soft_wrap=True)
         table = Table()
         for place, column in enumerate(listed.columns):
@@ -63,7 +93,9 @@ def print_statistics(out: Console, found: DatasetStatistics) -> None:
         for line in listed.lines:
             table.add_row(*(Text(printable(text)) for text in line))
         out.print(table)
-    rare = found.rare()
+
+
+def _print_rare(out: Console, rare: Sequence[str]) -> None:
     out.print(
         "rare, less than 1 % of the samples each (neighbouring ranges are summed):" if rare else "nothing is rare"
     )
@@ -123,6 +155,24 @@ def own_file(name: str) -> str:
     return (files("datagen.inspection") / "pages" / name).read_text(encoding="utf-8")
 
 
+def _faces_and_pictures(found: DatasetStatistics, n_sizes: int = N_KINDS_SHOWN) -> list[Listing]:
+    columns = ("basis", "components", "RMS (lowest, highest)", "beyond 3 sd", "most (component)", "largest")
+    coefficients = tuple(_coefficient_line(one) for one in found.coefficients if len(one.rms))
+    parts = tuple((name, _per_cent(share)) for name, share in found.visible_parts().items())
+    sizes = _most(found.picture_sizes, found.n_samples, n_sizes)
+    return [
+        Listing("coefficients, standard deviations", columns, coefficients),
+        Listing("landmarks seen", ("part", "share"), parts),
+        Listing("pictures", ("width x height, px", "samples", "share"), sizes),
+    ]
+
+
+def _most_frequent(histogram: Histogram) -> tuple[str, str]:
+    """The range with the most samples, and its share."""
+    most = int(histogram.counts.argmax())
+    return histogram.range_name(most, most), _per_cent(histogram.counts[most] / histogram.n_samples)
+
+
 def _histogram_listing(histogram: Histogram) -> Listing:
     used = np.flatnonzero(histogram.counts)
     shown = range(int(used.min()), int(used.max()) + 1)
@@ -146,19 +196,19 @@ def _coefficient_line(one: CoefficientStatistics) -> tuple[str, ...]:
     )
 
 
-def _most(counts: Mapping[str, int], n_samples: int) -> tuple[tuple[str, ...], ...]:
+def _most(counts: Mapping[str, int], n_samples: int, n_shown: int = N_KINDS_SHOWN) -> tuple[tuple[str, ...], ...]:
     """The most frequent values, and all others together; ``counts`` is in order of frequency."""
     ordered = list(counts.items())
-    lines = [(value, str(n), _per_cent(n / n_samples)) for value, n in ordered[:N_KINDS_SHOWN]]
-    if len(ordered) > N_KINDS_SHOWN:
-        n = sum(n for _, n in ordered[N_KINDS_SHOWN:])
-        lines.append((f"{len(ordered) - N_KINDS_SHOWN} others", str(n), _per_cent(n / n_samples)))
+    lines = [(value, str(n), _per_cent(n / n_samples)) for value, n in ordered[:n_shown]]
+    if len(ordered) > n_shown:
+        n = sum(n for _, n in ordered[n_shown:])
+        lines.append((f"{len(ordered) - n_shown} others", str(n), _per_cent(n / n_samples)))
     return tuple(lines)
 
 
-def _first(lines: tuple[tuple[str, str], ...]) -> tuple[tuple[str, ...], ...]:
-    others = ((f"{len(lines) - N_KINDS_SHOWN} others", ""),) if len(lines) > N_KINDS_SHOWN else ()
-    return lines[:N_KINDS_SHOWN] + others
+def _first(lines: tuple[tuple[str, str], ...], n_shown: int = N_KINDS_SHOWN) -> tuple[tuple[str, ...], ...]:
+    others = ((f"{len(lines) - n_shown} others", ""),) if len(lines) > n_shown else ()
+    return lines[:n_shown] + others
 
 
 def _draw_histogram(axis: "matplotlib.axes.Axes", histogram: Histogram) -> None:

@@ -202,7 +202,7 @@ def _sets(
         if not len(group):
             raise UsageError(
                 f"{folder.path}: expected samples that --where lets pass, found none of {len(passes)}; "
-                "`datagen stats` lists the attributes and their values"
+                "`datagen stats --all` lists the attributes and their values"
             )
     return tuple(SampleSet(weight, group) for weight, group in zip(weights, groups, strict=True))
 

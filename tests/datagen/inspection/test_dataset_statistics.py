@@ -1,5 +1,6 @@
 """Statistics: what was put into shards is counted, what is rare is named, whatever the names are."""
 
+import io
 import json
 import re
 from collections.abc import Callable
@@ -12,14 +13,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
 from datagen.cli import main
-from datagen.inspection.dataset_statistics import DatasetStatistics, Histogram
+from datagen.inspection.dataset_statistics import QUANTITIES, CoefficientStatistics, DatasetStatistics, Histogram
 from datagen.inspection.sample_counts import LARGEST_KINDS, count_samples
 from datagen.inspection.statistics_tables import (
     N_KINDS_SHOWN,
     listings,
     picture_png,
+    print_summary,
     statistics_page,
     statistics_picture,
 )
@@ -192,6 +195,32 @@ def test_a_page_has_every_table_and_no_foreign_markup(write: Writer, base: tuple
     assert "8 others" in page.texts
 
 
+def test_the_summary_of_a_large_set_fits_on_two_screens() -> None:
+    n = 1000
+    kinds = {f"attribute.{i}": {"often": 900, **{f"value {j}": 10 if j else 1 for j in range(10)}} for i in range(60)}
+    found = DatasetStatistics(
+        n_samples=n,
+        n_shards=9,
+        picture_sizes={f"{size} x {size}": 10 for size in range(100, 200)},
+        histograms=tuple(Histogram.of(name, np.arange(-45.0, 60.0, 0.105), n) for name in QUANTITIES),
+        coefficients=(CoefficientStatistics("identity", np.ones(80), np.zeros(80), 2.5),) * 2,
+        visible_share=np.full(68, 0.9),
+        kinds=kinds,
+        numbers={f"number.{i}": (0.0, 1.0, 2.0) for i in range(200)},
+        doubtful=tuple((f"sample {i}", "the face looks away") for i in range(50)),
+    )
+    out = Console(file=io.StringIO(), width=100)
+    print_summary(out, found)
+    printed = out.file.getvalue()
+    assert printed.count("\n") <= 2 * 48
+    assert printed.startswith("ground truth that cannot be true")
+    cells = [[cell.strip() for cell in line.strip("│").split("│")] for line in printed.splitlines()]
+    assert ["yaw", "-45 to 60 °", "-45 to -30 °", "14.30 %"] in cells
+    assert ["attribute.3", "11", "often", "90.00 %", "1"] in cells
+    assert ["28 more", "", "", "", ""] in cells
+    assert "200 attributes are numbers; --all prints everything" in printed
+
+
 def test_the_command_prints_tables_json_page_and_picture(
     write: Writer, base: tuple[ShardHeader, Sample], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,6 +232,11 @@ def test_the_command_prints_tables_json_page_and_picture(
     assert "  yaw 15 to 180 °: 0 of 4 (0.00 %)" in printed
     assert "\x1b" not in printed
     assert "<h1>Statistics of" in (tmp_path / "deep" / "stats.html").read_text(encoding="utf-8")
+    assert "attribute kind" not in printed
+    assert main(["stats", str(folder), "--all"]) == 0
+    whole = capsys.readouterr().out
+    assert "attribute kind" in whole
+    assert "\x1b" not in whole
     assert main(["stats", str(folder), "--json", "--out", str(tmp_path / "stats.png")]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["n_samples"] == 4
