@@ -115,7 +115,9 @@ def test_a_condition_chooses_samples(two_folders):
 
 
 def test_a_condition_that_nothing_fulfils_or_that_names_nothing_is_refused(two_folders):
-    with pytest.raises(UsageError, match=r"expected samples that --where lets pass, found none of 5; `datagen stats --all`"):
+    with pytest.raises(
+        UsageError, match=r"expected samples that --where lets pass, found none of 5; `datagen stats --all`"
+    ):
         index_shards(two_folders, where="yaw_deg > 100")
     with pytest.raises(UsageError, match=r"b: expected samples that --where lets pass, found none"):
         index_shards([ShardFolder(path, 1) for path in two_folders], where="yaw_deg < 20")
