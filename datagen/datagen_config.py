@@ -344,7 +344,8 @@ class StatsConfig:
 class CardConfig:
     """Write a card into a folder of shards: its content and sources, what may not be passed on, and how to read it.
 
-    `datagen render` also writes it when it is done.
+    The file croissant.json says the same to programs (Croissant 1.1). `datagen render` also writes both files when it
+    is done.
 
     Attributes:
         shards: Folder of shards.

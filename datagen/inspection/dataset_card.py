@@ -17,7 +17,6 @@ import h5py
 from datagen.inspection.statistics_tables import own_file
 from pix2face.command_line import REJECTED_FILE, counted, printable
 from pix2face.errors import UsageError
-from pix2face.files.writing import written_in_one_step
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS
 from pix2face.shards.sample import PICTURE, PictureKind
@@ -48,18 +47,19 @@ class DatasetSummary:
     n_own_backdrops: int = 0  # pictures with a picture of the user's own behind the face
     hdf5_example: str = ""
 
+    @property
+    def n_rendered(self) -> int:
+        """Number of rendered pictures."""
+        return sum(self.pictures[kind] for kind in (PictureKind.SYNTHETIC, PictureKind.PLAIN)) * self._has_pictures
 
-def write_card(folder: Path) -> Path:
-    """Writes the card of a folder of shards into that folder, whole or not at all, and returns its path.
+    @property
+    def n_photographs(self) -> int:
+        """Number of pictures that were not rendered. One of unknown origin counts as a photograph."""
+        return (self.pictures.total() - self.n_rendered) * self._has_pictures
 
-    Raises:
-        UsageError: There are no shards, or they belong to several jobs.
-        InputFileError: A shard cannot be read.
-    """
-    path = folder / CARD_FILE
-    with written_in_one_step(path) as temporary:
-        temporary.write_text(dataset_card(summarise(folder)), encoding="utf-8")
-    return path
+    @property
+    def _has_pictures(self) -> bool:
+        return IMAGE in self.header.layers
 
 
 def summarise(folder: Path) -> DatasetSummary:
@@ -90,7 +90,8 @@ def summarise(folder: Path) -> DatasetSummary:
             summary.sizes[f"{width} x {height} px" if height else "unknown"] += 1
             summary.pictures[str(attributes.get(PICTURE, _NOT_RECORDED))] += 1
             summary.geometries[str(attributes.get("geometry", _NOT_RECORDED))] += 1
-            summary.n_own_backdrops += bool(attributes.get("backdrop.file"))  # "" for every other backdrop
+            if IMAGE in header.layers:
+                summary.n_own_backdrops += bool(attributes.get("backdrop.file"))  # "" for every other backdrop
     return summary
 
 
@@ -122,10 +123,7 @@ def dataset_card(summary: DatasetSummary) -> str:
 def terms(summary: DatasetSummary) -> list[str]:
     """Says what may be passed on, one sentence or two a line. A picture of unknown origin counts as a photograph."""
     header, builtin = summary.header, builtin_model()
-    pictures = summary.pictures if IMAGE in header.layers else {}
-    n_rendered = sum(pictures.get(kind, 0) for kind in (PictureKind.SYNTHETIC, PictureKind.PLAIN))
-    n_photographs = sum(pictures.values()) - n_rendered
-    n_own = summary.n_own_backdrops if pictures else 0
+    n_rendered, n_photographs, n_own = summary.n_rendered, summary.n_photographs, summary.n_own_backdrops
     lines = []
     if n_photographs:
         lines.append(

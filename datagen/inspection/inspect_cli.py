@@ -7,7 +7,7 @@ import cv2
 from rich.console import Console
 
 from datagen.datagen_config import CardConfig, PreviewConfig, StatsConfig, VerifyConfig
-from datagen.inspection.dataset_card import write_card
+from datagen.inspection.croissant import write_descriptions
 from datagen.inspection.preview import contact_sheet, spread_samples
 from datagen.inspection.preview_page import preview_page
 from datagen.inspection.sample_counts import count_samples
@@ -96,5 +96,7 @@ def stats(config: StatsConfig) -> int:
 
 def card(config: CardConfig) -> int:
     """Runs ``datagen card``."""
-    say(console, f"card -> {write_card(config.shards)}")
+    card, description = write_descriptions(config.shards)
+    say(console, f"card -> {card}")
+    say(console, f"description (Croissant) -> {description}")
     return 0

@@ -14,7 +14,7 @@ from typing import final
 
 from datagen.appearance.appearance_config import AppearanceConfig
 from datagen.faces.sources import FaceSource, open_source
-from datagen.inspection.dataset_card import write_card
+from datagen.inspection.croissant import write_descriptions
 from datagen.jobs.executors import WorkPlace
 from datagen.jobs.folder_lock import job_lock, remove_unfinished
 from datagen.jobs.render_job import RenderJob, look_into, shard_header, shard_path
@@ -130,7 +130,7 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
     finish_units(missing, place, submit, on_finished)
     n_triplets, rejected = _count(out, n_units)
     write_rejected(out / REJECTED_FILE, rejected)
-    write_card(out)
+    write_descriptions(out)
     return JobSummary(n_triplets, tuple(rejected), n_units, n_units - len(missing), times, tuple(peaks))
 
 

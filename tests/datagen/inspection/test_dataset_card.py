@@ -14,9 +14,11 @@ import pytest
 
 from datagen.appearance.appearance_config import DEFAULT, PLAIN
 from datagen.cli import main
-from datagen.inspection.dataset_card import CARD_FILE, write_card
+from datagen.inspection.croissant import CROISSANT_FILE, write_descriptions
+from datagen.inspection.dataset_card import CARD_FILE
 from datagen.opengl.gl_context import GLContext
 from datagen.sampling.faces import sample_faces
+from pix2face.command_line import printable
 from pix2face.errors import UsageError
 from pix2face.face_files.coefficients import save_coefficients
 from pix2face.files.images import encode_photograph
@@ -43,7 +45,7 @@ def card(tmp_path: Path, base: tuple[ShardHeader, Sample]) -> Writer:
             write_shard(path, changed, triplets)
             if compression != "deflate":
                 as_earlier_versions_stored(path, compression)
-        return write_card(tmp_path / "shards").read_text(encoding="utf-8")
+        return write_descriptions(tmp_path / "shards")[0].read_text(encoding="utf-8")
 
     return write
 
@@ -190,9 +192,10 @@ def test_sets_without_layers_have_no_example_of_one(card: Writer) -> None:
 def test_the_same_shards_have_the_same_card_wherever_they_lie(card: Writer, tmp_path: Path) -> None:
     text = card({"picture": "plain", "geometry": "x"})
     (tmp_path / "shards").rename(tmp_path / "elsewhere")
-    assert write_card(tmp_path / "elsewhere").read_text(encoding="utf-8") == text
+    assert write_descriptions(tmp_path / "elsewhere")[0].read_text(encoding="utf-8") == text
     assert str(tmp_path) not in text
     assert sorted(path.name for path in (tmp_path / "elsewhere").iterdir()) == [
+        CROISSANT_FILE,
         CARD_FILE,
         "shard-00000.h5",
         "shard-00001.h5",
@@ -218,7 +221,7 @@ def test_texts_out_of_files_stay_texts(card: Writer) -> None:
 
 def test_a_set_of_which_nothing_could_be_used_has_a_card(base: tuple[ShardHeader, Sample], tmp_path: Path) -> None:
     write_shard(tmp_path / "none" / "shard-00000.h5", replace(base[0], rejected='[["x", "why"]]'), [])
-    text = write_card(tmp_path / "none").read_text(encoding="utf-8")
+    text = write_descriptions(tmp_path / "none")[0].read_text(encoding="utf-8")
     assert "0 samples in 1 shard" in text
     assert "1 sample could not be used" in text
     assert "Sizes: none" in text
@@ -228,7 +231,7 @@ def test_shards_of_two_jobs_have_no_card(card: Writer, base: tuple[ShardHeader, 
     card({})
     write_shard(tmp_path / "shards" / "shard-00002.h5", replace(base[0], configuration='{"seed": 9}'), [base[1]])
     with pytest.raises(UsageError, match=r"shard-00000\.h5 and shard-00002\.h5 differ in model, layers or config"):
-        write_card(tmp_path / "shards")
+        write_descriptions(tmp_path / "shards")
 
 
 def test_the_command_writes_the_card(card: Writer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -238,3 +241,33 @@ def test_the_command_writes_the_card(card: Writer, tmp_path: Path, capsys: pytes
     assert (tmp_path / "shards" / CARD_FILE).read_text(encoding="utf-8") == text
     assert f"card -> {tmp_path}/shards/{CARD_FILE}" in capsys.readouterr().err
     assert main(["card", str(tmp_path / "nowhere")]) == 2
+
+
+def described(card: Writer, folder: Path, attributes: dict[str, str], **header: object) -> dict[str, str]:
+    card(attributes, **header)
+    fields: dict[str, str] = json.loads((folder / "shards" / CROISSANT_FILE).read_text(encoding="utf-8"))
+    return fields
+
+
+def test_a_description_says_who_is_shown_and_what_is_synthetic(card: Writer, tmp_path: Path) -> None:
+    rendered = described(card, tmp_path, {"picture": "synthetic"})
+    assert rendered["rai:personalSensitiveInformation"] == "None: no picture shows a person who exists."
+    assert rendered["rai:dataCollection"].startswith("4 pictures synthetic")
+    assert rendered["license"] == "CC0"
+    photographs = described(card, tmp_path, {"picture": "photograph"})
+    assert photographs["rai:personalSensitiveInformation"] == "4 photographs with faces of people."
+    own = described(card, tmp_path, {"picture": "synthetic", "backdrop.file": "mine.jpg"})
+    assert own["rai:personalSensitiveInformation"].startswith("4 rendered pictures with a picture of the user's own")
+    maps = described(card, tmp_path, {"picture": "photograph"}, layers=("mask", "landmarks"))
+    assert maps["rai:dataCollection"] == "There are no pictures, only maps."
+    assert maps["rai:personalSensitiveInformation"].startswith("None")
+
+
+@pytest.mark.filterwarnings("ignore")  # of its own libraries
+def test_the_reader_of_mlcommons_accepts_a_description(card: Writer, tmp_path: Path) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant", reason="pip install mlcroissant, which brings pandas and rdflib")
+    described(card, tmp_path, {"picture": HOSTILE}, model_name=HOSTILE, licence=HOSTILE, generator=HOSTILE)
+    metadata = mlcroissant.Dataset(tmp_path / "shards" / CROISSANT_FILE).metadata
+    assert metadata.ctx.issues.errors == set()
+    assert metadata.license == [printable(HOSTILE)]
+    assert metadata.distribution[0].includes == ["shard-*.h5"]

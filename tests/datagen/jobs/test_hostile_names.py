@@ -66,7 +66,7 @@ def render(sandbox: Path, coefficients: Path, out: Path) -> int:
     after = all_files(sandbox.parents[2])
     made = {path for path in after if path not in before}
     assert {path: content for path, content in after.items() if path not in made} == before
-    assert made == {out / "shard-00000.h5", out / "rejected.jsonl", out / "dataset_card.md"}
+    assert made == {out / "shard-00000.h5", out / "rejected.jsonl", out / "dataset_card.md", out / "croissant.json"}
     return status
 
 
