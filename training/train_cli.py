@@ -19,12 +19,13 @@ from pix2face.models.morphable_model import builtin_model
 from pix2face.stop_signals import exit_status_of, first_signal
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import ShardIndex, index_shards, split_off
-from training.loop.observers import observers_of
+from training.loop.observers import RunLog, TensorboardLog, observers_of
 from training.loop.plan_report import dry_run, summary
 from training.loop.processes import Processes, device_of_process, joined_processes
 from training.loop.resume import steps_done
 from training.loop.run_configuration import training_configuration, with_scales_of
 from training.loop.tasks import Surroundings
+from training.loop.tracker_log import TrackerLog
 from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, TrainingStopped, train
 from training.loop.validation import Validator, validator_of
 from training.recipe.recipe import Recipe
@@ -58,8 +59,10 @@ def train_network(config: TrainConfig) -> int:
         console.print(Panel(summary(shards, recipe, config.preset, out, done), title="train", expand=False))
         advance = stack.enter_context(progress_bar(console, "training", recipe.steps * recipe.batch_size))
         advance(done, already_done=True)
-        board = out / "tensorboard" if config.tensorboard else None
-        watching = observers_of(advance, recipe.epochs, lambda: bool(signals), board, validator)
+        logs: list[RunLog] = [TensorboardLog(out / "tensorboard", validator)] if config.tensorboard else []
+        if config.tracker and processes.is_first:
+            logs.append(TrackerLog(config.tracker, out.name, config.as_json()))
+        watching = observers_of(advance, recipe.epochs, lambda: bool(signals), logs)
         observers = stack.enter_context(watching)
         try:
             checkpoint = train(

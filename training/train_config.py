@@ -10,13 +10,15 @@ from typing import Annotated, Literal, final
 
 import tyro
 
-from pix2face.command_line import optional
+from pix2face.command_line import choices, optional
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.json_text import JsonObject, read_json_file, typed
 from pix2face.inference import RUNS
 from training.recipe.detector_recipe import DetectorRecipe
 from training.recipe.presets import PRESETS, PresetName
 from training.recipe.recipe import Recipe
+
+TrackerName = Literal["wandb", "trackio"]
 
 # The options of a training, in its folder.
 CONFIGURATION_NAME = "configuration.json"
@@ -54,6 +56,8 @@ class TrainConfig:
         compile: Compile the network with torch.compile, which takes a minute and needs a C++ compiler.
         tensorboard: Write curves and pictures for TensorBoard into the output folder (pip
             install 'pix2face[tensorboard]').
+        tracker: Also log the curves with this package (pip install wandb, or trackio), in the project pix2face and
+            under the name of the output folder.
         dry_run: Run a few steps with one batch, print time and memory, and write no files.
         workers: Number of processes that load samples. Default: one for every second core, at most 8.
         cache_gb: Memory for decoded samples, in 10^9 bytes, for all workers together.
@@ -76,6 +80,7 @@ class TrainConfig:
     state_minutes: float = 10.0
     compile: bool = False
     tensorboard: bool = False
+    tracker: Annotated[TrackerName | None, optional(choices(TrackerName))] = None
     dry_run: bool = False
     workers: Annotated[int | None, optional("INT")] = None
     cache_gb: float = 1.0

@@ -41,7 +41,7 @@ def detector(config: DetectorConfig) -> int:
             progress_bar(console, "training", config.numbers.steps * config.numbers.batch_size)
         )
         advance(done, already_done=True)
-        watching = observers_of(advance, config.numbers.epochs, lambda: bool(signals), None, None)
+        watching = observers_of(advance, config.numbers.epochs, lambda: bool(signals))
         try:
             path = train_task(task, config.out, surroundings, observers=stack.enter_context(watching))
         except TrainingStopped as stopped:

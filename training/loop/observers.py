@@ -2,10 +2,10 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Protocol, final, runtime_checkable
 
 import torch
 from jaxtyping import Float32
@@ -26,37 +26,46 @@ SMOOTHING = 0.05
 N_FACES = 8
 
 
+@runtime_checkable
+class RunLog(Protocol):
+    """What shows the curves of a training."""
+
+    def step(self, report: StepReport) -> None:
+        """Takes a step."""
+
+    def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
+        """Takes the scores of a validation, and the network that has them."""
+
+    def close(self) -> None:
+        """Writes the rest."""
+
+
 @contextmanager
 def observers_of(
     advance: Callable[..., None],
     n_epochs: int,
     should_stop: Callable[[], bool],
-    board_folder: Path | None,
-    validator: Validator | None,
+    logs: Sequence[RunLog] = (),
 ) -> Iterator[Observers]:
-    """The observers of a training: a progress bar, which ``advance`` moves, and TensorBoard if a folder is given.
-
-    Raises:
-        UsageError: TensorBoard is asked for and not installed.
-    """
-    board = TensorboardLog(board_folder, validator) if board_folder else None
+    """The observers of a training: a progress bar, which ``advance`` moves, and logs, which are closed at the end."""
     progress = _Progress(advance, n_epochs)
 
     def on_step(report: StepReport) -> None:
         progress.step(report)
-        if board:
-            board.step(report)
+        for log in logs:
+            log.step(report)
 
     def on_scores(samples: int, scores: Scores, network: nn.Module) -> None:
         progress.score(scores)
-        if board:
-            board.scores(samples, scores, network)
+        for log in logs:
+            log.scores(samples, scores, network)
 
     try:
         yield Observers(on_step=on_step, on_scores=on_scores, should_stop=should_stop)
     finally:
-        if board:
-            board.close()
+        with ExitStack() as closing:  # all of them, whichever fails
+            for log in logs:
+                closing.callback(log.close)
 
 
 @final
