@@ -13,7 +13,7 @@ from pathlib import Path
 
 import datagen.cli
 import pix2face.commands.cli
-import pix2face.evaluation.evaluate_cli
+import pix2face.evaluation.cli
 from datagen.sampling.faces import sample_faces
 from pix2face.face_files.coefficients import save_coefficients
 from pix2face.models.morphable_model import builtin_model
@@ -28,7 +28,7 @@ COMMANDS = {
     "pix2face fit {given}/photograph.jpg --out {out}/fits": pix2face.commands.cli.main,
     "pix2face predict {given}/photograph.jpg --out {out}/maps": pix2face.commands.cli.main,
     "pix2face export --out {out}/network.onnx": pix2face.commands.cli.main,
-    "evaluate --split ibug --data {given} --out {out}/report --allow-missing": pix2face.evaluation.evaluate_cli.main,
+    "evaluate --split ibug --data {given} --out {out}/report --allow-missing": pix2face.evaluation.cli.main,
 }
 
 
