@@ -107,7 +107,7 @@ class ViewPages:
             return
         self._write(is_last=True)
         number = len(self.paths) + 1
-        while is_regular(self._place(number)) and self._place(number).read_bytes()[: len(_MARK)] == _MARK.encode():
+        while _is_view_page(self._place(number)):
             self._place(number).unlink()
             number += 1
 
@@ -125,6 +125,14 @@ class ViewPages:
 
     def _place(self, number: int) -> Path:
         return self._path if number == 1 else self._path.with_stem(f"{self._path.stem}-{number}")
+
+
+def _is_view_page(path: Path) -> bool:
+    """Whether a file is a page that we wrote."""
+    if not is_regular(path):
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_MARK)) == _MARK.encode()
 
 
 def view_page(faces: Sequence[str], title: str, navigation: str = "") -> str:
