@@ -71,31 +71,42 @@ def visible_vertices(
     the tolerance.
     """
     pixels, depths = camera.project(vertices), camera.depth(vertices)
-    corners = pixels[triangles]
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    nearest = depths[triangles].min(axis=1)
-    # Triangles by their left end: those that may reach over a point are a run as wide as the widest of them.
-    order = np.argsort(low[:, 0])
-    lefts, widest = low[order, 0], float((high - low)[:, 0].max(initial=0))
+    points, limits = pixels[indices], depths[indices] - tolerance_mm
+    # One row for each corner of the triangles: NumPy gathers and reduces long rows fastest.
+    corners = np.ascontiguousarray(triangles.T)
+    corners = corners[:, depths[corners].min(axis=0) < limits.max(initial=-np.inf)]
+    triangle, place = _pairs_in_columns(pixels[:, 0][corners], points[:, 0])
+    corners = corners.take(triangle, axis=1)
+    y, rows = points[place, 1], pixels[:, 1][corners]
+    near = (depths[corners].min(axis=0) < limits[place]) & (rows.min(axis=0) <= y) & (rows.max(axis=0) >= y)
+    corners, place = corners[:, near].T, place[near]
+    hides = _depths_at(points[place], pixels[corners], depths[corners]) < limits[place]
     visible = np.ones(len(indices), dtype=bool)
-    for place, vertex in enumerate(indices):
-        point, limit = pixels[vertex], depths[vertex] - tolerance_mm
-        first, last = np.searchsorted(lefts, (point[0] - widest, point[0]), side="right")
-        run = order[first:last]
-        near = run[(nearest[run] < limit) & (low[run, 1] <= point[1]) & (high[run] >= point).all(axis=1)]
-        visible[place] = not (_depths_at(point, corners[near], depths[triangles[near]]) < limit).any()
+    visible[place[hides]] = False
     return visible
 
 
+def _pairs_in_columns(
+    corners_x: Float64[ndarray, "3 t"], points_x: Float64[ndarray, " m"]
+) -> tuple[Int[ndarray, " n"], Int[ndarray, " n"]]:
+    """Every pair of a triangle and a point between its left and its right end: which triangle, and which point."""
+    order = np.argsort(points_x)
+    first = np.searchsorted(points_x[order], corners_x.min(axis=0), side="left")
+    count = np.searchsorted(points_x[order], corners_x.max(axis=0), side="right") - first
+    triangle = np.repeat(np.arange(len(count)), count)
+    within = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+    return triangle, order[first[triangle] + within]
+
+
 def _depths_at(
-    point: Float64[ndarray, "2"], corners: Float64[ndarray, "n 3 2"], depths: Float64[ndarray, "n 3"]
+    points: Float64[ndarray, "n 2"], corners: Float64[ndarray, "n 3 2"], depths: Float64[ndarray, "n 3"]
 ) -> Float64[ndarray, " n"]:
-    """The depth of each triangle where the line of sight meets it; inf where it does not.
+    """The depth of each triangle where the line of sight to its point meets it; inf where it does not.
 
     Depth is blended linearly over the picture: under a pinhole it is off by less than the tolerance for triangles of
     some mm.
     """
-    relative = corners - point
+    relative = corners - points[:, None]
     following = np.roll(relative, -1, axis=1)
     # Twice the signed areas of the triangles that the point makes with each side; opposite corner first.
     areas = np.roll(relative[..., 0] * following[..., 1] - relative[..., 1] * following[..., 0], -1, axis=1)
