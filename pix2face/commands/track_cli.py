@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import get_args
 
 import cv2
+import torch
 from jaxtyping import UInt8
 from numpy import ndarray
 from rich.console import Console
@@ -22,13 +23,8 @@ from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import GrowingFile, write_file
 from pix2face.tracking import TrackFormat
 from pix2face.tracking.clip_fit import FrameFitter
-from pix2face.tracking.face_follower import (
-    FaceFollower,
-    find_boxes,
-    find_identities,
-    follow_faces,
-    identity_step,
-)
+from pix2face.tracking.clip_identity import find_identities, identity_step
+from pix2face.tracking.face_follower import FaceFollower, find_boxes, follow_faces
 from pix2face.tracking.face_tracks import (
     LEAST_SHARE_DETECTED,
     FaceTracker,
@@ -54,6 +50,8 @@ def track(config: TrackConfig) -> int:
     """Runs ``pix2face track``."""
     formats = _check_call(config)
     _silence_decoders()
+    # The passes decode, predict and fit in threads of their own, which would wait for the threads of each network.
+    torch.set_num_threads(1)
     source = open_frames(config.video)
     find = _finder(config, source)
     check_output_folder(config.out)

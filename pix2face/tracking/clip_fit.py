@@ -1,8 +1,8 @@
 """Fits of the frames of a clip: one identity, and a camera and an expression for each frame."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import TypeVar, final
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -14,14 +14,16 @@ from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.fitting.least_squares.linear_system import cholesky
 from pix2face.fitting.picture_measurement import PictureMeasurement, measure_picture
-from pix2face.geometry.camera import WeakPerspective, nearest_weak_perspective, weak_perspective_camera
+from pix2face.geometry.camera import Camera, WeakPerspective, nearest_weak_perspective, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.geometry.landmarks import OUTER_EYE_CORNERS
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.refined_detection import refine_boxes
+from pix2face.tracking.ahead import ahead
 
 Photograph = UInt8[ndarray, "_ _ 3"]
+Key = TypeVar("Key")
 
 
 @final
@@ -32,6 +34,15 @@ class MeasuredFace:
     measurement: PictureMeasurement  # camera (in pixels of the crop) and linear system of the coefficients
     crop: Crop  # its matrix leads back to the pixels of the frame
     seen_share: float | None  # how much of the face the frame shows, as far as the network says so
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SettledFace:
+    """A face in one frame whose identity is settled."""
+
+    fit: FaceFit  # pixels of the frame
+    seen_share: float | None  # as in ``MeasuredFace``
 
 
 @final
@@ -50,13 +61,25 @@ class FrameFitter:
         Raises:
             DegenerateGeometryError: The network's output is not finite.
         """
-        if not faces:
-            return []
-        if self.refine:
-            boxes = refine_boxes(faces, self.predictor, self.model)
-            faces = [(image, box) for (image, _), box in zip(faces, boxes, strict=True)]
-        predictions = self.predictor.predict_many(faces)
-        return [self._measured(own, image) for own, (image, _) in zip(predictions, faces, strict=True)]
+        ((_, measured),) = self.measure_each([(None, faces)])
+        return measured
+
+    def measure_each(
+        self, groups: Iterable[tuple[Key, Sequence[tuple[Photograph, FaceBox]]]]
+    ) -> Iterator[tuple[Key, list[MeasuredFace | None]]]:
+        """The same for groups of faces, each with a key to know it by.
+
+        While one group is measured, a thread refines the boxes of the next.
+        """
+        for key, faces in ahead(((key, self._refined(faces)) for key, faces in groups), 1):
+            predictions = self.predictor.predict_many(faces)
+            yield key, [self._measured(own, image) for own, (image, _) in zip(predictions, faces, strict=True)]
+
+    def _refined(self, faces: Sequence[tuple[Photograph, FaceBox]]) -> list[tuple[Photograph, FaceBox]]:
+        if not self.refine:
+            return list(faces)
+        boxes = refine_boxes(faces, self.predictor, self.model)
+        return [(image, box) for (image, _), box in zip(faces, boxes, strict=True)]
 
     def _measured(self, prediction: Prediction, image: Photograph) -> MeasuredFace | None:
         prediction.check_finite()
@@ -67,16 +90,21 @@ class FrameFitter:
             return None
         return MeasuredFace(measurement, prediction.crop, prediction.maps.seen_share)
 
-    def fit(self, face: MeasuredFace, identity: Float64[ndarray, " k"]) -> FaceFit:
-        """The fit of a frame to a given identity, in the pixels of the frame.
+    def settled(self, face: MeasuredFace, identity: Float64[ndarray, " k"]) -> SettledFace:
+        """The fit of a frame to a given identity.
 
         Raises:
             DegenerateGeometryError: lambda is too small for the arithmetic.
         """
         expression = expression_of(face.measurement, identity)
-        camera = face.measurement.camera
+        return SettledFace(self.fit(face.measurement.camera, face.crop, identity, expression), face.seen_share)
+
+    def fit(
+        self, camera: Camera, crop: Crop, identity: Float64[ndarray, " k"], expression: Float64[ndarray, " e"]
+    ) -> FaceFit:
+        """The face of a camera (to pixels of the crop) and coefficients, in the pixels of the frame."""
         fit = face_of_coefficients(self.model, camera, identity, expression, contour=self.options.contour)
-        return fit.in_image(face.crop)
+        return fit.in_image(crop)
 
     def placed(self, box: FaceBox, identity: Float64[ndarray, " k"]) -> FaceFit:
         """The neutral face of an identity, frontal and upright, with its landmarks in a box."""

@@ -9,29 +9,27 @@ Deviation from the paper: which fits each frame alone. Here the identity is that
 camera and expression change from frame to frame.
 """
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
-from typing import Literal, TypeVar, final
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
 from pix2face.detectors.protocol import Box
-from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
-from pix2face.tracking import IDENTITY_FRAMES
-from pix2face.tracking.clip_fit import FrameFitter, MeasuredFace, carried, eye_distance_px
+from pix2face.tracking.ahead import ahead, in_chunks
+from pix2face.tracking.clip_fit import FrameFitter, SettledFace, carried, eye_distance_px
+from pix2face.tracking.clip_identity import ClipIdentity
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
 from pix2face.tracking.smoothing import JitterMeter, Smoother
 from pix2face.tracking.video import PICTURES_FPS, FrameSource
 
 Photograph = UInt8[ndarray, "_ _ 3"]
 Advance = Callable[[], None]
-Item = TypeVar("Item")
 
 FitState = Literal["fitted", "carried", "none"]
 
@@ -39,8 +37,6 @@ FitState = Literal["fitted", "carried", "none"]
 LONGEST_CARRIED_SECONDS = 0.5
 # A face of which the network sees a smaller share is hidden, or there is none.
 LEAST_SEEN = 0.45
-# Faces that are in the network at a time.
-FACES_AT_A_TIME = 8
 
 
 @final
@@ -107,71 +103,19 @@ def find_boxes(
     return count
 
 
-def find_identities(
-    source: FrameSource,
-    detected: Sequence[tuple[Iterable[FrameBox], int]],
-    fitter: FrameFitter,
-    *,
-    at_most: int = IDENTITY_FRAMES,
-    advance: Advance = lambda: None,
-) -> list[Float64[ndarray, " k"]]:
-    """Second pass: the identity of each face over the clip (Eq. 5), from frames in which it was detected.
-
-    Args:
-        source: The clip.
-        detected: For each face its detections, in the order of frames, and their number.
-        fitter: How frames are fitted.
-        at_most: Frames for each face, evenly spread over its detections.
-        advance: Called for each frame that is taken.
-
-    Raises:
-        DegenerateGeometryError: The network's output is not finite.
-    """
-    wanted: dict[int, list[tuple[int, FaceBox]]] = {}
-    for face, (boxes, count) in enumerate(detected):
-        for own in islice(boxes, 0, None, identity_step(count, at_most)):
-            wanted.setdefault(own.frame, []).append((face, own.box))
-    n_identity = fitter.model.n_identity
-    identities: list[Float64[ndarray, " k"]] = [np.zeros(n_identity) for _ in detected]
-    left = Counter(face for looks in wanted.values() for face, _ in looks)
-    sums: dict[int, JointAccumulator] = {}  # of the faces in the picture: a long clip has many, each of megabytes
-    last = max(wanted, default=-1)
-    chosen = ((index, image) for index, image in enumerate(islice(source.frames(), last + 1)) if index in wanted)
-    for chunk in _chunks(((face, image, box) for index, image in chosen for face, box in wanted[index])):
-        measured = fitter.measure([(image, box) for _, image, box in chunk])
-        for (face, _, _), seen in zip(chunk, measured, strict=True):
-            if seen is not None:
-                of_face = sums.setdefault(face, JointAccumulator(n_identity))
-                of_face.add(seen.measurement.system, seen.measurement.regularisation)
-            left[face] -= 1
-            if face in sums and not left[face]:
-                identities[face] = sums.pop(face).solve()[0]
-            advance()
-    for face, of_face in sums.items():  # a clip that ends before it did when it was searched
-        identities[face] = of_face.solve()[0]
-    return identities
-
-
-def identity_step(n_detected: int, at_most: int) -> int:
-    """The identity of a face comes from every n-th of its detections; this is n."""
-    return max(1, -(-n_detected // at_most))
-
-
 @final
 class FaceFollower:
     """The last part of the chain for one face: fits with the identity, carries over gaps, smooths, measures jitter.
 
     Args:
         fitter: How frames are fitted.
-        identity: Of the face, over the clip.
+        found: Its identity, and the fits that are known already.
         smoother: Of its landmarks.
         fps: Frames a second.
     """
 
-    def __init__(
-        self, fitter: FrameFitter, identity: Float64[ndarray, " k"], smoother: Smoother, fps: float = PICTURES_FPS
-    ) -> None:
-        self.identity = identity
+    def __init__(self, fitter: FrameFitter, found: ClipIdentity, smoother: Smoother, fps: float = PICTURES_FPS) -> None:
+        self.identity, self.known_fits = found.coefficients, found.fits
         self.jitter_raw, self.jitter_smoothed = JitterMeter(), JitterMeter()
         self._fitter, self._smoother = fitter, smoother
         self._waiting: deque[TrackedFace] = deque()
@@ -185,17 +129,17 @@ class FaceFollower:
         """How much of the face frames show, their median; None where the network does not say."""
         return float(np.median(self._seen_shares)) if self._seen_shares else None
 
-    def push(self, box: FrameBox, measured: MeasuredFace | None) -> list[TrackedFace]:
+    def push(self, box: FrameBox, settled: SettledFace | None) -> list[TrackedFace]:
         """Takes the next frame; gives back those that are smoothed by now."""
-        seen_share = None if measured is None else measured.seen_share
+        seen_share = None if settled is None else settled.seen_share
         if seen_share is not None:
             self._seen_shares.append(seen_share)
         if box.source != "detected" and seen_share is not None and seen_share < LEAST_SEEN:
-            measured = None  # neither detector nor network finds a face
-        state = self._state(box, measured)
+            settled = None  # neither detector nor network finds a face
+        state = self._state(box, settled)
         is_cut = self._last is not None and (self._last.box.track != box.track or state == "none")
         done = self.flush() if is_cut else []
-        fit = self._fit(box, measured)
+        fit = self._fit(box, settled)
         face = TrackedFace(box, state, fit, fit.landmarks2d, eye_distance_px(fit), seen_share)
         if state == "none":
             self._last = None
@@ -213,15 +157,15 @@ class FaceFollower:
         self.jitter_smoothed.cut()
         return done
 
-    def _state(self, box: FrameBox, measured: MeasuredFace | None) -> FitState:
-        if measured is not None:
+    def _state(self, box: FrameBox, settled: SettledFace | None) -> FitState:
+        if settled is not None:
             return "fitted"
         is_near = self._last is not None and self._last.box.track == box.track
         return "carried" if is_near and self._n_carried < self._longest_carried else "none"
 
-    def _fit(self, box: FrameBox, measured: MeasuredFace | None) -> FaceFit:
-        if measured is not None:
-            return self._fitter.fit(measured, self.identity)
+    def _fit(self, box: FrameBox, settled: SettledFace | None) -> FaceFit:
+        if settled is not None:
+            return settled.fit
         if self._last is None or self._last.box.track != box.track:
             return self._fitter.placed(box.box, self.identity)
         return carried(self._last.fit, self._last.box.box, box.box)
@@ -243,7 +187,7 @@ def follow_faces(
 ) -> Iterator[TrackedFrame]:
     """Third pass: every frame in its order, with every face that is in it, fitted and smoothed.
 
-    Keeps as many frames as the smoothers look ahead, and those that are in the network.
+    Keeps as many frames as the smoothers look ahead, and a few chunks: while one is smoothed, threads look at the next.
 
     Args:
         source: The clip.
@@ -255,7 +199,6 @@ def follow_faces(
         DegenerateGeometryError: The network's output is not finite.
         InputFileError: As ``FrameSource.frames``.
     """
-    ahead = [_Peekable(own) for own in boxes]
     waiting: deque[TrackedFrame] = deque()
     missing: dict[int, int] = {}  # faces that a waiting frame still lacks
 
@@ -269,22 +212,42 @@ def follow_faces(
             del missing[waiting[0].index]
             yield waiting.popleft()
 
-    for chunk in _chunks(enumerate(source.timed_frames())):
-        looked_for = [
-            (face, own.pop(), image)
-            for index, (_, image) in chunk
-            for face, own in enumerate(ahead)
-            if own.frame == index
-        ]
-        for index, (time_s, image) in chunk:
+    for chunk, measured in ahead(fitter.measure_each(_chunks_of_clip(source, boxes, followers)), 1):
+        for index, time_s, image in chunk.frames:
             waiting.append(TrackedFrame(index, time_s, image, {}))
-            missing[index] = sum(box.frame == index for _, box, _ in looked_for)
-        measured = fitter.measure([(image, box.box) for _, box, image in looked_for])
-        for (face, box, _), own in zip(looked_for, measured, strict=True):
-            take(face, followers[face].push(box, own))
-        for face in {face for face, _, _ in looked_for if ahead[face].frame is None}:
+            missing[index] = sum(box.frame == index for _, box in chunk.faces)
+        new = iter(measured)
+        for face, box in chunk.faces:
+            settled = followers[face].known_fits.get(box.frame)
+            if settled is None and (seen := next(new)) is not None:
+                settled = fitter.settled(seen, followers[face].identity)
+            take(face, followers[face].push(box, settled))
+        for face in chunk.ended:
             take(face, followers[face].flush())
         yield from ready()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Chunk:
+    """Frames in a row."""
+
+    frames: list[tuple[int, float, Photograph]]  # number, time in seconds, picture
+    faces: list[tuple[int, FrameBox]]  # every face in every one of them
+    ended: set[int]  # faces that are in no later frame
+
+
+def _chunks_of_clip(
+    source: FrameSource, boxes: Sequence[Iterator[FrameBox]], followers: Sequence[FaceFollower]
+) -> Iterator[tuple[_Chunk, list[tuple[Photograph, FaceBox]]]]:
+    """All frames, and those of their faces whose fits are not known yet."""
+    every_box = [_Peekable(own) for own in boxes]
+    for frames in in_chunks((index, *timed) for index, timed in enumerate(source.timed_frames())):
+        images = {index: image for index, _, image in frames}
+        faces = [(face, own.pop()) for index in images for face, own in enumerate(every_box) if own.frame == index]
+        ended = {face for face, _ in faces if every_box[face].frame is None}
+        new = [(images[box.frame], box.box) for face, box in faces if box.frame not in followers[face].known_fits]
+        yield _Chunk(frames, faces, ended), new
 
 
 @final
@@ -304,10 +267,3 @@ class _Peekable:
         assert box is not None
         self._next = next(self._boxes, None)
         return box
-
-
-def _chunks(items: Iterable[Item]) -> Iterator[list[Item]]:
-    """Lists of as many items as are looked at together."""
-    iterator = iter(items)
-    while chunk := list(islice(iterator, FACES_AT_A_TIME)):
-        yield chunk

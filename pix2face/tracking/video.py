@@ -16,6 +16,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import IMAGE_SUFFIXES, read_photograph
 from pix2face.files.opening import check_regular
+from pix2face.tracking.ahead import ahead
 
 Frame = UInt8[ndarray, "h w 3"]
 
@@ -26,6 +27,7 @@ LARGEST_VIDEO_BYTES = 1 << 45  # they are decoded frame by frame
 FASTEST_FPS = 1000.0  # beyond, a header is damaged
 # Headers often announce a frame or two that are not there.
 MISSING_FRAMES_TOLERATED = 2
+FRAMES_DECODED_AHEAD = 2
 
 
 @final
@@ -54,7 +56,7 @@ class FrameSource:
         """The same frames with their times in seconds from the first; a video states them, pictures follow ``fps``."""
         images = self._pictures() if self.pictures else _decoded(self.path, 1 / self.fps)
         first: tuple[int, ...] | None = None
-        for index, (time_s, image) in enumerate(images):
+        for index, (time_s, image) in enumerate(ahead(images, FRAMES_DECODED_AHEAD)):
             first = first or image.shape
             if image.shape != first:
                 raise InputFileError(

@@ -18,15 +18,10 @@ from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
 from pix2face.tracking import video
-from pix2face.tracking.clip_fit import FrameFitter, carried, expression_of, eye_distance_px
-from pix2face.tracking.face_follower import (
-    FACES_AT_A_TIME,
-    FaceFollower,
-    TrackedFrame,
-    find_boxes,
-    find_identities,
-    follow_faces,
-)
+from pix2face.tracking.ahead import FACES_AT_A_TIME
+from pix2face.tracking.clip_fit import FrameFitter, SettledFace, carried, expression_of, eye_distance_px
+from pix2face.tracking.clip_identity import ClipIdentity, find_identities
+from pix2face.tracking.face_follower import FaceFollower, TrackedFrame, find_boxes, follow_faces
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox, boxes_of_every_frame, main_face, read_boxes
 from pix2face.tracking.smoothing import open_smoother
 from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
@@ -63,6 +58,7 @@ def run(
     smoothing: str = "none",
     refine: bool = True,
     keep: bool = True,
+    forget: bool = False,
 ) -> tuple[Iterable[TrackedFrame], FaceFollower]:
     fitter = FrameFitter(colour_predictor(clip.model), clip.model, refine=refine)
     detector = BlobDetector(missing)
@@ -73,11 +69,24 @@ def run(
     tracks = main_face(tracker.tracks)
     numbers = [own.track for own in tracks]
     detected = [(read_boxes(path, numbers), sum(own.n_detected for own in tracks))]
-    (identity,) = find_identities(clip.source, detected, fitter, at_most=5)
-    follower = FaceFollower(fitter, identity, open_smoother(smoothing, clip.source.fps))
+    (found,) = find_identities(clip.source, detected, fitter, at_most=5)
+    if forget:
+        found.fits.clear()
+    follower = FaceFollower(fitter, found, open_smoother(smoothing, clip.source.fps))
     boxes = boxes_of_every_frame(read_boxes(path, numbers), range(n_frames))
     frames = follow_faces(clip.source, [boxes], [follower], fitter)
     return list(frames) if keep else frames, follower
+
+
+def unknown(model: MorphableModel) -> ClipIdentity:
+    """The mean face, with no fit known yet."""
+    return ClipIdentity(np.zeros(model.n_identity), {})
+
+
+def settled(fitter: FrameFitter, image: np.ndarray, box: FaceBox) -> SettledFace:
+    (seen,) = fitter.measure([(image, box)])
+    assert seen is not None
+    return fitter.settled(seen, np.zeros(fitter.model.n_identity))
 
 
 def errors_in_percent(frames: list[TrackedFrame], clip: Clip) -> np.ndarray:
@@ -105,6 +114,24 @@ def test_frames_without_a_detection_are_filled_and_say_so(clip, tmp_path):
     assert errors_in_percent(frames, clip).max() < 0.5
 
 
+def test_frames_that_the_identity_comes_from_are_not_measured_again(clip, tmp_path, monkeypatch):
+    seen = []
+    original = FrameFitter._measured
+
+    def measured(self, prediction, image):
+        seen.append(prediction.box)
+        return original(self, prediction, image)
+
+    monkeypatch.setattr(FrameFitter, "_measured", measured)
+    frames, follower = run(clip, tmp_path)
+    assert len(follower.known_fits) == 5
+    assert len(seen) == len(set(seen)) == N_FRAMES
+    every, _ = run(clip, tmp_path, forget=True)
+    assert len(seen) == 2 * N_FRAMES + 5
+    for known, measured_again in zip(frames, every, strict=True):
+        np.testing.assert_allclose(known.faces[0].landmarks2d, measured_again.faces[0].landmarks2d, atol=1e-3)
+
+
 def test_smoothing_takes_jitter_away_and_reports_it(clip, tmp_path):
     _, raw = run(clip, tmp_path, smoothing="none")
     _, smooth = run(clip, tmp_path, smoothing="mean3")
@@ -119,9 +146,9 @@ def test_boxes_of_the_detector_alone_will_do_where_the_network_sees_well(clip, t
 
 def test_a_fit_is_carried_for_half_a_second_and_none_is_invented(clip):
     fitter = FrameFitter(colour_predictor(clip.model), clip.model)
-    follower = FaceFollower(fitter, np.zeros(clip.model.n_identity), open_smoother("mean3", 25), 25)
+    follower = FaceFollower(fitter, unknown(clip.model), open_smoother("mean3", 25), 25)
     image, box = next(clip.source.frames()), next(_detections(clip))
-    seen = fitter.measure([(image, box.box)])[0]
+    seen = settled(fitter, image, box.box)
     blank = [False, False, True, True, *[False] * 20, True]
     done = []
     for index, is_seen in enumerate(blank):
@@ -136,10 +163,9 @@ def test_a_fit_is_carried_for_half_a_second_and_none_is_invented(clip):
 def test_where_neither_detector_nor_network_finds_a_face_there_is_no_fit(clip):
     fitter = FrameFitter(colour_predictor(clip.model), clip.model)
     image, box = next(clip.source.frames()), next(_detections(clip))
-    (seen,) = fitter.measure([(image, box.box)])
-    assert seen is not None
+    seen = settled(fitter, image, box.box)
     for source, share, state in (("held", 0.2, "none"), ("held", 0.8, "fitted"), ("detected", 0.2, "fitted")):
-        follower = FaceFollower(fitter, np.zeros(clip.model.n_identity), open_smoother("none", 25))
+        follower = FaceFollower(fitter, unknown(clip.model), open_smoother("none", 25))
         (face,) = follower.push(replace(box, source=source), replace(seen, seen_share=share))
         assert (face.state, face.seen_share) == (state, share)
 
@@ -147,9 +173,9 @@ def test_where_neither_detector_nor_network_finds_a_face_there_is_no_fit(clip):
 def test_maps_without_a_face_carry_the_last_fit_along_with_the_box(clip):
     fitter = FrameFitter(colour_predictor(clip.model), clip.model)
     boxes = list(boxes_of_every_frame(_detections(clip), range(N_FRAMES)))
-    follower = FaceFollower(fitter, np.zeros(clip.model.n_identity), open_smoother("none", 25))
+    follower = FaceFollower(fitter, unknown(clip.model), open_smoother("none", 25))
     image = next(clip.source.frames())
-    (first,) = follower.push(boxes[0], fitter.measure([(image, boxes[0].box)])[0])
+    (first,) = follower.push(boxes[0], settled(fitter, image, boxes[0].box))
     (second,) = follower.push(boxes[3], None)
     assert first.is_fitted
     assert not second.is_fitted
@@ -160,7 +186,7 @@ def test_maps_without_a_face_carry_the_last_fit_along_with_the_box(clip):
 def test_a_clip_whose_maps_never_hold_a_face_has_the_mean_face_in_its_boxes(clip):
     fitter = FrameFitter(colour_predictor(clip.model), clip.model)
     assert fitter.measure([(np.zeros((50, 50, 3), np.uint8), FaceBox(10, 10, 30, 30))]) == [None]
-    follower = FaceFollower(fitter, np.zeros(clip.model.n_identity), open_smoother("none", 25))
+    follower = FaceFollower(fitter, unknown(clip.model), open_smoother("none", 25))
     box = next(iter(_detections(clip)))
     (face,) = follower.push(box, None)
     around = FaceBox.around(face.landmarks2d)
@@ -203,7 +229,9 @@ def test_few_frames_are_in_memory_at_a_time(clip, tmp_path, monkeypatch, smoothi
     for _ in run(Clip(clip.model, longer, clip.landmarks), tmp_path, smoothing=smoothing, keep=False)[0]:
         n_done += 1
     assert n_done == 60
-    assert most <= 2 * FACES_AT_A_TIME + reach + 2
+    # Five chunks: being refined, measured and written, and one between each two; frames decoded ahead, and those that
+    # the smoother waits for.
+    assert most <= 5 * FACES_AT_A_TIME + video.FRAMES_DECODED_AHEAD + reach + 2
 
 
 def test_two_faces_stay_apart(tmp_path):
@@ -222,8 +250,7 @@ def test_two_faces_stay_apart(tmp_path):
         boxes_of_every_frame(read_boxes(tmp_path / "boxes.csv", [own]), span)
         for own, span in zip((0, 1), spans, strict=True)
     ]
-    zero = np.zeros(model.n_identity)
-    followers = [FaceFollower(fitter, zero, open_smoother(own, 25)) for own in ("spline", "mean3")]
+    followers = [FaceFollower(fitter, unknown(model), open_smoother(own, 25)) for own in ("spline", "mean3")]
     frames = list(follow_faces(source, boxes, followers, fitter))
     assert [sorted(frame.faces) for frame in frames] == [[0, 1] if 2 <= index < 9 else [0] for index in range(12)]
     middles = {own: np.mean([frame.faces[own].landmarks2d[:, 0].mean() for frame in frames[2:9]]) for own in (0, 1)}
@@ -232,7 +259,7 @@ def test_two_faces_stay_apart(tmp_path):
 
 def test_a_change_of_track_is_not_smoothed_across(clip):
     fitter = FrameFitter(colour_predictor(clip.model), clip.model)
-    follower = FaceFollower(fitter, np.zeros(clip.model.n_identity), open_smoother("mean3", 25))
+    follower = FaceFollower(fitter, unknown(clip.model), open_smoother("mean3", 25))
     done = []
     for index, own in enumerate(_detections(clip)):
         far = index >= 10

@@ -1,0 +1,100 @@
+"""The identity of each face over a clip, from a bounded number of frames (Eq. 5)."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import final
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from pix2face.fitting.coefficient_fit import JointAccumulator
+from pix2face.geometry.camera import Camera
+from pix2face.geometry.crops import Crop, FaceBox
+from pix2face.tracking import IDENTITY_FRAMES
+from pix2face.tracking.ahead import in_chunks
+from pix2face.tracking.clip_fit import FrameFitter, MeasuredFace, SettledFace
+from pix2face.tracking.face_tracks import FrameBox
+from pix2face.tracking.video import FrameSource
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ClipIdentity:
+    """The identity of a face over a clip, and its fits in the frames that it comes from."""
+
+    coefficients: Float64[ndarray, " k"]  # standard deviations
+    fits: dict[int, SettledFace]  # by the number of the frame
+
+
+def find_identities(
+    source: FrameSource,
+    detected: Sequence[tuple[Iterable[FrameBox], int]],
+    fitter: FrameFitter,
+    *,
+    at_most: int = IDENTITY_FRAMES,
+    advance: Callable[[], None] = lambda: None,
+) -> list[ClipIdentity]:
+    """Second pass: the identity of each face over the clip (Eq. 5), from frames in which it was detected.
+
+    Args:
+        source: The clip.
+        detected: For each face its detections, in the order of frames, and their number.
+        fitter: How frames are fitted.
+        at_most: Frames for each face, evenly spread over its detections.
+        advance: Called for each frame that is taken.
+
+    Raises:
+        DegenerateGeometryError: The network's output is not finite.
+    """
+    wanted: dict[int, list[tuple[int, FaceBox]]] = {}
+    for face, (boxes, count) in enumerate(detected):
+        for own in islice(boxes, 0, None, identity_step(count, at_most)):
+            wanted.setdefault(own.frame, []).append((face, own.box))
+    last = max(wanted, default=-1)
+    chosen = ((index, image) for index, image in enumerate(islice(source.frames(), last + 1)) if index in wanted)
+    looks = ((face, index, image, box) for index, image in chosen for face, box in wanted[index])
+    groups = (([own[:2] for own in chunk], [own[2:] for own in chunk]) for chunk in in_chunks(looks))
+    found = [ClipIdentity(np.zeros(fitter.model.n_identity), {}) for _ in detected]
+    left = Counter(face for faces in wanted.values() for face, _ in faces)
+    sums: dict[int, _IdentitySum] = {}  # of the faces in the picture: a long clip has many, each of megabytes
+    for places, measured in fitter.measure_each(groups):
+        for (face, frame), seen in zip(places, measured, strict=True):
+            if seen is not None:
+                sums.setdefault(face, _IdentitySum(fitter)).add(frame, seen)
+            left[face] -= 1
+            if face in sums and not left[face]:
+                found[face] = sums.pop(face).solve()
+            advance()
+    for face, of_face in sums.items():  # a clip that ends before it did when it was searched
+        found[face] = of_face.solve()
+    return found
+
+
+@final
+class _IdentitySum:
+    """The frames so far that the identity of a face comes from: of each its share of Eq. 5, and what its fit needs."""
+
+    def __init__(self, fitter: FrameFitter) -> None:
+        self._fitter = fitter
+        self._systems = JointAccumulator(fitter.model.n_identity)
+        self._views: list[tuple[int, Camera, Crop, float | None]] = []
+
+    def add(self, frame: int, seen: MeasuredFace) -> None:
+        self._systems.add(seen.measurement.system, seen.measurement.regularisation)
+        self._views.append((frame, seen.measurement.camera, seen.crop, seen.seen_share))
+
+    def solve(self) -> ClipIdentity:
+        identity, expressions = self._systems.solve()
+        fits = {
+            frame: SettledFace(self._fitter.fit(camera, crop, identity, expression), seen_share)
+            for (frame, camera, crop, seen_share), expression in zip(self._views, expressions, strict=True)
+        }
+        return ClipIdentity(identity, fits)
+
+
+def identity_step(n_detected: int, at_most: int) -> int:
+    """The identity of a face comes from every n-th of its detections; this is n."""
+    return max(1, -(-n_detected // at_most))
