@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import get_args
 
 import cv2
-import torch
 from jaxtyping import UInt8
 from numpy import ndarray
 from rich.console import Console
@@ -21,6 +20,7 @@ from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import GrowingFile, write_file
+from pix2face.inference.predictor import keep_networks_in_one_thread
 from pix2face.tracking import TrackFormat
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.clip_identity import find_identities, identity_step
@@ -50,8 +50,7 @@ def track(config: TrackConfig) -> int:
     """Runs ``pix2face track``."""
     formats = _check_call(config)
     _silence_decoders()
-    # The passes decode, predict and fit in threads of their own, which would wait for the threads of each network.
-    torch.set_num_threads(1)
+    keep_networks_in_one_thread()  # the passes decode, predict and fit in threads of their own
     source = open_frames(config.video)
     find = _finder(config, source)
     check_output_folder(config.out)

@@ -128,6 +128,11 @@ class Predictor:
             return np.ascontiguousarray(planes.cpu().numpy())
 
 
+def keep_networks_in_one_thread() -> None:
+    """From now on, networks on the CPU use no threads but the caller's: for programs whose own threads use the cores."""
+    torch.set_num_threads(1)
+
+
 def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> tuple[FaceMaps, int]:
     """Converts a network's output to maps in mm, 0 outside the mask, and counts the pixels that are not finite.
 
