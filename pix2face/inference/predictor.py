@@ -129,7 +129,7 @@ class Predictor:
 
 
 def keep_networks_in_one_thread() -> None:
-    """From now on, networks on the CPU use no threads but the caller's: for programs whose own threads use the cores."""
+    """Lets networks on the CPU use the calling thread alone, for programs whose own threads use the cores."""
     torch.set_num_threads(1)
 
 
