@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.detectors import DEFAULT_DETECTOR
+from pix2face.detectors.centre_detector import CentreDetector
 from pix2face.detectors.detection import DetectedFace, Detector, open_detector
 from pix2face.detectors.protocol import SURE_SCORE, box_and_score, sure_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
@@ -133,6 +134,19 @@ class Pix2Face:
         if self._refine and self._model is not None:
             return refine_faces(image, faces, self.predictor, self._model)
         return faces
+
+    def quarter_turns(self, image: GivenPhotograph) -> int:
+        """How many turns of 90° counterclockwise (``numpy.rot90``) make a face upright that lies sideways.
+
+        Detectors and networks expect upright faces. Returns 1 or 3, or 0 unless the face clearly lies sideways; always
+        0 if the detector is dlib's.
+
+        Raises:
+            InputFileError: The photograph's file is missing, or cannot be decoded.
+            UsageError: The photograph is neither a path, nor a PIL image, nor an 8-bit RGB array.
+        """
+        detector = self._detector or open_detector()
+        return detector.quarter_turns(as_photograph(image)) if isinstance(detector, CentreDetector) else 0
 
     def predict(self, image: GivenPhotograph, boxes: GivenBoxes | None = None) -> list[Prediction]:
         """Predicts the maps of every face in a photograph.

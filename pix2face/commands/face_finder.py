@@ -19,9 +19,12 @@ from pix2face.landmark_choice.landmark_file import open_model_with, with_own_lan
 from pix2face.models.morphable_model import MorphableModel
 
 NO_FACE = (
-    "no face found; is the picture turned? Detectors find upright faces: turn it, say where the face is with "
-    "--box left top right bottom, look for small faces with --smallest-face 0.02, or accept doubtful faces with "
-    "--min-score 0.5"
+    "no face found; say where the face is with --box left top right bottom, look for small faces with "
+    "--smallest-face 0.02, or accept doubtful faces with --min-score 0.5"
+)
+TURNED = (
+    "the face lies sideways; turn the picture counterclockwise by {degrees}°, or say where the face is with "
+    "--box left top right bottom if the picture is right as it is"
 )
 
 
@@ -105,7 +108,11 @@ class FaceFinder:
         Raises:
             DegenerateGeometryError: There is none, or one that was given lies beside the photograph.
         """
-        boxes: Sequence[Box] = self._given(path, image) or self.pix2face.find_faces(image)
+        boxes: Sequence[Box] = self._given(path, image)
+        if not boxes:
+            if turns := self.pix2face.quarter_turns(image):
+                raise DegenerateGeometryError(TURNED.format(degrees=90 * turns))
+            boxes = self.pix2face.find_faces(image)
         if not boxes:
             raise DegenerateGeometryError(NO_FACE)
         return boxes[:1] if self.largest else boxes

@@ -27,6 +27,10 @@ LARGEST_ENLARGEMENT: Final = 2.0
 LEAST_SAMPLES: Final = 4  # pixels across of a larger picture that a pixel of the scaled one is the mean of
 LEAST_SCORE: Final = 0.05  # candidates below are not even listed
 SURE_SCORE: Final = 0.4
+# An upright face with this score is not doubted. Any other counts as sideways if a turned picture has a face that is
+# surer by so much: of 439 photographs of AFLW2000-3D, 300-W and dlib two, whose faces are turned by more than 60°.
+CONVINCING_SCORE: Final = 1.75
+SURER_BY: Final = 0.5
 GREY: Final = 128  # what the network takes for nothing
 
 
@@ -77,6 +81,23 @@ class CentreDetector:
                 px_per_px = (images[place].shape[1] / width, images[place].shape[0] / height)
                 found[place] = faces_of(boxes, scores / SURE_SCORE, px_per_px)
         return found
+
+    def quarter_turns(self, image: UInt8[ndarray, "h w 3"]) -> int:
+        """How many turns of 90° counterclockwise make a face upright that lies sideways: 1, 3, or 0 for upright faces.
+
+        Only upright faces are found reliably. Pictures that are upside down are not noticed, because a face that is
+        upside down looks too much like an upright one.
+        """
+        small = _scaled(image, self._longest_side_px)
+        best = self._best_score(small)
+        if best >= CONVINCING_SCORE:
+            return 0
+        turned = {turns: self._best_score(np.ascontiguousarray(np.rot90(small, turns))) for turns in (1, 3)}
+        turns = max(turned, key=lambda own: turned[own])
+        return turns if turned[turns] >= max(best + SURER_BY, 1.0) else 0
+
+    def _best_score(self, image: UInt8[ndarray, "h w 3"]) -> float:
+        return max((face.score for face in self.candidates(image)), default=0.0)
 
 
 def _scaled(image: UInt8[ndarray, "h w 3"], longest_side_px: float) -> UInt8[ndarray, "_ _ 3"]:

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
-import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.geometry.crops import FaceBox
 
 SURE_SCORE = 1.0  # from this score on, a detector is sure of a face
-# An upright face with this score is not doubted. Otherwise a face in the turned picture counts from how much surer on.
-CONVINCING_SCORE, SURER_BY = 1.75, 0.4
 
 
 @final
@@ -51,27 +48,6 @@ def sure_faces(candidates: Sequence[DetectedFace], min_score: float = SURE_SCORE
 def sure_boxes(candidates: Sequence[DetectedFace]) -> list[FaceBox]:
     """The boxes of the faces with a score of at least 1, largest first."""
     return [face.box for face in sure_faces(candidates)]
-
-
-def quarter_turns(detector: Detector, image: UInt8[ndarray, "h w 3"], upright: Sequence[DetectedFace]) -> int:
-    """How often a picture must be turned counterclockwise by 90° for its face to be upright; 0 if nothing says so.
-
-    A face that is upside down is often taken for an upright one. It is the turned picture in which the detector is much
-    surer.
-
-    Args:
-        detector: Finds upright faces.
-        image: RGB.
-        upright: What it found in the picture as it is.
-    """
-    best = max((face.score for face in upright), default=0.0)
-    if best >= CONVINCING_SCORE:
-        return 0
-    turned = [
-        max((face.score for face in detector.candidates(np.ascontiguousarray(np.rot90(image, turns)))), default=0.0)
-        for turns in (1, 2, 3)
-    ]
-    return 1 + int(np.argmax(turned)) if max(turned) >= max(best + SURER_BY, SURE_SCORE) else 0
 
 
 def box_and_score(face: Box) -> tuple[FaceBox, float | None]:

@@ -196,9 +196,19 @@ def test_no_face_is_one_line_and_the_rest_is_done(
     assert call("predict", empty, person, *options) == 3
     assert written(tmp_path / "out") == {"person-0.npz", "person-0-maps.png"}
     lines = capsys.readouterr().err.splitlines()
-    (line,) = [line for line in lines if line.startswith(f"{empty}: no face found; is the picture turned?")]
-    assert all(option in line for option in ("turn it", "--box left top right bottom", "--min-score"))
+    (line,) = [line for line in lines if line.startswith(f"{empty}: no face found; ")]
+    assert all(option in line for option in ("--box left top right bottom", "--smallest-face", "--min-score"))
     assert f"photographs: 2, faces: 1 -> {tmp_path / 'out'}" in lines
+
+
+def test_photographs_on_their_side_are_named_and_not_read(
+    untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turned = write_picture(tmp_path / "turned.png", np.ascontiguousarray(np.rot90(astronaut(), 3)))
+    options = ("--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
+    assert call("predict", turned, *options) == 3
+    assert f"{turned}: the face lies sideways; turn the picture counterclockwise by 90°" in capsys.readouterr().err
+    assert call("predict", turned, "--box", "200", "200", "300", "300", *options) == 0
 
 
 def test_photographs_that_cannot_be_read_do_not_end_the_run(

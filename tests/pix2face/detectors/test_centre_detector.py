@@ -124,3 +124,13 @@ def test_three_hundred_faces_are_found() -> None:
     places = np.argwhere(np.ones((20, 15))) * 4 + 2
     planes[places[:, 0], places[:, 1], 0] = 4
     assert len(decode(planes, STRIDE, 0.3)[0]) == 300
+
+
+@pytest.mark.parametrize(("turns", "needed"), [(0, 0), (1, 3), (2, 0), (3, 1)])
+def test_pictures_on_their_side_are_noticed(turns: int, needed: int) -> None:
+    turned = np.ascontiguousarray(np.rot90(astronaut(), turns))
+    assert CentreDetector.load().quarter_turns(turned) == needed
+
+
+def test_where_there_is_no_face_nothing_is_turned() -> None:
+    assert CentreDetector.load().quarter_turns(np.full((200, 300, 3), 128, np.uint8)) == 0
