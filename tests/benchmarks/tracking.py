@@ -1,8 +1,9 @@
 """What smoothing does to landmarks, and what tracking takes: python -m tests.benchmarks.tracking.
 
     python -m tests.benchmarks.tracking [--tracks A/track.npz,B/track.npz] [--out out/tracking.json]
+    python -m tests.benchmarks.tracking --clip CLIP [--out out/tracking.json]
 
-Prints and writes JSON:
+Prints and writes JSON, with ``--clip`` only the last:
 
 - ``smoothing``: for each smoother, on points that move as faces do (swings of 0.3 to 3 Hz, up to a quarter of the eye
   distance) with normal noise of 1 % of the eye distance: jitter before and after, RMS error against the truth, lag in
@@ -10,6 +11,8 @@ Prints and writes JSON:
 - ``clips``: of clips that ``pix2face track`` has tracked, the jitter of the raw landmarks after each smoother, and
   where the boxes come from.
 - ``memory``: the largest memory of a process that tracks a drawn clip once, and 20 times over.
+- ``speed``: of ``pix2face track CLIP``: frames a second of each pass and of all, processor time of each step in ms per
+  frame of the clip, and the time of the whole command, which also starts and loads the network.
 """
 
 import argparse
@@ -17,19 +20,49 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy import ndarray
 
+from pix2face.commands import track_cli
 from pix2face.commands.cli import main as pix2face_main
+from pix2face.detectors.centre_detector import CentreDetector
+from pix2face.inference.predictor import Predictor
+from pix2face.photographs import refined_detection
+from pix2face.tracking import clip_fit, track_files
 from pix2face.tracking.smoothing import SMOOTHINGS, JitterMeter, open_smoother
+from pix2face.tracking.track_files import TrackFiles
+from pix2face.tracking.video import OverlayVideo, open_frames
 from tests.benchmarks.surroundings import surroundings, write_report
 
 FPS = 25.0
 NOISE = 0.01
 LOOPS = 20
+
+PASSES = (
+    (track_cli, "_detect", "boxes"),
+    (track_cli, "find_identities", "identity"),
+    (track_cli, "_follow", "fits"),
+)
+STEPS = (
+    (CentreDetector, "candidates", "detect"),
+    (Predictor, "predict_batch", "crops, and maps from planes"),
+    (Predictor, "_planes", "network"),
+    (refined_detection, "refined_box", "fits of first predictions"),
+    (clip_fit, "measure_picture", "fits of second predictions"),
+    (track_files, "visible_landmarks", "visible landmarks"),
+    (TrackFiles, "write", "landmarks.csv and track.npz"),
+    (track_cli, "draw_frame", "overlay.mp4"),
+    (OverlayVideo, "write", "overlay.mp4"),
+)
 
 
 def smooth(kind: str, points: ndarray, units: ndarray, fps: float = FPS) -> ndarray:
@@ -101,9 +134,7 @@ def measure_track(path: Path) -> dict[str, object]:
 
 def track_drawn_clip(loops: int, folder: Path) -> float:
     """Tracks a drawn clip of 30 frames so many times over; the largest memory of this process so far, in MB."""
-    from pix2face.commands import track_cli
     from pix2face.files.images import encode_image
-    from pix2face.inference.predictor import Predictor
     from tests.pix2face.coloured_faces import BlobDetector, camera_at, colour_predictor, draw_faces
     from tests.synthetic_models import small_head_model
 
@@ -138,16 +169,79 @@ def measure_memory() -> dict[str, float]:
     }
 
 
+class StepTimes:
+    """Processor time of functions, without that of the functions inside them that are timed as well."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+        self._thread, self._lock = threading.local(), threading.Lock()
+
+    def timed(self, step: str, function: Callable[..., Any], clock: Callable[[], float] = time.thread_time) -> Any:
+        """The function, whose time is added to a step."""
+
+        def run(*arguments: Any, **named: Any) -> Any:
+            outer, self._thread.inner = getattr(self._thread, "inner", 0.0), 0.0
+            start = clock()
+            try:
+                return function(*arguments, **named)
+            finally:
+                spent = clock() - start
+                with self._lock:
+                    self.seconds[step] += spent - self._thread.inner
+                self._thread.inner = outer + spent
+
+        return run
+
+
+def measure_speed(clip: Path, folder: Path) -> dict[str, object]:
+    """Tracks a clip twice: as a command, and here with a clock at each step."""
+    command = [sys.executable, "-m", "pix2face.commands.cli", "track", str(clip), "--out", str(folder / "command")]
+    start_s = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    command_s, spent = time.perf_counter() - start_s, resource.getrusage(resource.RUSAGE_CHILDREN)
+    source = open_frames(clip)
+    start_s = time.process_time()
+    n_frames = sum(1 for _ in source.frames())
+    decoding_s = time.process_time() - start_s
+    passes, steps = StepTimes(), StepTimes()
+    with ExitStack() as stack:
+        for places, times, clock in ((PASSES, passes, time.perf_counter), (STEPS, steps, time.thread_time)):
+            for owner, name, step in places:
+                stack.enter_context(patch.object(owner, name, times.timed(step, getattr(owner, name), clock)))
+        start_s = time.process_time()
+        if pix2face_main(["track", str(clip), "--out", str(folder / "steps")]):
+            raise SystemExit("tracking failed")
+        processor_s = time.process_time() - start_s
+    steps.seconds["decode (three times)"] = 3 * decoding_s
+    steps.seconds["load the network, and all else"] = processor_s - sum(steps.seconds.values())
+    return {
+        "frames": n_frames,
+        "frames_per_second": {
+            **{name: round(n_frames / seconds, 1) for name, seconds in passes.seconds.items()},
+            "all passes": round(n_frames / sum(passes.seconds.values()), 1),
+            "command": round(n_frames / command_s, 1),
+        },
+        "command_s": round(command_s, 2),
+        "command_processor_s": round(spent.ru_utime + spent.ru_stime, 2),
+        "processor_ms_per_frame": {name: round(1000 * own / n_frames, 2) for name, own in steps.seconds.items()},
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tracks", default="")
+    parser.add_argument("--clip", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/tracking.json"))
     parser.add_argument("--only-memory", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as name:
         if options.only_memory:
             sys.stdout.write(f"{track_drawn_clip(options.only_memory, Path(name))}\n")
+            return 0
+        if options.clip is not None:
+            speed = measure_speed(options.clip, Path(name))
+            write_report({"speed": speed, "measured_on": surroundings()}, options.out)
             return 0
         report: dict[str, object] = {"smoothing": {kind: measure_smoother(kind) for kind in SMOOTHINGS}}
         tracks = [Path(own) for own in options.tracks.split(",") if own]
