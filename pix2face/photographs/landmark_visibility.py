@@ -74,7 +74,7 @@ def visible_vertices(
     points, limits = pixels[indices], depths[indices] - tolerance_mm
     # One row for each corner of the triangles: NumPy gathers and reduces long rows fastest.
     corners = np.ascontiguousarray(triangles.T)
-    corners = corners[:, depths[corners].min(axis=0) < limits.max(initial=-np.inf)]
+    corners = corners.compress(depths[corners].min(axis=0) < limits.max(initial=-np.inf), axis=1)
     triangle, place = _pairs_in_columns(pixels[:, 0][corners], points[:, 0])
     corners = corners.take(triangle, axis=1)
     y, rows = points[place, 1], pixels[:, 1][corners]

@@ -152,7 +152,7 @@ class OverlayVideo:
             if not self._writer.isOpened():
                 raise UsageError(f"{self._path}: expected to write a video of {self._size} pixels, OpenCV refuses")
         width, height = self._size
-        self._writer.write(np.ascontiguousarray(image[:height, :width, ::-1]))
+        self._writer.write(cv2.cvtColor(image[:height, :width], cv2.COLOR_RGB2BGR))
         self._n_written += 1
 
 
