@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import trimesh
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray
 
@@ -106,6 +105,8 @@ def draw_maps(image: UInt8[ndarray, "h w 3"], maps: FaceMaps) -> UInt8[ndarray, 
 def write_point_cloud(path: Path, maps: FaceMaps, image: UInt8[ndarray, "h w 3"]) -> None:
     """Writes PNCC + offset of every valid pixel (mm, model frame) with the pixel's colour as .ply."""
     points, colours = point_cloud(maps, image)
+    import trimesh  # half a second, which commands that write no points save
+
     trimesh.PointCloud(points, colours).export(path)  # type: ignore[no-untyped-call]
 
 
