@@ -58,7 +58,7 @@ class FaceOptions:
             install 'pix2face[dlib]'), or a file that `train detector` or `pix2face export --detector` wrote.
         min_score: Smallest score of a detected face. The higher the score, the surer the detector.
         smallest_face: Longer side of the smallest faces to find, as a share of the longer side of the picture. Smaller
-            shares take longer. Default: about 0.04 for cnn and 0.08 for dlib.
+            shares take longer. Default: about 0.05 for cnn and 0.08 for dlib.
         refine: Correct each box by a first prediction. In photographs, boxes in which it finds no face are rejected.
     """
 

@@ -34,7 +34,7 @@ def open_detector(name: str = DEFAULT_DETECTOR, smallest_face: float | None = No
             extra ``dlib``); or the path of a file that `train detector` (.safetensors) or `pix2face export --detector`
             (.onnx) wrote.
         smallest_face: Longer side of the smallest faces to be found, as a share of the picture's longer side. Time
-            grows with its inverse square, up to a limit. None is what the detector finds in little time: a 27th for
+            grows with its inverse square, up to a limit. None is what the detector finds in little time: a 20th for
             "cnn", a twelfth for "dlib".
 
     Raises:

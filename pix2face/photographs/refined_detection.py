@@ -2,7 +2,7 @@
 
 The network was trained on crops around the box of the 68 landmarks, and a detector hits that box within some tenths. So
 the model is fitted to the maps of a first prediction, and the box of the fitted landmarks is used for a second one.
-Where there is no face, the maps seldom fit one, which removes a third or more of a detector's false boxes (figures:
+Where there is no face, the maps seldom fit one, which removes most false boxes in photographs of groups (figures:
 docs/explanation/detection_and_tracking.md).
 """
 
