@@ -218,7 +218,7 @@ def follow_faces(
             missing[index] = sum(box.frame == index for _, box in chunk.faces)
         new = iter(measured)
         for face, box in chunk.faces:
-            settled = followers[face].known_fits.get(box.frame)
+            settled = followers[face].known_fits.pop(box.frame, None)  # with the mesh that it keeps when asked for it
             if settled is None and (seen := next(new)) is not None:
                 settled = fitter.settled(seen, followers[face].identity)
             take(face, followers[face].push(box, settled))
