@@ -11,6 +11,7 @@ Source: King 2015, Max-Margin Object Detection; Crispell and Bazik 2017, Section
 import importlib
 import importlib.util
 from pathlib import Path
+from threading import Lock
 from typing import Any, final
 
 import cv2
@@ -55,6 +56,7 @@ class DlibCnnDetector:
         wanted = LONGEST_SIDE_PX if smallest_face is None else SMALLEST_SEEN_PX / smallest_face
         self._longest_side_px = min(wanted, LARGEST_SIDE_PX)
         self._find_faces = _load_network(_find_weights())
+        self._one_at_a_time = Lock()  # dlib's networks keep what they computed
 
     def detect(self, image: UInt8[ndarray, "h w 3"]) -> list[FaceBox]:
         """The faces of an RGB picture, largest first, in its pixels; empty where there is none."""
@@ -67,8 +69,10 @@ class DlibCnnDetector:
         if min(size) < LEAST_SIDE_PX:
             return []
         seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        with self._one_at_a_time:
+            rectangles = self._find_faces(np.ascontiguousarray(seen), 0)
         faces = []
-        for found in self._find_faces(np.ascontiguousarray(seen), 0):
+        for found in rectangles:
             # dlib's rectangles include their last pixel.
             middle = (
                 (found.rect.left() + found.rect.right() + 1) / 2 / scale,

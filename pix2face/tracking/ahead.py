@@ -1,12 +1,13 @@
 """Work of the passes over a clip that goes on at the same time: frames are decoded while others are looked at."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from typing import TypeVar
 
 Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 # Faces that are in the network at a time. The network is hardly faster with more.
 FACES_AT_A_TIME = 4
@@ -25,6 +26,25 @@ def ahead(items: Iterable[Item], count: int) -> Iterator[Item]:
             while (item := waiting.popleft().result()) is not end:
                 waiting.append(thread.submit(next, iterator, end))
                 yield item  # type: ignore[misc]
+        finally:
+            for own in waiting:
+                own.cancel()
+
+
+def mapped(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """The results of a function in the order of its items, computed by two threads for a few items at a time.
+
+    An exception of the function or of the items comes in its turn.
+    """
+    waiting: deque[Future[Result]] = deque()
+    with ThreadPoolExecutor(2) as threads:
+        try:
+            for item in items:
+                waiting.append(threads.submit(function, item))
+                if len(waiting) > FACES_AT_A_TIME:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
         finally:
             for own in waiting:
                 own.cancel()

@@ -21,7 +21,7 @@ from numpy import ndarray
 from pix2face.detectors.protocol import Box
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
-from pix2face.tracking.ahead import ahead, in_chunks
+from pix2face.tracking.ahead import ahead, in_chunks, mapped
 from pix2face.tracking.clip_fit import FrameFitter, SettledFace, carried, eye_distance_px
 from pix2face.tracking.clip_identity import ClipIdentity
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
@@ -82,7 +82,8 @@ def find_boxes(
 
     Args:
         source: The clip.
-        find: From the number of a frame and the frame to the boxes of its faces; None where nobody has looked.
+        find: From the number of a frame and the frame to the boxes of its faces; None where nobody has looked. Two
+            threads call it.
         tracker: Gets every detection.
         every: Look at every n-th frame only; boxes in between are interpolated.
         advance: Called after each frame.
@@ -93,9 +94,13 @@ def find_boxes(
     Raises:
         InputFileError: As ``FrameSource.frames``.
     """
+
+    def look(frame: tuple[int, Photograph]) -> tuple[int, Sequence[Box] | None]:
+        index, image = frame
+        return index, find(index, image) if index % every == 0 else None
+
     count = 0
-    for index, image in enumerate(source.frames()):
-        boxes = find(index, image) if index % every == 0 else None
+    for index, boxes in mapped(look, enumerate(source.frames())):
         if boxes is not None:
             tracker.push(index, boxes)
         count = index + 1

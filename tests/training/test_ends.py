@@ -129,13 +129,22 @@ def test_a_folder_that_cannot_be_written_to_is_one_line(shards_dir: Path, tmp_pa
     [
         ([], 20_000, "checkpoint.safetensors"),
         ([], 300_000, "resume.safetensors"),
+        ([], 30, "configuration.json"),
         (["--restart"], 30, "log.jsonl"),
         (["--tensorboard"], 10, "tensorboard"),
     ],
 )
 def test_a_full_disk_is_one_line(
-    more: list[str], n_bytes: int, name: str, shards_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    more: list[str],
+    n_bytes: int,
+    name: str,
+    shards_dir: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if name in ("log.jsonl", "tensorboard"):  # whose first lines are smaller than the configuration
+        monkeypatch.setattr("training.train_cli.write_file", lambda path, content: None)
     length = ["--workers", "0", "--cache-gb", "0", "--epochs", "1", "--epoch-size", "8"]
     with files_of_at_most(n_bytes):
         assert main(options(shards_dir, tmp_path / "run", *length, *more)) == 2

@@ -1,11 +1,12 @@
 """Items that a thread makes ahead: the same, in their order, a bounded number of them, and no thread that stays."""
 
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
 
-from pix2face.tracking.ahead import ahead
+from pix2face.tracking.ahead import ahead, mapped
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -55,3 +56,23 @@ def test_who_stops_early_leaves_no_thread():
     next(made)
     made.close()
     assert threading.active_count() == n_threads
+
+
+def test_results_come_in_the_order_of_their_items() -> None:
+    def slow(item: int) -> int:
+        time.sleep(0.003 * (item % 3))
+        return item * item
+
+    assert list(mapped(slow, range(30))) == [item * item for item in range(30)]
+
+
+def test_two_items_are_computed_at_a_time() -> None:
+    both = threading.Barrier(2, timeout=10)
+    assert len(list(mapped(lambda _: both.wait(), range(8)))) == 8
+
+
+def test_an_exception_of_a_function_comes_in_its_turn() -> None:
+    results = mapped(lambda item: 6 // (3 - item), range(9))
+    assert [next(results) for _ in range(3)] == [2, 3, 6]
+    with pytest.raises(ZeroDivisionError):
+        next(results)
