@@ -219,6 +219,6 @@ def test_a_long_attribute_is_read_in_a_moment(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text(f"<dataset><image file='{'x' * 60_000_000}'><box/></image></dataset>")
     start = process_time()
     ((name, found),) = read_dlib_xml(tmp_path / "a.xml")
-    assert process_time() - start < 2
+    assert process_time() - start < 6  # quadratic time would be minutes
     assert name == "x" * 80 + "..."
     assert isinstance(found, InputFileError)
