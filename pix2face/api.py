@@ -136,10 +136,10 @@ class Pix2Face:
         return faces
 
     def quarter_turns(self, image: GivenPhotograph) -> int:
-        """How many turns of 90° counterclockwise (``numpy.rot90``) make a face upright that lies sideways.
+        """How many turns of 90° counterclockwise (``numpy.rot90``) make a face upright.
 
-        Detectors and networks expect upright faces. Returns 1 or 3, or 0 unless the face clearly lies sideways; always
-        0 if the detector is dlib's.
+        Detectors and networks expect upright faces. Returns 0 unless the face is clearly turned; always 0 if the
+        detector is dlib's.
 
         Raises:
             InputFileError: The photograph's file is missing, or cannot be decoded.

@@ -23,7 +23,7 @@ NO_FACE = (
     "--smallest-face 0.02, or accept doubtful faces with --min-score 0.5"
 )
 TURNED = (
-    "the face lies sideways; turn the picture counterclockwise by {degrees}°, or say where the face is with "
+    "the face is not upright; turn the picture counterclockwise by {degrees}°, or say where the face is with "
     "--box left top right bottom if the picture is right as it is"
 )
 

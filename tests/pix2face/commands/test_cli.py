@@ -207,7 +207,7 @@ def test_photographs_on_their_side_are_named_and_not_read(
     turned = write_picture(tmp_path / "turned.png", np.ascontiguousarray(np.rot90(astronaut(), 3)))
     options = ("--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
     assert call("predict", turned, *options) == 3
-    assert f"{turned}: the face lies sideways; turn the picture counterclockwise by 90°" in capsys.readouterr().err
+    assert f"{turned}: the face is not upright; turn the picture counterclockwise by 90°" in capsys.readouterr().err
     assert call("predict", turned, "--box", "200", "200", "300", "300", *options) == 0
 
 
