@@ -31,6 +31,17 @@ def read_photograph(path: Path) -> UInt8[ndarray, "h w 3"]:
     return _as_seen(read_bytes(path), str(path))
 
 
+def read_cutout(path: Path) -> UInt8[ndarray, "h w 4"]:
+    """Reads a picture with its transparency: 8-bit RGBA, opaque if it has none.
+
+    Raises:
+        InputFileError: As for ``read_photograph``.
+    """
+    image = _to_8_bit(_decode(read_bytes(path), cv2.IMREAD_UNCHANGED, str(path)), str(path))
+    n_channels = 1 if image.ndim == 2 else image.shape[2]
+    return cv2.cvtColor(image, {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}[n_channels])
+
+
 def read_bytes(path: Path) -> bytes:
     """Reads the file of a picture.
 

@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.errors import UsageError
-from pix2face.files.images import read_photograph
+from pix2face.files.images import read_bytes, read_photograph
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp")
 KEPT: Final = 5_000  # pictures that a process keeps
@@ -39,7 +39,7 @@ class Backgrounds:
         """Hash of the names and contents of all pictures."""
         total = hashlib.sha256()
         for path in self._paths:
-            total.update(path.relative_to(self._folder).as_posix().encode() + b"\0" + path.read_bytes())
+            total.update(path.relative_to(self._folder).as_posix().encode() + b"\0" + read_bytes(path))
         return total.hexdigest()
 
     def draw(self, rng: np.random.Generator, size_px: int) -> UInt8[ndarray, "s s 3"]:

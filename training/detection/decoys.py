@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.errors import InputFileError, UsageError
+from pix2face.errors import UsageError
+from pix2face.files.images import read_bytes, read_cutout
 from training.detection.people import Person
 
 PART_TRIES: Final = 8  # at parts of a head that show little of the face
@@ -43,7 +44,7 @@ class Things:
 
     def contents(self) -> list[bytes]:
         """The content of each file."""
-        return [path.read_bytes() for path in self._paths]
+        return [read_bytes(path) for path in self._paths]
 
     def draw(self, rng: np.random.Generator) -> UInt8[ndarray, "h w 4"]:
         """One of the things."""
@@ -51,21 +52,14 @@ class Things:
 
 
 def _read_thing(path: Path) -> UInt8[ndarray, "h w 4"]:
-    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None:
-        raise InputFileError(f"{path}: expected a PNG file, found something else")
-    if picture.dtype != np.uint8:
-        picture = (picture // 256).astype(np.uint8)
-    if picture.ndim == 2 or picture.shape[2] < 4:
-        picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGRA if picture.ndim == 2 else cv2.COLOR_BGR2BGRA)
+    picture = read_cutout(path)
     shown = np.argwhere(picture[..., 3] > 0)
     if len(shown):
         (top, left), (bottom, right) = shown.min(axis=0), shown.max(axis=0) + 1
         picture = picture[top:bottom, left:right]
     scale = min(THING_SIDE_PX / max(picture.shape[:2]), 1.0)
     size = (max(round(picture.shape[1] * scale), 1), max(round(picture.shape[0] * scale), 1))
-    rgba = cv2.cvtColor(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGRA2RGBA)
-    return np.ascontiguousarray(rgba)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def textured(
