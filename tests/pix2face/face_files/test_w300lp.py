@@ -20,13 +20,7 @@ from pix2face.face_files.w300lp import (
     read_landmark_file,
 )
 from pix2face.geometry.camera import HeadPose, head_pose, rotation_of_pose
-from tests.keypoint_model import fit_keypoint_model, fit_keypoint_model_to, points_of_pose
-
-
-@pytest.fixture(scope="module")
-def dev_files(shared_dir: Path) -> list[CoefficientFile]:
-    paths = sorted((shared_dir / "data" / "aflw2000_3d" / "dev").glob("*.mat"))
-    return [read_coefficient_file(path) for path in paths]
+from tests.keypoint_model import KeypointModel, fit_keypoint_model_to, points_of_pose
 
 
 def keypoint_residual_px(files: list[CoefficientFile], height_px: int = 450, **changes: object) -> float:
@@ -293,13 +287,14 @@ def test_landmarks_sit_on_the_photographs(shared_dir: Path, dev_files: list[Coef
         assert ((centre > 100) & (centre < 350)).all()
 
 
-def test_coefficients_reproduce_the_landmarks_of_every_file(dev_files: list[CoefficientFile]) -> None:
+def test_coefficients_reproduce_the_landmarks_of_every_file(
+    dev_files: list[CoefficientFile], keypoints: KeypointModel
+) -> None:
     """Coefficients -> the keypoints' linear model -> our camera: pt3d_68 to 0.01 px, all 400 files, all 68 points."""
-    model = fit_keypoint_model(dev_files[0].path.parent)
     largest = 0.0
     for file in dev_files:
         assert file.landmarks3d is not None
-        pixels = camera_of_pose(file.pose, 450).project(model.keypoints_mm(file))
+        pixels = camera_of_pose(file.pose, 450).project(keypoints.keypoints_mm(file))
         largest = max(largest, float(np.linalg.norm(pixels - file.landmarks3d[:, :2], axis=1).max()))
     assert largest < 0.01
 
