@@ -24,9 +24,11 @@ from command_help import PROGRAMS, commands, help_text  # noqa: E402  (an extens
 
 # Of docker, dask and torchrun, and of a benchmark whose options are the fields of a class.
 FOREIGN_OPTIONS = {
+    "--build-arg",
     "--group-add",
     "--gpus",
     "--shm-size",
+    "--user",
     "--nproc-per-node",
     "--nthreads",
     "--curve-steps",
