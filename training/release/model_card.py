@@ -11,6 +11,7 @@ from pix2face.files.json_text import JsonObject, read_json_file
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
 
+ONNX_NAME = "network.onnx"
 REPORT_FORMAT = "pix2face-evaluation"
 LARGEST_BYTES = 64 << 20
 
@@ -22,6 +23,8 @@ wrong."""
 KNOWN_FAILURES = """Errors are larger for large poses than for frontal faces, and larger for the jaw than for the inner
 face (see the tables, if there are any). Hard cases are faces cut off by the border of the photograph, silhouettes, hard
 shadows, and hands or objects in front of the face."""
+
+WRITE_ONNX = "`pix2face export --checkpoint {weights} --out {onnx}` writes the network as ONNX."
 
 WITHOUT_THIS_PACKAGE = """These lines need only `pip install onnxruntime`:
 
@@ -46,7 +49,7 @@ def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path],
         header: Of the checkpoint.
         weights: The checkpoint.
         reports: Files of reports.
-        onnx: Name of the same network as ONNX, if there is one.
+        onnx: Name of the same network as ONNX, if there is one. Without it, the card says how to write it.
 
     Raises:
         InputFileError: A report cannot be read, or is not one.
@@ -56,7 +59,7 @@ def model_card(header: CheckpointHeader, weights: Path, reports: Sequence[Path],
     sections = {
         "What it is": _what_it_is(header, weights, "initial_sha256" in configuration),
         "Use": INTENDED_USE.replace("\n", " "),
-        **({} if onnx is None else {"Run it without this package": _without_this_package(header, onnx)}),
+        "Run it without this package": _without_this_package(header, weights.name, onnx),
         "Training data": _data(header, configuration),
         "Measured errors": "\n\n".join(measured) or NOT_MEASURED,
         "Known failures": KNOWN_FAILURES.replace("\n", " "),
@@ -88,14 +91,15 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
     return "\n".join(_rows(facts, ("", ""))) + f"\n\n{usage}"
 
 
-def _without_this_package(header: CheckpointHeader, onnx: str) -> str:
+def _without_this_package(header: CheckpointHeader, weights: str, onnx: str | None) -> str:
+    to_write = "" if onnx else WRITE_ONNX.format(weights=weights, onnx=ONNX_NAME) + " "
     mask = f"A pixel shows the face where the length of PNCC exceeds {header.smallest_radius_mm / 2:.1f} mm."
     if header.planes > MASK_PLANE:
         mask = "A pixel shows the face where plane 6 is above 0."
     if header.planes > SEEN_PLANE:
         mask += " Where plane 7 is above 0, nothing hides the face."
-    return WITHOUT_THIS_PACKAGE.format(
-        onnx=onnx,
+    return to_write + WITHOUT_THIS_PACKAGE.format(
+        onnx=onnx or ONNX_NAME,
         size=header.size_px,
         crop_scale=header.crop_scale,
         pncc=header.pncc_scale_mm,

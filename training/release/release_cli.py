@@ -10,10 +10,10 @@ from pix2face.command_line import prepare_output_folder, say
 from pix2face.files.writing import write_file
 from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import load_landmarks
-from training.release.model_card import model_card
+from training.release.model_card import ONNX_NAME, model_card
 from training.train_config import ExportConfig
 
-WEIGHTS_NAME, CARD_NAME, ONNX_NAME = "checkpoint.safetensors", "README.md", "network.onnx"
+WEIGHTS_NAME, CARD_NAME = "checkpoint.safetensors", "README.md"
 
 
 def export(config: ExportConfig) -> int:

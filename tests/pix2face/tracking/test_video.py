@@ -44,6 +44,20 @@ def test_a_written_video_opens_again_with_its_frames_and_colours(tmp_path):
     assert len(list(source.frames())) == 6  # and again
 
 
+def test_ffmpeg_reads_the_same_frames(tmp_path):
+    av = pytest.importorskip("av", reason="pip install 'pix2face[dev]'")
+    path = write_video(tmp_path / "a.mp4")
+    with av.open(str(path)) as video:
+        (stream,) = video.streams
+        assert (stream.frames, stream.average_rate, stream.codec_context.name) == (6, 10, "mpeg4")
+        assert stream.format.name == "yuv420p"
+        found = [(frame.time, frame.to_ndarray(format="rgb24")) for frame in video.decode(stream)]
+    ours = list(open_frames(path).timed_frames())
+    assert [time for time, _ in found] == pytest.approx([time for time, _ in ours])
+    for (_, theirs), (_, frame) in zip(found, ours, strict=True):
+        np.testing.assert_allclose(theirs.astype(int), frame, atol=8)
+
+
 def test_times_are_those_of_the_frames(tmp_path):
     path = write_video(tmp_path / "a.mp4")
     assert [time for time, _ in open_frames(path).timed_frames()] == pytest.approx([0.1 * index for index in range(6)])

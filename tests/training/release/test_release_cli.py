@@ -135,7 +135,11 @@ def test_the_card_tells_errors_of_renders_apart_by_skin_tone(checkpoint, tmp_pat
 
 def test_without_a_report_the_card_says_that_nothing_was_measured(checkpoint, tmp_path):
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx"]) == 0
-    assert "No report was given. `train export --report" in (tmp_path / "release" / "README.md").read_text()
+    card = (tmp_path / "release" / "README.md").read_text()
+    assert "No report was given. `train export --report" in card
+    assert (
+        "`pix2face export --checkpoint checkpoint.safetensors --out network.onnx` writes the network as ONNX." in card
+    )
 
 
 def test_what_is_no_report_or_no_checkpoint_is_one_line(checkpoint, tmp_path, capsys):
