@@ -62,13 +62,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Start-up of every command, and size of the files of a photograph.")
     parser.add_argument("--tree", type=Path, default=ROOT, help="copy of the project that is measured")
     parser.add_argument("--rounds", type=int, default=3, help="runs of each command")
+    parser.add_argument("--calls", nargs="+", default=PAGES, metavar="CALL", help="commands, such as 'pix2face fit'")
     parser.add_argument("--no-files", action="store_true", help="measure start-up alone")
     parser.add_argument("--out", type=Path, help="also write the report to this file")
     arguments = parser.parse_args()
     tree = arguments.tree.resolve()
     report = {
         **surroundings(),
-        "start_up_cpu_s": {call: start_up_s(call, tree, arguments.rounds) for call in PAGES},
+        "start_up_cpu_s": {call: start_up_s(call, tree, arguments.rounds) for call in arguments.calls},
         **({} if arguments.no_files else {"file_bytes": file_sizes(tree)}),
     }
     write_report(report, arguments.out)

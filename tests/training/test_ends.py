@@ -106,9 +106,9 @@ def test_a_signal_to_all_its_processes_saves_the_state_and_it_needs_no_shared_me
 ) -> None:
     process = start(options(shards_dir, tmp_path / "run", *LONG), NO_SHARED_MEMORY)
     wait_for((tmp_path / "run" / "checkpoint.safetensors").exists, process)
-    os.killpg(process.pid, signal.SIGTERM)  # as a batch system does at the end of the time
+    os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: to the workers, too
     status, lines = end_of(process)
-    assert status == 128 + signal.SIGTERM
+    assert status == 128 + signal.SIGINT
     said = (re.fullmatch(r"stopped after (\d+) samples; the same command goes on from there", line) for line in lines)
     (n_samples,) = (int(found[1]) for found in said if found)
     with safe_open(tmp_path / "run" / "resume.safetensors", "pt") as state:

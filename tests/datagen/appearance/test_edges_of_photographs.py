@@ -45,7 +45,6 @@ def test_people_end_where_their_maps_end(gl: GLContext, preset: str) -> None:
         head, _ = true_coverage(finer, vertices, face.camera)
         others = ((picture.labels != HEAD) & (picture.labels != 0)).astype(np.uint8)
         alone = cv2.dilate(others, np.ones((9, 9), np.uint8)) == 0
-        offsets = edge_offsets(picture.coverage, head, alone)
         found.append(edge_offsets(picture.coverage, head, alone))
     offsets = np.concatenate(found)
     assert len(offsets) > 1000
