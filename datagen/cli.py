@@ -24,7 +24,7 @@ COMMANDS = {
     "appearance": Command(ShowConfig, "datagen.faces.sample_cli:appearance"),
     "render": Command(RenderConfig, "datagen.jobs.render_cli:render"),
     "empty": Command(EmptyConfig, "datagen.appearance.backdrop.empty_pictures_cli:empty"),
-    "verify": Command(VerifyConfig, "datagen.inspection.inspect_cli:verify"),
+    "verify": Command(VerifyConfig, "datagen.jobs.verify_cli:verify"),
     "preview": Command(PreviewConfig, "datagen.inspection.inspect_cli:preview"),
     "stats": Command(StatsConfig, "datagen.inspection.inspect_cli:stats"),
     "card": Command(CardConfig, "datagen.inspection.inspect_cli:card"),

@@ -72,6 +72,8 @@ class RenderConfig:
             landmarks, separated by commas. Synthetic photographs also have three others: seen is the visible part of
             the face, coverage is how much of each pixel is not backdrop, and seen_regions says what is nearest in each
             pixel. Default: image, pncc, offset, mask, landmarks, and seen for synthetic photographs.
+        plain: Store the maps as plain numbers in their unit (float32), for programs that read HDF5 and do not decode
+            it. The maps then take about twice the space.
         seed: Seed of light, colours and background of rendered pictures, and of the jitter.
         shard_size: Faces in a shard. One process makes a whole shard, so a small set needs small shards to use all
             processes.
@@ -95,6 +97,7 @@ class RenderConfig:
     appearance: Annotated[str | None, optional("STR")] = None
     backgrounds: Annotated[Path | None, optional("PATH")] = None
     layers: Annotated[str | None, optional("STR")] = None
+    plain: bool = False
     seed: int = 0
     shard_size: int = 100
     jitter: int = 0
@@ -293,9 +296,12 @@ class VerifyConfig:
 
     Attributes:
         shards: Folder of shards.
+        upgrade: First convert shards that an earlier version wrote to today's layout, and write the card anew. A shard
+            is replaced when its copy is complete and has the same content. If the command is interrupted, run it again.
     """
 
     shards: Annotated[Path, tyro.conf.Positional]
+    upgrade: bool = False
 
 
 @final

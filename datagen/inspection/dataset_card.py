@@ -12,22 +12,21 @@ from pathlib import Path
 from string import Template
 from typing import final
 
-import h5py
-
 from datagen.inspection.statistics_tables import own_file
 from pix2face.command_line import REJECTED_FILE, counted, printable
 from pix2face.errors import UsageError
+from pix2face.files.checked_hdf5 import open_unchecked
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS
 from pix2face.shards.sample import PICTURE, PictureKind
-from pix2face.shards.shard_layout import has_foreign_filter, is_predicted
+from pix2face.shards.shard_layout import has_foreign_filter, is_predicted, open_datasets
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
 CARD_FILE = "dataset_card.md"
 N_KINDS_SHOWN = 20
 _NOT_RECORDED = "not recorded"
 _OTHER_LAYERS = {
-    IMAGE: "JPEG or PNG files, unchanged (`image_bytes`, `image_end`)",
+    IMAGE: "JPEG or PNG files, unchanged; the first `image_length` bytes of each row are the file",
     LANDMARKS: "the 68 iBUG points in px and in mm, and which of them are visible",
 }
 
@@ -156,17 +155,18 @@ def _hdf5_example(path: Path, header: ShardHeader) -> str:
     layer = next((layer for name, layer in LAYERS.items() if name in header.layers), None)
     if layer is None:
         return ""
-    with h5py.File(path, "r", locking=False) as file:
-        is_planar, needs_plugin = is_predicted(file[layer.name]), has_foreign_filter(file[layer.name])
+    with open_unchecked(path) as file:
+        dataset = open_datasets(file, path)[layer.name]
+        name, is_planar, needs_plugin = dataset.name[1:], is_predicted(dataset), has_foreign_filter(dataset)
     imports = "import h5py, hdf5plugin  # pip install hdf5plugin" if needs_plugin else "import h5py"
-    lines = [imports, 'with h5py.File("shard-00000.h5") as file:', f'    values = file["{layer.name}"][0]']
+    lines = [imports, 'with h5py.File("shard-00000.h5") as file:', f'    values = file["{name}"][0]']
     if is_planar:  # Stored is each value less its prediction from its neighbours, with the sign in the lowest bit.
         kind = f"i{layer.stored.itemsize}"
         lines.append(
             f'    values = ((values >> 1) ^ -(values & 1)).view("{kind}").cumsum(0, "{kind}").cumsum(1, "{kind}")'
         )
     unit = f"  # {layer.unit}" if layer.unit else ""
-    return "\n".join([*lines, f'    values = values / file["{layer.name}"].attrs["steps_per_unit"]{unit}'])
+    return "\n".join([*lines, f'    values = values / file["{name}"].attrs["steps_per_unit"]{unit}'])
 
 
 def _layer_table(header: ShardHeader) -> str:

@@ -1,12 +1,11 @@
-"""The commands of ``datagen`` that look at shards: verify, preview, stats, card."""
+"""The commands of ``datagen`` that look at shards: preview, stats, card."""
 
-import shlex
 from json import dumps
 
 import cv2
 from rich.console import Console
 
-from datagen.datagen_config import CardConfig, PreviewConfig, StatsConfig, VerifyConfig
+from datagen.datagen_config import CardConfig, PreviewConfig, StatsConfig
 from datagen.inspection.croissant import write_descriptions
 from datagen.inspection.preview import contact_sheet, spread_samples
 from datagen.inspection.preview_page import preview_page
@@ -18,40 +17,13 @@ from datagen.inspection.statistics_tables import (
     statistics_page,
     statistics_picture,
 )
-from pix2face.command_line import EXIT_ERROR, check_output_file, counted, printable, progress_bar, say
+from pix2face.command_line import check_output_file, counted, printable, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.files.writing import write_file
-from pix2face.shards.sample_truth import WHAT_TO_DO
-from pix2face.shards.shard_checks import verify_folder
 from pix2face.shards.shard_reader import shard_paths
 
 console = Console(stderr=True)
 N_ON_A_SHEET, N_ON_A_PAGE = 16, 24
-
-
-def verify(config: VerifyConfig) -> int:
-    """Runs ``datagen verify``."""
-    shards = config.shards
-    n_shards = len(shard_paths(shards))
-    with progress_bar(console, "verifying", n_shards) as advance:
-        report = verify_folder(shards, advance)
-    for problem in (*report.problems, *report.doubtful):
-        print(printable(problem))
-    if not report.problems and not report.doubtful:
-        print(f"{counted(n_shards, 'shard')}, {counted(report.n_samples, 'sample')}: no problem found")
-        return 0
-    if report.doubtful:
-        print(f"{counted(len(report.doubtful), 'doubt')} about ground truth; {WHAT_TO_DO}")
-    if not report.problems:
-        return EXIT_ERROR
-    delete = "delete the damaged shards and " if report.damaged else ""
-    print(
-        f"{counted(len(report.problems), 'problem')}; {delete}run the same `datagen render` again: "
-        "it writes what is missing"
-    )
-    if report.damaged:
-        print(printable(f"  rm {' '.join(shlex.quote(str(path)) for path in report.damaged)}"))
-    return EXIT_ERROR
 
 
 def preview(config: PreviewConfig) -> int:

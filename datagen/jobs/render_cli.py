@@ -80,7 +80,7 @@ def _open(config: RenderConfig, jitter: JitterBake) -> OpenedJob:
     given = None if config.appearance is None else load_configuration(config.appearance)
     # A layer that there is not is found before long files are read.
     parse_layers(ALL_LAYERS if config.layers is None else config.layers)
-    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, (), jitter)
+    job = RenderJob(config.coeffs, config.model, config.seed, config.shard_size, (), jitter, is_plain=config.plain)
     opened = open_job(job)
     has_photographs = opened.source.has_photographs
     if has_photographs and given is not None:

@@ -25,8 +25,8 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import ShardHeader, ShardReader
 
-# Earlier versions offered others. The name stays in the configuration, so that their jobs are recognised.
-COMPRESSION = "deflate"
+# How the configuration of a job names what it stores: coded maps, or plain ones. Earlier versions had others.
+CODED_MAPS, PLAIN_MAPS = "deflate", "plain"
 
 
 @final
@@ -41,6 +41,7 @@ class RenderJob:
     layers: tuple[str, ...] = DEFAULT_LAYERS  # layers of each sample, of `pix2face.shards.layers.LAYER_NAMES`
     jitter: JitterBake = NO_JITTER  # the variants of each sample that take its place
     appearance: AppearanceConfig = PRESETS[PLAIN]  # how faces without a photograph are drawn
+    is_plain: bool = False  # whether maps are stored as plain numbers
 
     def n_units(self, source: FaceSource) -> int:
         """How many shards the faces of a source make."""
@@ -72,7 +73,7 @@ def shard_header(
         "n_faces": len(source.sample_ids),
         "seed": job.seed,
         "shard_size": job.shard_size,
-        "compression": COMPRESSION,
+        "compression": PLAIN_MAPS if job.is_plain else CODED_MAPS,
         **job.jitter.described(),
         **job.appearance.described(),
     }

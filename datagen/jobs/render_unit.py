@@ -94,7 +94,7 @@ def _render_unit(unit: Unit) -> UnitReport:
             worker = _worker(unit)
         order = {name: place for place, name in enumerate(unit.job.sample_ids_of(worker.source, unit.number))}
         rejected: list[tuple[str, str]] = []
-        writer = ShardWriter(unit.job.layers)
+        writer = ShardWriter(unit.job.layers, is_plain=unit.job.is_plain)
         _add_samples(writer, unit, worker, rejected, times)
         rejected.sort(key=lambda entry: order[entry[0]])
         with times.stage("write, check"):

@@ -20,7 +20,7 @@ from pix2face.files.opening import check_regular, largest_unfolded
 LARGEST_FILE_BYTES = 1 << 45
 # An array that was never written takes no space in the file and reads as its fill value: fine as long as it is small.
 UNWRITTEN_BYTES = 1 << 16
-LARGEST_ATTRIBUTE_BYTES = 1 << 20
+LARGEST_ATTRIBUTE_BYTES = 1 << 24
 MOST_GROUPS = 10_000
 # The library takes this for each chunk of an array that it reads. Chunks of a few numbers would need far more memory
 # than the array.

@@ -49,6 +49,7 @@ class FolderReport:
     doubtful: tuple[str, ...]  # in words, samples whose bytes are intact and whose ground truth cannot be true
     n_shards: int  # shards that were read
     n_samples: int  # samples of the shards without problems
+    n_old: int  # shards of an earlier schema among those without problems
 
 
 def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> FolderReport:
@@ -67,11 +68,13 @@ def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> 
     doubtful: list[str] = []
     shard_of: dict[str, str] = {}
     headers = {}
+    n_old = 0
     for path in shard_paths(folder):
         found = verify_shard(path)
         if not found:
             reader = ShardReader(path)
             headers[path] = reader.header
+            n_old += not reader.is_current
             twice = sorted({name for name in reader.sample_ids if name in shard_of})
             found += [f"id {name!r} occurs twice, first in {shard_of[name]}" for name in twice]
             shard_of |= dict.fromkeys(reader.sample_ids, path.name)
@@ -83,7 +86,8 @@ def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> 
         on_shard()
     problems += _differences(headers)
     problems += _missing(folder, list(headers.values()))
-    return FolderReport(tuple(problems), tuple(damaged), tuple(doubtful), len(shard_paths(folder)), len(shard_of))
+    n_shards = len(shard_paths(folder))
+    return FolderReport(tuple(problems), tuple(damaged), tuple(doubtful), n_shards, len(shard_of), n_old)
 
 
 def verify_shard(path: Path) -> list[str]:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -16,17 +16,24 @@ from pix2face.errors import InputFileError
 from pix2face.face_files.coefficients import LARGEST_SIDE_PX
 from pix2face.files.checked_hdf5 import check_contained, read_text, read_version
 from pix2face.files.json_text import JsonObject, Positive, parse_json, typed
+from pix2face.shards.image_storage import check_images
 from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
 from pix2face.shards.map_storage import Box
 
 FORMAT = "pix2face-shard"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
+# Schema 2 had no name of its own for layers that the predictor has changed, and datasets that are not one row a sample.
+OLDEST_SCHEMA = 2
 # HDF5 keeps the numbers up to this for its own filters.
 LARGEST_OWN_FILTER = 255
 # Id and reason of each sample that was rejected.
 Rejected = list[tuple[str, str]]
-# The attribute "predictor" of a layer. Earlier versions also stored smooth layers as they are.
+# The attribute "predictor" of a layer.
 PREDICTED, PLAIN = "planar", "none"
+# What the predictor leaves looks like values, and so has another name.
+CODED = "_coded"
+# Smooth layers as plain values: as they are in memory, and rounded to the same steps.
+PLAIN_VALUES = {name: replace(layer, stored=np.dtype("<f4")) for name, layer in LAYERS.items() if layer.is_smooth}
 
 
 @final
@@ -102,7 +109,6 @@ COLUMNS: Mapping[str, Column] = {
     "offset_limit_mm": Column(np.dtype("<f4"), ()),
     "checksum": Column(np.dtype("<u4"), ()),
 }
-IMAGE_COLUMNS: Mapping[str, Column] = {"image_end": Column(np.dtype("<i8"), ())}
 TEXTS = ("sample_id", "attributes")
 
 
@@ -136,10 +142,11 @@ def content_checksum(stored: Mapping[str, Any], boxes: Mapping[str, Box], size_p
 
 
 def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
-    """Checks that this is a shard of this schema, and that all its data is in it.
+    """Checks that this is a shard of a known schema, and that all its data is in it.
 
     Returns:
-        Its datasets. Each is opened once: that takes longer than to read a small one.
+        Its datasets, layers under their own names, coded or not. Each is opened once: that takes longer than to read a
+        small one.
 
     Raises:
         InputFileError: It is not, or it is damaged.
@@ -152,17 +159,37 @@ def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
         raise InputFileError(
             f"{path}: shard schema {version} is newer than {SCHEMA_VERSION}, which this version reads; upgrade pix2face"
         )
-    if version < SCHEMA_VERSION:
+    if version < OLDEST_SCHEMA:
         raise InputFileError(
-            f"{path}: expected shard schema {SCHEMA_VERSION}, found {version}, made by an earlier version; "
-            "delete the folder and run `datagen render` again"
+            f"{path}: expected shard schema {OLDEST_SCHEMA} or {SCHEMA_VERSION}, found {version}, made by an earlier "
+            "version; delete the folder and run `datagen render` again"
         )
-    check_contained(file, path, sliced=tuple(f"/{name}" for name in LAYERS))
+    names = (IMAGE, *LAYERS, *(f"{name}{CODED}" for name in PLAIN_VALUES))
+    check_contained(file, path, sliced=tuple(f"/{name}" for name in names))
     datasets = dict(file.items())
     strange = [name for name, item in datasets.items() if not isinstance(item, h5py.Dataset)]
     if strange:
         raise ValueError(f"{strange[0]} is no dataset")
+    for name in PLAIN_VALUES:
+        datasets[name] = datasets.pop(f"{name}{CODED}", datasets.get(name))
+        if datasets[name] is None:
+            del datasets[name]
+        elif version > OLDEST_SCHEMA and is_predicted(datasets[name]) != datasets[name].name.endswith(CODED):
+            raise ValueError(f"the predictor of {datasets[name].name} is not the one that its name says")
     return datasets
+
+
+def read_header(file: h5py.File, datasets: Mapping[str, h5py.Dataset], path: Path) -> ShardHeader:
+    """Reads the header, which is an attribute of the file, or a dataset in schema 2.
+
+    Raises:
+        InputFileError: There is none.
+        ValueError: It is not a header of this format.
+    """
+    is_old = read_version(file.attrs, path) == OLDEST_SCHEMA
+    return ShardHeader.from_json(
+        read_text(datasets["header"], path) if is_old else read_text(file.attrs, path, "header")
+    )
 
 
 def check_layout(datasets: Mapping[str, h5py.Dataset], layers: Sequence[str]) -> None:
@@ -172,8 +199,7 @@ def check_layout(datasets: Mapping[str, h5py.Dataset], layers: Sequence[str]) ->
         ValueError: One is not as this format has it.
     """
     n = len(datasets["sample_id"])
-    wanted = {**COLUMNS, **(IMAGE_COLUMNS if IMAGE in layers else {})}
-    for name, column in wanted.items():
+    for name, column in COLUMNS.items():
         dataset = datasets[name]
         shape = (n, *column.shape)
         fits = len(dataset.shape) == len(shape) and all(
@@ -190,7 +216,7 @@ def check_layout(datasets: Mapping[str, h5py.Dataset], layers: Sequence[str]) ->
                 f"{name} is {datasets[name].dtype} {datasets[name].shape}, expected fixed-length text ({n},)"
             )
     if IMAGE in layers:
-        _check_images(datasets, n)
+        check_images(datasets, n)
     sizes = {_layer_size(datasets, name, n) for name in layers if name in LAYERS}
     if len(sizes) > 1:
         raise ValueError(f"layers are of different sizes: {sorted(sizes)}")
@@ -235,22 +261,16 @@ def has_foreign_filter(dataset: h5py.Dataset) -> bool:
     return any(code > LARGEST_OWN_FILTER for code in filters_of(dataset))
 
 
-def _check_images(datasets: Mapping[str, h5py.Dataset], n: int) -> None:
-    content, ends = datasets["image_bytes"], datasets["image_end"][()]
-    if content.dtype != np.uint8 or content.ndim != 1:
-        raise ValueError(f"image_bytes is {content.dtype} {content.shape}, expected bytes in one row")
-    if (np.diff(ends, prepend=0) < 0).any() or (int(ends[-1]) if n else 0) != len(content):
-        raise ValueError("image_end does not divide image_bytes")
-
-
 def _layer_size(datasets: Mapping[str, h5py.Dataset], name: str, n: int) -> tuple[int, int]:
     dataset, layer = datasets[name], LAYERS[name]
     shape = dataset.shape
-    stored = np.dtype(f"<u{layer.stored.itemsize}") if is_predicted(dataset) else layer.stored
+    stored = [layer.stored, PLAIN_VALUES[name].stored] if name in PLAIN_VALUES else [layer.stored]
+    if is_predicted(dataset):
+        stored = [np.dtype(f"<u{layer.stored.itemsize}")]
     height, width = shape[1:3] if len(shape) >= 3 else (-1, -1)
     chunk = (1, *shape[1:]) if all(shape) else None
     if (
-        dataset.dtype != stored
+        dataset.dtype not in stored
         or shape != (n, *layer.shape(height, width))
         or not 0 <= height <= LARGEST_SIDE_PX
         or not 0 <= width <= LARGEST_SIDE_PX

@@ -9,25 +9,28 @@ import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
 import h5py
 import numpy as np
-from jaxtyping import Int64, Shaped
+from jaxtyping import Shaped
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.checked_hdf5 import open_unchecked, read_text
+from pix2face.files.checked_hdf5 import open_unchecked, read_version
 from pix2face.files.text_columns import read_attributes
 from pix2face.geometry.camera import Camera
+from pix2face.shards.file_places import bytes_at, chunk_places, column_place, image_places
+from pix2face.shards.image_storage import IMAGE_END, IMAGE_LENGTH, unpack_image
 from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, from_stored
 from pix2face.shards.map_storage import Box, undo_prediction, unpack_layer
 from pix2face.shards.sample import Sample
 from pix2face.shards.shard_layout import (
     COLUMNS,
     CONTENT_COLUMNS,
+    PLAIN_VALUES,
+    SCHEMA_VERSION,
     TEXTS,
     ShardHeader,
     check_layout,
@@ -36,6 +39,7 @@ from pix2face.shards.shard_layout import (
     is_predicted,
     layer_boxes,
     open_datasets,
+    read_header,
 )
 
 __all__ = ["ShardHeader", "ShardReader", "shard_paths"]
@@ -43,16 +47,6 @@ __all__ = ["ShardHeader", "ShardReader", "shard_paths"]
 # What reading a foreign, truncated or damaged file raises.
 _DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError)
 PLUGIN_EXTRA = "pip install 'pix2face[storage]'"
-
-
-@final
-@dataclass(frozen=True)
-class _Column:
-    """A dataset that has one row for each sample; ``start`` in the file is None where the rows are not contiguous."""
-
-    start: int | None
-    dtype: Any
-    shape: tuple[int, ...]
 
 
 @final
@@ -70,17 +64,28 @@ class ShardReader:
         self.path = path
         with _reading(path), open_unchecked(path, "a shard") as file:
             datasets = open_datasets(file, path)
-            self.header = ShardHeader.from_json(read_text(datasets["header"], path))
+            self.header = read_header(file, datasets, path)
+            self.is_current = read_version(file.attrs, path) == SCHEMA_VERSION
             check_layout(datasets, self.header.layers)
             layers = {name: datasets[name] for name in self.header.layers if name in LAYERS}
             if not all(h5py.h5z.filter_avail(code) for dataset in layers.values() for code in filters_of(dataset)):
                 _load_filters()
-            self._columns = {name: _column(datasets[name]) for name in (*COLUMNS, *TEXTS)}
-            self._images = _image_places(datasets) if IMAGE in self.header.layers else None
-            self._chunks = {name: _chunk_places(dataset) for name, dataset in layers.items()}
+            self._columns = {name: column_place(datasets[name]) for name in (*COLUMNS, *TEXTS)}
+            self._kept = {name: datasets[name][()] for name in ("size_px", "box_px", "checksum")}
+            self._chunks = {name: chunk_places(dataset) for name, dataset in layers.items()}
             self._padded_px = {name: dataset.shape[1:3] for name, dataset in layers.items()}
             self._predicted = {name for name, dataset in layers.items() if is_predicted(dataset)}
-            self._kept = {name: datasets[name][()] for name in ("size_px", "box_px", "checksum")}
+            self._plain = {name for name, dataset in layers.items() if dataset.dtype.kind == "f"}
+            self._names = {name: dataset.name for name, dataset in datasets.items()}
+            if IMAGE in self.header.layers:
+                self._images = image_places(datasets)
+                self._image_ends = datasets[IMAGE_LENGTH if self.is_current else IMAGE_END][()]
+                self._row_bytes = datasets[IMAGE].shape[1] if self.is_current else 0
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether no layer is coded: smooth layers are plain numbers."""
+        return not self._predicted and bool(self._chunks.keys() & PLAIN_VALUES.keys())
 
     def __len__(self) -> int:
         return len(self._kept["checksum"])
@@ -104,7 +109,7 @@ class ShardReader:
             if column.start is None and n_bytes:
                 return np.asarray(self._by_hdf5(name, ()))
             with self.path.open("rb", buffering=0) as file:
-                content = _bytes_at(file.fileno(), column.start or 0, n_bytes)
+                content = bytes_at(file.fileno(), column.start or 0, n_bytes)
             return np.frombuffer(content, column.dtype).reshape(column.shape)
 
     def size_px(self, index: int) -> tuple[int, int]:
@@ -171,7 +176,8 @@ class ShardReader:
             content = (*boxes, *images, *CONTENT_COLUMNS, "attributes") if is_checked else ()
             file = os.open(self.path, os.O_RDONLY)
             try:
-                found = {name: self._part(file, index, name, boxes) for name in dict.fromkeys((*content, *names))}
+                wanted = dict.fromkeys((*content, *names))
+                found = {name: self._part(file, index, name, boxes, is_whole) for name in wanted}
             finally:
                 os.close(file)
             if is_checked and content_checksum(found, boxes, size_px) != self._kept["checksum"][index]:
@@ -180,41 +186,55 @@ class ShardReader:
             raise self._damaged(index, error) from error
         return {name: found[name] for name in names}
 
-    def _part(self, file: int, index: int, name: str, boxes: Mapping[str, Box]) -> Any:
+    def _part(self, file: int, index: int, name: str, boxes: Mapping[str, Box], is_whole: bool) -> Any:
         """A layer in its box, the bytes of a picture or text, or the row of a column."""
         if name in boxes:
             return self._steps(file, index, name, boxes[name])
+        if name == IMAGE:
+            return self._image(file, index, is_whole)
         if name in self._kept:
             return self._kept[name][index]
-        if name == IMAGE:
-            if self._images is None:
-                ends = self._by_hdf5("image_end", ())
-                return self._by_hdf5("image_bytes", np.s_[ends[index - 1] if index else 0 : ends[index]]).tobytes()
-            start, length = self._images[index].tolist()
-            return _bytes_at(file, start, length)
         column = self._columns[name]
         n_bytes = column.dtype.itemsize * math.prod(column.shape[1:])
         if column.start is None:
             row = np.asarray(self._by_hdf5(name, index)) if n_bytes else np.zeros(column.shape[1:], column.dtype)
         else:
             # Of a copy, so that it can be written to.
-            content = bytearray(_bytes_at(file, column.start + index * n_bytes, n_bytes))
+            content = bytearray(bytes_at(file, column.start + index * n_bytes, n_bytes))
             row = np.frombuffer(content, column.dtype).reshape(column.shape[1:])
         return row.item() if name in TEXTS else row
 
+    def _image(self, file: int, index: int, is_whole: bool) -> bytes:
+        """The bytes of a picture; ``is_whole`` also checks what follows it in its row."""
+        start, n_bytes = self._images[index].tolist()
+        end = int(self._image_ends[index])
+        if not self.is_current:  # pictures stand one after the other
+            if n_bytes:
+                return bytes_at(file, start, n_bytes)
+            first = int(self._image_ends[index - 1]) if index else 0
+            return bytes(self._by_hdf5("image_bytes", np.s_[first:end]).tobytes())
+        if n_bytes:
+            return unpack_image(bytes_at(file, start, n_bytes), end, self._row_bytes, is_whole=is_whole)
+        return bytes(self._by_hdf5(IMAGE, np.s_[index, :end]).tobytes())
+
     def _steps(self, file: int, index: int, name: str, box: Box) -> Shaped[ndarray, "y x *c"]:
         start, length = self._chunks[name][index].tolist()
-        is_predicted = name in self._predicted
+        layer, is_predicted = PLAIN_VALUES[name] if name in self._plain else LAYERS[name], name in self._predicted
         if length:
-            packed = _bytes_at(file, start, length)
-            return unpack_layer(LAYERS[name], packed, box, self._padded_px[name], is_predicted=is_predicted)
-        found = np.asarray(self._by_hdf5(name, (index, *box)))
-        return undo_prediction(found) if is_predicted else found
+            packed = bytes_at(file, start, length)
+            found = unpack_layer(layer, packed, box, self._padded_px[name], is_predicted=is_predicted)
+        else:
+            found = np.asarray(self._by_hdf5(name, (index, *box)))
+            found = undo_prediction(found) if is_predicted else found
+        if name not in self._plain:
+            return found
+        with np.errstate(invalid="ignore"):  # damaged values may be anything; their checksum will differ
+            return np.rint(found * np.float32(layer.steps_per_unit)).astype(LAYERS[name].stored)
 
     def _by_hdf5(self, name: str, place: Any) -> Any:
         """Part of a dataset, read by the HDF5 library."""
         with open_unchecked(self.path) as file:
-            return file[name][place]
+            return file[self._names[name]][place]
 
     def _whole(self, index: int, name: str, steps: Shaped[ndarray, "y x *c"]) -> Shaped[ndarray, "h w *c"]:
         """A layer of the whole picture, in its unit."""
@@ -233,42 +253,6 @@ class ShardReader:
             f"{self.path}: {name} is damaged ({error}); `datagen verify {self.path.parent}` lists all damage: "
             "delete the shards that it names and run `datagen render` again, it writes what is missing"
         )
-
-
-def _column(dataset: h5py.Dataset) -> _Column:
-    start = dataset.id.get_offset() if dataset.chunks is None else None
-    return _Column(start, dataset.dtype, dataset.shape)
-
-
-def _image_places(datasets: Mapping[str, h5py.Dataset]) -> Int64[ndarray, "n 2"] | None:
-    """Start and length of each picture in the file; None where they are not one after the other."""
-    start = _column(datasets["image_bytes"]).start
-    ends = datasets["image_end"][()]
-    lengths = np.diff(ends, prepend=0)
-    if start is None and lengths.any():
-        return None
-    return np.stack([ends - lengths + (start or 0), lengths], axis=1)
-
-
-def _chunk_places(dataset: h5py.Dataset) -> Int64[ndarray, "n 2"]:
-    """Start and length in the file of each sample's chunk; length 0 where only the HDF5 library decodes it."""
-    places = np.zeros((len(dataset), 2), dtype=np.int64)
-    shuffle = [h5py.h5z.FILTER_SHUFFLE] if dataset.dtype.itemsize > 1 else []
-    if filters_of(dataset) == [*shuffle, h5py.h5z.FILTER_DEFLATE]:  # as `map_storage.pack_layer` stores it
-
-        def note(chunk: h5py.h5d.StoreInfo) -> None:
-            if not chunk.filter_mask:  # HDF5 leaves out a filter where it does not shrink a chunk
-                places[chunk.chunk_offset[0]] = chunk.byte_offset, chunk.size
-
-        dataset.id.chunk_iter(note)
-    return places
-
-
-def _bytes_at(file: int, start: int, length: int) -> bytes:
-    content = os.pread(file, length, start)
-    if len(content) < length:
-        raise ValueError(f"expected {length} bytes at {start}, found {len(content)}")
-    return content
 
 
 def _load_filters() -> None:

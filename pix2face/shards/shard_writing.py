@@ -14,14 +14,17 @@ from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.files.text_columns import bounded_utf8
 from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.maps import face_box
-from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, to_stored
+from pix2face.shards.image_storage import IMAGE_LENGTH, pack_image, row_length
+from pix2face.shards.layers import IMAGE, LANDMARKS, LAYERS, from_stored, to_stored
 from pix2face.shards.map_storage import DEFLATE_LEVEL, Box, pack_layer, unpack_layer
 from pix2face.shards.sample import MASK, Sample
 from pix2face.shards.shard_layout import (
+    CODED,
     COLUMNS,
     CONTENT_COLUMNS,
     FORMAT,
     PLAIN,
+    PLAIN_VALUES,
     PREDICTED,
     SCHEMA_VERSION,
     TEXTS,
@@ -30,13 +33,15 @@ from pix2face.shards.shard_layout import (
     layer_boxes,
 )
 
+# HDF5's format of 2016, which lists chunks in the least space, and has attributes of any length.
+HDF5_FORMAT = ("v110", "v110")
 # Text has a fixed length for each shard: the longest of its samples decides, so one must not be without bounds.
 LARGEST_TEXT_BYTES = {"sample_id": 4096, "attributes": 16384}
 
 
-def write_shard(path: Path, header: ShardHeader, samples: Iterable[Sample]) -> None:
+def write_shard(path: Path, header: ShardHeader, samples: Iterable[Sample], *, is_plain: bool = False) -> None:
     """Writes some samples as a shard: ``ShardWriter`` in one call."""
-    writer = ShardWriter(header.layers)
+    writer = ShardWriter(header.layers, is_plain=is_plain)
     for sample in samples:
         writer.add(sample)
     writer.write(path, header)
@@ -48,9 +53,11 @@ class ShardWriter:
 
     Args:
         layers: What to keep of each sample: names of ``pix2face.shards.layers.LAYER_NAMES``.
+        is_plain: Store smooth layers as plain numbers in their unit, which take about twice the space.
     """
 
-    def __init__(self, layers: Sequence[str]) -> None:
+    def __init__(self, layers: Sequence[str], *, is_plain: bool = False) -> None:
+        self._is_plain = is_plain
         self._has_image, self._has_landmarks = IMAGE in layers, LANDMARKS in layers
         self._layers = [name for name in layers if name in LAYERS]
         self._texts: list[dict[str, bytes]] = []
@@ -58,12 +65,15 @@ class ShardWriter:
         self._chunks: list[dict[str, bytes]] = []
         self._columns: list[dict[str, ndarray]] = []
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: Sample) -> int:
         """Rounds and compresses one sample.
 
         Args:
             sample: Where it has a mask, its layers are taken to be 0 outside the mask's bounding box (except layers of
                 the whole head).
+
+        Returns:
+            The checksum of its content.
 
         Raises:
             InputFileError: The sample lacks a layer, or a value does not fit the format. The sample is left out.
@@ -79,11 +89,13 @@ class ShardWriter:
         steps, boxes, size_px, columns = _layers_in_steps(sample, self._layers)
         columns |= _content_columns(sample, self._has_landmarks)
         stored = {**steps, IMAGE: image, **columns, "attributes": texts["attributes"]}
-        columns["checksum"] = np.array(content_checksum(stored, boxes, size_px))
-        self._chunks.append({name: _packed(name, steps[name], boxes[name], size_px) for name in steps})
+        checksum = content_checksum(stored, boxes, size_px)
+        columns["checksum"] = np.array(checksum)
+        self._chunks.append({name: self._packed(name, steps[name], boxes[name], size_px) for name in steps})
         self._texts.append(texts)
         self._images.append(image)
         self._columns.append(columns)
+        return checksum
 
     def write(self, path: Path, header: ShardHeader) -> None:
         """Writes a shard under a temporary name, reads it back, and renames it.
@@ -115,54 +127,68 @@ class ShardWriter:
         ids = [texts["sample_id"] for texts in self._texts]
         if len(set(ids)) < len(ids):
             raise InputFileError("expected unique sample ids in a shard, found that sample ids are not unique")
-        with h5py.File("shard", "w", driver="core", backing_store=False, track_order=False) as file:
+        # Earlier formats of HDF5 have no attributes above 64 kB, which a header with many rejected samples exceeds.
+        with h5py.File("shard", "w", driver="core", backing_store=False, track_order=False, libver=HDF5_FORMAT) as file:
             file.attrs["format"] = fixed_text(FORMAT)
             file.attrs["schema_version"] = SCHEMA_VERSION
-            file["header"] = fixed_text(header.to_json())
+            file.attrs["header"] = fixed_text(header.to_json())
             for name in TEXTS:
                 _write_texts(file, name, [texts[name] for texts in self._texts])
             for name in COLUMNS:
                 _write_column(file, name, [columns[name] for columns in self._columns])
+            sizes = [tuple(columns["size_px"].tolist()) for columns in self._columns]
+            # Pictures of several sizes share one shape; what is beyond a picture's own size compresses to nothing.
+            padded_px = max((height for height, _ in sizes), default=0), max((width for _, width in sizes), default=0)
             if self._has_image:
-                _write_images(file, self._images)
-            self._write_layers(file)
+                _write_images(file, self._images, padded_px)
+            self._write_layers(file, sizes, padded_px)
             file.flush()
             return bytes(file.id.get_file_image())
 
-    def _write_layers(self, file: h5py.File) -> None:
+    def _write_layers(self, file: h5py.File, sizes: Sequence[tuple[int, int]], padded_px: tuple[int, int]) -> None:
         """Writes one chunk a sample: random access decodes nothing but the sample asked for."""
-        sizes = [(0, 0), *(tuple(columns["size_px"].tolist()) for columns in self._columns)]
-        # Pictures of several sizes share one shape; what lies beyond a picture's own size compresses to nothing.
-        padded_px = max(height for height, _ in sizes), max(width for _, width in sizes)
-        datasets = {name: _create_dataset(file, name, (len(self._columns), *padded_px)) for name in self._layers}
-        for index, (chunks, columns) in enumerate(zip(self._chunks, self._columns, strict=True)):
-            size_px = sizes[1 + index]
+        shape = (len(sizes), *padded_px)
+        datasets = {name: _create_dataset(file, name, shape, is_plain=self._is_plain) for name in self._layers}
+        for index, (chunks, columns, size_px) in enumerate(zip(self._chunks, self._columns, sizes, strict=True)):
             boxes = layer_boxes(datasets, columns["box_px"], size_px)
             for name, dataset in datasets.items():
                 if dataset.size:
                     chunk, box = chunks[name], boxes[name]
                     if size_px != padded_px:
-                        steps = unpack_layer(LAYERS[name], chunk, box, size_px, is_predicted=LAYERS[name].is_smooth)
-                        chunk = _packed(name, steps, box, padded_px)
+                        chunk = self._packed(name, self._unpacked(name, chunk, box, size_px), box, padded_px)
                     dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), chunk)
 
+    def _packed(self, name: str, steps: ndarray, box: Box, size_px: tuple[int, int]) -> bytes:
+        layer = LAYERS[name]
+        if self._is_plain and layer.is_smooth:
+            return pack_layer(PLAIN_VALUES[name], from_stored(layer, steps), box, size_px, is_predicted=False)
+        return pack_layer(layer, steps, box, size_px, is_predicted=layer.is_smooth)
 
-def _create_dataset(file: h5py.File, name: str, shape: tuple[int, int, int]) -> h5py.Dataset:
+    def _unpacked(self, name: str, chunk: bytes, box: Box, size_px: tuple[int, int]) -> ndarray:
+        layer = LAYERS[name]
+        if self._is_plain and layer.is_smooth:
+            return to_stored(layer, unpack_layer(PLAIN_VALUES[name], chunk, box, size_px, is_predicted=False))
+        return unpack_layer(layer, chunk, box, size_px, is_predicted=layer.is_smooth)
+
+
+def _create_dataset(file: h5py.File, name: str, shape: tuple[int, int, int], *, is_plain: bool) -> h5py.Dataset:
     layer = LAYERS[name]
+    is_coded = layer.is_smooth and not is_plain
     full = (shape[0], *layer.shape(*shape[1:]))
-    dtype = np.dtype(f"<u{layer.stored.itemsize}") if layer.is_smooth else layer.stored
-    options: dict[str, Any] = {}
-    if all(full):
-        options = {"chunks": (1, *full[1:]), "shuffle": dtype.itemsize > 1}
-        options |= {"compression": "gzip", "compression_opts": DEFLATE_LEVEL}
-    dataset = file.create_dataset(name, full, dtype=dtype, track_times=False, **options)
-    dataset.attrs["predictor"] = fixed_text(PREDICTED if layer.is_smooth else PLAIN)
-    dataset.attrs["steps_per_unit"] = layer.steps_per_unit
+    dtype = np.dtype(f"<u{layer.stored.itemsize}") if is_coded else PLAIN_VALUES.get(name, layer).stored
+    dataset = _create_chunked(file, f"{name}{CODED}" if is_coded else name, full, dtype)
+    dataset.attrs["predictor"] = fixed_text(PREDICTED if is_coded else PLAIN)
+    dataset.attrs["steps_per_unit"] = 1 if dtype.kind == "f" else layer.steps_per_unit
     return dataset
 
 
-def _packed(name: str, steps: ndarray, box: Box, size_px: tuple[int, int]) -> bytes:
-    return pack_layer(LAYERS[name], steps, box, size_px, is_predicted=LAYERS[name].is_smooth)
+def _create_chunked(file: h5py.File, name: str, shape: tuple[int, ...], dtype: Any) -> h5py.Dataset:
+    """A dataset whose rows are compressed chunks; an empty one has none."""
+    options: dict[str, Any] = {}
+    if all(shape):
+        options = {"chunks": (1, *shape[1:]), "shuffle": np.dtype(dtype).itemsize > 1}
+        options |= {"compression": "gzip", "compression_opts": DEFLATE_LEVEL}
+    return file.create_dataset(name, shape, dtype=dtype, track_times=False, **options)
 
 
 def _write_texts(file: h5py.File, name: str, texts: Sequence[bytes]) -> None:
@@ -180,11 +206,12 @@ def _write_column(file: h5py.File, name: str, rows: Sequence[ndarray]) -> None:
     file.create_dataset(name, data=values.astype(column.dtype), track_times=False)
 
 
-def _write_images(file: h5py.File, images: Sequence[bytes]) -> None:
-    content = np.frombuffer(b"".join(images), dtype=np.uint8)
-    file.create_dataset("image_bytes", data=content, track_times=False)
-    ends = np.cumsum([len(image) for image in images], dtype=np.int64)
-    file.create_dataset("image_end", data=ends, dtype="<i8", track_times=False)
+def _write_images(file: h5py.File, images: Sequence[bytes], padded_px: tuple[int, int]) -> None:
+    n_bytes = row_length(images, padded_px)
+    rows = _create_chunked(file, IMAGE, (len(images), n_bytes), np.dtype("u1"))
+    for index, image in enumerate(images):
+        rows.id.write_direct_chunk((index, 0), pack_image(image, n_bytes))
+    file.create_dataset(IMAGE_LENGTH, data=np.array([*map(len, images)], dtype="<i4"), track_times=False)
 
 
 def _layers_in_steps(
@@ -249,8 +276,8 @@ def _check_written(temporary: Path, content: bytes, path: Path) -> None:
         raise InputFileError(f"{path}: written, but does not read back the same; is the disk sound?")
     try:
         with h5py.File(temporary, "r", locking=False) as file:
-            for name in LAYERS:
-                if name in file and file[name].size:
-                    file[name][0]
+            for item in file.values():
+                if item.size:
+                    item[0]
     except (OSError, RuntimeError) as error:
         raise InputFileError(f"{path}: written, but the HDF5 library cannot read it ({error})") from error

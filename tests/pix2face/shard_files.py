@@ -77,23 +77,28 @@ def stored_layer(reader: ShardReader, index: int, name: str) -> np.ndarray:
 
 
 def as_earlier_versions_stored(path: Path, compression: str) -> None:
-    """Stores the layers of a shard anew, plain (values as they are) or compressed by zstd, as was an option once."""
-    filters = {"compression": "gzip"} if compression == "plain" else hdf5plugin.Zstd(clevel=3)
+    """Turns a shard into one of schema 2, whose layers may also be plain (values in steps) or compressed by zstd."""
+    filters = {"zstd": hdf5plugin.Zstd(clevel=3)}.get(compression, {"compression": "gzip", "compression_opts": 1})
     with h5py.File(path, "r+") as file:
-        for name in LAYERS:
-            if name in file:
-                values = file[name][()]
-                attributes = dict(file[name].attrs)
-                if compression == "plain":
-                    if attributes["predictor"] == b"planar":
-                        signed = ((values >> 1) ^ -(values & 1)).view(LAYERS[name].stored)
-                        values = signed.cumsum(1, dtype=signed.dtype).cumsum(2, dtype=signed.dtype)
-                    attributes["predictor"] = np.bytes_("none")
-                del file[name]
-                chunks, shuffle = (1, *values.shape[1:]), values.dtype.itemsize > 1
-                file.create_dataset(name, data=values, chunks=chunks, shuffle=shuffle, **filters).attrs.update(
-                    attributes
-                )
+        file.attrs["schema_version"] = 2
+        file["header"] = file.attrs["header"]
+        del file.attrs["header"]
+        for name in [name for name in LAYERS if name in file or f"{name}_coded" in file]:
+            dataset = file[name if name in file else f"{name}_coded"]
+            values, attributes = dataset[()], dict(dataset.attrs)
+            if compression == "plain" and attributes["predictor"] == b"planar":
+                signed = ((values >> 1) ^ -(values & 1)).view(LAYERS[name].stored)
+                values = signed.cumsum(1, dtype=signed.dtype).cumsum(2, dtype=signed.dtype)
+                attributes["predictor"] = np.bytes_("none")
+            del file[dataset.name]
+            chunks, shuffle = (1, *values.shape[1:]), values.dtype.itemsize > 1
+            file.create_dataset(name, data=values, chunks=chunks, shuffle=shuffle, **filters).attrs.update(attributes)
+        if "image" in file:
+            lengths = file["image_length"][()]
+            images = [row[:length].tobytes() for row, length in zip(file["image"][()], lengths, strict=True)]
+            file["image_bytes"] = np.frombuffer(b"".join(images), np.uint8)
+            file["image_end"] = lengths.cumsum(dtype=np.int64)
+            del file["image"], file["image_length"]
 
 
 assert set(DEFAULT_LAYERS) < set(HEADER.layers)

@@ -81,7 +81,7 @@ def test_a_damaged_sample_ends_it_with_workers(shards_dir: Path, tmp_path: Path)
     shutil.copytree(shards_dir, tmp_path / "shards")
     path = tmp_path / "shards" / "shard-000001.h5"
     with h5py.File(path, "r") as file:
-        offset = file["pncc"].id.get_chunk_info(1).byte_offset
+        offset = file["pncc_coded"].id.get_chunk_info(1).byte_offset
     content = bytearray(path.read_bytes())
     content[offset + 40] ^= 0xFF
     path.write_bytes(content)

@@ -1,5 +1,6 @@
 """The shard format: what goes in comes out, whatever the layers, sizes and compression."""
 
+import json
 import subprocess
 import sys
 import zlib
@@ -18,14 +19,14 @@ from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 from pix2face.shards.shard_writing import write_shard
 from tests.pix2face.shard_files import HEADER, as_earlier_versions_stored, every_layer, make_triplet, stored_layer
 
-COMPRESSIONS = ("deflate", "plain", "zstd")
+COMPRESSIONS = ("coded", "plain", "schema 2", "schema 2 plain", "schema 2 zstd")
 
 
 def write(path: Path, header: ShardHeader, samples: list[Sample], compression: str) -> None:
-    """In today's way, or as earlier versions could."""
-    write_shard(path, header, samples)
-    if compression != "deflate":
-        as_earlier_versions_stored(path, compression)
+    """In today's ways, or as earlier versions could."""
+    write_shard(path, header, samples, is_plain=compression == "plain")
+    if compression.startswith("schema 2"):
+        as_earlier_versions_stored(path, compression.removeprefix("schema 2 "))
 
 
 @pytest.fixture
@@ -85,11 +86,14 @@ def test_foreign_and_newer_files_are_refused(shard: Path, tmp_path: Path) -> Non
         ShardReader(foreign)
     with h5py.File(shard, "r+") as file:
         file.attrs["schema_version"] = 99
-    with pytest.raises(InputFileError, match="newer than 2"):
+    with pytest.raises(InputFileError, match="newer than 3"):
         ShardReader(shard)
     with h5py.File(shard, "r+") as file:
         file.attrs["schema_version"] = 1
-    with pytest.raises(InputFileError, match="found 1, made by an earlier version; delete the folder and run"):
+    with pytest.raises(
+        InputFileError,
+        match="expected shard schema 2 or 3, found 1, made by an earlier version; delete the folder and run",
+    ):
         ShardReader(shard)
 
 
@@ -151,7 +155,7 @@ def test_the_checksum_is_that_of_zlib_over_the_content_as_documented(shard: Path
         assert file["checksum"][1] == found
 
 
-@pytest.mark.parametrize("compression", ["deflate", "plain"])
+@pytest.mark.parametrize("compression", ["coded", "plain"])
 def test_any_hdf5_library_reads_a_shard(tmp_path: Path, compression: str) -> None:
     """Here h5py alone, in a process that knows nothing of the project: the lines of docs/reference/file_formats.md."""
     path = tmp_path / "shard-00000.h5"
@@ -159,26 +163,79 @@ def test_any_hdf5_library_reads_a_shard(tmp_path: Path, compression: str) -> Non
     code = f"""
 import h5py, numpy as np, zlib
 with h5py.File({str(path)!r}) as file:
-    stored, steps_per_mm = file["pncc"][2], file["pncc"].attrs["steps_per_unit"]
-    if file["pncc"].attrs["predictor"] == b"planar":
+    if "pncc_coded" in file:
+        stored, steps_per_mm = file["pncc_coded"][2], file["pncc_coded"].attrs["steps_per_unit"]
         signed = ((stored >> 1) ^ -(stored & 1)).view("i2")
-        stored = signed.cumsum(0, dtype="i2").cumsum(1, dtype="i2")
-    pncc_mm = stored / steps_per_mm
-    ends = file["image_end"][()]
-    picture = file["image_bytes"][ends[1] : ends[2]].tobytes()
+        pncc_mm = signed.cumsum(0, dtype="i2").cumsum(1, dtype="i2") / steps_per_mm
+    else:
+        pncc_mm = file["pncc"][2]
+    picture = file["image"][1, : file["image_length"][1]].tobytes()
     print(file["sample_id"][2].decode(), zlib.crc32(pncc_mm.astype("f4").tobytes()), zlib.crc32(picture))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     reader = ShardReader(path)
-    expected = zlib.crc32(reader.read(2).maps.pncc.tobytes()), zlib.crc32(reader.read(2).image_bytes)
+    expected = zlib.crc32(reader.read(2).maps.pncc.tobytes()), zlib.crc32(reader.read(1).image_bytes)
     assert done.stdout.split() == ["face/2", *map(str, expected)]
+
+
+def test_what_is_coded_has_another_name_and_plain_values_are_true(tmp_path: Path) -> None:
+    header, triplets = every_layer(2)
+    coded, plain = tmp_path / "shard-00000.h5", tmp_path / "shard-00001.h5"
+    write_shard(coded, header, triplets)
+    write_shard(plain, header, [triplets[0], make_larger(triplets[1])], is_plain=True)  # one of them is padded
+    with h5py.File(coded) as file:
+        for name, layer in LAYERS.items():
+            assert (f"{name}_coded" in file, name in file) == (layer.is_smooth, not layer.is_smooth)
+    reader = ShardReader(coded)
+    with h5py.File(plain) as file:
+        assert not any(name.endswith("_coded") for name in file)
+        for name, layer in LAYERS.items():
+            expected = reader.read(0).layers[name]
+            assert file[name].attrs["predictor"] == b"none"
+            values = file[name][0, : expected.shape[0], : expected.shape[1]] / file[name].attrs["steps_per_unit"]
+            np.testing.assert_array_equal(values, expected.astype(values.dtype))
+            assert layer.is_smooth <= (file[name].dtype == np.float32)
+    assert verify_shard(plain) == []
+
+
+def test_a_coded_layer_under_another_name_is_refused(shard: Path) -> None:
+    with h5py.File(shard, "r+") as file:
+        file["pncc"] = file["pncc_coded"]
+        del file["pncc_coded"]
+    with pytest.raises(InputFileError, match="the predictor of /pncc is not the one that its name says"):
+        ShardReader(shard)
+
+
+def test_each_dataset_has_a_row_for_each_sample(shard: Path) -> None:
+    with h5py.File(shard) as file:
+        assert {len(dataset) for dataset in file.values()} == {4}
+
+
+def test_headers_may_be_longer_than_attributes_of_old_hdf5_files(tmp_path: Path) -> None:
+    path = tmp_path / "shard-00000.h5"
+    rejected = [[f"face/{number}", "no picture" * 20] for number in range(1000)]
+    write_shard(path, replace(HEADER, rejected=json.dumps(rejected)), [make_triplet(0)])
+    assert len(ShardReader(path).header.rejected_samples) == 1000
+
+
+def test_a_file_of_schema_2_is_read() -> None:
+    """It was written by the last version that wrote this schema."""
+    path = Path(__file__).with_name("schema_2.h5")
+    assert verify_shard(path) == []
+    header, triplets = every_layer(2)
+    reader = ShardReader(path)
+    assert not reader.is_current
+    assert reader.header == replace(header, rejected='[["face/9", "no picture"]]')
+    for index, expected in enumerate(triplets):
+        assert reader.read(index).image_bytes == expected.image_bytes
+        np.testing.assert_allclose(reader.read(index).maps.pncc, expected.maps.pncc, atol=0.5 / 128 + 1e-5)
 
 
 def test_only_layers_that_were_asked_for_are_stored(tmp_path: Path) -> None:
     path = tmp_path / "shard-00000.h5"
     write_shard(path, replace(HEADER, layers=("mask",)), [make_triplet(0)])
     with h5py.File(path) as file:
-        assert not {"pncc", "image_bytes", "image_end"} & set(file)
+        assert not {"pncc", "pncc_coded", "image", "image_length"} & set(file)
         assert file["landmarks2d"].shape == (1, 0, 2)
     assert verify_shard(path) == []
     reader = ShardReader(path)
@@ -210,8 +267,9 @@ def test_chunks_without_their_filters_are_read(tmp_path: Path) -> None:
     reader = ShardReader(path)
     expected = stored_layer(reader, 0, "pncc")
     with h5py.File(path, "r+") as file:
-        unfiltered = file["pncc"][0].tobytes()
-        file["pncc"].id.write_direct_chunk((0, 0, 0, 0), unfiltered, filter_mask=3)
+        for name in ("pncc_coded", "image"):
+            unfiltered = file[name][0].tobytes()
+            file[name].id.write_direct_chunk((0,) * file[name].ndim, unfiltered, filter_mask=3)
     reader = ShardReader(path)
     np.testing.assert_array_equal(stored_layer(reader, 0, "pncc"), expected)
     assert verify_shard(path) == []
