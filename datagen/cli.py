@@ -8,6 +8,7 @@ from datagen.datagen_config import (
     CoeffsCommand,
     DoctorConfig,
     EmptyConfig,
+    ExportConfig,
     FitConfig,
     ModelCommand,
     PreviewConfig,
@@ -28,6 +29,7 @@ COMMANDS = {
     "preview": Command(PreviewConfig, "datagen.inspection.inspect_cli:preview"),
     "stats": Command(StatsConfig, "datagen.inspection.inspect_cli:stats"),
     "card": Command(CardConfig, "datagen.inspection.inspect_cli:card"),
+    "export": Command(ExportConfig, "datagen.inspection.inspect_cli:export"),
     "doctor": Command(DoctorConfig, "datagen.doctor.doctor_cli:doctor"),
     "model": Command(
         ModelCommand,

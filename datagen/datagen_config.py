@@ -358,3 +358,24 @@ class CardConfig:
     """
 
     shards: Annotated[Path, tyro.conf.Positional]
+
+
+@final
+@dataclass(frozen=True)
+class ExportConfig:
+    """Write the samples of a folder of shards as picture files for compositors and other programs.
+
+    Files are numbered: 000000, 000001, ... NUMBER.json has the id, the camera, the landmarks, the coefficients and the
+    attributes of the sample. Running the same command again writes what is missing.
+
+    Attributes:
+        shards: Folder of shards.
+        out: Folder of the files to write.
+        format: `exr` writes one file for each sample, with all layers as channels: R, G and B in linear light, Pref
+            (PNCC), offset, mask and, if the shards have them, Z, N, UV and others. `png` writes the picture as it is,
+            and one PNG file of 8 or 16 bits for each layer (docs/reference/file_formats.md).
+    """
+
+    shards: Annotated[Path, tyro.conf.Positional]
+    out: Path
+    format: Literal["exr", "png"] = "exr"

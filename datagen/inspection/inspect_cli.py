@@ -1,15 +1,16 @@
-"""The commands of ``datagen`` that look at shards: preview, stats, card."""
+"""The commands of ``datagen`` that look at shards: preview, stats, card, export."""
 
 from json import dumps
 
 import cv2
 from rich.console import Console
 
-from datagen.datagen_config import CardConfig, PreviewConfig, StatsConfig
+from datagen.datagen_config import CardConfig, ExportConfig, PreviewConfig, StatsConfig
 from datagen.inspection.croissant import write_descriptions
 from datagen.inspection.preview import contact_sheet, spread_samples
 from datagen.inspection.preview_page import preview_page
 from datagen.inspection.sample_counts import count_samples
+from datagen.inspection.sample_export import export_samples
 from datagen.inspection.statistics_tables import (
     picture_png,
     print_statistics,
@@ -17,10 +18,10 @@ from datagen.inspection.statistics_tables import (
     statistics_page,
     statistics_picture,
 )
-from pix2face.command_line import check_output_file, counted, printable, progress_bar, say
+from pix2face.command_line import check_output_file, counted, prepare_output_folder, printable, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.files.writing import write_file
-from pix2face.shards.shard_reader import shard_paths
+from pix2face.shards.shard_reader import ShardReader, shard_paths
 
 console = Console(stderr=True)
 N_ON_A_SHEET, N_ON_A_PAGE = 16, 24
@@ -71,4 +72,23 @@ def card(config: CardConfig) -> int:
     card, description = write_descriptions(config.shards)
     say(console, f"card -> {card}")
     say(console, f"description (Croissant) -> {description}")
+    return 0
+
+
+def export(config: ExportConfig) -> int:
+    """Runs ``datagen export``."""
+    shards, out = config.shards, config.out
+    n_samples = sum(len(ShardReader(path)) for path in shard_paths(shards))
+    prepare_output_folder(out)
+    n_kept = 0
+    with progress_bar(console, "exporting", n_samples) as advance:
+
+        def on_sample(is_done: bool) -> None:
+            nonlocal n_kept
+            n_kept += is_done
+            advance(n_kept, already_done=True) if is_done else advance()
+
+        export_samples(shards, out, config.format, on_sample)
+    kept = f" ({n_kept} there already)" if n_kept else ""
+    say(console, f"{counted(n_samples, 'sample')}{kept} -> {out}")
     return 0

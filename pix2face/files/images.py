@@ -1,6 +1,9 @@
 """Reads and writes pictures, and defines what OpenCV leaves open: RGB, 8 bit, orientation, size limit and errors."""
 
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -140,6 +143,17 @@ def encode_photograph(
     sampling = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420 if is_colour_halved else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
     flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
     return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), flags)[1])
+
+
+def encode_exr(channels: Mapping[str, Shaped[ndarray, "h w"]], attributes: Mapping[str, Any]) -> bytes:
+    """Encodes named channels (float16, float32 or uint32) and the attributes of a header as OpenEXR, ZIP compressed."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
+    with tempfile.TemporaryDirectory() as folder:  # OpenEXR writes no file in memory, and no name that is not UTF-8
+        path = Path(folder) / "picture.exr"
+        OpenEXR.File(header, {name: np.ascontiguousarray(values) for name, values in channels.items()}).write(str(path))
+        return path.read_bytes()
 
 
 def srgb_to_linear(values: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:

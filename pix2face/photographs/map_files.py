@@ -1,19 +1,17 @@
 """Predicted maps as files: ``.npz``, 16-bit PNG and OpenEXR (layouts: docs/reference/file_formats.md)."""
 
 import json
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import astuple
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 from jaxtyping import Bool, Float32, UInt16
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.files.images import encode_image
+from pix2face.files.images import encode_exr, encode_image
 from pix2face.files.writing import write_file
 from pix2face.inference.predictor import Prediction
 
@@ -84,23 +82,18 @@ def _write_png16(folder: Path, name: str, prediction: Prediction) -> None:
 def _write_exr(folder: Path, name: str, prediction: Prediction) -> None:
     maps = prediction.maps
     channels = {
-        f"{layer}.{axis}": np.ascontiguousarray(values[..., k])
+        f"{layer}.{axis}": values[..., k]
         for layer, values in (("pncc", maps.pncc), ("offset", maps.offset))
         for k, axis in enumerate("XYZ")
     }
     channels["mask"] = maps.mask.astype(np.float32)
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
+    attributes = {
         "unit": "mm",
         "image_from_crop": prediction.crop.image_from_crop,
         "box_px": tuple(np.array(astuple(prediction.box), dtype=np.float32).reshape(2, 2)),
         **({} if prediction.score is None else {"score": float(prediction.score)}),
     }
-    with tempfile.TemporaryDirectory() as temporary:  # OpenEXR takes no name that is not UTF-8
-        path = Path(temporary) / "maps.exr"
-        OpenEXR.File(header, channels).write(str(path))
-        write_file(folder / f"{name}.exr", path.read_bytes())
+    write_file(folder / f"{name}.exr", encode_exr(channels, attributes))
 
 
 # Each writes the maps of one face under a name in a folder.
