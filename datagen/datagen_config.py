@@ -73,7 +73,7 @@ class RenderConfig:
             the face, coverage is how much of each pixel is not backdrop, and seen_regions says what is nearest in each
             pixel. Default: image, pncc, offset, mask, landmarks, and seen for synthetic photographs.
         plain: Store the maps as plain numbers in their unit (float32), for programs that read HDF5 and do not decode
-            it. The maps then take about twice the space.
+            it. Shards are then about 2.4 times as large.
         seed: Seed of light, colours and background of rendered pictures, and of the jitter.
         shard_size: Faces in a shard. One process makes a whole shard, so a small set needs small shards to use all
             processes.

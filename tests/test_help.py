@@ -32,6 +32,7 @@ PAGES = [
     "datagen preview",
     "datagen stats",
     "datagen card",
+    "datagen export",
     "datagen doctor",
     "datagen model",
     "datagen model import",
