@@ -21,11 +21,11 @@ from tests.fuzz_model_formats import FORMATS, Fuzzed, run_formats
 from tests.pix2face.shard_files import as_earlier_versions_stored, every_layer
 
 
-def write_small_shard(folder: Path, compression: str) -> None:
+def write_small_shard(folder: Path, kind: str) -> None:
     """Every layer, four samples."""
-    write_shard(folder / "shard-00000.h5", *every_layer(4))
-    if compression != "deflate":
-        as_earlier_versions_stored(folder / "shard-00000.h5", compression)
+    write_shard(folder / "shard-00000.h5", *every_layer(4), is_plain=kind == "plain")
+    if kind.startswith("old-"):
+        as_earlier_versions_stored(folder / "shard-00000.h5", kind.removeprefix("old-"))
 
 
 def read_shard(path: Path) -> None:
@@ -61,16 +61,17 @@ def write_table(folder: Path) -> None:
     save_coefficients(table, folder / "faces.h5")
 
 
+def fuzzed_shard(kind: str) -> Fuzzed:
+    """A shard of one kind."""
+    return Fuzzed(lambda folder: write_small_shard(folder, kind), ("shard-00000.h5",), "shard-00000.h5", read_shard)
+
+
 SHARDS_AND_TABLES: dict[str, Fuzzed] = {
-    "shard": Fuzzed(
-        lambda folder: write_small_shard(folder, "deflate"), ("shard-00000.h5",), "shard-00000.h5", read_shard
-    ),
-    "shard-plain": Fuzzed(
-        lambda folder: write_small_shard(folder, "plain"), ("shard-00000.h5",), "shard-00000.h5", read_shard
-    ),
-    "shard-zstd": Fuzzed(
-        lambda folder: write_small_shard(folder, "zstd"), ("shard-00000.h5",), "shard-00000.h5", read_shard
-    ),
+    "shard": fuzzed_shard("coded"),
+    "shard-plain": fuzzed_shard("plain"),
+    "shard-2": fuzzed_shard("old-deflate"),
+    "shard-2-plain": fuzzed_shard("old-plain"),
+    "shard-2-zstd": fuzzed_shard("old-zstd"),
     "table": Fuzzed(write_table, ("faces.h5",), "faces.h5", load_coefficients),
 }
 FORMATS.update(SHARDS_AND_TABLES)

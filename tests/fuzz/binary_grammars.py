@@ -192,7 +192,7 @@ PREDICTIONS = {
 }
 BINARY_GRAMMARS = {
     "table": Grammar(hdf5_of(write_table, "faces.h5"), lambda path: summarise_table(load_coefficients(path)), ".h5"),
-    "shard": Grammar(hdf5_of(lambda folder: write_small_shard(folder, "deflate"), "shard-00000.h5"), read_shard, ".h5"),
+    "shard": Grammar(hdf5_of(lambda folder: write_small_shard(folder, "coded"), "shard-00000.h5"), read_shard, ".h5"),
     "model": Grammar(
         hdf5_of(lambda folder: write_stored_model(stored_small_head(), folder / "a.h5"), "a.h5"),
         read_stored_model,
