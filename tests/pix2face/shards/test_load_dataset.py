@@ -1,6 +1,5 @@
 """Folders of shards in the library ``datasets`` of Hugging Face, by its own reader of HDF5."""
 
-import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,28 +7,20 @@ import datasets
 import numpy as np
 import pytest
 
-from pix2face.files.images import decode_image
+from pix2face.files.images import decode_image, encode_photograph
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from pix2face.shards.shard_writing import write_shard
-from tests.pix2face.shard_files import HEADER, as_earlier_versions_stored, make_triplet
+from tests.pix2face.shard_files import HEADER, make_triplet
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Two shards whose pictures and texts are of other lengths."""
-    folder = tmp_path / "shards"
-    write_shard(folder / "shard-00000.h5", HEADER, [make_triplet(0), make_triplet(1)])
-    small = make_triplet(2)
-    noise = make_triplet(3)
-    grey = replace(noise, sample_id="a longer name", image_bytes=make_grey())
-    write_shard(folder / "shard-00001.h5", HEADER, [small, grey, make_triplet(4)])
-    return folder
-
-
-def make_grey() -> bytes:
-    from pix2face.files.images import encode_photograph
-
-    return encode_photograph(np.full((24, 24, 3), 90, np.uint8))
+    short = encode_photograph(np.full((24, 24, 3), 90, np.uint8))
+    grey = replace(make_triplet(3), sample_id="a longer name", image_bytes=short)
+    write_shard(tmp_path / "shards" / "shard-00000.h5", HEADER, [make_triplet(0), make_triplet(1)])
+    write_shard(tmp_path / "shards" / "shard-00001.h5", HEADER, [make_triplet(2), grey, make_triplet(4)])
+    return tmp_path / "shards"
 
 
 def load(folder: Path) -> datasets.Dataset:
@@ -60,12 +51,3 @@ def test_load_dataset_reads_plain_values_as_they_are(tmp_path: Path) -> None:
     (row,) = load(tmp_path)
     for name in ("pncc", "offset", "depth"):
         np.testing.assert_allclose(np.array(row[name], np.float32), sample.layers[name], atol=0.5 / 128 + 1e-4)
-
-
-def test_load_dataset_cannot_read_schema_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Why there is schema 3."""
-    write_shard(tmp_path / "shard-00000.h5", HEADER, [make_triplet(0)])
-    as_earlier_versions_stored(tmp_path / "shard-00000.h5", "deflate")
-    monkeypatch.setattr(logging.getLogger("datasets"), "disabled", True)
-    with pytest.raises((IndexError, datasets.exceptions.DatasetGenerationError)):
-        load(tmp_path)
