@@ -371,9 +371,9 @@ class ExportConfig:
     Attributes:
         shards: Folder of shards.
         out: Folder of the files to write.
-        format: `exr` writes one file for each sample, with all layers as channels: R, G and B in linear light, Pref
-            (PNCC), offset, mask and, if the shards have them, Z, N, UV and others. `png` writes the picture as it is,
-            and one PNG file of 8 or 16 bits for each layer (docs/reference/file_formats.md).
+        format: `exr` writes one file for each sample, with all layers as channels: R, G and B in linear light, PNCC as
+            Pref, offset, mask and, if the shards have them, Z, N, UV and others. `png` writes the picture as it is, and
+            one PNG file of 8 or 16 bits for each layer (docs/reference/file_formats.md).
     """
 
     shards: Annotated[Path, tyro.conf.Positional]
