@@ -1,10 +1,17 @@
 """A headless browser for tests: what a page says on its console, what it looks like, what became of it."""
 
+import base64
+import json
+import os
 import re
+import select
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,3 +78,92 @@ def visit(page: Path, folder: Path, width_px: int = 1000, height_px: int = 600) 
         pytest.skip(f"{browser} does not run here: {run.stderr.strip()[-200:]}")
     console = re.findall(r"^.*CONSOLE.*$", run.stderr, re.MULTILINE)
     return Visit(read_photograph(shot), run.stdout, console)
+
+
+class OpenPage:
+    """A page that stays open: Chromium's DevTools protocol over two pipes, JSON that ends in a zero byte."""
+
+    def __init__(self, requests: int, answers: int) -> None:
+        self._requests, self._answers, self._unread, self._number = requests, answers, b"", 0
+        self._session: dict[str, str] = {}
+        self.console: list[str] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = {"sessionId": session}
+        self.call("Runtime.enable")
+
+    def call(self, method: str, **parameters: Any) -> Any:
+        """Calls a method of the protocol, and waits for its result."""
+        return self.result(self.send(method, **parameters))
+
+    def send(self, method: str, **parameters: Any) -> int:
+        """Calls a method of the protocol; ``result`` waits for what comes of it."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters, **self._session}
+        os.write(self._requests, json.dumps(message).encode() + b"\0")
+        return self._number
+
+    def result(self, number: int) -> Any:
+        while True:
+            message = self._read()
+            if message.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown"):
+                self.console.append(json.dumps(message["params"]))
+            if message.get("id") == number:
+                assert "error" not in message, message["error"]
+                assert "exceptionDetails" not in message["result"], message["result"]
+                return message["result"]
+
+    def evaluate(self, expression: str) -> Any:
+        """The value of an expression in the page; a promise is waited for."""
+        return self.value(self.start(expression))
+
+    def start(self, expression: str) -> int:
+        return self.send("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+
+    def value(self, number: int) -> Any:
+        return self.result(number)["result"].get("value")
+
+    def choose_file(self, selector: str, path: Path) -> None:
+        """Chooses a file as a user does in the dialogue of an input element."""
+        root = self.call("DOM.getDocument")["root"]["nodeId"]
+        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+        self.call("DOM.setFileInputFiles", files=[str(path)], nodeId=node)
+
+    def screenshot(self, path: Path) -> None:
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
+
+    def _read(self) -> Any:
+        while b"\0" not in self._unread:
+            assert select.select([self._answers], [], [], LONGEST_S)[0], "the browser does not answer"
+            part = os.read(self._answers, 1 << 20)
+            if not part:
+                pytest.skip("Chromium does not run here")
+            self._unread += part
+        message, self._unread = self._unread.split(b"\0", 1)
+        return json.loads(message)
+
+
+@contextmanager
+def opened(page: Path, folder: Path, width_px: int = 1000, height_px: int = 800) -> Iterator[OpenPage]:
+    """Opens a page from the disk, without a network, for as long as the block lasts."""
+    (from_us, requests), (answers, from_browser) = os.pipe(), os.pipe()
+    options = [*FLAGS, f"--window-size={width_px},{height_px}", f"--user-data-dir={folder / 'profile'}"]
+    # The browser reads from its descriptor 3 and writes to its descriptor 4.
+    redirected = f'exec "$@" 3<&{from_us} 4>&{from_browser}'
+    command = ["sh", "-c", redirected, "sh", find_browser(), *options, "--remote-debugging-pipe", "about:blank"]
+    with subprocess.Popen(
+        command, pass_fds=(from_us, from_browser), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as browser:
+        os.close(from_us)
+        os.close(from_browser)
+        try:
+            opened_page = OpenPage(requests, answers)
+            opened_page.call("Page.navigate", url=page.absolute().as_uri())
+            yield opened_page
+        finally:
+            os.close(requests)  # upon which the browser ends
+            try:
+                browser.wait(20)
+            except subprocess.TimeoutExpired:
+                browser.kill()
+            os.close(answers)

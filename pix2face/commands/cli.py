@@ -7,6 +7,7 @@ from pix2face.commands.pix2face_config import (
     ExportConfig,
     FitConfig,
     LandmarksCommand,
+    PageConfig,
     PredictConfig,
     TrackConfig,
     ViewConfig,
@@ -19,6 +20,7 @@ COMMANDS = {
     "track": Command(TrackConfig, "pix2face.commands.track_cli:track"),
     "view": Command(ViewConfig, "pix2face.commands.view_cli:view"),
     "export": Command(ExportConfig, "pix2face.commands.export_cli:export"),
+    "page": Command(PageConfig, "pix2face.commands.export_cli:page"),
     "landmarks": Command(
         LandmarksCommand,
         "pix2face.commands.landmarks_cli:landmarks",

@@ -210,6 +210,29 @@ class ExportConfig:
     out: Path = Path("out/network.onnx")
 
 
+@final
+@dataclass(frozen=True)
+class PageConfig:
+    """Write a page that finds faces in the photographs of whoever opens it, in the browser. Nothing is uploaded.
+
+    Attributes:
+        checkpoint: Checkpoint that `train` wrote, or ONNX file of `pix2face export`. Default: the one that comes with
+            the package.
+        model: `builtin`, or the model file that the checkpoint was trained for.
+        landmarks: File from `pix2face landmarks select` that lists the vertices of the 68 landmarks. Default: the
+            landmarks in the checkpoint, or else those of the model.
+        detector: Face detector that `train detector` or `pix2face export --detector` wrote. Default: the one that comes
+            with the package.
+        out: Page to write (pip install 'pix2face[onnx]'). It contains the networks and needs no other file.
+    """
+
+    checkpoint: Annotated[Path | None, optional("PATH")] = None
+    model: str = BUILTIN_MODEL
+    landmarks: Annotated[Path | None, optional("PATH")] = None
+    detector: Annotated[Path | None, optional("PATH")] = None
+    out: Path = Path("out/reader.html")
+
+
 @dataclass(frozen=True)
 class LandmarksSelectConfig:
     """Choose, for each landmark, the vertex with the smallest mean reprojection error over annotated frames.
