@@ -1,6 +1,7 @@
 """A headless browser for tests: what a page says on its console, what it looks like, what became of it."""
 
 import base64
+import fcntl
 import json
 import os
 import re
@@ -35,6 +36,7 @@ FLAGS = (
     "--hide-scrollbars",
 )
 LONGEST_S = 180
+WHOLE = "new Promise(done => document.readyState === 'complete' ? done(1) : addEventListener('load', () => done(1)))"
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,18 +149,22 @@ class OpenPage:
 def opened(page: Path, folder: Path, width_px: int = 1000, height_px: int = 800) -> Iterator[OpenPage]:
     """Opens a page from the disk, without a network, for as long as the block lasts."""
     (from_us, requests), (answers, from_browser) = os.pipe(), os.pipe()
-    options = [*FLAGS, f"--window-size={width_px},{height_px}", f"--user-data-dir={folder / 'profile'}"]
+    flags = [flag for flag in FLAGS if "gl=" not in flag and "swiftshader" not in flag]
+    options = [*flags, "--disable-gpu", "--force-prefers-reduced-motion", f"--window-size={width_px},{height_px}"]
+    options += [f"--user-data-dir={folder / 'profile'}", "--remote-debugging-pipe", "about:blank"]
     # The browser reads from its descriptor 3 and writes to its descriptor 4.
-    redirected = f'exec "$@" 3<&{from_us} 4>&{from_browser}'
-    command = ["sh", "-c", redirected, "sh", find_browser(), *options, "--remote-debugging-pipe", "about:blank"]
-    with subprocess.Popen(
-        command, pass_fds=(from_us, from_browser), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as browser:
-        os.close(from_us)
-        os.close(from_browser)
+    passed = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, 10) for descriptor in (from_us, from_browser)]
+    os.close(from_us)
+    os.close(from_browser)
+    redirected = f'exec "$@" 3<&{passed[0]} 4>&{passed[1]}'
+    command = ["bash", "-c", redirected, "bash", find_browser(), *options]
+    with subprocess.Popen(command, pass_fds=passed, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as browser:
+        for descriptor in passed:
+            os.close(descriptor)
         try:
             opened_page = OpenPage(requests, answers)
             opened_page.call("Page.navigate", url=page.absolute().as_uri())
+            opened_page.evaluate(WHOLE)
             yield opened_page
         finally:
             os.close(requests)  # upon which the browser ends

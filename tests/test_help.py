@@ -54,6 +54,7 @@ PAGES = [
     "pix2face track",
     "pix2face view",
     "pix2face export",
+    "pix2face page",
     "pix2face landmarks",
     "pix2face landmarks select",
     "pix2face landmarks show",

@@ -13,9 +13,8 @@ from importlib.resources import files
 from string import Template
 from typing import Any, final
 
-from pix2face import __version__
 from pix2face.detectors import centre_decoding, centre_detector
-from pix2face.geometry.landmarks import IBUG68, MIRROR_IBUG68
+from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.centre_onnx import OUTPUT_NAME as CELLS
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.onnx_export import OUTPUT_NAME as MAPS
@@ -27,7 +26,7 @@ from pix2face.photographs.refined_detection import PLAUSIBLE_MM, PLAUSIBLE_OVERL
 # Where no face is found, the detector looks again at a larger copy of the photograph.
 SECOND_LOOK_PX = 640
 # A landmark is hidden if the PNCC of no pixel is so near to its vertex.
-SEEN_MM = 5.0
+SEEN_MM = 10.0
 
 
 @final
@@ -62,7 +61,7 @@ def reader_page(networks: PageNetworks) -> bytes:
         "files": "\n".join(
             f'<script type="text/plain" id="{name}">{_base64(blob)}</script>' for name, blob in blobs.items()
         ),
-        "about": escape(f"pix2face {__version__}, network for {header.model_name}."),
+        "about": escape(f"The network predicts maps of the model {header.model_name!r}."),
         "terms": escape(f"pix2face: Apache-2.0. Weights of the network: {header.licence}. onnxruntime-web: see below."),
         "runtime_licence": escape(_asset("LICENSE-onnxruntime.txt").decode()),
     }
@@ -100,7 +99,6 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
             "plausible_overlap": PLAUSIBLE_OVERLAP,
             "seen_mm": SEEN_MM,
             "landmarks_mm": model.mean[model.landmarks[IBUG68]].astype(float).round(3).tolist(),
-            "mirror": MIRROR_IBUG68,
         },
     }
 

@@ -5,6 +5,9 @@ import { newCanvas } from "./picture.js";
 const SEEN = [60, 255, 60];
 const HIDDEN = [255, 80, 80];
 const FACE_PER_DOT = 110; // longer side of a face over the radius of a dot
+// A small photograph is drawn enlarged, so that dots are round.
+const DRAWN_PX = 1600;
+const LARGEST_ENLARGEMENT = 4;
 const PNCC_LIMIT_MM = 120;
 const OFFSET_LIMIT_MM = 15;
 
@@ -25,15 +28,19 @@ export const LEGENDS = {
 // Draws photograph and faces on a canvas. `shown` has `map` (a name of LEGENDS), `opacity` (0 to 1), and whether
 // `landmarks` and `boxes` are drawn.
 export function drawFaces(canvas, photograph, faces, shown) {
-  canvas.width = photograph.width;
-  canvas.height = photograph.height;
+  const wanted = DRAWN_PX / Math.max(photograph.width, photograph.height);
+  const zoom = Math.min(Math.max(wanted, 1), LARGEST_ENLARGEMENT);
+  canvas.width = Math.round(zoom * photograph.width);
+  canvas.height = Math.round(zoom * photograph.height);
   const context = canvas.getContext("2d");
+  context.scale(zoom, zoom);
   context.drawImage(photograph, 0, 0);
   if (shown.map in MAPS) for (const face of faces) drawMap(context, face, shown);
   for (const face of faces) {
     const side = Math.max(face.box.right - face.box.left, face.box.bottom - face.box.top);
-    if (shown.boxes) drawBox(context, face.box, side);
-    if (shown.landmarks) drawLandmarks(context, face.landmarks, side);
+    const radius = Math.max(side / FACE_PER_DOT, 1 / zoom);
+    if (shown.boxes) drawBox(context, face.box, radius);
+    if (shown.landmarks) drawLandmarks(context, face.landmarks, radius);
   }
 }
 
@@ -50,14 +57,13 @@ function drawMap(context, { crop, maps }, { map, opacity }) {
 
 const coloured = (vectors, i, limit) => [0, 1, 2].map((axis) => 255 * (vectors[3 * i + axis] / (2 * limit) + 0.5));
 
-function drawBox(context, box, side) {
+function drawBox(context, box, radius) {
   context.strokeStyle = "white";
-  context.lineWidth = Math.max(side / FACE_PER_DOT, 1);
+  context.lineWidth = radius;
   context.strokeRect(box.left, box.top, box.right - box.left, box.bottom - box.top);
 }
 
-function drawLandmarks(context, landmarks, side) {
-  const radius = Math.max(side / FACE_PER_DOT, 1);
+function drawLandmarks(context, landmarks, radius) {
   for (const { x, y, isSeen } of landmarks) {
     context.beginPath();
     context.arc(x, y, radius, 0, 2 * Math.PI);

@@ -1,5 +1,5 @@
-// From the box of a face to its maps, camera and landmarks, as pix2face/inference and pix2face/fitting do, in short: the
-// landmarks are the mean face plus the predicted offsets, and no coefficients are fitted.
+// From the box of a face to its maps, camera and landmarks, as pix2face/inference and pix2face/fitting do, in short:
+// landmarks are read off the maps, and no coefficients are fitted.
 
 import { overlap } from "./detector.js";
 import { resampled } from "./picture.js";
@@ -36,7 +36,7 @@ async function readFace(picture, box, predict, settings) {
   if (maps.pixels.length < LEAST_PIXELS) return null;
   const camera = fitCamera(maps, crop, size);
   if (!camera) return null;
-  const landmarks = landmarksOfMaps(maps, camera, settings);
+  const landmarks = landmarksOfMaps(maps, camera, crop, settings);
   return { box, crop, maps, landmarks, residualMm: residualMm(maps, camera, crop, size) };
 }
 
@@ -104,18 +104,15 @@ const centreOf = (i, crop, size) => [
 
 const projected = (camera, [x, y, z]) => camera.map(([a, b, c, d]) => a * x + b * y + c * z + d);
 
-// The landmarks {x, y, isSeen}: each vertex of the mean face is moved by the offset of the pixel whose PNCC is nearest.
-// A vertex that no pixel shows is hidden; it moves as its mirror vertex does, or not at all if that is hidden, too.
-function landmarksOfMaps(maps, camera, settings) {
-  const nearest = settings.landmarks_mm.map((vertex) => nearestPixel(maps, vertex));
-  const offsets = nearest.map(({ pixel, distanceMm }) =>
-    distanceMm <= settings.seen_mm ? [0, 1, 2].map((axis) => maps.offset[3 * pixel + axis]) : null,
-  );
-  return settings.landmarks_mm.map((vertex, i) => {
-    const mirrored = offsets[settings.mirror[i]];
-    const [x, y, z] = offsets[i] || (mirrored ? [-mirrored[0], mirrored[1], mirrored[2]] : [0, 0, 0]);
-    const [u, v] = projected(camera, [vertex[0] + x, vertex[1] + y, vertex[2] + z]);
-    return { x: u, y: v, isSeen: Boolean(offsets[i] && maps.seen[nearest[i].pixel]) };
+// The landmarks {x, y, isSeen}: for each vertex of the mean face, the pixel whose PNCC is nearest (Eq. 2), and from there
+// the step to the vertex itself, which is short unless the vertex is hidden.
+function landmarksOfMaps(maps, camera, crop, settings) {
+  return settings.landmarks_mm.map((vertex) => {
+    const { pixel, distanceMm } = nearestPixel(maps, vertex);
+    const [u, v] = centreOf(pixel, crop, settings.size_px);
+    const step = vertex.map((value, axis) => value - maps.pncc[3 * pixel + axis]);
+    const [x, y] = camera.map((row) => row[0] * step[0] + row[1] * step[1] + row[2] * step[2]);
+    return { x: u + x, y: v + y, isSeen: distanceMm <= settings.seen_mm && Boolean(maps.seen[pixel]) };
   });
 }
 

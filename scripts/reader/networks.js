@@ -7,11 +7,10 @@ export async function openNetworks(report) {
   await report("Loading onnxruntime…");
   env.wasm.numThreads = 1; // more need a server that sends special headers
   env.wasm.wasmBinary = await unpacked("runtime");
-  const [detector, face] = ["detector", "network"];
   await report("Loading the face detector…");
-  const find = await openNetwork(detector);
+  const find = await openNetwork("detector");
   await report("Loading the network…");
-  return { find, predict: await openNetwork(face) };
+  return { find, predict: await openNetwork("network") };
 }
 
 // Takes the content of a script element out of the page, which frees its memory.
@@ -19,7 +18,8 @@ export async function unpacked(id) {
   const element = document.getElementById(id);
   const text = atob(element.textContent.trim());
   element.remove();
-  const packed = Uint8Array.from(text, (character) => character.charCodeAt(0));
+  const packed = new Uint8Array(text.length);
+  for (let i = 0; i < packed.length; i++) packed[i] = text.charCodeAt(i);
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }

@@ -21,7 +21,7 @@ export async function openPhotograph(file) {
   const { width, height } = bitmap;
   const scale = Math.min(LONGEST_SIDE_PX / Math.max(width, height), 1);
   const canvas = newCanvas(Math.max(Math.round(width * scale), 1), Math.max(Math.round(height * scale), 1));
-  const context = canvas.getContext("2d");
+  const context = contextOf(canvas);
   context.fillStyle = "white"; // behind transparent pixels
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.imageSmoothingQuality = "high";
@@ -33,7 +33,7 @@ export async function openPhotograph(file) {
 // The photograph turned clockwise by a quarter.
 export function turned({ name, canvas, scale }) {
   const result = newCanvas(canvas.height, canvas.width);
-  const context = result.getContext("2d");
+  const context = contextOf(result);
   context.translate(result.width, 0);
   context.rotate(Math.PI / 2);
   context.drawImage(canvas, 0, 0);
@@ -45,8 +45,11 @@ export function newCanvas(width, height) {
 }
 
 export function pixelsOf(canvas) {
-  return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  return contextOf(canvas).getImageData(0, 0, canvas.width, canvas.height);
 }
+
+// Canvases whose pixels are read are best kept where the processor is, and not on a graphics card.
+const contextOf = (canvas) => canvas.getContext("2d", { willReadFrequently: true });
 
 // Resamples a part of a picture for a network: the planes of red, green and blue, from -0.5 to 0.5.
 //

@@ -7,7 +7,6 @@ import pytest
 import torch
 from skimage.data import astronaut
 
-from pix2face.commands.cli import main
 from pix2face.detectors.centre_detector import PACKAGED as PACKAGED_DETECTOR
 from pix2face.detectors.detection import open_detector
 from pix2face.errors import InputFileError
@@ -33,10 +32,9 @@ def test_a_network_comes_back_from_its_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_detector(tmp_path / "half.safetensors")[1](pictures), expected, atol=0.02)
 
 
-def test_onnx_answers_the_same_for_any_size_and_number_of_pictures(tmp_path: Path) -> None:
-    pytest.importorskip("onnxruntime", reason="the extra onnx is not installed")
-    path, rng = tmp_path / "detector.onnx", np.random.default_rng(2)
-    assert main(["export", "--detector", "--out", str(path)]) == 0
+@pytest.mark.xdist_group("packaged detector as onnx")
+def test_onnx_answers_the_same_for_any_size_and_number_of_pictures(detector_onnx: Path) -> None:
+    path, rng = detector_onnx, np.random.default_rng(2)
     (own_header, own), (header, answers) = load_detector(PACKAGED_DETECTOR), load_detector(path)
     assert header == own_header
     for shape in ((1, 64, 96, 3), (3, 160, 32, 3)):
