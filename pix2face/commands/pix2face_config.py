@@ -130,7 +130,8 @@ class FitConfig:
         how: Camera and coefficients.
         joint: Fit one identity to all photographs, and one expression to each. They must show the same person; the
             largest face of each photograph is used.
-        mesh: Formats of the mesh, separated by commas: obj, ply, glb; or none.
+        mesh: Formats of the mesh, separated by commas: obj, ply, glb, usdz; or none. glb (glTF) and usdz (USD) contain
+            the camera; usdz needs pip install 'pix2face[usd]'.
         colour: Colours of the mesh, taken from the photograph: vertex, texture or none; auto uses a texture if the
             model has texture coordinates, and vertex colours otherwise. A .ply has vertex colours instead of a texture.
     """
@@ -159,8 +160,9 @@ class TrackConfig:
             one-euro (uses no later frames) or spline (smoothest).
         how: Camera and coefficients of each frame.
         identity_frames: Largest number of frames that the identity is fitted to. They are spread evenly over the clip.
-        write: What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (a file for each frame) and
-            video (overlay.mp4).
+        write: What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (a file for each frame),
+            video (overlay.mp4), glb and usdc (the moving mesh with its camera as glTF and USD; usdc needs pip install
+            'pix2face[usd]'), and arkit (arkit.csv: weights of ARKit's blendshapes in the form of Live Link Face).
     """
 
     video: Annotated[Path, tyro.conf.Positional]
@@ -171,7 +173,7 @@ class TrackConfig:
     smoothing: Smoothing = "mean3"
     how: Annotated[FitOptions, tyro.conf.arg(name="")] = DEFAULT_FIT
     identity_frames: int = IDENTITY_FRAMES
-    write: Annotated[str, tyro.conf.arg(metavar="csv,npz,pts,video")] = "csv,npz,video"
+    write: Annotated[str, tyro.conf.arg(metavar="csv,npz,pts,video,glb,usdc,arkit")] = "csv,npz,video"
 
 
 @final

@@ -20,7 +20,9 @@ from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import GrowingFile, write_file
+from pix2face.fitting.blendshapes import BlendshapeSolver
 from pix2face.inference.predictor import keep_networks_in_one_thread
+from pix2face.photographs.usd_files import usd_module
 from pix2face.tracking import TrackFormat
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.clip_identity import find_identities, identity_step
@@ -57,6 +59,8 @@ def track(config: TrackConfig) -> int:
     network = config.faces.network
     model, predictor = open_network_model(network), open_predictor(network)
     model = with_chosen_landmarks(network, model, predictor)
+    if "arkit" in formats:
+        BlendshapeSolver(model)  # refuses a model without these expressions
     fitter = FrameFitter(predictor, model, config.how, config.faces.refine)
     prepare_output_folder(config.out)
     boxes = config.out / "boxes.csv"
@@ -94,7 +98,7 @@ def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
     """What to write; refuses what can never work, before anything takes time.
 
     Raises:
-        UsageError: An option is out of its range, or there is no such format.
+        UsageError: An option is out of its range, there is no such format, or what it needs is not installed.
     """
     known = get_args(TrackFormat)
     formats = tuple(own.strip() for own in config.write.split(",") if own.strip())
@@ -106,6 +110,10 @@ def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
     if config.identity_frames < 1:
         raise UsageError(f"expected --identity-frames of 1 or more, found {config.identity_frames}")
     config.how.check()
+    if "usdc" in formats:
+        usd_module("Usd")
+    if config.how.camera == "affine" and {"glb", "usdc"} & set(formats):
+        raise UsageError("expected another --camera than affine for --write glb or usdc, which have no such cameras")
     return tuple(own for own in known if own in formats)
 
 
@@ -183,8 +191,9 @@ def _follow(
     model = fitter.model
     n_frames = max(own.frames.stop for own in faces)
 
-    def open_files(index: int) -> TrackFiles:
-        return TrackFiles(faces[index].folder, formats, source.fps, followers[index].identity, model)
+    def open_files(index: int, image: UInt8[ndarray, "h w 3"]) -> TrackFiles:
+        size_px = (image.shape[0], image.shape[1])
+        return TrackFiles(faces[index].folder, formats, source.fps, size_px, followers[index].identity, model)
 
     with ExitStack() as stack:
         files: dict[int, TrackFiles] = {}  # of the faces in the picture: a long clip has more than a process may open
@@ -195,7 +204,7 @@ def _follow(
         for frame in follow_faces(source, every_box, followers, fitter):
             for index, own in frame.faces.items():
                 if index not in files:
-                    files[index] = stack.enter_context(open_files(index))
+                    files[index] = stack.enter_context(open_files(index, frame.image))
                 files[index].write(own, frame.time_s)
                 faces[index].counts.update([own.box.source, f"fit {own.state}"])
                 if frame.index == faces[index].frames[-1]:

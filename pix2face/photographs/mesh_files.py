@@ -1,7 +1,7 @@
-"""Fitted meshes as ``.obj``, ``.ply`` and ``.glb``, with colours per vertex or a texture.
+"""Fitted meshes as ``.obj``, ``.ply``, ``.glb`` and ``.usdz``, with colours per vertex or a texture.
 
 Layouts: docs/reference. All are in the model frame: x to the subject's left, y up, z out of the face. Units are mm for
-.obj and .ply, and metres for .glb, because glTF requires it and viewers rely on it.
+.obj and .ply, and metres for .glb and .usdz, because glTF requires it and viewers rely on it.
 """
 
 import re
@@ -20,11 +20,12 @@ from pix2face.errors import UsageError
 from pix2face.files.images import encode_image, srgb_to_linear
 from pix2face.files.writing import write_file
 from pix2face.models.morphable_model import MorphableModel
+from pix2face.photographs.usd_files import usd_module, write_face_usdz
 
 if TYPE_CHECKING:
     import trimesh
 
-MeshFormat = Literal["obj", "ply", "glb"]
+MeshFormat = Literal["obj", "ply", "glb", "usdz"]
 
 GLTF_UNITS_PER_MM = 1e-3
 # Of the stem of an .obj that its material cannot have. With what is added, any file system takes the name.
@@ -41,7 +42,7 @@ class FaceMesh:
         model: The model, with the triangles and texture coordinates of these vertices.
         vertex_colours: RGB, or None.
         texture: RGB in the model's texture coordinates, first row at v = 1, or None.
-        camera: Camera of the photograph as ``gltf_camera`` describes it, for .glb only; or None.
+        camera: Camera of the photograph as ``gltf_camera`` describes it, for .glb and .usdz; or None.
     """
 
     vertices: Float[ndarray, "v 3"]
@@ -55,24 +56,27 @@ def parse_mesh_formats(text: str) -> tuple[str, ...]:
     """The formats in a list such as ``obj,glb``; none for ``none``.
 
     Raises:
-        UsageError: One is not known.
+        UsageError: One is not known, or what it needs is not installed.
     """
     if text.strip() == "none":
         return ()
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
     if not set(names) <= set(_WRITERS):
         raise UsageError(f"expected --mesh to list some of {', '.join(_WRITERS)}, or none, found {text!r}")
+    if "usdz" in names:
+        usd_module("Usd")
     return names
 
 
 def write_mesh(path: Path, mesh: FaceMesh) -> None:
-    """Writes a mesh in the format of the file's suffix: .obj, .ply or .glb.
+    """Writes a mesh in the format of the file's suffix: .obj, .ply, .glb or .usdz.
 
-    The k-th vertex of .obj and .ply is the k-th of the model; .glb repeats vertices where the texture has a seam. A
-    .ply has no texture: give it vertex colours. If there is a texture, a .mtl and a .png are written beside an .obj.
+    The k-th vertex of .obj, .ply and .usdz is the k-th of the model; .glb repeats vertices where the texture has a
+    seam. A .ply has no texture: give it vertex colours. If there is a texture, a .mtl and a .png are written beside an
+    .obj.
 
     Raises:
-        UsageError: The suffix is not one of these.
+        UsageError: The suffix is not one of these, or USD is not installed.
     """
     writer = _WRITERS.get(path.suffix.lower().removeprefix("."))
     if writer is None:
@@ -179,4 +183,13 @@ def linear_colours(colours: UInt8[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
     return np.asarray(np.rint(255 * srgb_to_linear(np.arange(256) / 255)).astype(np.uint8)[colours])
 
 
-_WRITERS: dict[str, Callable[[Path, FaceMesh], None]] = {"obj": _write_obj, "ply": _write_ply, "glb": _write_glb}
+def _write_usdz(path: Path, mesh: FaceMesh) -> None:
+    write_face_usdz(path, mesh.vertices, mesh.model, mesh.vertex_colours, mesh.texture, mesh.camera)
+
+
+_WRITERS: dict[str, Callable[[Path, FaceMesh], None]] = {
+    "obj": _write_obj,
+    "ply": _write_ply,
+    "glb": _write_glb,
+    "usdz": _write_usdz,
+}

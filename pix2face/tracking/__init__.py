@@ -3,7 +3,7 @@
 from typing import Literal
 
 Smoothing = Literal["none", "mean3", "one-euro", "spline"]
-TrackFormat = Literal["csv", "npz", "pts", "video"]
+TrackFormat = Literal["csv", "npz", "pts", "video", "glb", "usdc", "arkit"]
 
 # The identity is settled long before: docs/explanation/fitting.md shows how its error falls with the number
 # of pictures.

@@ -1,7 +1,7 @@
-"""What tracking writes, frame by frame: landmarks and pose as CSV, ``.pts`` and NPZ, and an overlay.
+"""What tracking writes, frame by frame: landmarks and pose as CSV, ``.pts`` and NPZ, scenes, and an overlay.
 
-Layouts: docs/reference. Nothing is kept in memory. Files appear under their names when they end; after an interruption,
-they hold the frames until then.
+Layouts: docs/reference. Only scenes are kept in memory, with less than a kilobyte a frame. Files appear under their
+names when they end; after an interruption, they hold the frames until then.
 """
 
 import csv
@@ -22,6 +22,10 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_pictures import draw_box, draw_landmarks
 from pix2face.photographs.landmark_visibility import visible_landmarks
 from pix2face.tracking import TrackFormat
+from pix2face.tracking.export.clip_gltf import write_clip_glb
+from pix2face.tracking.export.clip_scene import ClipScene
+from pix2face.tracking.export.clip_usd import write_clip_usd
+from pix2face.tracking.export.live_link import LiveLinkFile
 from pix2face.tracking.face_follower import TrackedFace, TrackedFrame
 from pix2face.tracking.face_tracks import BoxSource
 
@@ -37,6 +41,7 @@ CSV_COLUMNS: Final = (
 SEEN_COLOUR, FILLED_COLOUR = (60, 255, 60), (255, 160, 40)
 COPY_BYTES = 1 << 20
 OVERLAY_NAME = "overlay.mp4"
+FILE_NAMES = ("landmarks.csv", "track.npz", "track.glb", "track.usdc", "arkit.csv")  # of each face
 
 
 @final
@@ -45,17 +50,25 @@ class TrackFiles:
 
     Args:
         folder: To write to; must be there.
-        formats: Of "csv" (``landmarks.csv``), "npz" (``track.npz``) and "pts" (``pts/000000.pts``, ...).
+        formats: Of "csv" (``landmarks.csv``), "npz" (``track.npz``), "pts" (``pts/000000.pts``, ...), "glb"
+            (``track.glb``), "usdc" (``track.usdc``) and "arkit" (``arkit.csv``).
         fps: Frames a second.
+        size_px: Height and width of the frames.
         identity: Coefficients of the face in standard deviations.
         model: The morphable model that they are of.
     """
 
     def __init__(
-        self, folder: Path, formats: tuple[TrackFormat, ...], fps: float, identity: ndarray, model: MorphableModel
+        self,
+        folder: Path,
+        formats: tuple[TrackFormat, ...],
+        fps: float,
+        size_px: tuple[int, int],
+        identity: ndarray,
+        model: MorphableModel,
     ) -> None:
         self._files = ExitStack()
-        self._csv = self._npz = self._pts = None
+        self._csv = self._npz = self._pts = self._scene = self._arkit = None
         if "csv" in formats:
             file = self._files.enter_context(GrowingFile(folder / "landmarks.csv"))
             self._csv = csv.writer(file, lineterminator="\n")
@@ -67,6 +80,12 @@ class TrackFiles:
         if "pts" in formats:
             self._pts = folder / "pts"
             self._pts.mkdir(exist_ok=True)
+        if "glb" in formats or "usdc" in formats:
+            self._scene = ClipScene(model, identity, size_px, fps)
+            self._files.callback(_write_scene, folder, formats, self._scene)
+        if "arkit" in formats:
+            file = self._files.enter_context(GrowingFile(folder / "arkit.csv"))
+            self._arkit = LiveLinkFile(file, model, fps)
 
     def __enter__(self) -> "TrackFiles":
         return self
@@ -87,6 +106,11 @@ class TrackFiles:
         if self._pts is not None and face.state != "none":
             path = self._pts / f"{face.box.frame:06d}.pts"
             write_file(path, pts_text(face.landmarks2d))
+        shown = None if face.state == "none" else face.fit
+        if self._scene is not None:
+            self._scene.add(face.box.frame, time_s, shown)
+        if self._arkit is not None:
+            self._arkit.write(face.box.frame, shown)
 
 
 @final
@@ -159,7 +183,7 @@ def remove_earlier_files(out: Path) -> None:
     """
     of_faces = [own for own in out.glob("face-*") if own.name.removeprefix("face-").isdecimal()]
     for folder in (out, *of_faces):
-        for pattern in ("landmarks.csv", "track.npz", "pts/" + "[0-9]" * 6 + ".pts", OVERLAY_NAME):
+        for pattern in (*FILE_NAMES, "pts/" + "[0-9]" * 6 + ".pts", OVERLAY_NAME):
             for path in folder.glob(pattern):
                 path.unlink()
     for folder in (out / "pts", *(own / "pts" for own in of_faces), *of_faces):
@@ -178,6 +202,15 @@ def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
         picture = draw_landmarks(picture, face.landmarks2d, colour)
         draw_box(picture, face.box.box, face.box.score, colour)
     return picture
+
+
+def _write_scene(folder: Path, formats: tuple[TrackFormat, ...], scene: ClipScene) -> None:
+    if not scene.shows_face:
+        return
+    if "glb" in formats:
+        write_clip_glb(folder / "track.glb", scene)
+    if "usdc" in formats:
+        write_clip_usd(folder / "track.usdc", scene)
 
 
 def _csv_row(face: TrackedFace, time_s: float) -> list[object]:

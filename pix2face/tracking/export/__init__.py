@@ -1,0 +1,1 @@
+"""A tracked face for other programs: glTF, USD and blendshape weights."""

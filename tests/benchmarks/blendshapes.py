@@ -1,0 +1,100 @@
+"""How well known weights of ARKit's blendshapes come back: renders with known named expressions -> fit -> weights.
+
+    datagen sample --n 240 --seed 77 --out faces.h5
+    datagen render --coeffs faces.h5 --out shards/
+    python -m tests.benchmarks.blendshapes shards/ [--out FILE.json]
+
+Every face is fitted twice: to its exact maps, and to those that the packaged network predicts from its picture, at its
+true box. For both, the report has the mean absolute error of a weight, that of the weights that are not 0, and the
+correlation of found and true weights over faces: of all weights, the median of the names, and each name. Names that
+fewer than ten faces show have no correlation. The figures of frontal faces are those with a yaw of at most 30 degrees.
+"""
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy import ndarray
+
+from datagen.sampling.expressions import strengths_of
+from pix2face.api import Pix2Face
+from pix2face.fitting.blendshapes import ARKIT_NAMES, BlendshapeSolver
+from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, FitOptions
+from pix2face.geometry.camera import head_pose
+from pix2face.geometry.crops import FaceBox
+from pix2face.shards.shard_dataset import ShardDataset
+from tests.benchmarks.surroundings import surroundings, write_report
+
+LEAST_FACES = 10
+FRONTAL_DEG = 30.0
+EXACT = FitOptions(regularisation=EXACT_MAPS_REGULARISATION, silhouette=False)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FittedFaces:
+    """True weights, and the expressions of both fits; one face a row."""
+
+    weights: ndarray
+    exact: ndarray
+    predicted: ndarray
+    is_frontal: ndarray
+
+
+def fit_all(folder: Path, pix2face: Pix2Face) -> FittedFaces:
+    """Fits every face of a folder of shards."""
+    rows: list[tuple[ndarray, ndarray, ndarray, bool]] = []
+    for sample in ShardDataset(folder):
+        strengths = strengths_of(sample.attributes)
+        exact = fit_face(sample.maps, pix2face.model, EXACT)
+        (predicted,) = pix2face.fit(sample.image, [FaceBox.around(sample.landmarks2d)])
+        truth = np.array([strengths.get(name, 0.0) for name in ARKIT_NAMES])
+        is_frontal = abs(head_pose(sample.camera).yaw_deg) <= FRONTAL_DEG
+        rows.append((truth, exact.expression, predicted.expression, is_frontal))
+    return FittedFaces(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def correlation(found: ndarray, truth: ndarray) -> float | None:
+    """None where there is too little to compare."""
+    if (truth > 0).sum() < LEAST_FACES or not np.ptp(found) > 0:
+        return None
+    return float(np.corrcoef(found.ravel(), truth.ravel())[0, 1])
+
+
+def figures(found: ndarray, truth: ndarray) -> dict[str, object]:
+    """Errors and correlations of weights."""
+    errors = np.abs(found - truth)
+    by_name = {name: correlation(found[:, index], truth[:, index]) for index, name in enumerate(ARKIT_NAMES)}
+    known = [value for value in by_name.values() if value is not None]
+    return {
+        "faces": len(truth),
+        "mean_error": round(float(errors.mean()), 3),
+        "mean_error_where_not_0": round(float(errors[truth > 0].mean()), 3),
+        "correlation": round(correlation(found, truth) or 0.0, 3),
+        "median_correlation_of_names": round(float(np.median(known)), 3) if known else None,
+        "by_name": {name: None if value is None else round(value, 2) for name, value in by_name.items()},
+    }
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("shards", type=Path)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args(arguments)
+    pix2face = Pix2Face.load()
+    faces, solver = fit_all(options.shards, pix2face), BlendshapeSolver(pix2face.model)
+    report: dict[str, object] = {"surroundings": surroundings()}
+    for name, expressions in (("exact maps", faces.exact), ("predicted maps", faces.predicted)):
+        found = np.array([solver.weights(own) for own in expressions])
+        report[name] = figures(found, faces.weights)
+        report[f"{name}, frontal faces"] = figures(found[faces.is_frontal], faces.weights[faces.is_frontal])
+    write_report(report, options.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
