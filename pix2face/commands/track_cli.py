@@ -20,12 +20,12 @@ from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import GrowingFile, write_file
-from pix2face.fitting.blendshapes import BlendshapeSolver
 from pix2face.inference.predictor import keep_networks_in_one_thread
 from pix2face.photographs.usd_files import usd_module
 from pix2face.tracking import TrackFormat
 from pix2face.tracking.clip_fit import FrameFitter
 from pix2face.tracking.clip_identity import find_identities, identity_step
+from pix2face.tracking.export.blendshapes import BlendshapeSolver
 from pix2face.tracking.face_follower import FaceFollower, find_boxes, follow_faces
 from pix2face.tracking.face_tracks import (
     LEAST_SHARE_DETECTED,

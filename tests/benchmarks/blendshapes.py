@@ -21,12 +21,12 @@ from numpy import ndarray
 
 from datagen.sampling.expressions import strengths_of
 from pix2face.api import Pix2Face
-from pix2face.fitting.blendshapes import ARKIT_NAMES, BlendshapeSolver
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, FitOptions
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.crops import FaceBox
 from pix2face.shards.shard_dataset import ShardDataset
+from pix2face.tracking.export.blendshapes import ARKIT_NAMES, BlendshapeSolver
 from tests.benchmarks.surroundings import surroundings, write_report
 
 LEAST_FACES = 10

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.files.writing import GrowingFile
-from pix2face.fitting.blendshapes import ARKIT_NAMES, LEFT, RIGHT, BlendshapeSolver
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import FRONTAL, nearest_weak_perspective
 from pix2face.geometry.rigid_alignment import fit_rigid
 from pix2face.models.morphable_model import MorphableModel
+from pix2face.tracking.export.blendshapes import ARKIT_NAMES, LEFT, RIGHT, BlendshapeSolver
 
 ROTATIONS: Final = tuple(part + angle for part in ("Head", "LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll"))
 COLUMNS: Final = ("Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in ARKIT_NAMES), *ROTATIONS)
