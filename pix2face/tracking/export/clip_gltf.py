@@ -1,8 +1,9 @@
 """A tracked face as one ``.glb``: a mesh with morph targets, and their weights in each frame.
 
-The mesh has the identity, and there is a target for each component of the expression. The mesh of a frame is exactly
-that of its fit, because the model is linear. A morph target is ten standard deviations of its component, so that
-weights stay far within the limits that programs have: Blender's are -10 and 10.
+There is a morph target for each component of the expression. The mesh of a frame is exactly that of its fit, because
+the model is linear. Weights are from 0 to 1, since Blender 5.0 cuts off others: a target is the range that its
+component takes in the clip, 0 included, and the mesh itself has the smallest value of each component. Extras of the
+mesh say which weights make the neutral face, and how many standard deviations a weight of 1 is.
 
 Source: glTF 2.0 specification.
 """
@@ -12,10 +13,10 @@ import math
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float32, Float64
 from numpy import ndarray
 
 from pix2face.files.writing import write_file
@@ -23,7 +24,6 @@ from pix2face.geometry.other_cameras import M_PER_MM, NEAREST_SEEN_M, ORTHOGRAPH
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.tracking.export.clip_scene import ClipScene, HeadMotion
 
-DEVIATIONS_PER_TARGET: Final = 10.0
 # Chapter 5 and Section 4.4 of the specification.
 FLOAT, UNSIGNED_INT = 5126, 5125
 VERTEX_DATA, INDICES = 34962, 34963
@@ -34,9 +34,7 @@ Shape = Literal["SCALAR", "VEC3", "VEC4"]
 
 def write_clip_glb(path: Path, scene: ClipScene) -> None:
     """Writes a scene, at least one frame of which shows the face."""
-    binary = _Binary()
-    motion = scene.motion()
-    mesh = _mesh(scene, binary)
+    binary, motion, morph = _Binary(), scene.motion(), _Morph.of(scene.expressions)
     head = {"name": "head", "mesh": 0}
     camera: dict[str, Any] = {"name": "video", "camera": 0}
     # A camera's focal length cannot vary, so depths do: a node between camera and head has the ratio of focal lengths.
@@ -47,9 +45,9 @@ def write_clip_glb(path: Path, scene: ClipScene) -> None:
         "scenes": [{"nodes": [0, len(nodes) - 1]}],
         "nodes": nodes,
         "cameras": [{"name": "video", **_lens(motion, scene.size_px)}],
-        "meshes": [mesh],
+        "meshes": [_mesh(scene, morph, binary)],
         "materials": [{"name": "face", "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
-        "animations": [_animation(scene, motion, binary)],
+        "animations": [_animation(scene, motion, morph, binary)],
         "accessors": binary.accessors,
         "bufferViews": binary.views,
         "buffers": [{"byteLength": len(binary.content)}],
@@ -95,31 +93,46 @@ class _Binary:
         return len(self.accessors) - 1
 
 
-def _mesh(scene: ClipScene, binary: _Binary) -> dict[str, Any]:
+def _mesh(scene: ClipScene, morph: "_Morph", binary: _Binary) -> dict[str, Any]:
     model = scene.model
-    targets = model.expression_basis * np.float32(DEVIATIONS_PER_TARGET * M_PER_MM)
-    primitive = {
-        "attributes": {
-            "POSITION": binary.add(_single(scene.neutral_vertices() * M_PER_MM), "VEC3", VERTEX_DATA),
-        },
+    basis = model.expression_basis.reshape(model.n_expression, model.mean.size)
+    points = scene.neutral_vertices() + (morph.least @ basis).reshape(-1, 3)
+    primitive: dict[str, Any] = {
+        "attributes": {"POSITION": binary.add(_single(points * M_PER_MM), "VEC3", VERTEX_DATA)},
         "indices": binary.add(model.triangles.astype(np.uint32), "SCALAR", INDICES),
         "material": 0,
-        "targets": [{"POSITION": binary.add(_single(own), "VEC3", VERTEX_DATA)} for own in targets],
     }
     mesh: dict[str, Any] = {"name": "face", "primitives": [primitive]}
-    if len(targets):
-        mesh["weights"] = _weights(scene)[0].tolist()
-        mesh["extras"] = {"targetNames": target_names(model)}  # where Blender and three.js look for them
-    else:
-        del primitive["targets"]
-    return mesh
+    if not model.n_expression:
+        return mesh
+    targets = [range_ * own * M_PER_MM for range_, own in zip(morph.ranges, model.expression_basis, strict=True)]
+    primitive["targets"] = [{"POSITION": binary.add(_single(own), "VEC3", VERTEX_DATA)} for own in targets]
+    extras = {
+        "targetNames": target_names(model),  # where Blender and three.js look for them
+        "neutralWeights": (-morph.least / morph.ranges).tolist(),
+        "deviationsPerWeight": morph.ranges.tolist(),
+    }
+    return mesh | {"weights": morph.weights[0].tolist(), "extras": extras}
 
 
-def _weights(scene: ClipScene) -> Float[ndarray, "n e"]:
-    return _single(scene.expressions / DEVIATIONS_PER_TARGET)
+@final
+@dataclass(frozen=True, eq=False)
+class _Morph:
+    """The range of each component of the expression, in standard deviations, and the weights of the frames in it."""
+
+    least: Float64[ndarray, " e"]
+    ranges: Float64[ndarray, " e"]
+    weights: Float32[ndarray, "n e"]
+
+    @classmethod
+    def of(cls, expressions: Float32[ndarray, "n e"]) -> "_Morph":
+        least = np.minimum(expressions.min(axis=0), 0).astype(np.float64)
+        ranges = np.maximum(expressions.max(axis=0), 0) - least
+        ranges[ranges == 0] = 1.0
+        return cls(least, ranges, np.clip((expressions - least) / ranges, 0, 1).astype(np.float32))
 
 
-def _animation(scene: ClipScene, motion: HeadMotion, binary: _Binary) -> dict[str, Any]:
+def _animation(scene: ClipScene, motion: HeadMotion, morph: _Morph, binary: _Binary) -> dict[str, Any]:
     """Channels for weights and place of the head. A head that is not in a frame has no size there."""
     times = binary.add(_single(np.array(scene.times_s)), "SCALAR")
     sizes = np.where(scene.is_there, motion.scales, 0.0)
@@ -129,7 +142,7 @@ def _animation(scene: ClipScene, motion: HeadMotion, binary: _Binary) -> dict[st
         (1, "scale", binary.add(_single(np.repeat(sizes[:, None], 3, axis=1)), "VEC3")),
     ]
     if scene.model.n_expression:
-        outputs.append((1, "weights", binary.add(_weights(scene), "SCALAR")))
+        outputs.append((1, "weights", binary.add(morph.weights, "SCALAR")))
     if motion.focal_px is not None:
         depths = np.ones((len(sizes), 3))
         depths[:, 2] = np.median(motion.focal_px) / motion.focal_px

@@ -18,7 +18,7 @@ from pix2face.geometry.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.tracking.export.clip_gltf import DEVIATIONS_PER_TARGET, target_names, write_clip_glb
+from pix2face.tracking.export.clip_gltf import target_names, write_clip_glb
 from pix2face.tracking.export.clip_scene import ClipScene
 from pix2face.tracking.export.clip_usd import write_clip_usd
 from tests.pix2face.scene_readers import GltfScene, usd_complaints, usd_pixels
@@ -86,9 +86,13 @@ def test_gltf_has_a_morph_target_for_each_component(tmp_path: Path) -> None:
     (mesh,) = found.tree.meshes
     assert len(mesh.primitives[0].targets) == MODEL.n_expression == len(mesh.extras["targetNames"])
     np.testing.assert_array_equal(found.array(mesh.primitives[0].indices).reshape(-1, 3), MODEL.triangles)
-    weights = found.animated(1, "weights", 3)
-    assert weights is not None
-    np.testing.assert_allclose(weights * DEVIATIONS_PER_TARGET, fit_of(weak(3), 3).expression, atol=1e-5)
+    for key in (0, 1, 3):
+        weights = found.animated(1, "weights", key)
+        assert weights is not None
+        assert weights.min() >= 0  # programs cut off others
+        assert weights.max() <= 1
+        deviations = (weights - mesh.extras["neutralWeights"]) * mesh.extras["deviationsPerWeight"]
+        np.testing.assert_allclose(deviations, fit_of(weak(key), key).expression, atol=1e-5)
     assert target_names(MODEL) == ["jawOpen", *(f"expression{index:02d}" for index in range(1, 6))]
 
 

@@ -62,7 +62,9 @@ def test_a_frame_says_time_weights_and_rotations(model: MorphableModel) -> None:
     # Down, to the subject's left, with the crown to the subject's right.
     angles = [np.degrees(float(row[f"Head{name}"])) for name in ("Pitch", "Yaw", "Roll")]
     np.testing.assert_allclose(angles, [10, 20, -5], atol=1e-3)
-    left, right = (np.degrees([float(row[f"{eye}Eye{name}"]) for name in ("Yaw", "Pitch")]) for eye in ("Left", "Right"))
+    left, right = (
+        np.degrees([float(row[f"{eye}Eye{name}"]) for name in ("Yaw", "Pitch")]) for eye in ("Left", "Right")
+    )
     assert 5 < left[0] < 9  # outwards: the left eye to the subject's left
     assert abs(left[1]) < 1
     assert np.abs(right).max() < 1
@@ -82,5 +84,5 @@ def test_a_model_without_eyeballs_has_still_eyes(model: MorphableModel) -> None:
 
 
 def test_other_models_are_refused() -> None:
-    with pytest.raises(UsageError, match="small synthetic head.*without eyeBlinkLeft; take the built-in model"):
+    with pytest.raises(UsageError, match=r"small synthetic head.*without eyeBlinkLeft; take the built-in model"):
         BlendshapeSolver(small_head_model())
