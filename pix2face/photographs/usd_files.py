@@ -82,18 +82,17 @@ def add_orthographic_camera(stage: Any, path: str, width_m: float, height_m: flo
     return camera
 
 
-def add_perspective_camera(stage: Any, path: str, size_px: tuple[int, int]) -> Any:
+def add_perspective_camera(stage: Any, path: str, width_per_height: float) -> Any:
     """A camera with perspective, whose focal length is still to be set: ``film_focal`` gives it."""
-    height, width = size_px
     camera = _add_camera(stage, path, "perspective", FARTHEST_SEEN_M)
     camera.CreateHorizontalApertureAttr(FILM_WIDTH)
-    camera.CreateVerticalApertureAttr(FILM_WIDTH * height / width)
+    camera.CreateVerticalApertureAttr(FILM_WIDTH / width_per_height)
     return camera
 
 
-def film_focal(focal_px: float, width_px: int) -> float:
-    """A focal length in pixels in the unit of the film."""
-    return focal_px / width_px * FILM_WIDTH
+def film_focal(focal: float, width: float) -> float:
+    """A focal length in the unit of the film, from one in any unit and the width of the picture in the same."""
+    return focal / width * FILM_WIDTH
 
 
 def _add_camera(stage: Any, path: str, projection: str, farthest_m: float) -> Any:
@@ -143,7 +142,7 @@ def _add_photograph(stage: Any, form: Mapping[str, Any]) -> None:
     lens = form["camera"]
     if lens["type"] == "perspective":
         aspect, field_of_view = lens["perspective"]["aspectRatio"], lens["perspective"]["yfov"]
-        camera = add_perspective_camera(stage, "/face/photograph", (1, aspect))
+        camera = add_perspective_camera(stage, "/face/photograph", aspect)
         camera.CreateFocalLengthAttr(film_focal(0.5 / math.tan(field_of_view / 2), aspect))
     else:
         own = lens["orthographic"]

@@ -14,8 +14,8 @@ from scipy.optimize import lsq_linear
 from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel
 
-# Lets the smallest weights win among mixtures that are equally near.
-SMALLEST_WEIGHTS: Final = 1e-3
+# Lets the smaller weights win among mixtures that are about equally near.
+SMALLEST_WEIGHTS: Final = 1.0
 LEFT, RIGHT = "Left", "Right"
 
 # ARFaceAnchor.BlendShapeLocation, in the order in which the app Live Link Face lists them.

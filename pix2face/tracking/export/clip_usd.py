@@ -67,7 +67,7 @@ def _add_camera(stage: Any, scene: ClipScene, motion: HeadMotion) -> None:
         farthest = 2 * ORTHOGRAPHIC_DISTANCE_MM * M_PER_MM
         add_orthographic_camera(stage, "/clip/video", motion.width_m, motion.width_m * height / width, farthest)
         return
-    focal = add_perspective_camera(stage, "/clip/video", scene.size_px).CreateFocalLengthAttr()
+    focal = add_perspective_camera(stage, "/clip/video", width / height).CreateFocalLengthAttr()
     for frame, focal_px in zip(scene.frames, motion.focal_px.tolist(), strict=True):
         focal.Set(film_focal(focal_px, width), frame)
 

@@ -14,12 +14,14 @@ from pix2face.commands.result_folder import LIST_NAME
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel, builtin_model
+from pix2face.photographs.mesh_files import split_at_seams
 from tests.pix2face.photographs.seen_faces import (
     PhotographedFace,
     exact_predictor,
     photographed_face,
     write_picture,
 )
+from tests.pix2face.scene_readers import GltfScene, usd_complaints, usd_pixels
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
 
@@ -73,7 +75,7 @@ REST = {"person-0.json", "person-0-points.ply", "person-0-maps.png", "person-0-o
     [
         (("--mesh", "obj,glb"), {"person-0.obj", "person-0.mtl", "person-0-texture.png", "person-0.glb"}),
         (("--mesh", "obj", "--colour", "vertex"), {"person-0.obj"}),
-        (("--mesh", "ply,glb", "--colour", "none"), {"person-0.ply", "person-0.glb"}),
+        (("--mesh", "ply,glb,usdz", "--colour", "none"), {"person-0.ply", "person-0.glb", "person-0.usdz"}),
         (("--mesh", "none"), set()),
     ],
 )
@@ -103,6 +105,23 @@ def test_the_face_has_the_colours_of_its_photograph(
     red, green, blue = np.median(of_corners[textured.model.is_face_triangle].reshape(-1, 3), axis=0)
     assert red > green + 10
     assert green > blue + 5
+
+
+@pytest.mark.parametrize(("camera", "colour"), [("weak-perspective", "texture"), ("pinhole", "vertex")])
+def test_other_programs_see_the_landmarks_where_the_fit_has_them(
+    textured: PhotographedFace, tmp_path: Path, camera: str, colour: str
+) -> None:
+    """The mesh of each file through the camera of the same file."""
+    photograph = write_picture(tmp_path / "person.png", textured.photograph())
+    options = ("--mesh", "glb,usdz", "--colour", colour, "--camera", camera, "--out", tmp_path)
+    assert call("fit", photograph, *where(textured), *options) == 0
+    size_px = textured.photograph().shape[:2]
+    model, landmarks = textured.model, json.loads((tmp_path / "person-0.json").read_text())["landmarks2d_px"]
+    vertices = model.landmarks["ibug68"]
+    np.testing.assert_allclose(usd_pixels(tmp_path / "person-0.usdz", size_px)[vertices], landmarks, atol=1e-3)
+    assert usd_complaints(tmp_path / "person-0.usdz") == []
+    in_glb = np.searchsorted(split_at_seams(model)[0], vertices) if colour == "texture" else vertices
+    np.testing.assert_allclose(GltfScene(tmp_path / "person-0.glb").pixels(size_px)[in_glb], landmarks, atol=1e-3)
 
 
 def test_a_model_without_texture_coordinates_gets_vertex_colours(plain: PhotographedFace, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import signal
+import sys
 import threading
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from tests.pix2face.coloured_faces import (
     draw_faces,
     true_landmarks,
 )
+from tests.pix2face.scene_readers import GltfScene, usd_pixels
 from tests.synthetic_models import small_head_model
 
 N_FRAMES = 8
@@ -73,7 +75,7 @@ def landmarks_of(row: dict[str, str]) -> np.ndarray:
 
 @pytest.mark.usefixtures("stand_ins")
 def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
-    assert track(frames, "--out", tmp_path, "--write", "csv,npz,pts,video", "--smoothing", "none") == 0
+    assert track(frames, "--out", tmp_path, "--write", "csv,npz,pts,video,glb,usdc", "--smoothing", "none") == 0
     rows = rows_of(tmp_path / "landmarks.csv")
     archive = np.load(tmp_path / "track.npz")
     summary = json.loads((tmp_path / "track.json").read_text())
@@ -89,6 +91,12 @@ def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
         assert row["fit"] == "fitted"
         assert float(row["time_s"]) == pytest.approx(index / 25, abs=1e-4)
         assert float(row["score"]) == archive["score"][index] == 2.0
+        vertices = model.landmarks["ibug68"]
+        for pixels in (
+            GltfScene(tmp_path / "track.glb").pixels((HEIGHT_PX, WIDTH_PX), index),
+            usd_pixels(tmp_path / "track.usdc", (HEIGHT_PX, WIDTH_PX), index),
+        ):
+            np.testing.assert_allclose(pixels[vertices], archive["landmarks2d_raw"][index], atol=2e-3)
     assert archive["landmarks3d"].shape == (N_FRAMES, 68, 3)
     assert archive["identity"].tolist() == summary["faces"][0]["identity"]
     assert str(archive["model_name"]) == model.name
@@ -283,6 +291,8 @@ def test_no_face_in_the_whole_clip_is_one_error(tmp_path, capsys):
     [
         (["--write", "mov"], "expected --write of csv, npz, pts, video"),
         (["--write", ","], "expected --write of"),
+        (["--write", "usdc", "--camera", "affine"], "expected another --camera than affine for --write glb or usdc"),
+        (["--write", "arkit"], "without eyeBlinkLeft; take the built-in model"),
         (["--detect-every", "0"], "expected --detect-every of 1 or more"),
         (["--identity-frames", "0"], "expected --identity-frames of 1 or more"),
         (["--regularisation", "-1"], "expected a positive --regularisation"),
@@ -294,6 +304,15 @@ def test_wrong_options_are_one_line(tmp_path, frames, capsys, options, words):
     error = capsys.readouterr().err
     assert words in error
     assert len(error.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_usd_without_its_extra_is_named_at_once(tmp_path, frames, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pxr.Usd", None)
+    assert track(frames, "--out", tmp_path / "out", "--write", "csv,usdc") == 2
+    assert "expected the package usd-core, which USD needs; run: pip install 'pix2face[usd]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("stand_ins")
@@ -346,6 +365,8 @@ def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch, reque
         ("csv", 5000, "landmarks.csv", FULL),
         ("npz", 5000, "track.npz", FULL),
         ("pts", 500, "pts/000000.pts", FULL),
+        ("glb", 5000, "track.glb", FULL),
+        ("usdc", 5000, "track.usdc", FULL),
         ("video", 5000, "overlay.mp4", "is the disk full?"),
     ],
 )
