@@ -135,22 +135,33 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
     """
     header, tensors = load_header(path), read_tensors(path)
     try:
-        _check_shapes(header, tensors)
-        network = build_network(header.architecture, header.size_px, header.widths, header.planes)
-        network.load_state_dict(_in_precision(tensors, torch.float32))
+        network = _without_weights(header, tensors)
+        weights = {name: _laid_out(tensors[name], wanted) for name, wanted in network.state_dict().items()}
+        network.load_state_dict(weights, assign=True)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise _unusable(path, error) from error
     return header, network.eval()
 
 
-def _check_shapes(header: CheckpointHeader, tensors: Mapping[str, Tensor]) -> None:
-    """Compares what the header says of the weights with what is there, before memory for them is taken."""
+def _without_weights(header: CheckpointHeader, tensors: Mapping[str, Tensor]) -> nn.Module:
+    """The network that the header describes, which takes neither memory for weights nor time to draw them.
+
+    Raises:
+        ValueError: Its weights have other shapes than those that are there.
+    """
     with torch.device("meta"):
-        expected = build_network(header.architecture, header.size_px, header.widths, header.planes).state_dict()
+        network = build_network(header.architecture, header.size_px, header.widths, header.planes)
+    expected = network.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
         wanted, found = (tuple(own[name].shape) if name in own else None for own in (expected, tensors))
         if wanted != found:
             raise ValueError(f"{name} should be {wanted or 'missing'} and is {found or 'missing'}")
+    return network
+
+
+def _laid_out(tensor: Tensor, wanted: Tensor) -> Tensor:
+    """A copy in the precision and the order of memory of a tensor that has no data."""
+    return torch.empty_strided(wanted.shape, wanted.stride(), dtype=wanted.dtype).copy_(tensor)
 
 
 def _unusable(path: Path, error: Exception) -> InputFileError:

@@ -77,8 +77,12 @@ def refined_symmetry(
 
 def _partners(rows: ndarray, mirrored: ndarray) -> ndarray:
     """For each row the index of the row that equals its mirror image."""
-    index = {tuple(row): i for i, row in enumerate(rows.tolist())}
-    return np.array([index[tuple(row)] for row in mirrored.tolist()], dtype=np.int32)
+    order, mirrored_order = np.lexsort(rows.T), np.lexsort(mirrored.T)
+    if not np.array_equal(rows[order], mirrored[mirrored_order]):
+        raise ValueError("expected a mesh that is its own mirror image")
+    partners = np.empty(len(rows), dtype=np.int32)
+    partners[mirrored_order] = order
+    return partners
 
 
 def _topology(polygons: ndarray, n_vertices: int) -> tuple[ndarray, ndarray, ndarray]:

@@ -147,9 +147,10 @@ def residual_widths(filters: int) -> tuple[int, ...]:
 
 def _initialise(module: nn.Module) -> None:
     """Normal weights that keep the variance through ReLU, channels last; planes start near 0."""
-    # On the meta device there are shapes alone, and torch would load its compiler to draw numbers for them: seconds.
-    if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
+    if isinstance(module, nn.Conv2d):
         module.weight.data = module.weight.data.contiguous(memory_format=torch.channels_last)
+        if module.weight.is_meta:  # shapes alone; torch would load its compiler to draw numbers for them: seconds
+            return
         nn.init.kaiming_normal_(module.weight, mode="fan_in", nonlinearity="relu")
         if module.bias is not None:
             module.weight.data.mul_(OUTPUT_GAIN)

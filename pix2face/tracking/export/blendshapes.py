@@ -14,8 +14,8 @@ from scipy.optimize import lsq_linear
 from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel
 
-# Lets the smaller weights win among mixtures that are about equally near.
-SMALLEST_WEIGHTS: Final = 1.0
+# Weights are drawn to a value below 0, so that of mixtures that are about equally near, one of few shapes wins.
+PENALTY, DRAWN_TO = 2.0, -0.25
 LEFT, RIGHT = "Left", "Right"
 
 # ARFaceAnchor.BlendShapeLocation, in the order in which the app Live Link Face lists them.
@@ -56,9 +56,12 @@ class BlendshapeSolver:
             )
         self.names = names
         shapes = np.stack([model.named_expressions[name] for name in names], axis=1).astype(np.float64)
-        self._system = np.vstack([shapes, np.sqrt(SMALLEST_WEIGHTS) * np.eye(len(names))])
+        self._system = np.vstack([shapes, np.sqrt(PENALTY) * np.eye(len(names))])
 
     def weights(self, expression: Float[ndarray, " e"]) -> Float64[ndarray, " n"]:
-        """The weights, from 0 to 1, whose mixture is nearest to an expression (both in standard deviations)."""
-        right = np.concatenate([expression, np.zeros(len(self.names))])
+        """The weights w, from 0 to 1, whose mixture S w is near to an expression e, both in standard deviations.
+
+        Minimises |S w - e|^2 + PENALTY |w - DRAWN_TO|^2.
+        """
+        right = np.concatenate([expression, np.full(len(self.names), np.sqrt(PENALTY) * DRAWN_TO)])
         return np.asarray(lsq_linear(self._system, right, bounds=(0, 1), method="bvls").x)
