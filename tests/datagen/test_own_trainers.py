@@ -33,6 +33,19 @@ def rendered(gl_session: GLContext, tmp_path_factory: pytest.TempPathFactory) ->
     return shards, [maker.make(faces.face(index)) for index in range(N_FACES)]
 
 
+def test_plain_maps_are_the_coded_ones(rendered: tuple[Path, list[Sample]]) -> None:
+    shards, _ = rendered
+    plain = shards.parent / "plain"
+    options = ["--appearance", "plain", "--shard-size", "6", "--workers", "1", "--plain"]
+    assert main(["render", "--coeffs", str(shards.parent / "faces.h5"), "--out", str(plain), *options]) == 0
+    coded = ShardDataset(shards)
+    with h5py.File(plain / "shard-00000.h5") as file:
+        for index, sample in enumerate(coded):
+            np.testing.assert_array_equal(file["pncc"][index], sample.layers["pncc"])
+            np.testing.assert_array_equal(file["offset"][index], sample.layers["offset"])
+    assert ShardDataset(plain).header.configuration != coded.header.configuration  # a folder holds either
+
+
 def test_a_data_set_returns_what_was_rendered(rendered: tuple[Path, list[Sample]]) -> None:
     shards, made = rendered
     dataset = ShardDataset(shards)
