@@ -40,7 +40,7 @@ STAGES = {
     "upload head": (SceneHead, "load"),
     "upload and sort objects": (ObjectMeshes, "load"),
     "shadow maps": (SceneDrawer, "_draw_shadows"),
-    "what is seen": (SceneDrawer, "_draw_seen"),
+    "what is seen": (SceneDrawer, "_see"),
     "head and opaque objects": (SceneDrawer, "_draw_opaque"),
     "edges": (SceneDrawer, "_draw_edges"),
     "transparent objects": (SceneDrawer, "_draw_blended"),

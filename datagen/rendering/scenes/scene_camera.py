@@ -5,7 +5,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.appearance.scene import Scene, UniformValue
-from datagen.rendering.clip_space import ClipTransform, clip_transform
+from datagen.rendering.clip_space import clip_transform
 from pix2face.geometry.camera import Camera
 
 # Of a pinhole: what is nearer is cut off, mm.
@@ -14,8 +14,8 @@ NEAREST_MM = 10.0
 EDGE_MM, EDGE_PX = 3.0, 3.0
 
 
-def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> tuple[ClipTransform, dict[str, UniformValue]]:
-    """The camera's view of a scene, and what shaders need to know of it, by the uniform's name.
+def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> dict[str, UniformValue]:
+    """What shaders need to know of the camera's view of a scene, by the uniform's name.
 
     Everything before the camera lies within the range of depth.
 
@@ -35,7 +35,7 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> tuple[C
         place = np.append(-np.linalg.solve(rows[[0, 1, 3], :3], rows[[0, 1, 3], 3]), 1.0)
         typical_w = float(np.median(camera.depth(scene.head.vertices)))
     clip = transform.clip_from_model
-    uniforms: dict[str, UniformValue] = {
+    return {
         "camera_place": place,
         "pixel_mm_at_1": 1 / scale,
         "clip_from_model": clip,
@@ -44,7 +44,6 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> tuple[C
         "depth_from_buffer": _depth_from_buffer(camera, clip),
         "edge_mm": EDGE_MM + EDGE_PX * typical_w / scale,
     }
-    return transform, uniforms
 
 
 def depth_range(scene: Scene, camera: Camera) -> tuple[float, float]:

@@ -5,6 +5,7 @@ a face are smaller than a pixel, and each triangle in a block of pixels would sh
 
 1. A depth map from each light, of a coarser head and of the objects.
 2. What is seen: which triangle of the head, or which kind of object, at three samples a pixel in each direction.
+   The processor finds it, and the opaque part of step 1 as well.
 3. The head, shaded once for each pixel from the triangle at its centre.
 4. Opaque objects, once for each pixel.
 5. Edges: where two surfaces share a pixel.
@@ -23,7 +24,6 @@ from numpy import ndarray
 
 from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
 from datagen.opengl.gl_context import GLContext
-from datagen.rendering.clip_space import ClipTransform
 from datagen.rendering.gl_mesh import SIZES_KEPT
 from datagen.rendering.scenes.scene_camera import view_scene
 from datagen.rendering.scenes.scene_head import SceneHead
@@ -41,8 +41,9 @@ from datagen.rendering.scenes.scene_program import (
     set_uniforms,
     used_programs,
 )
-from datagen.rendering.scenes.scene_shadows import SKY, LightView, ShadowMaps
+from datagen.rendering.scenes.scene_shadows import SKY, LightView, Mesh, ShadowMaps
 from datagen.rendering.scenes.scene_targets import SceneTarget, make_target
+from datagen.rendering.scenes.scene_visibility import see_scene
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
 
@@ -84,14 +85,13 @@ class SceneDrawer:
             "head depth": SceneProgram(context, ("whole_vertex",), ("head_depth_fragment",)),
             "head kind": SceneProgram(context, ("whole_vertex",), ("head_kind_fragment",)),
             "bare": SceneProgram(context, ("bare_vertex",), ("bare_fragment",)),
-            "seen": SceneProgram(context, ("bare_vertex",), ("seen_fragment",)),
             "edges": SceneProgram(context, ("whole_vertex",), ("visibility", "edges_fragment")),
             **{name: _compile_picture(context, name) for name in PICTURES},
         }
         for kind in KINDS:
             for purpose in PURPOSES:
                 self._programs[f"{kind} {purpose}"] = compile_object(context, kind, purpose)
-        self._head = SceneHead(model, context, head_paint, occlusion, (self._programs["bare"], self._programs["seen"]))
+        self._head = SceneHead(model, context, head_paint, occlusion)
         drawn = {name: program for name, program in self._programs.items() if "vertex" in program.attributes}
         self._openings = Openings(model)
         self._objects = ObjectMeshes(context, drawn)
@@ -116,7 +116,7 @@ class SceneDrawer:
             GLUnavailableError: The driver reports an error.
         """
         self._gl.make_current()
-        view, uniforms = view_scene(scene, camera, height, width)
+        uniforms = view_scene(scene, camera, height, width)
         self._head.load(scene.head)
         self._objects.load(scene.meshes, camera.matrix[2])
         self._textures.bind()
@@ -127,7 +127,7 @@ class SceneDrawer:
         set_uniforms(programs, scene.uniforms)
         set_uniforms(programs, self._draw_shadows(scene, used))
         set_uniforms(programs, uniforms)
-        self._draw_seen(scene, view, target, self._openings.box(scene.head.vertices, camera, height, width))
+        target.textures["seen"].write(self._see(scene, camera, height, width))
         self._draw_opaque(scene, target)
         self._draw_edges(target)
         self._draw_blended(scene, target)
@@ -138,54 +138,34 @@ class SceneDrawer:
 
     def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1. Returns the uniforms of the shadow maps."""
-        shadowing = [program for name, program in used.items() if name == "bare" or name.endswith(" object_shadow")]
+        shadowing = [program for name, program in used.items() if name.endswith(" object_shadow")]
         # What lies around the neck and lower takes the sky from little but itself.
         chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
         high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
         casts = [mesh.casts_shadow for mesh in scene.meshes]
 
-        def casters(light: int, view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
+        opaque = {run.mesh for run in self._objects.opaque if casts[run.mesh]}
+
+        def solid(light: int) -> list[Mesh]:
+            seen = [scene.meshes[place] for place in sorted(opaque) if light != SKY or high[place]]
+            return [(scene.head.vertices, self._head.coarse), *((mesh.vertices, mesh.triangles) for mesh in seen)]
+
+        def soft(view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
             place = np.append(towards_light, 0)
             set_uniforms(shadowing, {"clip_from_model": view.clip_from_model, "camera_place": place})
-            # What turns away from a light would only shade what turns away as well.
-            self._context.front_face, self._context.cull_face = "ccw", "back"
-            self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-            self._head.draw_shadow()
             self._context.enable_only(moderngl.DEPTH_TEST)
-            opaque = [run for run in self._objects.opaque if casts[run.mesh] and (light != SKY or high[run.mesh])]
-            for run in joined(opaque):
-                self._objects.draw("bare", run)
             for run in self._objects.soft:
                 if casts[run.mesh]:
                     self._draw_run(scene, run, "object_shadow")
 
-        return self._shadows.draw(scene.head.vertices, scene.lights, casters)
+        return self._shadows.draw(scene.head.vertices, scene.lights, solid, soft)
 
-    def _draw_seen(
-        self, scene: Scene, view: ClipTransform, target: SceneTarget, inside: tuple[int, int, int, int] | None
-    ) -> None:
-        """Step 2. ``inside`` is the box in which the backs of the head's triangles may be seen."""
-        context, framebuffer = self._context, target.seen
-        width, height = framebuffer.size
-        framebuffer.use()
-        framebuffer.clear()
-        finer = np.array([(width - 1) / width, (height - 1) / height, 1, 1])
-        program = self._programs["seen"]
-        program.set({"clip_from_model": finer[:, None] * view.clip_from_model, "object_label": 0.0})
-        context.front_face = "cw" if view.outside_is_clockwise else "ccw"
-        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        context.cull_face = "back"
-        self._head.draw()
-        if inside is not None:
-            left, top, right, bottom = inside
-            framebuffer.scissor = 2 * left, 2 * top, 2 * (right - left) + 1, 2 * (bottom - top) + 1
-            context.cull_face = "front"
-            self._head.draw()
-            framebuffer.scissor = 0, 0, width, height
-        context.enable_only(moderngl.DEPTH_TEST)
-        for run in self._objects.opaque:
-            program.set({"object_label": -float(SCENE_LABELS.index(scene.meshes[run.mesh].label))})
-            self._objects.draw("seen", run)
+    def _see(self, scene: Scene, camera: Camera, height: int, width: int) -> Float32[ndarray, "H W 2"]:
+        """Step 2."""
+        head = scene.head.vertices, self._head.triangles
+        objects = [scene.meshes[run.mesh] for run in self._objects.opaque]
+        backs = self._openings.box(scene.head.vertices, camera, height, width)
+        return see_scene(head, objects, camera, (height, width), backs)
 
     def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
         """Steps 3 and 4."""

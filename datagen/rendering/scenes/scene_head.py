@@ -1,6 +1,6 @@
-"""The head of a scene on the GPU: vertices that show what is seen, and textures for shading."""
+"""The head of a scene: its triangles, and textures for shading them."""
 
-from typing import Any, final
+from typing import final
 
 import moderngl
 import numpy as np
@@ -10,7 +10,7 @@ from numpy import ndarray
 from datagen.appearance.scene import PosedHead
 from datagen.rendering.gl_mesh import list_texture, padded_list
 from datagen.rendering.scenes.scene_openings import WITHIN
-from datagen.rendering.scenes.scene_program import UNITS, SceneProgram
+from datagen.rendering.scenes.scene_program import UNITS
 from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.surface_attributes import vertex_normals
@@ -21,14 +21,17 @@ SHADOW_CELL_MM = 6.0
 
 @final
 class SceneHead:
-    """The head of a scene. A vertex stands once for each texture coordinate that it has.
+    """The head of a scene. In its textures a vertex stands once for each texture coordinate that it has.
 
     Args:
         model: Triangles and texture coordinates; without these, uv is 0.
         context: Where.
         paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
         occlusion: Share of the ambient light that arrives at each vertex, 0 to 1.
-        programs: The one that draws depth alone, and the one that draws which triangle a sample sees.
+
+    Attributes:
+        triangles: Of the whole head, over the model's vertices.
+        coarse: Of a coarser head, which casts the shadows.
     """
 
     def __init__(
@@ -37,7 +40,6 @@ class SceneHead:
         context: moderngl.Context,
         paint: Float32[ndarray, "n 8"],
         occlusion: Float32[ndarray, " m"],
-        programs: tuple[SceneProgram, SceneProgram],
     ) -> None:
         n_vertices = len(model.mean)
         if len(paint) != n_vertices or len(occlusion) != n_vertices:
@@ -57,29 +59,16 @@ class SceneHead:
             **self._moving,
         }
         self._textures = {f"head_{name}": list_texture(context, each) for name, each in lists.items()}
-        self._vertices = context.buffer(reserve=self._moving["positions"].nbytes, dynamic=True)
-        content: list[Any] = [(self._vertices, "3f4 4x1", "vertex")]
-        bare, seen = programs
-        coarse = coarse_triangles(model, self._source)
-        self._whole = context.vertex_array(seen.program, content, context.buffer(triangles))
-        self._coarse = context.vertex_array(bare.program, content, context.buffer(coarse))
+        self.triangles: Int32[ndarray, "t 3"] = np.ascontiguousarray(model.triangles, dtype=np.int32)
+        self.coarse = coarse_triangles(model)
 
     def load(self, head: PosedHead) -> None:
         """Uploads a face, and binds the textures that shade it."""
         for (name, moving), values in zip(self._moving.items(), (head.vertices, head.normals), strict=True):
             moving[: len(self._source), :3] = values.take(self._source, axis=0)  # three times as fast as by brackets
             self._textures[f"head_{name}"].write(moving)
-        self._vertices.write(self._moving["positions"])
         for name, texture in self._textures.items():
             texture.use(UNITS[name])
-
-    def draw(self) -> None:
-        """Draws which triangle each sample sees."""
-        self._whole.render(moderngl.TRIANGLES)
-
-    def draw_shadow(self) -> None:
-        """Draws the depth of the coarser head."""
-        self._coarse.render(moderngl.TRIANGLES)
 
 
 def split_by_uv(
@@ -108,8 +97,8 @@ def painted_kinds(uv: Float32[ndarray, "s 2"], triangles: Int32[ndarray, "t 3"])
     return np.where(eyes, 1, np.where(inside, 2, 0)).astype(np.int32)
 
 
-def coarse_triangles(model: MorphableModel, source: Int64[ndarray, " s"]) -> Int32[ndarray, "u 3"]:
-    """Triangles of a coarser head over the split vertices: near vertices that face alike become one of them.
+def coarse_triangles(model: MorphableModel) -> Int32[ndarray, "u 3"]:
+    """Triangles of a coarser head: near vertices that face alike become one of them.
 
     A vertex stays where the face moves it, so the coarse head follows expressions. Lips and lids that touch face in
     different directions and stay apart.
@@ -126,6 +115,4 @@ def coarse_triangles(model: MorphableModel, source: Int64[ndarray, " s"]) -> Int
     outer = ~model.triangles_of(*WITHIN)
     coarse = chosen[group[model.triangles[outer]]]
     whole = (coarse != np.roll(coarse, 1, axis=1)).all(axis=1)
-    split = np.full(len(mean), -1, dtype=np.int64)
-    split[source[::-1]] = np.arange(len(source))[::-1]
-    return np.ascontiguousarray(np.unique(split[coarse[whole]], axis=0), dtype=np.int32)
+    return np.ascontiguousarray(np.unique(coarse[whole], axis=0), dtype=np.int32)

@@ -11,6 +11,7 @@ from numpy import ndarray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from datagen.rendering.processor.nearest import NOWHERE, Box
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import shows_outside
@@ -32,18 +33,18 @@ class Openings:
 
     def box(
         self, vertices: Float32[ndarray, "v 3"], camera: Camera, height: int, width: int
-    ) -> tuple[int, int, int, int] | None:
-        """The box (left, top, right, bottom) in which the inside of the head may be seen; None if nowhere."""
+    ) -> Box:
+        """The box in which the inside of the head may be seen; `NOWHERE` if it is not."""
         lids = np.concatenate([_lid(vertices[loop]) for loop in self._loops] or [np.zeros((0, 3, 3))])
         points = lids.reshape(-1, 3)
         if (points @ camera.matrix[3, :3] + camera.matrix[3, 3] <= 0).any():
             return 0, 0, width, height
         facing = shows_outside(camera, points, np.arange(len(points)).reshape(-1, 3))
         if not facing.any():
-            return None
+            return NOWHERE
         image = np.clip(camera.project(lids[facing].reshape(-1, 3)), 0, [width, height])
         (left, top), (right, bottom) = np.floor(image.min(axis=0)), np.ceil(image.max(axis=0))
-        return (int(left), int(top), int(right), int(bottom)) if left < right and top < bottom else None
+        return (int(left), int(top), int(right), int(bottom)) if left < right and top < bottom else NOWHERE
 
 
 def _open_edges(model: MorphableModel) -> Int64[ndarray, "e 2"]:

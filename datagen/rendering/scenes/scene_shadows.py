@@ -1,15 +1,16 @@
 """Depth maps as each light sees a scene, side by side in one texture (``shaders/shadow.glsl``)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
 import moderngl
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, Int32
 from numpy import ndarray
 
 from datagen.appearance.scene import UniformValue
+from datagen.rendering.processor.nearest import NOWHERE, draw_nearest
 
 MAX_SHADOWS = 3  # as in shadow.glsl
 MAP_PX = 256
@@ -18,6 +19,9 @@ SKY, SKY_PX = 2, 128  # the third map, which is blurred; its part of a map as in
 REACH = 0.6
 # Something between light and head, but farther away, still casts its shadow: of the radius of the map.
 TOWARDS_LIGHT = 3.0
+
+
+Mesh = tuple[Float32[ndarray, "v 3"], Int32[ndarray, "t 3"]]  # vertices and triangles
 
 
 @final
@@ -45,14 +49,16 @@ class ShadowMaps:
         self,
         vertices: Float32[ndarray, "v 3"],
         lights: Float32[ndarray, "n 3"],
-        casters: Callable[[int, LightView, Float64[ndarray, "3"]], None],
+        solid: Callable[[int], Sequence[Mesh]],
+        soft: Callable[[LightView, Float64[ndarray, "3"]], None],
     ) -> dict[str, UniformValue]:
         """Draws a map for each light.
 
         Args:
             vertices: The head, which is in the middle of the maps, mm.
             lights: Towards each light; zeros where there is none.
-            casters: Draws what casts shadows, given which light, its view, and the direction towards it.
+            solid: Which opaque meshes a light sees; the first of them is the head.
+            soft: Draws what is transparent in parts, given a light's view and the direction towards it.
 
         Returns:
             What ``shadow.glsl`` needs to know.
@@ -62,7 +68,6 @@ class ShadowMaps:
         low, high = axes.min(axis=1).astype(np.float64), axes.max(axis=1).astype(np.float64)
         centre, radius = 0.5 * (low + high), REACH * float(np.linalg.norm(high - low))
         self._framebuffer.use()
-        self._framebuffer.clear()
         views = np.tile(np.eye(4), (MAX_SHADOWS, 1, 1))
         for place, direction in enumerate(np.asarray(lights, dtype=np.float64)):
             if not direction.any():
@@ -70,7 +75,8 @@ class ShadowMaps:
             view = light_view(direction / np.linalg.norm(direction), centre, radius)
             side = SKY_PX if place == SKY else MAP_PX
             self._framebuffer.viewport = (place * MAP_PX, 0, side, side)
-            casters(place, view, direction)
+            self._maps.write(_solid_depth(view, solid(place), side), viewport=self._framebuffer.viewport)
+            soft(view, direction)
             views[place] = view.shadow_from_model
         self._maps.use(self._unit)
         towards = np.zeros((MAX_SHADOWS, 3))
@@ -84,6 +90,17 @@ class ShadowMaps:
             "shadow_texel": 1 / MAP_PX,
             "shadow_depth_mm": radius * (1 + TOWARDS_LIGHT),
         }
+
+
+def _solid_depth(view: LightView, meshes: Sequence[Mesh], side: int) -> Float32[ndarray, "s s"]:
+    """How deep what is opaque lies below each texel of a map, 0 to 1."""
+    depth, labels = np.ones((side, side), dtype=np.float32), np.empty((side, side), dtype=np.float32)
+    rows = (np.array([[side], [side], [1]]) * view.shadow_from_model[:3]).astype(np.float32)
+    for place, (vertices, triangles) in enumerate(meshes):
+        # What of the head turns away from a light would only shade what turns away as well.
+        front = 1.0 if place == 0 else 0.0
+        draw_nearest(vertices @ rows[:, :3].T + rows[:, 3], triangles, front, NOWHERE, (0.0, 0.0), depth, labels)
+    return np.maximum(depth, 0, out=depth)
 
 
 def light_view(direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], radius_mm: float) -> LightView:

@@ -17,8 +17,6 @@ class SceneTarget:
     """Framebuffers for one size of picture.
 
     Attributes:
-        seen: What each sample sees. Twice as fine plus one: a sample lies at the centre of each pixel, and neighbours
-            share the others.
         colours: The opaque surfaces at the centre of each pixel.
         kinds: The same colours; the depth says how the head is painted.
         edges: Where two surfaces share a pixel; the depth is that of the farther one.
@@ -27,7 +25,6 @@ class SceneTarget:
         textures: The attachments that later steps read, by the name of the sampler.
     """
 
-    seen: moderngl.Framebuffer
     colours: moderngl.Framebuffer
     kinds: moderngl.Framebuffer
     edges: moderngl.Framebuffer
@@ -67,7 +64,6 @@ def make_target(context: moderngl.Context, height: int, width: int) -> SceneTarg
     blended = [textures[name] for name in ("over_near", "over_far", "blended_label")]
     picture = [context.renderbuffer(size, 4, dtype="f4"), context.renderbuffer(size, 1)]
     return SceneTarget(
-        seen=context.framebuffer([textures["seen"]], context.depth_renderbuffer(fine)),
         colours=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
         kinds=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
         edges=context.framebuffer([textures["edges"]], far_depth),

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datagen.rendering.scenes.scene_meshes import MAX_TURNS, Run, far_to_near, joined
+from datagen.rendering.processor.nearest import NOWHERE
 from datagen.rendering.scenes.scene_openings import Openings
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import rasterise, shows_outside
@@ -61,7 +62,6 @@ def test_backs_are_seen_through_openings_alone(make_model, distance_mm: float | 
         if not len(rows):
             continue
         n_seen += len(rows)
-        assert box is not None
         left, top, right, bottom = box
         within = (columns >= left) & (columns < right) & (rows >= top) & (rows < bottom)
         # Gums and teeth have openings of their own, which other parts hide but for a pixel.
@@ -71,7 +71,7 @@ def test_backs_are_seen_through_openings_alone(make_model, distance_mm: float | 
 
 def test_a_head_seen_from_before_shows_no_inside() -> None:
     model = builtin_model()
-    assert Openings(model).box(model.mean, camera_at(0, -10, 96), 96, 96) is None
+    assert Openings(model).box(model.mean, camera_at(0, -10, 96), 96, 96) == NOWHERE
 
 
 def test_runs_are_joined_where_nothing_lies_between_them() -> None:

@@ -131,7 +131,7 @@ def test_the_coarse_head_follows_the_surface_with_a_third_of_the_triangles() -> 
     source, uv, triangles = split_by_uv(model)
     assert len(uv) == len(source)
     np.testing.assert_array_equal(source[triangles], model.triangles)
-    coarse = coarse_triangles(model, source)
+    coarse = coarse_triangles(model)
     assert len(coarse) < len(triangles) / 3
-    centres = model.mean[source[coarse]].mean(axis=1)
+    centres = model.mean[coarse].mean(axis=1)
     assert np.quantile(KDTree(model.mean).query(centres)[0], 0.99) < 6

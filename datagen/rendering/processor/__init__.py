@@ -1,0 +1,1 @@
+"""What the processor draws itself, without OpenGL."""
