@@ -42,10 +42,10 @@ STAGES = {
     "shadow maps": (SceneDrawer, "_draw_shadows"),
     "what is seen": (SceneDrawer, "_see"),
     "head and opaque objects": (SceneDrawer, "_draw_opaque"),
-    "edges": (SceneDrawer, "_draw_edges"),
+    "edges": (SceneDrawer, "_find_edges"),
+    "clear, upload": (SceneTarget, "clear"),
     "transparent objects": (SceneDrawer, "_draw_blended"),
-    "picture": (SceneDrawer, "_draw_picture"),
-    "read back": (SceneTarget, "read"),
+    "read back, picture": (SceneDrawer, "_resolve"),
 }
 WARM_UP = 6
 

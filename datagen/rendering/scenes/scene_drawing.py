@@ -5,27 +5,29 @@ a face are smaller than a pixel, and each triangle in a block of pixels would sh
 
 1. A depth map from each light, of a coarser head and of the objects.
 2. What is seen: which triangle of the head, or which kind of object, at three samples a pixel in each direction.
-   The processor finds it, and the opaque part of step 1 as well.
-3. The head, shaded once for each pixel from the triangle at its centre.
-4. Opaque objects, once for each pixel.
-5. Edges: where two surfaces share a pixel.
+3. Edges: where two surfaces share a pixel.
+4. The head, shaded once for each pixel from the triangle at its centre.
+5. Opaque objects, once for each pixel.
 6. What is transparent, from far to near.
 7. The picture: at an edge, each sample takes the colour of the pixel beside it that shows the same surface.
+
+Steps 2, 3 and 7, and the opaque part of step 1, are done without OpenGL.
 """
 
 from collections.abc import Mapping
 from functools import lru_cache, partial
-from typing import final
+from typing import Any, final
 
 import moderngl
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
 from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import SIZES_KEPT
 from datagen.rendering.scenes.scene_camera import view_scene
+from datagen.rendering.scenes.scene_edges import SceneEdges, find_edges, resolve
 from datagen.rendering.scenes.scene_head import SceneHead
 from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, joined
 from datagen.rendering.scenes.scene_openings import Openings
@@ -49,8 +51,6 @@ from pix2face.models.morphable_model import MorphableModel
 
 # Of the head's height, from below.
 NECK_MM = 50.0
-# Steps 7 in which nothing is transparent, or something is: first all pixels, then those at edges.
-PICTURES = ("PLAIN", "EDGES", "BLENDED", "EDGES BLENDED")
 
 
 @final
@@ -82,11 +82,7 @@ class SceneDrawer:
         self._textures = SceneTextures(textures, context)
         self._programs = {
             **{name: compile_head(context, name) for name in HEAD_KINDS},
-            "head depth": SceneProgram(context, ("whole_vertex",), ("head_depth_fragment",)),
-            "head kind": SceneProgram(context, ("whole_vertex",), ("head_kind_fragment",)),
             "bare": SceneProgram(context, ("bare_vertex",), ("bare_fragment",)),
-            "edges": SceneProgram(context, ("whole_vertex",), ("visibility", "edges_fragment")),
-            **{name: _compile_picture(context, name) for name in PICTURES},
         }
         for kind in KINDS:
             for purpose in PURPOSES:
@@ -95,8 +91,7 @@ class SceneDrawer:
         drawn = {name: program for name, program in self._programs.items() if "vertex" in program.attributes}
         self._openings = Openings(model)
         self._objects = ObjectMeshes(context, drawn)
-        whole = {name: self._programs[name] for name in ("head depth", "head kind", *HEAD_KINDS, "edges", *PICTURES)}
-        self._whole = {name: context.vertex_array(program.program, []) for name, program in whole.items()}
+        self._whole = {name: context.vertex_array(self._programs[name].program, []) for name in HEAD_KINDS}
         self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
         self._targets = lru_cache(SIZES_KEPT)(partial(make_target, context))
         set_uniforms(list(self._programs.values()), self._textures.units)
@@ -121,18 +116,17 @@ class SceneDrawer:
         self._objects.load(scene.meshes, camera.matrix[2])
         self._textures.bind()
         target = self._targets(height, width)
-        target.bind()
         used = used_programs(self._programs, self._objects.kinds(scene.meshes))
         programs = list(used.values())
         set_uniforms(programs, scene.uniforms)
         set_uniforms(programs, self._draw_shadows(scene, used))
         set_uniforms(programs, uniforms)
-        target.textures["seen"].write(self._see(scene, camera, height, width))
+        samples = self._see(scene, camera, height, width)
+        edges = self._find_edges(samples, uniforms)
+        target.clear(edges)
         self._draw_opaque(scene, target)
-        self._draw_edges(target)
         self._draw_blended(scene, target)
-        self._draw_picture(target)
-        colours, labels = target.read()
+        colours, labels = self._resolve(samples, edges, target)
         self._gl.check()
         return ScenePicture(radiance=colours[..., :3], coverage=np.clip(colours[..., 3], 0, 1), labels=labels)
 
@@ -167,13 +161,19 @@ class SceneDrawer:
         backs = self._openings.box(scene.head.vertices, camera, height, width)
         return see_scene(head, objects, camera, (height, width), backs)
 
+    def _find_edges(self, samples: Float32[ndarray, "H W 2"], uniforms: Mapping[str, Any]) -> SceneEdges:
+        """Step 3."""
+        return SceneEdges(
+            *find_edges(samples, self._head.kinds, uniforms["depth_from_buffer"], uniforms["edge_mm"])
+        )
+
     def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
-        """Steps 3 and 4."""
+        """Steps 4 and 5. Only a test of depth skips pixels of the head that another program paints."""
         self._context.enable_only(moderngl.DEPTH_TEST)
-        target.colours.use()
-        target.colours.clear()
-        self._whole["head depth"].render(moderngl.TRIANGLES, vertices=3)
-        self._draw_head(target)
+        target.kinds.depth_mask = False
+        target.kinds.use()
+        for kind in HEAD_KINDS:
+            self._whole[kind].render(moderngl.TRIANGLES, vertices=3)
         target.colours.use()
         if not self._objects.opaque:
             return
@@ -189,28 +189,6 @@ class SceneDrawer:
             self._draw_run(scene, run, "object")
         self._context.depth_func = "<"
 
-    def _draw_head(self, target: SceneTarget) -> None:
-        """Step 3. Only a depth test skips pixels that show something else."""
-        kinds = target.kinds
-        kinds.color_mask, kinds.depth_mask = (False, False, False, False), True
-        kinds.use()
-        kinds.clear()
-        self._context.depth_func = "1"  # always: depth is what is written
-        self._whole["head kind"].render(moderngl.TRIANGLES, vertices=3)
-        kinds.color_mask, kinds.depth_mask = (True, True, True, True), False
-        kinds.use()
-        self._context.depth_func = "<"
-        for kind in HEAD_KINDS:
-            self._whole[kind].render(moderngl.TRIANGLES, vertices=3)
-
-    def _draw_edges(self, target: SceneTarget) -> None:
-        """Step 5."""
-        target.edges.use()
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        self._context.depth_func = "1"  # always: depth is what is written
-        self._whole["edges"].render(moderngl.TRIANGLES, vertices=3)
-        self._context.depth_func = "<"
-
     def _draw_blended(self, scene: Scene, target: SceneTarget) -> None:
         """Step 6."""
         if not self._objects.blended:
@@ -218,7 +196,6 @@ class SceneDrawer:
         context = self._context
         target.blended.depth_mask = False
         target.blended.use()
-        target.blended.clear()
         context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         context.depth_func = "<="
         context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
@@ -226,15 +203,13 @@ class SceneDrawer:
             self._draw_run(scene, run, "blended")
         context.depth_func = "<"
 
-    def _draw_picture(self, target: SceneTarget) -> None:
+    def _resolve(
+        self, samples: Float32[ndarray, "H W 2"], edges: SceneEdges, target: SceneTarget
+    ) -> tuple[Float32[ndarray, "h w 4"], UInt8[ndarray, "h w"]]:
         """Step 7."""
-        target.picture.use()
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        whole, edges = PICTURES[2:] if self._objects.blended else PICTURES[:2]
-        self._context.depth_func = "1"  # always: depth says where edges are
-        self._whole[whole].render(moderngl.TRIANGLES, vertices=3)
-        self._context.depth_func = "<"
-        self._whole[edges].render(moderngl.TRIANGLES, vertices=3)
+        over, over_labels = target.read_blended()
+        picture, labels = resolve(samples, edges.middle, target.read_colours(), over, over_labels)
+        return picture, labels
 
     def _draw_run(self, scene: Scene, run: Run, purpose: str) -> None:
         """Draws some triangles of an object in its material."""
@@ -257,6 +232,3 @@ class SceneDrawer:
         )
         self._objects.draw(name, run)
 
-
-def _compile_picture(context: moderngl.Context, name: str) -> SceneProgram:
-    return SceneProgram(context, ("whole_vertex",), ("visibility", "resolve_fragment"), name.split())

@@ -32,6 +32,7 @@ class SceneHead:
     Attributes:
         triangles: Of the whole head, over the model's vertices.
         coarse: Of a coarser head, which casts the shadows.
+        kinds: Which of `HEAD_KINDS` paints each triangle of the whole head.
     """
 
     def __init__(
@@ -55,12 +56,13 @@ class SceneHead:
             "places": home,
             "paint0": paint[self._source, :4],
             "paint1": paint[self._source, 4:],
-            "corners": np.column_stack([triangles, painted_kinds(uv, triangles)]),
+            "corners": np.column_stack([triangles, np.zeros(len(triangles), dtype=np.int32)]),
             **self._moving,
         }
         self._textures = {f"head_{name}": list_texture(context, each) for name, each in lists.items()}
         self.triangles: Int32[ndarray, "t 3"] = np.ascontiguousarray(model.triangles, dtype=np.int32)
         self.coarse = coarse_triangles(model)
+        self.kinds = painted_kinds(uv, triangles)
 
     def load(self, head: PosedHead) -> None:
         """Uploads a face, and binds the textures that shade it."""

@@ -32,11 +32,7 @@ UNITS = {
             "head_places",
             "head_paint0",
             "head_paint1",
-            "colours",
             "edges",
-            "over_near",
-            "over_far",
-            "blended_label",
             "no_texture",
         )
     )
@@ -130,7 +126,7 @@ def compile_head(context: moderngl.Context, kind: str) -> SceneProgram:
     program = SceneProgram(
         context, ("whole_vertex",), (*_BEFORE, "lamps", "light", "skin", "head_fragment"), (kind, "NO_STRANDS")
     )
-    program.set({"whole_depth": 0.5 * HEAD_KINDS.index(kind) - 0.75})  # just before that of head_kind_fragment.glsl
+    program.set({"whole_depth": 0.5 * HEAD_KINDS.index(kind) - 0.75})  # just before its kind in scene_edges.py
     return program
 
 

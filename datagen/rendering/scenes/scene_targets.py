@@ -1,4 +1,4 @@
-"""The framebuffers of each step of drawing a scene."""
+"""What a scene is drawn into with OpenGL."""
 
 from dataclasses import dataclass
 from typing import final
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
+from datagen.rendering.scenes.scene_edges import SceneEdges
 from datagen.rendering.scenes.scene_program import UNITS
 
 
@@ -19,55 +20,59 @@ class SceneTarget:
     Attributes:
         colours: The opaque surfaces at the centre of each pixel.
         kinds: The same colours; the depth says how the head is painted.
-        edges: Where two surfaces share a pixel; the depth is that of the farther one.
-        blended: The transparent surfaces over the nearer and over the farther surface, and their label. Depth of edges.
-        picture: The result and the labels.
-        textures: The attachments that later steps read, by the name of the sampler.
+        blended: The transparent surfaces over the nearer and over the farther surface, and their label.
+        depths: The depth of each of them, by its name.
+        textures: What shaders read, by the name of the sampler.
     """
 
     colours: moderngl.Framebuffer
     kinds: moderngl.Framebuffer
-    edges: moderngl.Framebuffer
     blended: moderngl.Framebuffer
-    picture: moderngl.Framebuffer
+    depths: dict[str, moderngl.Texture]
     textures: dict[str, moderngl.Texture]
 
-    def bind(self) -> None:
-        """Puts each texture at its unit."""
-        for name, texture in self.textures.items():
-            texture.use(UNITS[name])
+    def clear(self, edges: SceneEdges) -> None:
+        """Clears all colours, and puts what the samples of a scene have found where shaders and tests of depth find it."""
+        for framebuffer in (self.colours, self.blended):
+            framebuffer.clear()
+        self.depths["colours"].write(edges.head)
+        self.depths["kinds"].write(edges.kind)
+        self.depths["blended"].write(edges.farther)
+        for name, values in (("seen", edges.triangle), ("edges", edges.depths)):
+            self.textures[name].write(values)
+            self.textures[name].use(UNITS[name])
 
-    def read(self) -> tuple[Float32[ndarray, "h w 4"], UInt8[ndarray, "h w"]]:
-        """Reads radiance times coverage (three channels) and coverage (one), and the labels."""
-        width, height = self.picture.size
-        colours = np.frombuffer(self.picture.read(components=4, dtype="f4"), dtype=np.float32)
-        labels = np.frombuffer(self.picture.read(components=1, attachment=1, alignment=1), dtype=np.uint8)
-        return colours.reshape(height, width, 4), labels.reshape(height, width).copy()
+    def read_colours(self) -> Float32[ndarray, "h w 4"]:
+        """Reads the opaque surfaces."""
+        return self._pixels(self.colours, 0)
+
+    def read_blended(
+        self,
+    ) -> tuple[tuple[Float32[ndarray, "h w 4"], Float32[ndarray, "h w 4"]], UInt8[ndarray, "h w"]]:
+        """Reads the transparent surfaces over the nearer and over the farther surface, and their labels."""
+        labels = np.frombuffer(self.blended.read(components=1, attachment=2, alignment=1), dtype=np.uint8)
+        width, height = self.blended.size
+        return (self._pixels(self.blended, 0), self._pixels(self.blended, 1)), labels.reshape(height, width)
+
+    def _pixels(self, framebuffer: moderngl.Framebuffer, attachment: int) -> Float32[ndarray, "h w 4"]:
+        width, height = framebuffer.size
+        pixels = np.frombuffer(framebuffer.read(components=4, attachment=attachment, dtype="f4"), dtype=np.float32)
+        return pixels.reshape(height, width, 4)
 
 
 def make_target(context: moderngl.Context, height: int, width: int) -> SceneTarget:
     """Framebuffers for pictures of a size."""
-    size, fine = (width, height), (2 * width + 1, 2 * height + 1)
-    formats = {
-        "seen": (fine, 2, "f4"),
-        "colours": (size, 4, "f2"),
-        "edges": (size, 4, "f4"),
-        "over_near": (size, 4, "f2"),
-        "over_far": (size, 4, "f2"),
-        "blended_label": (size, 1, "f1"),
-    }
-    textures = {}
-    for name, (extent, channels, kind) in formats.items():
-        textures[name] = context.texture(extent, channels, dtype=kind)
-        textures[name].filter = (moderngl.NEAREST, moderngl.NEAREST)
-    far_depth = context.depth_renderbuffer(size)
-    blended = [textures[name] for name in ("over_near", "over_far", "blended_label")]
-    picture = [context.renderbuffer(size, 4, dtype="f4"), context.renderbuffer(size, 1)]
+    size = (width, height)
+    textures = {"seen": context.texture(size, 1, dtype="f4"), "edges": context.texture(size, 2, dtype="f4")}
+    for texture in textures.values():
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    depths = {name: context.depth_texture(size) for name in ("colours", "kinds", "blended")}
+    colours = context.renderbuffer(size, 4, dtype="f4")
+    blended = [*(context.renderbuffer(size, 4, dtype="f4") for _ in range(2)), context.renderbuffer(size, 1)]
     return SceneTarget(
-        colours=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
-        kinds=context.framebuffer([textures["colours"]], context.depth_renderbuffer(size)),
-        edges=context.framebuffer([textures["edges"]], far_depth),
-        blended=context.framebuffer(blended, far_depth),
-        picture=context.framebuffer(picture, context.depth_renderbuffer(size)),
+        colours=context.framebuffer([colours], depths["colours"]),
+        kinds=context.framebuffer([colours], depths["kinds"]),
+        blended=context.framebuffer(blended, depths["blended"]),
+        depths=depths,
         textures=textures,
     )

@@ -1,9 +1,9 @@
 // The head at the centre of each pixel that shows it: one shading a pixel, however small the triangles are. The test of
-// depth leaves out all other pixels (head_kind_fragment.glsl).
+// depth leaves out all other pixels (scene_edges.py).
 
 const float INSIDE = 0.3;  // of the light that falls outside arrives inside the head, seen through the neck
 
-uniform sampler2D seen;            // triangle and depth; three samples a pixel across, shared with the neighbours
+uniform sampler2D seen;            // triangle at the centre of each pixel, from 1 on
 uniform usampler2D head_corners;   // of each triangle
 uniform sampler2D head_positions;  // of each vertex: position and u; mm
 uniform sampler2D head_normals;    // normal and v
@@ -20,8 +20,8 @@ ivec2 texel(uint index) {
 }
 
 void main() {
-    vec2 here = texelFetch(seen, 2 * ivec2(gl_FragCoord.xy) + 1, 0).xy;
-    uvec3 corner = texelFetch(head_corners, texel(uint(max(here.x, 1.0)) - 1u), 0).xyz;
+    float triangle = texelFetch(seen, ivec2(gl_FragCoord.xy), 0).x;
+    uvec3 corner = texelFetch(head_corners, texel(uint(max(triangle, 1.0)) - 1u), 0).xyz;
     ivec2 ta = texel(corner.x), tb = texel(corner.y), tc = texel(corner.z);
     vec4 a = texelFetch(head_positions, ta, 0), b = texelFetch(head_positions, tb, 0);
     vec4 c = texelFetch(head_positions, tc, 0);
