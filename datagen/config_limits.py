@@ -6,7 +6,7 @@ what was expected and what was found: `geometry.roll_deg: expected a number from
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from typing import Annotated, Any, final, get_args, get_origin, get_type_hints
 
@@ -49,6 +49,7 @@ Share = Annotated[float, Limits(0, 1)]
 FromZero = Annotated[float, Limits(0)]
 
 
+@lru_cache(maxsize=64)  # each sample checks the same few tables
 def check_limits(table: str, config: Any) -> None:
     """Raises a `UsageError` for the first field beyond the limits in its type, or with a wrong count of numbers in it.
 

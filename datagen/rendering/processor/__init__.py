@@ -1,1 +1,1 @@
-"""What the processor draws itself, without OpenGL."""
+"""Rasterising on the processor, without OpenGL: functions that Numba compiles."""

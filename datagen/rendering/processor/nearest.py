@@ -54,14 +54,14 @@ def draw_nearest(
             continue
         along_x, along_y = (uz * vy - vz * uy) / area, (vz * ux - uz * vx) / area
         # Compared before they are converted: what is too large for an integer has no defined conversion.
-        first_row = int(max(np.ceil(min(ay, by, cy) - _HALF), top))
+        first_row = int(min(max(np.ceil(min(ay, by, cy) - _HALF), top), bottom))
         end_row = int(min(np.ceil(max(ay, by, cy) - _HALF), bottom))
         for row in range(first_row, end_row):
             y = np.float32(row) + _HALF
             low, high = np.float32(np.inf), np.float32(-np.inf)
             for x in (_crossing(ax, ay, bx, by, y), _crossing(bx, by, cx, cy, y), _crossing(cx, cy, ax, ay, y)):
                 low, high = x if x < low else low, x if x > high else high  # no comparison with NaN holds
-            first = int(max(np.ceil(low - _HALF), left))
+            first = int(min(max(np.ceil(low - _HALF), left), right))
             end = int(min(np.ceil(high - _HALF), right))
             order = az + along_y * (y - ay) + along_x * (np.float32(first) + _HALF - ax)
             for column in range(first, end):
@@ -74,7 +74,7 @@ def draw_nearest(
 @compiled
 def _crossing(ax: float, ay: float, bx: float, by: float, y: float) -> float:
     """Where an edge crosses the line at y, or NaN; the same bits in both directions, so no sample lies between."""
-    if (y > ay) == (y > by):
+    if (y >= ay) == (y >= by):
         return np.float32(np.nan)
     if ay > by:
         ax, ay, bx, by = bx, by, ax, ay

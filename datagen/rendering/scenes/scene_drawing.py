@@ -26,8 +26,8 @@ from numpy import ndarray
 from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import SIZES_KEPT
+from datagen.rendering.processor.scene_edges import SceneEdges, find_edges, resolve
 from datagen.rendering.scenes.scene_camera import view_scene
-from datagen.rendering.scenes.scene_edges import SceneEdges, find_edges, resolve
 from datagen.rendering.scenes.scene_head import SceneHead
 from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, joined
 from datagen.rendering.scenes.scene_openings import Openings
@@ -163,9 +163,7 @@ class SceneDrawer:
 
     def _find_edges(self, samples: Float32[ndarray, "H W 2"], uniforms: Mapping[str, Any]) -> SceneEdges:
         """Step 3."""
-        return SceneEdges(
-            *find_edges(samples, self._head.kinds, uniforms["depth_from_buffer"], uniforms["edge_mm"])
-        )
+        return SceneEdges(*find_edges(samples, self._head.kinds, uniforms["depth_from_buffer"], uniforms["edge_mm"]))
 
     def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
         """Steps 4 and 5. Only a test of depth skips pixels of the head that another program paints."""
@@ -231,4 +229,3 @@ class SceneDrawer:
             }
         )
         self._objects.draw(name, run)
-

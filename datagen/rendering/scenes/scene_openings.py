@@ -31,9 +31,7 @@ class Openings:
         loop_of_vertex = connected_components(graph, directed=False)[1]
         self._loops = [edges[loop_of_vertex[edges[:, 0]] == loop] for loop in np.unique(loop_of_vertex[edges[:, 0]])]
 
-    def box(
-        self, vertices: Float32[ndarray, "v 3"], camera: Camera, height: int, width: int
-    ) -> Box:
+    def box(self, vertices: Float32[ndarray, "v 3"], camera: Camera, height: int, width: int) -> Box:
         """The box in which the inside of the head may be seen; `NOWHERE` if it is not."""
         lids = np.concatenate([_lid(vertices[loop]) for loop in self._loops] or [np.zeros((0, 3, 3))])
         points = lids.reshape(-1, 3)

@@ -21,7 +21,7 @@ REACH = 0.6
 TOWARDS_LIGHT = 3.0
 
 
-Mesh = tuple[Float32[ndarray, "v 3"], Int32[ndarray, "t 3"]]  # vertices and triangles
+Mesh = tuple[Float32[ndarray, "_ 3"], Int32[ndarray, "_ 3"]]  # vertices and triangles
 
 
 @final

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.rendering.scenes.scene_edges import SceneEdges
+from datagen.rendering.processor.scene_edges import SceneEdges
 from datagen.rendering.scenes.scene_program import UNITS
 
 
@@ -32,7 +32,7 @@ class SceneTarget:
     textures: dict[str, moderngl.Texture]
 
     def clear(self, edges: SceneEdges) -> None:
-        """Clears all colours, and puts what the samples of a scene have found where shaders and tests of depth find it."""
+        """Clears all colours, and uploads what shaders and tests of depth need to know of the samples."""
         for framebuffer in (self.colours, self.blended):
             framebuffer.clear()
         self.depths["colours"].write(edges.head)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from datagen.rendering.scenes.scene_meshes import MAX_TURNS, Run, far_to_near, joined
 from datagen.rendering.processor.nearest import NOWHERE
+from datagen.rendering.scenes.scene_meshes import MAX_TURNS, Run, far_to_near, joined
 from datagen.rendering.scenes.scene_openings import Openings
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import rasterise, shows_outside
