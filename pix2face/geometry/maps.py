@@ -5,11 +5,21 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int16, UInt8
+from jaxtyping import Bool, Float32, Float64, Int16, UInt8
 from numpy import ndarray
 
 # Fixed point: rounding to 1/128 mm is at most 0.004 mm off, and int16 reaches to 256 mm.
 FIXED_POINT_STEPS_PER_MM = 128
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PredictedLandmarks:
+    """Where a network sees the landmarks of its model, hidden ones included."""
+
+    points2d: Float64[ndarray, "n 2"]  #: pixels of the maps, centres at +0.5
+    #: Scale b of the errors: distances from the truth are expected to fall off like exp(-r / b); their mean is 2 b.
+    scales_px: Float64[ndarray, " n"]
 
 
 @final
@@ -25,6 +35,10 @@ class FaceMaps:
     #: Where the picture that they belong to shows the photograph that it is a crop of, and is not empty beside it; None
     #: where all of it does.
     in_photograph: Bool[ndarray, "h w"] | None = None
+    #: The landmarks of the model in the picture; None if the network predicts maps only.
+    landmarks: PredictedLandmarks | None = None
+    #: Expected absolute error of a coordinate of PNCC, mm; None if unknown.
+    pncc_scale: Float32[ndarray, "h w"] | None = None
 
     @property
     def seen_share(self) -> float | None:

@@ -29,7 +29,7 @@ Widths = Annotated[tuple[Side, ...], msgspec.Meta(max_length=16)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 LARGEST_FILE_BYTES, MOST_HEADER_VALUES = 1 << 33, 1_000_000
 METADATA_KEY = "pix2face-checkpoint"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,11 @@ class CheckpointHeader:
     samples: Integer = 0  # samples seen in training
     crop_scale: Positive = INFERENCE_SCALE  # side of the crop, in units of the longer side of the face's box
     architecture: str = "paper"  # one of ``networks.architectures.ARCHITECTURES``
-    planes: int = MAP_PLANES  # 6 of the maps, then logits: the 7th of the mask, the 8th of the part of it that is seen
+    # 6 of the maps, then logits: the 7th of the mask, the 8th of the part of it that is seen; the 9th is the logarithm
+    # of the scale of PNCC's errors.
+    planes: int = MAP_PLANES
+    # Number of the model's own landmarks that the network predicts beside the planes.
+    n_landmarks: Annotated[int, msgspec.Meta(ge=0, le=1024)] = 0
     # Vertices of the schemes for which they were chosen on fits to this network's own maps.
     landmarks: Mapping[str, tuple[Integer, ...]] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
@@ -78,8 +82,10 @@ class CheckpointHeader:
         known = dict(fields)
         if known.get("schema_version") == 1:  # the paper's network was the only one, told by its first level
             old: _FirstSchema = typed(known, _FirstSchema)
-            known |= {"widths": paper_widths(old.size_px, old.filters), "schema_version": SCHEMA_VERSION}
+            known |= {"widths": paper_widths(old.size_px, old.filters), "schema_version": 2}
             del known["filters"]
+        if known.get("schema_version") == 2:  # without landmarks
+            known["schema_version"] = SCHEMA_VERSION
         unknown = known.keys() - cls.__dataclass_fields__.keys()
         if unknown:
             raise ValueError(f"the unknown field {min(unknown)!r}")
@@ -150,7 +156,9 @@ def _without_weights(header: CheckpointHeader, tensors: Mapping[str, Tensor]) ->
         ValueError: Its weights have other shapes than those that are there.
     """
     with torch.device("meta"):
-        network = build_network(header.architecture, header.size_px, header.widths, header.planes)
+        network = build_network(
+            header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks
+        )
     expected = network.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
         wanted, found = (tuple(own[name].shape) if name in own else None for own in (expected, tensors))

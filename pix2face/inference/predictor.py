@@ -13,10 +13,10 @@ from torch import Tensor
 
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
-from pix2face.geometry.maps import FaceMaps, eroded, valid_pixels
+from pix2face.geometry.maps import FaceMaps, PredictedLandmarks, eroded, valid_pixels
 from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.networks import MAP_PLANES
-from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+from pix2face.networks.architectures import MASK_PLANE, SCALE_PLANE, SEEN_PLANE
 
 # The network is no faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
@@ -52,13 +52,14 @@ class Predictor:
     """A network with its pre- and postprocessing. It keeps no state between calls.
 
     Args:
-        network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits.
+        network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits
+            and scales; or to these and landmarks, ``b n 3`` (``pix2face.networks.LANDMARK_NUMBERS``).
         header: Header of its checkpoint.
         device: The device that the network is on.
     """
 
     def __init__(
-        self, network: Callable[[Tensor], Tensor], header: CheckpointHeader, device: torch.device | str = "cpu"
+        self, network: Callable[[Tensor], Tensor | tuple[Tensor, Tensor]], header: CheckpointHeader, device: torch.device | str = "cpu"
     ) -> None:
         self.header = header
         self._network = network
@@ -107,13 +108,17 @@ class Predictor:
             return []
         crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
         pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
-        planes = self._planes(pictures.astype(np.float32) / 255 - 0.5)
+        planes, numbers = self._answers(pictures.astype(np.float32) / 255 - 0.5)
+        landmarks = [read_landmarks(own, self.header.size_px) for own in numbers]
         found = [read_planes(own, self.header) for own in planes]
         return [
             Prediction(
-                replace(maps, in_photograph=pixels_in_image(crop, image.shape[:2])), crop, box, n_undefined=n_undefined
+                replace(maps, in_photograph=pixels_in_image(crop, image.shape[:2]), landmarks=points),
+                crop,
+                box,
+                n_undefined=n_undefined,
             )
-            for (maps, n_undefined), crop, (image, box) in zip(found, crops, faces, strict=True)
+            for (maps, n_undefined), points, crop, (image, box) in zip(found, landmarks, crops, faces, strict=True)
         ]
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
@@ -121,11 +126,16 @@ class Predictor:
         starts = range(0, len(faces), FACES_AT_A_TIME)
         return [own for start in starts for own in self.predict_batch(faces[start : start + FACES_AT_A_TIME])]
 
-    def _planes(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b s s planes"]:
+    def _answers(
+        self, pictures: Float32[ndarray, "b s s 3"]
+    ) -> tuple[Float32[ndarray, "b s s planes"], Float32[ndarray, "b n 3"]]:
+        """Planes and landmarks; no landmarks where the network predicts none."""
         with torch.inference_mode():
             batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(self._device)
-            planes = self._network(batch).float().permute(0, 2, 3, 1)
-            return np.ascontiguousarray(planes.cpu().numpy())
+            answer = self._network(batch)
+            planes, landmarks = answer if isinstance(answer, tuple) else (answer, answer.new_zeros(len(batch), 0, 3))
+            last = planes.float().permute(0, 2, 3, 1).cpu().numpy()
+            return np.ascontiguousarray(last), landmarks.float().cpu().numpy()
 
 
 def keep_networks_in_one_thread() -> None:
@@ -149,7 +159,18 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
     pncc[~mask] = 0
     offset[~mask] = 0
     seen = mask & (planes[..., SEEN_PLANE] > 0) if header.planes > SEEN_PLANE else None
-    return FaceMaps(pncc, offset, mask, seen), int(undefined.sum())
+    scale = None
+    if header.planes > SCALE_PLANE:
+        scale = np.exp(np.clip(planes[..., SCALE_PLANE], -20, 20)) * np.float32(header.pncc_scale_mm)
+    return FaceMaps(pncc, offset, mask, seen, pncc_scale=scale), int(undefined.sum())
+
+
+def read_landmarks(numbers: Float32[ndarray, "n 3"], size_px: int) -> PredictedLandmarks | None:
+    """Converts the landmarks that a network predicts for a picture to pixels; None if there are none."""
+    if not len(numbers):
+        return None
+    values = np.nan_to_num(numbers.astype(np.float64), posinf=0, neginf=0)
+    return PredictedLandmarks(size_px * (values[:, :2] + 0.5), size_px * np.exp(np.clip(values[:, 2], -20, 20)))
 
 
 def _device(name: str | None) -> torch.device:

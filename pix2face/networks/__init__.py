@@ -5,4 +5,8 @@ from typing import Literal
 ArchitectureName = Literal["paper", "residual"]
 
 MAP_PLANES = 6  # PNCC x, y, z, then offset x, y, z; planes after these are masks
-MOST_PLANES = MAP_PLANES + 2  # logits of the mask, then of the part of it that is seen
+# Logits of the mask and of the part of it that is seen, then the logarithm of the scale of the errors of PNCC.
+MOST_PLANES = MAP_PLANES + 3
+# For each landmark its place right and down from the middle, and the logarithm of the scale of its error, all in units
+# of the picture's side.
+LANDMARK_NUMBERS = 3

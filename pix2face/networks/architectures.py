@@ -11,8 +11,8 @@ from pix2face.networks import MAP_PLANES, MOST_PLANES
 from pix2face.networks.paper import UNet, level_count, paper_widths
 from pix2face.networks.residual import SIZE_DIVISOR, ResidualUNet, residual_widths
 
-# Planes after the six of the maps: logits of the mask, then of the part of it that is seen.
-MASK_PLANE, SEEN_PLANE = MAP_PLANES, MAP_PLANES + 1
+# Planes after the six of the maps: logits of the mask, then of the part of it that is seen; the scale of PNCC's errors.
+MASK_PLANE, SEEN_PLANE, SCALE_PLANE = MAP_PLANES, MAP_PLANES + 1, MAP_PLANES + 2
 
 
 @final
@@ -21,15 +21,19 @@ class Architecture:
     """How to make networks of one kind."""
 
     widths: Callable[[int, int], tuple[int, ...]]  # filters of each level, from the side (px) and those of the first
-    build: Callable[[int, tuple[int, ...], int], nn.Module]  # from the side (px), filters of each level and planes
+    # From the side (px), filters of each level, planes and landmarks.
+    build: Callable[[int, tuple[int, ...], int, int], nn.Module]
     check_size: Callable[[int], object]  # raises ValueError where the network cannot take a picture of a side
     is_any_size: bool  # whether the same weights take pictures of other sizes
 
 
-def build_network(architecture: str, size_px: int, widths: tuple[int, ...], planes: int) -> nn.Module:
+def build_network(
+    architecture: str, size_px: int, widths: tuple[int, ...], planes: int, landmarks: int = 0
+) -> nn.Module:
     """Makes a network with new weights, drawn from torch's generator.
 
-    Widths are the filters of each level. The planes of the output are 6 of the maps and up to two of masks.
+    Widths are the filters of each level. The planes of the output are 6 of the maps, up to two of masks, and one of
+    scales. Landmarks are those that the network predicts beside the planes; 0 for none.
 
     Raises:
         ValueError: There is no such architecture, or it cannot have these numbers.
@@ -40,10 +44,12 @@ def build_network(architecture: str, size_px: int, widths: tuple[int, ...], plan
         raise ValueError(f"expected {MAP_PLANES} to {MOST_PLANES} planes, found {planes}")
     chosen = ARCHITECTURES[architecture]
     chosen.check_size(size_px)
-    return chosen.build(size_px, widths, planes)
+    return chosen.build(size_px, widths, planes, landmarks)
 
 
-def _paper(size_px: int, widths: tuple[int, ...], planes: int) -> nn.Module:
+def _paper(size_px: int, widths: tuple[int, ...], planes: int, landmarks: int) -> nn.Module:
+    if landmarks:
+        raise ValueError(f"expected no landmarks of the paper's network, found {landmarks}")
     if not widths or widths != paper_widths(size_px, widths[0]):
         raise ValueError(f"expected the paper's widths for {size_px} px, found {widths}")
     return UNet(size_px, widths[0], planes)
@@ -59,7 +65,7 @@ ARCHITECTURES: Mapping[str, Architecture] = MappingProxyType(
         "paper": Architecture(widths=paper_widths, build=_paper, check_size=level_count, is_any_size=False),
         "residual": Architecture(
             widths=lambda size_px, filters: residual_widths(filters),
-            build=lambda size_px, widths, planes: ResidualUNet(widths, planes),
+            build=lambda size_px, widths, planes, landmarks: ResidualUNet(widths, planes, landmarks),
             check_size=_check_divisible,
             is_any_size=True,
         ),

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pix2face.networks import MAP_PLANES
+from pix2face.networks import LANDMARK_NUMBERS, MAP_PLANES
 from pix2face.networks.paper import PLANES_IN
 
 # Filters of each level, as multiples of the first level's: 32-64-128-192-256-256 for 32.
@@ -27,6 +27,11 @@ INNER_BLOCKS = 3
 FARTHEST = 8.0
 # Planes start near 0, where the background stays.
 OUTPUT_GAIN = 0.1
+# Landmarks are read from the features of the innermost level but one, averaged to so many places along each side.
+LANDMARK_PLACES = 4
+LANDMARK_FEATURES = 192
+# At the start a landmark is known to a tenth of the side.
+FIRST_LOG_SCALE = -2.3
 
 
 @final
@@ -41,12 +46,13 @@ class ResidualUNet(nn.Module):
 
     Args:
         widths: Filters of each level.
-        planes: Planes of the output: PNCC, offset, and logits of masks.
+        planes: Planes of the output: PNCC, offset, logits of masks, and the logarithm of the scale of PNCC's errors.
+        landmarks: Number of landmarks that are predicted beside the planes, each with the scale of its error.
 
-    Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle).
+    Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle); Wood et al. 2022 (landmarks with scales).
     """
 
-    def __init__(self, widths: tuple[int, ...], planes: int = MAP_PLANES) -> None:
+    def __init__(self, widths: tuple[int, ...], planes: int = MAP_PLANES, landmarks: int = 0) -> None:
         super().__init__()
         if len(widths) != len(WIDTH_MULTIPLES):
             raise ValueError(f"expected the filters of {len(WIDTH_MULTIPLES)} levels, found {len(widths)}")
@@ -68,10 +74,17 @@ class ResidualUNet(nn.Module):
             for width, convolutions in zip(outwards[1:], DECODER_CONVOLUTIONS, strict=True)
         )
         self.planes = nn.Conv2d(widths[0], 4 * planes, kernel_size=3, padding=1)
+        self.landmarks = LandmarkHead(outwards[1], landmarks) if landmarks else None
         self.apply(_initialise)
 
-    def forward(self, image: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b planes h w"]:
-        """Maps pictures as the paper's network does; their sides are multiples of 64."""
+    def forward(
+        self, image: Float[Tensor, "b 3 h w"]
+    ) -> Float[Tensor, "b planes h w"] | tuple[Float[Tensor, "b planes h w"], Float[Tensor, "b n 3"]]:
+        """Maps pictures as the paper's network does; their sides are multiples of 64.
+
+        With landmarks, it returns the planes and, for each landmark, its place and the logarithm of its scale (see
+        ``LANDMARK_NUMBERS``).
+        """
         picture = image.contiguous(memory_format=torch.channels_last)
         features, skips = functional.relu(self.stem_norm(self.stem(picture)), inplace=True), []
         for block in self.encoder:
@@ -79,11 +92,41 @@ class ResidualUNet(nn.Module):
             features = block(features)
         for block in self.inner:
             features = block(features)
+        landmarks = None
         for narrow, block in zip(self.narrow, self.decoder, strict=True):
             # Narrowed before it is enlarged: a quarter of the work, and the same result.
             enlarged = functional.interpolate(narrow(features), scale_factor=2.0, mode="nearest")
             features = block(enlarged + skips.pop())
-        return functional.pixel_shuffle(self.planes(features), 2)
+            if landmarks is None and self.landmarks is not None:
+                landmarks = self.landmarks(features)
+        planes = functional.pixel_shuffle(self.planes(features), 2)
+        return planes if landmarks is None else (planes, landmarks)
+
+
+@final
+class LandmarkHead(nn.Module):
+    """Landmarks from the features of the whole picture.
+
+    Args:
+        width: Filters of the features.
+        landmarks: Number of landmarks.
+    """
+
+    def __init__(self, width: int, landmarks: int) -> None:
+        super().__init__()
+        self.pool = nn.AdaptiveAvgPool2d(LANDMARK_PLACES)
+        self.first = nn.Linear(width * LANDMARK_PLACES**2, LANDMARK_FEATURES)
+        self.second = nn.Linear(LANDMARK_FEATURES, landmarks * LANDMARK_NUMBERS)
+        with torch.no_grad():
+            self.second.weight.mul_(OUTPUT_GAIN)
+            self.second.bias.view(-1, LANDMARK_NUMBERS)[:, 2] = FIRST_LOG_SCALE
+
+    def forward(self, features: Float[Tensor, "b c y x"]) -> Float[Tensor, "b n 3"]:
+        """Places and scales."""
+        # Places need more digits than bfloat16 has.
+        with torch.autocast(features.device.type, enabled=False):
+            flat = self.pool(features.float()).flatten(1)
+            return self.second(functional.relu(self.first(flat))).unflatten(1, (-1, LANDMARK_NUMBERS))
 
 
 @final

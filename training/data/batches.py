@@ -20,6 +20,7 @@ from training.data.decoded_sample import DecodedSample
 LARGEST_BYTE = 255
 # Three planes each of a picture (bytes), PNCC and offset (two bytes), and the mask.
 _BYTES_A_PIXEL = 3 + 6 + 6 + 1
+_BYTES_A_LANDMARK = 8
 
 
 @final
@@ -32,6 +33,7 @@ class Batch:
     offset: Int16[Tensor, "b 3 s s"]  # likewise
     mask: UInt8[Tensor, "b s s"]  # 1 where both maps hold, also behind what covers the face; else 0
     seen: UInt8[Tensor, "b s s"] | None  # 1 where the picture shows the face; None if a set does not know
+    landmarks2d: Float32[Tensor, "b n 2"]  # px, seen or hidden; n is 0 where they are not trained on
 
     def __len__(self) -> int:
         return len(self.image)
@@ -55,6 +57,7 @@ class Batch:
             offset=change(self.offset),
             mask=change(self.mask),
             seen=None if self.seen is None else change(self.seen),
+            landmarks2d=change(self.landmarks2d),
         )
 
 
@@ -90,25 +93,29 @@ def target_planes(batch: Batch, pncc_scale_mm: float, offset_scale_mm: float) ->
     return planes.div_((scales_mm * FIXED_POINT_STEPS_PER_MM)[:, None, None])
 
 
-def batch_bytes(n_samples: int, size_px: int, *, has_seen: bool) -> int:
+def batch_bytes(n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0) -> int:
     """The memory that a batch takes."""
-    return n_samples * size_px**2 * (_BYTES_A_PIXEL + has_seen)
+    return n_samples * (size_px**2 * (_BYTES_A_PIXEL + has_seen) + n_landmarks * _BYTES_A_LANDMARK)
 
 
-def empty_batch(n_samples: int, size_px: int, *, has_seen: bool, memory: mmap | None = None) -> Batch:
+def empty_batch(
+    n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0, memory: mmap | None = None
+) -> Batch:
     """A batch full of 0, channels last in memory.
 
     Args:
         n_samples: At least 1.
         size_px: Side of the pictures.
         has_seen: Whether it has ``seen``.
+        n_landmarks: How many landmarks each sample has.
         memory: Where it lies, of ``batch_bytes``, which may hold another batch already; None takes new memory.
     """
-    n_bytes = batch_bytes(n_samples, size_px, has_seen=has_seen)
+    n_bytes = batch_bytes(n_samples, size_px, has_seen=has_seen, n_landmarks=n_landmarks)
     content = torch.zeros(n_bytes, dtype=torch.uint8) if memory is None else torch.frombuffer(memory, dtype=torch.uint8)
     pixels = n_samples * size_px**2
-    sizes = [6 * pixels, 6 * pixels, 3 * pixels, pixels, has_seen * pixels]
-    pncc, offset, image, mask, seen = torch.split_with_sizes(content, sizes)
+    of_landmarks = n_samples * n_landmarks * _BYTES_A_LANDMARK
+    sizes = [of_landmarks, 6 * pixels, 6 * pixels, 3 * pixels, pixels, has_seen * pixels]
+    landmarks, pncc, offset, image, mask, seen = torch.split_with_sizes(content, sizes)
 
     def planes(values: Tensor) -> Tensor:
         return values.view(n_samples, size_px, size_px, 3).permute(0, 3, 1, 2)
@@ -119,6 +126,7 @@ def empty_batch(n_samples: int, size_px: int, *, has_seen: bool, memory: mmap | 
         offset=planes(offset.view(torch.int16)),
         mask=mask.view(n_samples, size_px, size_px),
         seen=seen.view(n_samples, size_px, size_px) if has_seen else None,
+        landmarks2d=landmarks.view(torch.float32).view(n_samples, n_landmarks, 2),
     )
 
 
@@ -130,4 +138,5 @@ def batch_row(batch: Batch, place: int) -> DecodedSample:
         offset=batch.offset[place].permute(1, 2, 0).numpy(),
         mask=batch.mask[place].numpy(),
         seen=None if batch.seen is None else batch.seen[place].numpy(),
+        landmarks2d=batch.landmarks2d[place].numpy(),
     )

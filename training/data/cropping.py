@@ -15,6 +15,7 @@ from numpy import ndarray
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, square_crop
 from pix2face.geometry.jitter import JitterParameters, crop_maps
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM, FaceMaps, face_box, fixed_point_to_maps
+from pix2face.models.mirroring import mirrored_landmarks
 from training.data.batches import LARGEST_BYTE, batch_row, empty_batch
 from training.data.decoded_sample import DecodedSample
 
@@ -42,18 +43,26 @@ def cut(sample: DecodedSample, corner: tuple[int, int], row: DecodedSample, *, m
     if mirror:
         for steps in (row.pncc, row.offset):
             np.negative(steps[..., 0], out=steps[..., 0])
+    if row.landmarks2d.size:
+        landmarks = sample.landmarks2d - corner
+        if mirror:
+            landmarks = mirrored_landmarks(np.float32([len(row.image), 0]) - landmarks * np.float32([1, -1]))
+        row.landmarks2d[:] = landmarks
 
 
 def resample(sample: DecodedSample, crop: Crop, row: DecodedSample) -> None:
     """Fills a row with a crop of a sample; the crop has the size of the row, and may turn, scale and mirror."""
     row.image[:] = crop_image(sample.image, crop)
-    crop = _moved(crop, sample.corner)
+    whole, crop = crop, _moved(crop, sample.corner)
     maps = crop_maps(
         FaceMaps(fixed_point_to_maps(sample.pncc), fixed_point_to_maps(sample.offset), sample.mask.astype(bool)), crop
     )
     for values, target in ((maps.pncc, row.pncc), (maps.offset, row.offset)):
         np.rint(values * np.float32(FIXED_POINT_STEPS_PER_MM), out=target, casting="unsafe")
     row.mask[:] = maps.mask
+    if row.landmarks2d.size:
+        landmarks = whole.to_crop(sample.landmarks2d)
+        row.landmarks2d[:] = mirrored_landmarks(landmarks) if whole.is_mirrored else landmarks
     if row.seen is not None and sample.seen is not None and sample.seen.size:
         np.minimum(crop_image(sample.seen, crop, nearest=True), row.mask, out=row.seen)
 

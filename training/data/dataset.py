@@ -29,7 +29,7 @@ class DrawDataset:
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
         self._recipe = recipe
-        self._size_px, self._has_seen = recipe.size_px, shards.knows_seen
+        self._size_px, self._n_landmarks, self._has_seen = recipe.size_px, recipe.n_landmarks, shards.knows_seen
         self._order = DrawOrder(shards.sets, recipe.seed)
         self._samples = SampleStore(shards, recipe, cache)
 
@@ -50,11 +50,13 @@ class DrawDataset:
 
     def empty_batch(self, n_samples: int, memory: mmap | None = None) -> Batch:
         """A batch for ``fill`` (see `batches.empty_batch`)."""
-        return empty_batch(n_samples, self._size_px, has_seen=self._has_seen, memory=memory)
+        return empty_batch(
+            n_samples, self._size_px, has_seen=self._has_seen, n_landmarks=self._n_landmarks, memory=memory
+        )
 
     def batch_bytes(self, n_samples: int) -> int:
         """The memory that a batch takes."""
-        return batch_bytes(n_samples, self._size_px, has_seen=self._has_seen)
+        return batch_bytes(n_samples, self._size_px, has_seen=self._has_seen, n_landmarks=self._n_landmarks)
 
     def fill(self, batch: Batch, draws: Sequence[int]) -> None:
         """Fills a batch, which is full of 0 and has a row for each draw.

@@ -120,7 +120,7 @@ class CentreLosses:
 
     def parts(self, planes: Float[Tensor, "b 5 y x"], batch: SceneBatch) -> dict[str, Float[Tensor, ""]]:
         """Each part of the loss by its name, unweighted."""
-        return centre_losses(planes, batch)
+        return centre_losses(planes.float(), batch)
 
     def total(self, parts: dict[str, Float[Tensor, ""]]) -> Float[Tensor, ""]:
         """What is minimised."""

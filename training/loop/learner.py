@@ -68,7 +68,7 @@ class StepLosses:
 class Losses(Protocol):
     """What a network's answer is compared with, and how."""
 
-    def parts(self, planes: Tensor, batch: Any) -> dict[str, Tensor]:
+    def parts(self, answer: Any, batch: Any) -> dict[str, Tensor]:
         """Each part of the loss by its name, unweighted."""
 
     def total(self, parts: dict[str, Tensor]) -> Tensor:
@@ -103,10 +103,15 @@ class Learner:
         return self.mean.network if self.mean else self.network
 
     def start_from(self, network: nn.Module) -> None:
-        """Takes over the weights of another training, before the first step."""
-        self.network.load_state_dict(network.state_dict())
-        if self.mean:
-            self.mean.network.load_state_dict(network.state_dict())
+        """Takes over the weights of another training, before the first step. Outputs that it lacks start anew."""
+        own = self.network.state_dict()
+        for name, found in network.state_dict().items():
+            if found.ndim:
+                own[name][: len(found)] = found
+            else:
+                own[name] = found
+        for started in (self.network, self.mean.network if self.mean else self.network):
+            started.load_state_dict(own)
 
     def step(self, batch: TrainingBatch) -> StepLosses:
         """Learns from one batch (this process's part of it).
@@ -180,8 +185,8 @@ class Learner:
         batch = batch.to(self._device, non_blocking=True)
         bfloat16 = self._recipe.precision == "bfloat16"
         with torch.autocast(self._device.type, dtype=torch.bfloat16, enabled=bfloat16):
-            planes = self._passes(network_input(batch))
-        parts = self._plan.parts(planes.float(), batch)
+            answer = self._passes(network_input(batch))
+        parts = self._plan.parts(answer, batch)
         share = len(batch) / of
         total = self._plan.total(parts) * share
         total.backward()  # type: ignore[no-untyped-call]

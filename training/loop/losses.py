@@ -10,8 +10,14 @@ from torch.nn import functional
 
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.networks import MAP_PLANES
+from pix2face.networks.architectures import MASK_PLANE, SCALE_PLANE, SEEN_PLANE
 from training.data.batches import Batch
 from training.recipe.recipe import LossOver, LossWeights
+
+# What a network with landmarks answers, or one without.
+Answer = Tensor | tuple[Tensor, Tensor]
+# A thousandth of the side, or of the scale of PNCC: less would let single samples rule a step.
+SMALLEST_LOG_SCALE = -7.0
 
 
 @final
@@ -26,17 +32,26 @@ class LossPlan:
     # same and a batch is the mean of its parts.
     over: LossOver
 
-    def parts(self, planes: Float[Tensor, "b planes s s"], batch: Batch) -> dict[str, Float[Tensor, ""]]:
-        """The parts of the loss by name, unweighted. The batch must know ``seen`` where the loss needs it."""
-        pncc, offset, *logits = torch.split(planes, [3, 3, *[1] * (planes.shape[1] - MAP_PLANES)], dim=1)
-        parts = {
-            "pncc": self._mean_error(pncc, batch.pncc, self.pncc_scale_mm, batch),
-            "offset": self._mean_error(offset, batch.offset, self.offset_scale_mm, batch),
-        }
-        if logits:
-            parts["mask"] = _cross_entropy(logits[0][:, 0], batch.mask)
-        if len(logits) > 1:
-            parts["seen"] = _cross_entropy(logits[1][:, 0], _seen(batch))
+    def parts(self, answer: Answer, batch: Batch) -> dict[str, Float[Tensor, ""]]:
+        """The parts of the loss by name, unweighted. The batch must know ``seen`` where the loss needs it.
+
+        The answer is a network's: its planes, or these and its landmarks.
+        """
+        planes, landmarks = (answer, None) if isinstance(answer, Tensor) else answer
+        planes = planes.float()
+        errors = self._errors(planes[:, :3], batch.pncc, self.pncc_scale_mm)
+        offset_errors = self._errors(planes[:, 3:MAP_PLANES], batch.offset, self.offset_scale_mm)
+        parts = {"pncc": self._mean(errors, batch), "offset": self._mean(offset_errors, batch)}
+        if planes.shape[1] > MASK_PLANE:
+            parts["mask"] = _cross_entropy(planes[:, MASK_PLANE], batch.mask)
+        if planes.shape[1] > SEEN_PLANE:
+            parts["seen"] = _cross_entropy(planes[:, SEEN_PLANE], _seen(batch))
+        if planes.shape[1] > SCALE_PLANE:
+            log_scale = planes[:, SCALE_PLANE].clamp(min=SMALLEST_LOG_SCALE)
+            # Only the scale learns from its likelihood: the maps learn from all pixels alike.
+            parts["scale"] = self._mean(errors.detach() * torch.exp(-log_scale) + log_scale, batch)
+        if landmarks is not None:
+            parts["landmarks"] = _landmark_likelihood(landmarks.float(), batch)
         return parts
 
     def total(self, parts: dict[str, Float[Tensor, ""]]) -> Float[Tensor, ""]:
@@ -48,16 +63,31 @@ class LossPlan:
         weighted = torch.stack([weights[name] * part for name, part in parts.items()])
         return weighted.sum() / sum(weights[name] for name in parts)
 
-    def _mean_error(
-        self, planes: Float[Tensor, "b 3 s s"], steps: Int16[Tensor, "b 3 s s"], scale_mm: float, batch: Batch
-    ) -> Float[Tensor, ""]:
+    def _errors(
+        self, planes: Float[Tensor, "b 3 s s"], steps: Int16[Tensor, "b 3 s s"], scale_mm: float
+    ) -> Float[Tensor, "b s s"]:
+        """The mean absolute error of each pixel."""
         # One pass changes type and memory layout; in two layouts the comparison would take twice as long.
         target = torch.empty_like(planes).copy_(steps).mul_(1 / (FIXED_POINT_STEPS_PER_MM * scale_mm))
+        return (planes - target).abs().mean(dim=1)
+
+    def _mean(self, values: Float[Tensor, "b s s"], batch: Batch) -> Float[Tensor, ""]:
         if self.over == "all":  # the background counts and should be 0
-            return functional.l1_loss(planes, target)
+            return values.mean()
         inside = (batch.mask if self.over == "mask" else _seen(batch)).float()
-        sums = ((planes - target).abs().sum(dim=1) * inside).sum(dim=(1, 2))
-        return (sums / (3 * inside.sum(dim=(1, 2)).clamp(min=1))).mean()
+        return ((values * inside).sum(dim=(1, 2)) / inside.sum(dim=(1, 2)).clamp(min=1)).mean()
+
+
+def _landmark_likelihood(landmarks: Float[Tensor, "b n 3"], batch: Batch) -> Float[Tensor, ""]:
+    """The negative logarithm of the likelihood of the true places, up to a constant, if errors fall off like exp(-r).
+
+    Deviation from the source: whose errors are normal. Landmarks behind hair and hands have longer tails.
+
+    Source: Wood et al. 2022, 3D Face Reconstruction with Dense Landmarks, Eq. 1.
+    """
+    log_scale = landmarks[:, :, 2].clamp(min=SMALLEST_LOG_SCALE)
+    distance = (landmarks[:, :, :2] - (batch.landmarks2d / batch.image.shape[-1] - 0.5)).norm(dim=2)
+    return (distance * torch.exp(-log_scale) + 2 * log_scale).mean()
 
 
 def _cross_entropy(logits: Float[Tensor, "b s s"], truth: Tensor) -> Float[Tensor, ""]:

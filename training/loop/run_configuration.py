@@ -39,6 +39,7 @@ def checkpoint_header(
         samples=samples,
         architecture=recipe.architecture,
         planes=recipe.planes,
+        n_landmarks=recipe.n_landmarks,
         crop_scale=recipe.crop_scale,
     )
 
@@ -55,9 +56,10 @@ def with_scales_of(initial: CheckpointHeader, shards: ShardIndex, recipe: Recipe
             f"--init: expected a checkpoint of the morphable model {shards.model_name!r} ({shards.model_sha256[:12]}), "
             f"found one of {initial.model_name!r} ({initial.model_sha256[:12]})"
         )
-    wanted = (recipe.architecture, recipe.widths, recipe.planes)
-    found = (initial.architecture, initial.widths, initial.planes)
-    if wanted != found:
+    wanted = (recipe.architecture, recipe.widths, recipe.planes, recipe.n_landmarks)
+    found = (initial.architecture, initial.widths, initial.planes, initial.n_landmarks)
+    # Planes are the first ones of more planes, and landmarks are added to none.
+    if wanted[:2] != found[:2] or wanted[2] < found[2] or wanted[3] < found[3]:
         raise UsageError(
             f"--init: expected a network {_named(*wanted)}, found {_named(*found)}; "
             "give --architecture, --filters and --planes as in the training that it comes from"
@@ -70,5 +72,5 @@ def with_scales_of(initial: CheckpointHeader, shards: ShardIndex, recipe: Recipe
     return replace(shards, pncc_scale_mm=initial.pncc_scale_mm, offset_scale_mm=initial.offset_scale_mm)
 
 
-def _named(architecture: str, widths: tuple[int, ...], planes: int) -> str:
-    return f"{architecture} {'-'.join(str(width) for width in widths)} with {planes} planes"
+def _named(architecture: str, widths: tuple[int, ...], planes: int, n_landmarks: int) -> str:
+    return f"{architecture} {'-'.join(str(width) for width in widths)} with {planes} planes, {n_landmarks} landmarks"

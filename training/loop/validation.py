@@ -17,7 +17,7 @@ from pix2face.geometry.crops import Crop, FaceBox, square_crop
 from pix2face.geometry.landmark_metrics import nme
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.predictor import read_planes
+from pix2face.inference.predictor import read_landmarks, read_planes
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from pix2face.networks import MAP_PLANES
 from training.data.batches import Batch, batch_row, empty_batch, network_input
@@ -98,6 +98,7 @@ class Scores:
     # Error of the 68 fitted landmarks, as a fraction of sqrt(w h) of the true landmarks' box; None where the morphable
     # model is not at hand.
     nme: float | None
+    landmark_nme: float | None = None  # the same error of the landmarks that the network predicts itself, if it does
 
     @property
     def error(self) -> float:
@@ -148,18 +149,28 @@ class Validator:
         network.eval()
         with torch.inference_mode():
             for batch in self._held_out.batches(BATCH_SIZE):
-                planes = network(network_input(batch.to(device))).float().cpu()
-                for index, own in enumerate(planes):
-                    rows.append(self._measure(own, batch.rows(index, index + 1), len(rows)))
+                answer = network(network_input(batch.to(device)))
+                planes, landmarks = answer if isinstance(answer, tuple) else (answer, None)
+                for index, own in enumerate(planes.float().cpu()):
+                    measured = self._measure(own, batch.rows(index, index + 1), len(rows))
+                    points = None if landmarks is None else landmarks[index].float().cpu().numpy()
+                    rows.append((*measured, self._landmark_error(points, len(rows))))
         network.train(was_training)
-        pncc_mm, offset_mm, zero_mm, iou, error = (float(mean) for mean in np.array(rows).mean(axis=0))
+        pncc_mm, offset_mm, zero_mm, iou, error, direct = (float(mean) for mean in np.array(rows).mean(axis=0))
         return Scores(
             pncc_mm=pncc_mm,
             offset_mm=offset_mm,
             offset_zero_mm=zero_mm,
             mask_iou=iou,
             nme=None if self._model is None else error,
+            landmark_nme=direct if self._header.n_landmarks else None,
         )
+
+    def _landmark_error(self, numbers: Float32[ndarray, "n 3"] | None, index: int) -> float:
+        found = None if numbers is None else read_landmarks(numbers, self._header.size_px)
+        if found is None:
+            return 0.0
+        return min(nme(found.points2d, self._held_out.landmarks2d[index], "box-sqrt"), NME_OF_FAILURE)
 
     def _measure(self, planes: Float32[Tensor, "planes s s"], truth: Batch, index: int) -> tuple[float, ...]:
         mask = truth.mask[0].bool()

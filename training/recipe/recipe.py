@@ -36,12 +36,17 @@ class LossWeights:
         offset: Weight of the mean absolute error of the offsets, in units of their scale.
         mask: Weight of the cross entropy of the mask, if the network predicts it.
         seen: Weight of the cross entropy of the visible part of the mask, if the network predicts it.
+        scale: Weight of the likelihood of the errors of PNCC, if the network predicts their scale. It changes nothing
+            but the scale.
+        landmarks: Weight of the likelihood of the landmarks, if the network predicts them.
     """
 
     pncc: Annotated[float, tyro.conf.arg(name="weight-pncc")] = 1.0
     offset: Annotated[float, tyro.conf.arg(name="weight-offset")] = 1.0
     mask: Annotated[float, tyro.conf.arg(name="weight-mask")] = 1.0
     seen: Annotated[float, tyro.conf.arg(name="weight-seen")] = 1.0
+    scale: Annotated[float, tyro.conf.arg(name="weight-scale")] = 0.02
+    landmarks: Annotated[float, tyro.conf.arg(name="weight-landmarks")] = 0.02
 
 
 @runtime_checkable
@@ -87,7 +92,8 @@ class Recipe:
         size_px: Side of the network's input: a power of two (paper) or a multiple of 64 (residual).
         filters: Filters of the network's first level.
         planes: Output planes: 6 for PNCC and offset, 7 with the mask, 8 also with its visible part (the shards must
-            have the layer `seen`).
+            have the layer `seen`), 9 also with the scale of the errors of PNCC.
+        n_landmarks: 68 for a network that also predicts the landmarks of the shards and the scales of their errors.
         batch_size: Number of pictures per step, for all parts and processes together.
         parts: Compute each batch in this many parts, one after the other, and add their gradients; this saves memory.
         epochs: Number of epochs, of --epoch-size pictures each. A checkpoint is written after each epoch.
@@ -119,6 +125,7 @@ class Recipe:
     size_px: int
     filters: int
     planes: int = MAP_PLANES
+    n_landmarks: Literal[0, 68] = 0
     batch_size: int
     parts: int = 1
     epochs: int
@@ -158,7 +165,7 @@ class Recipe:
         """A network with random weights."""
         from pix2face.networks.architectures import build_network
 
-        return build_network(self.architecture, self.size_px, self.widths, self.planes)
+        return build_network(self.architecture, self.size_px, self.widths, self.planes, self.n_landmarks)
 
     def check(self) -> None:
         """Makes sure that the numbers make sense.
