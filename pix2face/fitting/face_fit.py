@@ -19,6 +19,12 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel
 
+# Mean distance in the plane if distances fall off like exp(-r / b), in units of b.
+MEAN_OF_SCALE = 2.0
+# Error of fitted landmarks in units of that of the landmarks that the network predicts itself, over the photographs of
+# aflw2000-3d-dev (docs/explanation/fitting.md).
+ERROR_OF_FIT = 0.8
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -34,6 +40,8 @@ class FaceFit:
         landmarks3d: The landmark vertices, mm, model frame.
         box: Box in which the network looked for the face, pixels; None for a fit to maps of unknown origin.
         score: The score that the detector gave the face; None if the box was given.
+        landmark_errors_px: Expected distance of each landmark from its true place, pixels; None if the network does not
+            predict it.
     """
 
     camera: Camera
@@ -44,6 +52,7 @@ class FaceFit:
     landmarks3d: Float64[ndarray, "m 3"]
     box: FaceBox | None = None
     score: float | None = None
+    landmark_errors_px: Float64[ndarray, " m"] | None = None
 
     @cached_property
     def vertices(self) -> Float32[ndarray, "v 3"]:
@@ -52,8 +61,27 @@ class FaceFit:
 
     def in_image(self, crop: Crop) -> "FaceFit":
         """The fit in the pixels of the image that the maps' crop was taken from."""
-        camera = self.camera.transformed(crop.image_from_crop)
-        return replace(self, camera=camera, landmarks2d=crop.to_image(self.landmarks2d))
+        return self.transformed(crop.image_from_crop)
+
+    def transformed(self, matrix: Float[ndarray, "3 3"]) -> "FaceFit":
+        """The fit in a picture whose pixels (x, y, 1) are those of this one times a similarity."""
+        landmarks2d = self.landmarks2d @ matrix[:2, :2].T + matrix[:2, 2]
+        errors_px = self.landmark_errors_px
+        if errors_px is not None:
+            errors_px = errors_px * np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+        camera = self.camera.transformed(matrix)
+        return replace(self, camera=camera, landmarks2d=landmarks2d, landmark_errors_px=errors_px)
+
+    @property
+    def expected_error(self) -> float | None:
+        """Mean of the expected errors of the landmarks, in units of sqrt(w h) of their box; None if unknown.
+
+        It is an estimate of ``nme`` with the normaliser "box-sqrt".
+        """
+        if self.landmark_errors_px is None:
+            return None
+        size_px = float(np.sqrt(np.prod(np.ptp(self.landmarks2d, axis=0))))
+        return float(self.landmark_errors_px.mean()) / size_px
 
 
 def fit_face(
@@ -96,7 +124,8 @@ def fit_face(
     )
     coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]
-    return face_of_coefficients(model, measured.camera, identity, expression, scheme=scheme, contour=options.contour)
+    face = face_of_coefficients(model, measured.camera, identity, expression, scheme=scheme, contour=options.contour)
+    return replace(face, landmark_errors_px=_expected_errors(maps, len(face.landmarks2d)))
 
 
 def face_of_coefficients(
@@ -141,6 +170,13 @@ def check_scheme(model: MorphableModel, scheme: str) -> None:
     """
     if scheme not in model.landmarks:
         raise UsageError(f"expected landmarks {scheme!r} in the model {model.name!r}, found {sorted(model.landmarks)}")
+
+
+def _expected_errors(maps: FaceMaps, n_landmarks: int) -> Float64[ndarray, " m"] | None:
+    """Expected errors of as many landmarks of a fit; None if the network predicts none, or others."""
+    if maps.landmarks is None or len(maps.landmarks.scales_px) != n_landmarks:
+        return None
+    return ERROR_OF_FIT * MEAN_OF_SCALE * maps.landmarks.scales_px
 
 
 @lru_cache(maxsize=4)

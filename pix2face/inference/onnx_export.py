@@ -16,15 +16,17 @@ from pix2face.files.opening import is_regular, read_regular
 from pix2face.files.writing import written_in_one_step
 from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_checkpoint
 
-INPUT_NAME, OUTPUT_NAME = "image", "maps"
+INPUT_NAME, OUTPUT_NAME, LANDMARKS_NAME = "image", "maps", "landmarks"
 OPSET = 18
 LARGEST_FILE_BYTES = 1 << 30  # larger weights lie in a file of their own, which is not read
 DESCRIPTION = (
     "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
-    "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, where "
-    "there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel "
-    "(not where the picture ends); plane 7, where "
-    f"there is one, is above 0 where the face is seen. The scales are in the metadata entry {METADATA_KEY!r} (JSON)."
+    "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, "
+    "where there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel "
+    "(not where the picture ends); plane 7, where there is one, is above 0 where the face is seen; plane 8, where "
+    "there is one, is the logarithm of the expected error of PNCC, in its unit. landmarks, where the network "
+    "predicts them: x and y from the middle of the crop, and the logarithm of the scale of their error, in units of "
+    f"its side. The scales are in the metadata entry {METADATA_KEY!r} (JSON)."
 )
 
 
@@ -48,7 +50,7 @@ def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
             network,
             (example,),
             input_names=[INPUT_NAME],
-            output_names=[OUTPUT_NAME],
+            output_names=[OUTPUT_NAME, LANDMARKS_NAME][: 1 + (header.n_landmarks > 0)],
             dynamic_shapes=({0: torch.export.Dim("batch", min=1)},),
             opset_version=OPSET,
             dynamo=True,
@@ -64,7 +66,7 @@ def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
     return header
 
 
-def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]:
+def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor | tuple[Tensor, Tensor]]]:
     """Opens an ONNX file of ``export_onnx``, to run on the CPU with onnxruntime.
 
     Raises:
@@ -87,9 +89,10 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Callable[[Tensor], Tensor]]
     except (KeyError, ValueError) as error:
         raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
 
-    def network(images: Tensor) -> Tensor:
-        maps = session.run([OUTPUT_NAME], {INPUT_NAME: images.cpu().contiguous().numpy()})[0]
-        return torch.from_numpy(maps)
+    def network(images: Tensor) -> Tensor | tuple[Tensor, Tensor]:
+        found = session.run(None, {INPUT_NAME: images.cpu().contiguous().numpy()})
+        maps, *landmarks = (torch.from_numpy(values) for values in found)
+        return (maps, landmarks[0]) if landmarks else maps
 
     return header, network
 

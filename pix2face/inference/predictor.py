@@ -59,7 +59,10 @@ class Predictor:
     """
 
     def __init__(
-        self, network: Callable[[Tensor], Tensor | tuple[Tensor, Tensor]], header: CheckpointHeader, device: torch.device | str = "cpu"
+        self,
+        network: Callable[[Tensor], Tensor | tuple[Tensor, Tensor]],
+        header: CheckpointHeader,
+        device: torch.device | str = "cpu",
     ) -> None:
         self.header = header
         self._network = network

@@ -54,6 +54,8 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px
             "landmarks2d_px": fitted.landmarks2d.tolist(),
             "landmarks3d_mm": fitted.landmarks3d.tolist(),
             "landmarks_visible": visible_landmarks(fitted).tolist(),
+            "landmark_errors_px": None if fitted.landmark_errors_px is None else fitted.landmark_errors_px.tolist(),
+            "expected_error": fitted.expected_error,
         },
         indent=1,
     )
@@ -89,14 +91,17 @@ def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
             )
         identity = _numbers(fields, "identity", (model.n_identity,))
         expression = _numbers(fields, "expression", (model.n_expression,))
-        # Fits of earlier versions have neither.
+        # Fits of earlier versions have none of these.
+        errors_px = fields.get("landmark_errors_px")
+        if errors_px is not None:
+            errors_px = _numbers(fields, "landmark_errors_px", (len(landmarks2d),))
         box = None if fields.get("box_px") is None else FaceBox(*_numbers(fields, "box_px", (4,)).tolist())
         score = None if fields.get("score") is None else float(_numbers(fields, "score", ()))
     except (KeyError, TypeError, ValueError) as error:
         raise InputFileError(
             f"{path}: expected a fit that `pix2face fit` wrote, found one without a valid {error}; fit again"
         ) from error
-    return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d, box, score), photograph
+    return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d, box, score, errors_px), photograph
 
 
 def _numbers(fields: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Float64[ndarray, "..."]:

@@ -96,7 +96,8 @@ class Sample:
             UsageError: One of them is missing.
         """
         check_has_layers(self.layers, MAP_LAYERS, self.sample_id)
-        return FaceMaps(*(self.layers[name] for name in MAP_LAYERS))
+        pncc, offset, mask = (self.layers[name] for name in MAP_LAYERS)
+        return FaceMaps(pncc, offset, mask)
 
     @property
     def seen_landmarks(self) -> Bool[ndarray, " m"]:

@@ -132,9 +132,7 @@ def expression_of(measurement: PictureMeasurement, identity: Float64[ndarray, " 
 
 def carried(fit: FaceFit, before: FaceBox, now: FaceBox) -> FaceFit:
     """A fit moved and scaled as its box has been."""
-    matrix = box_to_box(before, now)
-    landmarks2d = fit.landmarks2d @ matrix[:2, :2].T + matrix[:2, 2]
-    return replace(fit, camera=fit.camera.transformed(matrix), landmarks2d=landmarks2d)
+    return fit.transformed(box_to_box(before, now))
 
 
 def box_to_box(first: FaceBox, second: FaceBox) -> Float64[ndarray, "3 3"]:

@@ -267,6 +267,9 @@ def _fit_arrays(face: TrackedFace) -> dict[str, ndarray]:
         "landmarks2d": face.landmarks2d.astype(np.float32),
         "landmarks2d_raw": face.fit.landmarks2d.astype(np.float32),
         "landmarks3d": face.fit.landmarks3d.astype(np.float32),
+        "landmark_errors_px": np.full(len(face.landmarks2d), np.nan, np.float32)
+        if face.fit.landmark_errors_px is None
+        else face.fit.landmark_errors_px.astype(np.float32),
         "eye_px": np.array(face.eye_px, dtype=np.float32),
         "camera": face.fit.camera.matrix,
         "expression": face.fit.expression.astype(np.float32),

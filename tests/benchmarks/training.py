@@ -103,6 +103,7 @@ def drawn_faces(recipe: Recipe, seed: int) -> Batch:
         offset=_channels_last((offset * 128).to(torch.int16)),
         mask=mask.to(torch.uint8),
         seen=mask.to(torch.uint8),
+        landmarks2d=torch.zeros(recipe.batch_size, 0, 2),
     )
 
 

@@ -21,4 +21,5 @@ def random_batch(recipe: Recipe, seed: int = 0) -> Batch:
         offset=drawn(-1000, 1000, shape, torch.int16),
         mask=drawn(0, 2, one_plane, torch.uint8),
         seen=drawn(0, 2, one_plane, torch.uint8),
+        landmarks2d=recipe.size_px * torch.rand(recipe.batch_size, recipe.n_landmarks, 2, generator=random),
     )

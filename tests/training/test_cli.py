@@ -103,7 +103,22 @@ def test_a_training_goes_on_at_another_size(shards_dir, tmp_path, capsys):
             torch.testing.assert_close(tensor, before[name], rtol=1e-4, atol=1e-7)
     capsys.readouterr()
     assert main([*residual(shards_dir, tmp_path / "other", *start), "--planes", "6"]) == 2
-    assert "--init: expected a network residual 2-4-8-12-16-16 with 6 planes, found" in capsys.readouterr().err
+    assert "--init: expected a network residual 2-4-8-12-16-16 with 6 planes, 0 landmarks" in capsys.readouterr().err
+
+
+def test_a_training_goes_on_with_landmarks_added(shards_dir, tmp_path):
+    first, second = tmp_path / "maps", tmp_path / "landmarks"
+    assert main(residual(shards_dir, first)) == 0
+    start = ["--init", str(first / "checkpoint.safetensors"), "--n-landmarks", "68", "--learning-rate", "1e-12"]
+    assert main(residual(shards_dir, second, *start, "--validation", "0.5")) == 0
+    header, network = load_checkpoint(second / "checkpoint.safetensors")
+    assert header.n_landmarks == 68
+    before = load_checkpoint(first / "checkpoint.safetensors")[1].state_dict()
+    after = network.state_dict()
+    torch.testing.assert_close(after["planes.weight"], before["planes.weight"], rtol=1e-4, atol=1e-7)
+    lines = [json.loads(line) for line in (second / "log.jsonl").read_text().splitlines()]
+    assert all("landmarks" in line or "validation" in line for line in lines)
+    assert 0 < next(line["validation"]["landmark_nme"] for line in lines if "validation" in line) <= 1
 
 
 def test_a_network_of_one_size_does_not_go_on_at_another(shards_dir, tmp_path, capsys):

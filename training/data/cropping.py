@@ -46,7 +46,7 @@ def cut(sample: DecodedSample, corner: tuple[int, int], row: DecodedSample, *, m
     if row.landmarks2d.size:
         landmarks = sample.landmarks2d - corner
         if mirror:
-            landmarks = mirrored_landmarks(np.float32([len(row.image), 0]) - landmarks * np.float32([1, -1]))
+            landmarks = mirrored_landmarks(landmarks * (-1, 1) + (len(row.image), 0))
         row.landmarks2d[:] = landmarks
 
 

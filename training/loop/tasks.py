@@ -130,6 +130,13 @@ def check_plan(shards: ShardIndex, recipe: Recipe, processes: Processes) -> None
             "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
             "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
         )
+    if recipe.n_landmarks:
+        counts = {reader.column("landmarks2d").shape[1] for reader in shards.readers}
+        if counts != {recipe.n_landmarks}:
+            found = ", ".join(str(count) for count in sorted(counts))
+            raise UsageError(
+                f"--n-landmarks: expected shards with {recipe.n_landmarks} landmarks a sample, found {found}; give 0"
+            )
     shares = processes.count * recipe.parts
     if recipe.batch_size % shares:
         raise UsageError(

@@ -9,7 +9,7 @@ from typing import Any
 from pix2face.errors import InputFileError
 from pix2face.files.json_text import JsonObject, read_json_file
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+from pix2face.networks.architectures import MASK_PLANE, SCALE_PLANE, SEEN_PLANE
 
 ONNX_NAME = "network.onnx"
 REPORT_FORMAT = "pix2face-evaluation"
@@ -77,7 +77,9 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
     sha256 = hashlib.sha256(weights.read_bytes()).hexdigest()
     facts = {
         "input": f"RGB crop of a face, {header.size_px} x {header.size_px} px",
-        "output": f"PNCC and offset (mm, frame of the morphable model), {masks}",
+        "output": f"PNCC and offset (mm, frame of the morphable model), {masks}"
+        + (", the expected error of PNCC" if header.planes > SCALE_PLANE else "")
+        + (f", {header.n_landmarks} landmarks with their expected errors" if header.n_landmarks else ""),
         "architecture": f"{header.architecture}, filters {'-'.join(str(width) for width in header.widths)}",
         "morphable model": f"{header.model_name}, SHA-256 {header.model_sha256}",
         "scales": f"PNCC {header.pncc_scale_mm:g} mm, offset {header.offset_scale_mm:g} mm",
@@ -98,6 +100,13 @@ def _without_this_package(header: CheckpointHeader, weights: str, onnx: str | No
         mask = "A pixel shows the face where plane 6 is above 0."
     if header.planes > SEEN_PLANE:
         mask += " Where plane 7 is above 0, nothing hides the face."
+    if header.planes > SCALE_PLANE:
+        mask += " Plane 8 is the logarithm of the expected error of PNCC, in the same unit as PNCC."
+    if header.n_landmarks:
+        mask += (
+            " The second output holds, for each landmark of the model, its x and y from the middle of the crop and the "
+            "logarithm of the scale of its error, in units of the crop's side."
+        )
     return to_write + WITHOUT_THIS_PACKAGE.format(
         onnx=onnx or ONNX_NAME,
         size=header.size_px,

@@ -97,6 +97,12 @@ def test_a_foreign_file_is_refused(tmp_path):
         load_checkpoint(tmp_path / "other.safetensors")
 
 
+def test_a_checkpoint_of_the_second_schema_has_no_landmarks():
+    fields = asdict(HEADER) | {"schema_version": 2}
+    del fields["n_landmarks"]
+    assert CheckpointHeader.from_json(fields) == HEADER
+
+
 def test_a_checkpoint_of_the_first_schema_is_read(checkpoint):
     fields = asdict(HEADER) | {"schema_version": 1, "filters": 4}
     for name in ("widths", "samples", "architecture", "planes"):

@@ -19,7 +19,7 @@ def test_a_name_becomes_a_network(name, planes):
         (("paper", 64, (4, 8), 6), r"the paper's widths for 64 px, found \(4, 8\)"),
         (("paper", 100, (4, 8), 6), "a power of two"),
         (("residual", 96, (2, 4, 8, 12, 16, 16), 6), "a multiple of 64 .* found 96"),
-        (("residual", 64, (2, 4, 8, 12, 16, 16), 5), "6 to 8 planes, found 5"),
+        (("residual", 64, (2, 4, 8, 12, 16, 16), 5), "6 to 9 planes, found 5"),
         (("residual", 64, (2, 4, 8), 6), "filters of 6 levels, found 3"),
     ],
 )

@@ -11,7 +11,7 @@ def test_the_filters_are_those_of_the_trial():
 
 def test_about_nine_million_parameters_and_at_most_20_megabytes_as_float16():
     with torch.device("meta"):
-        network = ResidualUNet(residual_widths(32), 8)
+        network = ResidualUNet(residual_widths(32), 9, 68)
     assert 8e6 < sum(parameter.numel() for parameter in network.parameters()) < 10e6
     assert 2 * sum(tensor.numel() for tensor in network.state_dict().values()) < 20e6
 
@@ -85,3 +85,17 @@ def test_norms_of_the_innermost_blocks_are_bounded_and_no_others():
 def test_another_number_of_levels_is_refused():
     with pytest.raises(ValueError, match="filters of 6 levels, found 2"):
         ResidualUNet((8, 16))
+
+
+def test_landmarks_are_answered_beside_the_planes_and_change_none_of_them():
+    torch.manual_seed(0)
+    plain = ResidualUNet(residual_widths(4), 9).eval()
+    network = ResidualUNet(residual_widths(4), 9, 68).eval()
+    network.load_state_dict(plain.state_dict(), strict=False)
+    for size in (64, 128):
+        pictures = torch.rand(2, 3, size, size) - 0.5
+        planes, landmarks = network(pictures)
+        torch.testing.assert_close(planes, plain(pictures))
+        assert landmarks.shape == (2, 68, 3)
+    landmarks.sum().backward()
+    assert network.landmarks.first.weight.grad.abs().max() > 0

@@ -1,11 +1,13 @@
 """Samples cut around their faces' boxes, before they are kept."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.jitter import JitterRange
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.shards.layers import LAYERS, to_stored
 from tests.synthetic_models import small_head_model
@@ -18,7 +20,11 @@ from training.data.cropping import (
     SIZE_SPREAD,
     cut_around_box,
 )
+from training.data.dataset import DrawDataset
 from training.data.decoded_sample import DecodedSample
+from training.data.shard_index import index_shards
+from training.recipe.presets import PRESETS
+from training.recipe.recipe import Cropping
 
 SIZE_PX, SCALE = 64, 1.5
 SIDE_PX = SIZE_PX + round(SIZE_PX * MARGIN_SHARE)
@@ -75,3 +81,22 @@ def test_no_face_leaves_empty_maps(sample: DecodedSample) -> None:
     cut = cut_around_box(nothing, 0, SIZE_PX, SCALE)
     assert not cut.mask.size
     assert cut.image.any()
+
+
+@pytest.mark.parametrize("cropping", ["full", "box", "none"])
+def test_landmarks_stay_on_the_face_also_in_the_mirror(shards_dir: Path, cropping: Cropping) -> None:
+    """PNCC under a landmark is that landmark's vertex of the mean face."""
+    model = small_head_model()
+    jitter = JitterRange(scale=(1.4, 1.8), shift=0.1, rotation_deg=25.0, mirror=True)
+    recipe = replace(PRESETS["cpu"], size_px=64, cropping=cropping, n_landmarks=68, jitter=jitter)
+    batch = DrawDataset(index_shards([shards_dir]), recipe).batch(range(10))
+    distances = []
+    for place in range(10):
+        landmarks, mask = batch.landmarks2d[place].numpy(), batch.mask[place].numpy() > 0
+        column, row = np.clip(np.floor(landmarks).astype(int), 0, 63).T
+        found = batch.pncc[place].permute(1, 2, 0).numpy()[row, column] / FIXED_POINT_STEPS_PER_MM
+        distance = np.linalg.norm(found - model.mean[model.landmarks["ibug68"]], axis=1)
+        distances.append(distance[mask[row, column]])
+    together = np.concatenate(distances)
+    assert len(together) > 400
+    assert np.median(together) < 6  # a pixel shows 4 to 7 mm

@@ -21,7 +21,8 @@ def shards(shards_dir):
 def joined(batches: list[Batch]) -> Batch:
     return Batch(
         **{
-            name: torch.cat([getattr(batch, name) for batch in batches]) for name in ("image", "pncc", "offset", "mask")
+            name: torch.cat([getattr(batch, name) for batch in batches])
+            for name in ("image", "pncc", "offset", "mask", "landmarks2d")
         },
         seen=None,
     )

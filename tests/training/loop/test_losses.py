@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import pytest
@@ -75,3 +76,30 @@ def test_a_batch_is_the_mean_of_its_pictures(over):
 def test_a_picture_without_a_face_has_no_error_inside_its_mask():
     empty = replace(BATCH, mask=torch.zeros_like(BATCH.mask))
     assert replace(PLAN, over="mask").parts(planes_of(6), empty)["pncc"].item() == 0
+
+
+def test_the_scale_learns_from_the_errors_and_the_maps_do_not_learn_from_the_scale():
+    planes = planes_of(9).requires_grad_()
+    PLAN.parts(planes, BATCH)["scale"].backward()
+    assert planes.grad is not None
+    assert planes.grad[:, :8].abs().max() == 0
+    assert planes.grad[:, 8].abs().min() > 0
+    best = (planes.detach()[:, :3] - TARGET[:, :3]).abs().mean(dim=1).log()
+    at_best = torch.cat([planes.detach()[:, :8], best[:, None]], dim=1).requires_grad_()
+    PLAN.parts(at_best, BATCH)["scale"].backward()
+    assert at_best.grad is not None
+    assert at_best.grad.abs().max() < 1e-8
+
+
+def test_landmarks_are_likeliest_at_the_truth_with_half_their_mean_distance_as_scale():
+    batch = random_batch(replace(PRESETS["tiny"], batch_size=3, size_px=8, n_landmarks=68))
+    true = batch.landmarks2d / 8 - 0.5
+
+    def loss(places: torch.Tensor, scale: float) -> float:
+        numbers = torch.cat([places, torch.full((3, 68, 1), scale).log()], dim=2)
+        return PLAN.parts((planes_of(8), numbers), batch)["landmarks"].item()
+
+    off = true + torch.tensor([0.06, 0.08])  # a tenth of the side
+    assert loss(true, 0.05) < loss(off, 0.05)
+    assert loss(off, 0.05) < min(loss(off, 0.04), loss(off, 0.06))
+    assert loss(off, 0.05) == pytest.approx(2 + 2 * math.log(0.05), rel=1e-5)

@@ -39,7 +39,7 @@ def test_presets_make_sense(name):
         ({"parts": 3}, "--parts: expected a divisor of 8, the batch's size, found 3"),
         ({"parts": 0}, "--parts: expected more than 0, found 0"),
         ({"planes": 5}, "--planes: expected at least 6, found 5"),
-        ({"planes": 9}, "--planes: expected at most 8, found 9"),
+        ({"planes": 10}, "--planes: expected at most 9, found 10"),
         ({"clip": -1.0}, "--clip: expected 0 or more, found -1.0"),
         ({"warm_up": -1}, "--warm-up: expected 0 or more, found -1"),
         ({"ema": 1.0}, "--ema: expected 0 or more and less than 1, found 1.0"),
