@@ -16,7 +16,7 @@ from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import Crop, FaceBox
 from pix2face.geometry.landmarks import IBUG68
-from pix2face.geometry.maps import FaceMaps
+from pix2face.geometry.maps import FaceMaps, PredictedLandmarks
 from pix2face.models.morphable_model import MorphableModel
 
 # Mean distance in the plane if distances fall off like exp(-r / b), in units of b.
@@ -72,6 +72,12 @@ class FaceFit:
         camera = self.camera.transformed(matrix)
         return replace(self, camera=camera, landmarks2d=landmarks2d, landmark_errors_px=errors_px)
 
+    def with_errors_of(self, predicted: PredictedLandmarks | None) -> "FaceFit":
+        """The fit with the errors that a network expects of its landmarks, if it predicts as many."""
+        if predicted is None or len(predicted.scales_px) != len(self.landmarks2d):
+            return self
+        return replace(self, landmark_errors_px=ERROR_OF_FIT * MEAN_OF_SCALE * predicted.scales_px)
+
     @property
     def expected_error(self) -> float | None:
         """Mean of the expected errors of the landmarks, in units of sqrt(w h) of their box; None if unknown.
@@ -125,7 +131,7 @@ def fit_face(
     coefficients = measured.system.solve(measured.regularisation)
     identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]
     face = face_of_coefficients(model, measured.camera, identity, expression, scheme=scheme, contour=options.contour)
-    return replace(face, landmark_errors_px=_expected_errors(maps, len(face.landmarks2d)))
+    return face.with_errors_of(maps.landmarks)
 
 
 def face_of_coefficients(
@@ -170,13 +176,6 @@ def check_scheme(model: MorphableModel, scheme: str) -> None:
     """
     if scheme not in model.landmarks:
         raise UsageError(f"expected landmarks {scheme!r} in the model {model.name!r}, found {sorted(model.landmarks)}")
-
-
-def _expected_errors(maps: FaceMaps, n_landmarks: int) -> Float64[ndarray, " m"] | None:
-    """Expected errors of as many landmarks of a fit; None if the network predicts none, or others."""
-    if maps.landmarks is None or len(maps.landmarks.scales_px) != n_landmarks:
-        return None
-    return ERROR_OF_FIT * MEAN_OF_SCALE * maps.landmarks.scales_px
 
 
 @lru_cache(maxsize=4)

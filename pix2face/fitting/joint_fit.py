@@ -49,15 +49,18 @@ def fit_joint(
     check_scheme(model, scheme)
     if options.reprojection_rounds:
         raise UsageError("expected no --reprojection-rounds with --joint, whose fits have no more rounds")
-    joint, cameras = JointAccumulator(model.n_identity), []
+    joint, cameras, landmarks = JointAccumulator(model.n_identity), [], []
     for index, own in enumerate(maps):
         measured = measure_picture(
             own, model, options, principal_point_px=None if principal_points_px is None else principal_points_px[index]
         )
         joint.add(measured.system, measured.regularisation)
         cameras.append(measured.camera)
+        landmarks.append(own.landmarks)
     identity, expressions = joint.solve()
     return [
-        face_of_coefficients(model, camera, identity, np.asarray(expression), scheme=scheme, contour=options.contour)
-        for camera, expression in zip(cameras, expressions, strict=True)
+        face_of_coefficients(
+            model, camera, identity, np.asarray(expression), scheme=scheme, contour=options.contour
+        ).with_errors_of(predicted)
+        for camera, expression, predicted in zip(cameras, expressions, landmarks, strict=True)
     ]

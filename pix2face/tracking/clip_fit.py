@@ -1,7 +1,7 @@
 """Fits of the frames of a clip: one identity, and a camera and an expression for each frame."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar, final
 
 import numpy as np
@@ -17,6 +17,7 @@ from pix2face.fitting.picture_measurement import PictureMeasurement, measure_pic
 from pix2face.geometry.camera import Camera, WeakPerspective, nearest_weak_perspective, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
 from pix2face.geometry.landmarks import OUTER_EYE_CORNERS
+from pix2face.geometry.maps import PredictedLandmarks
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.refined_detection import refine_boxes
@@ -28,12 +29,22 @@ Key = TypeVar("Key")
 
 @final
 @dataclass(frozen=True, eq=False)
+class FaceView:
+    """What the fit of a frame needs beside the coefficients."""
+
+    camera: Camera  # pixels of the crop
+    crop: Crop  # its matrix leads back to the pixels of the frame
+    seen_share: float | None  # how much of the face the frame shows, as far as the network says so
+    landmarks: PredictedLandmarks | None  # as far as the network predicts them
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class MeasuredFace:
     """What the network sees of a face in one frame."""
 
     measurement: PictureMeasurement  # camera (in pixels of the crop) and linear system of the coefficients
-    crop: Crop  # its matrix leads back to the pixels of the frame
-    seen_share: float | None  # how much of the face the frame shows, as far as the network says so
+    view: FaceView
 
 
 @final
@@ -88,7 +99,9 @@ class FrameFitter:
             measurement = measure_picture(prediction.maps, self.model, self.options, principal_point_px=middle)
         except DegenerateGeometryError:
             return None
-        return MeasuredFace(measurement, prediction.crop, prediction.maps.seen_share)
+        maps = prediction.maps
+        view = FaceView(measurement.camera, prediction.crop, maps.seen_share, maps.landmarks)
+        return MeasuredFace(measurement, view)
 
     def settled(self, face: MeasuredFace, identity: Float64[ndarray, " k"]) -> SettledFace:
         """The fit of a frame to a given identity.
@@ -97,14 +110,12 @@ class FrameFitter:
             DegenerateGeometryError: lambda is too small for the arithmetic.
         """
         expression = expression_of(face.measurement, identity)
-        return SettledFace(self.fit(face.measurement.camera, face.crop, identity, expression), face.seen_share)
+        return self.fit(face.view, identity, expression)
 
-    def fit(
-        self, camera: Camera, crop: Crop, identity: Float64[ndarray, " k"], expression: Float64[ndarray, " e"]
-    ) -> FaceFit:
-        """The face of a camera (to pixels of the crop) and coefficients, in the pixels of the frame."""
-        fit = face_of_coefficients(self.model, camera, identity, expression, contour=self.options.contour)
-        return fit.in_image(crop)
+    def fit(self, view: FaceView, identity: Float64[ndarray, " k"], expression: Float64[ndarray, " e"]) -> SettledFace:
+        """The face of a view and coefficients, in the pixels of the frame."""
+        fit = face_of_coefficients(self.model, view.camera, identity, expression, contour=self.options.contour)
+        return SettledFace(fit.with_errors_of(view.landmarks).in_image(view.crop), view.seen_share)
 
     def placed(self, box: FaceBox, identity: Float64[ndarray, " k"]) -> FaceFit:
         """The neutral face of an identity, frontal and upright, with its landmarks in a box."""

@@ -11,11 +11,10 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from pix2face.fitting.coefficient_fit import JointAccumulator
-from pix2face.geometry.camera import Camera
-from pix2face.geometry.crops import Crop, FaceBox
+from pix2face.geometry.crops import FaceBox
 from pix2face.tracking import IDENTITY_FRAMES
 from pix2face.tracking.ahead import in_chunks
-from pix2face.tracking.clip_fit import FrameFitter, MeasuredFace, SettledFace
+from pix2face.tracking.clip_fit import FaceView, FrameFitter, MeasuredFace, SettledFace
 from pix2face.tracking.face_tracks import FrameBox
 from pix2face.tracking.video import FrameSource
 
@@ -80,17 +79,17 @@ class _IdentitySum:
     def __init__(self, fitter: FrameFitter) -> None:
         self._fitter = fitter
         self._systems = JointAccumulator(fitter.model.n_identity)
-        self._views: list[tuple[int, Camera, Crop, float | None]] = []
+        self._views: list[tuple[int, FaceView]] = []
 
     def add(self, frame: int, seen: MeasuredFace) -> None:
         self._systems.add(seen.measurement.system, seen.measurement.regularisation)
-        self._views.append((frame, seen.measurement.camera, seen.crop, seen.seen_share))
+        self._views.append((frame, seen.view))
 
     def solve(self) -> ClipIdentity:
         identity, expressions = self._systems.solve()
         fits = {
-            frame: SettledFace(self._fitter.fit(camera, crop, identity, expression), seen_share)
-            for (frame, camera, crop, seen_share), expression in zip(self._views, expressions, strict=True)
+            frame: self._fitter.fit(view, identity, expression)
+            for (frame, view), expression in zip(self._views, expressions, strict=True)
         }
         return ClipIdentity(identity, fits)
 

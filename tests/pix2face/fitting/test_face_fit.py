@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.face_fit import ERROR_OF_FIT, MEAN_OF_SCALE, fit_face
 from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, PREDICTED_MAPS_REGULARISATION
 from pix2face.fitting.prepared_model import evenly_spread
 from pix2face.geometry.camera import HeadPose, head_pose, pinhole_of
 from pix2face.geometry.crops import FaceBox, square_crop
-from pix2face.geometry.maps import FaceMaps
+from pix2face.geometry.maps import FaceMaps, PredictedLandmarks
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import rasterise
 from tests.fits import paper_fit
@@ -130,6 +130,22 @@ def test_in_image_moves_everything(model, frontal):
     np.testing.assert_allclose(moved.landmarks2d, crop.to_image(fit.landmarks2d))
     np.testing.assert_allclose(moved.camera.project(moved.landmarks3d), moved.landmarks2d, atol=1e-8)
     np.testing.assert_array_equal(moved.identity, fit.identity)
+
+
+def test_errors_that_the_network_expects_go_with_the_landmarks(model, frontal):
+    assert fit_face(frontal.maps, model).landmark_errors_px is None
+    scales_px = np.linspace(0.5, 3, 68)
+    predicted = PredictedLandmarks(np.zeros((68, 2)), scales_px)
+    fit = fit_face(replace(frontal.maps, landmarks=predicted), model)
+    assert fit.landmark_errors_px == pytest.approx(ERROR_OF_FIT * MEAN_OF_SCALE * scales_px)
+    crop = square_crop(FaceBox(300, 200, 420, 360), 1.4, 256, rotation=0.3)
+    moved = fit.in_image(crop)
+    px_per_px = np.linalg.norm(np.diff(crop.to_image(np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0))
+    assert moved.landmark_errors_px == pytest.approx(px_per_px * fit.landmark_errors_px)
+    upright = square_crop(FaceBox(300, 200, 420, 360), 1.4, 256)  # boxes of turned landmarks have another size
+    assert fit.in_image(upright).expected_error == pytest.approx(fit.expected_error)
+    of_five = PredictedLandmarks(np.zeros((5, 2)), np.ones(5))
+    assert fit_face(replace(frontal.maps, landmarks=of_five), model).landmark_errors_px is None
 
 
 def test_bad_maps_have_a_name(model, frontal):

@@ -31,7 +31,17 @@ SIZE_PX = (HEIGHT_PX, 200)
 def fitted() -> FaceFit:
     face = photographed_face(MODEL)
     landmarks3d = face.vertices[MODEL.landmarks["ibug68"]].astype(np.float64)
-    return FaceFit(face.camera, face.identity, face.expression, MODEL, face.landmarks2d, landmarks3d)
+    return FaceFit(
+        face.camera,
+        face.identity,
+        face.expression,
+        MODEL,
+        face.landmarks2d,
+        landmarks3d,
+        None,
+        None,
+        np.arange(1.0, 69.0),
+    )
 
 
 def write(folder: Path, photograph: str = "in/person.jpg") -> Path:
@@ -45,7 +55,7 @@ def write(folder: Path, photograph: str = "in/person.jpg") -> Path:
 def test_a_fit_comes_back(tmp_path: Path, photograph: str) -> None:
     (stored, path), given = read_fit(write(tmp_path, photograph), MODEL), fitted()
     np.testing.assert_array_equal(stored.camera.matrix, given.camera.matrix)
-    for name in ("identity", "expression", "landmarks2d", "landmarks3d"):
+    for name in ("identity", "expression", "landmarks2d", "landmarks3d", "landmark_errors_px"):
         np.testing.assert_array_equal(getattr(stored, name), getattr(given, name))
     np.testing.assert_allclose(stored.vertices, given.vertices)
     assert path.resolve() == tmp_path / photograph
@@ -91,6 +101,7 @@ BAD_FIELDS: list[tuple[str, Any]] = [
     ("expression", [10**400] * 8),
     ("landmarks2d_px", [[1, 2, 3]]),
     ("landmarks3d_mm", [[1, [2], 3]]),
+    ("landmark_errors_px", [1.0, 2.0]),
     ("model", {"name": "x"}),
 ]
 
