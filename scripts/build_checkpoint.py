@@ -22,6 +22,8 @@ PICTURE_PX, SHARD_SIZE = 160, 200
 # A rehearsal runs every command on a small amount of data, to show in minutes that they fit together.
 REHEARSED_SHARE = 1 / 1000
 REHEARSED_VALIDATION = 0.2  # a hundredth of the few persons would be nobody
+# Crops that vary in size, place and turn, also at 128 px: options that have no names on the command line.
+LAST_TRAINING = Path(__file__).parent / "checkpoint" / "last_training.json"
 TRAINING = ("--preset", "cpu", "--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask")
 # With all samples in memory, loading in the training process and computing with two threads is fastest on two cores.
 # When they do not fit, a separate process reads them from files.
@@ -39,6 +41,7 @@ class Pictures:
 
 
 FIRST, MORE = Pictures("shards", 40_200, 200), Pictures("shards-more", 100_000, 300)
+LAST = Pictures("shards-last", 22_000, 400)
 
 
 @final
@@ -52,6 +55,7 @@ class Stage:
     shares: tuple[tuple[Pictures, float], ...] = ((FIRST, 1.0),)  # share of the draws from each set of pictures
     loading: tuple[object, ...] = FROM_MEMORY  # options of `train` for loading samples
     validation: float = 0.01  # share of the persons that are held out
+    training: tuple[object, ...] = TRAINING  # options that are the same in several trainings
 
 
 # Only the last training measures its norms again at the end: the option did not exist before.
@@ -69,6 +73,8 @@ STAGES = (
     Stage("128px", 260_000, (*_EARLIER, *_LARGE)),
     Stage("128px-long", 700_000, (*_EARLIER, *_PNCC_FIRST)),
     Stage("128px-more", 560_000, _PNCC_FIRST, ((MORE, 0.75), (FIRST, 0.25)), FROM_FILES, validation=0.005),
+    # New pictures, crops that vary as a detector's boxes do, landmarks, and scales of errors.
+    Stage("128px-last", 260_000, (), ((LAST, 1.0),), (), training=("--config", LAST_TRAINING)),
 )
 
 
@@ -82,7 +88,7 @@ def main() -> int:
     share = REHEARSED_SHARE if options.rehearse else 1
     out: Path = options.out / "rehearsal" if options.rehearse else options.out
     out.mkdir(parents=True, exist_ok=True)
-    for pictures in (FIRST, MORE):
+    for pictures in (FIRST, MORE, LAST):
         render(pictures, share, out)
     checkpoint: Path | None = None
     for stage in STAGES:
@@ -113,7 +119,7 @@ def train(stage: Stage, share: float, before: Path | None, out: Path) -> Path:
     start = () if before is None else ("--init", before)
     amounts = ("--samples", round(stage.n_samples * share))
     amounts += ("--validation", stage.validation if share == 1 else REHEARSED_VALIDATION)
-    options = (*TRAINING, *stage.loading, *stage.options, *amounts, *start)
+    options = (*stage.training, *stage.loading, *stage.options, *amounts, *start)
     run("train", "--shards", *shards, *options, "--out", out / stage.name)
     return out / stage.name / "checkpoint.safetensors"
 

@@ -24,6 +24,8 @@ MEAN_OF_SCALE = 2.0
 # Error of fitted landmarks in units of that of the landmarks that the network predicts itself, over the photographs of
 # aflw2000-3d-dev (docs/explanation/fitting.md).
 ERROR_OF_FIT = 0.8
+# Angle between the estimated and the true head for each per cent of the expected error, likewise.
+DEGREES_PER_PERCENT = 1.6
 
 
 @final
@@ -88,6 +90,14 @@ class FaceFit:
             return None
         size_px = float(np.sqrt(np.prod(np.ptp(self.landmarks2d, axis=0))))
         return float(self.landmark_errors_px.mean()) / size_px
+
+    @property
+    def expected_rotation_deg(self) -> float | None:
+        """Expected angle between the estimated and the true head, degrees; None if unknown.
+
+        It is proportional to ``expected_error``: heads are turned wrongly where landmarks are off.
+        """
+        return None if self.expected_error is None else 100 * DEGREES_PER_PERCENT * self.expected_error
 
 
 def fit_face(

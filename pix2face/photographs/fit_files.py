@@ -56,6 +56,7 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px
             "landmarks_visible": visible_landmarks(fitted).tolist(),
             "landmark_errors_px": None if fitted.landmark_errors_px is None else fitted.landmark_errors_px.tolist(),
             "expected_error": fitted.expected_error,
+            "expected_rotation_deg": fitted.expected_rotation_deg,
         },
         indent=1,
     )
