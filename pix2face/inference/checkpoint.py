@@ -156,9 +156,7 @@ def _without_weights(header: CheckpointHeader, tensors: Mapping[str, Tensor]) ->
         ValueError: Its weights have other shapes than those that are there.
     """
     with torch.device("meta"):
-        network = build_network(
-            header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks
-        )
+        network = build_network(header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks)
     expected = network.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
         wanted, found = (tuple(own[name].shape) if name in own else None for own in (expected, tensors))
