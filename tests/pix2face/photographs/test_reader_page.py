@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import astuple
 from pathlib import Path
@@ -70,6 +71,15 @@ def distance(found: Any, fit: FaceFit) -> ndarray:
     """How far the landmarks are from those of a fit, in shares of the box."""
     assert fit.box is not None
     return np.linalg.norm(np.array(found["landmarks"]) - fit.landmarks2d, axis=1) / fit.box.longer_side
+
+
+def test_a_missing_package_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    assert main(["page", "--out", str(tmp_path / "reader.html")]) == 2
+    assert "expected the package onnx, which ONNX needs; run: pip install 'pix2face[onnx]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_it_loads_nothing_and_holds_the_licences(page: Path) -> None:
