@@ -104,9 +104,10 @@ def _instance_norm(features: Tensor) -> Tensor:
 
 def _initialise(module: nn.Module) -> None:
     """Normal weights of standard deviation 0.02, as image-to-image networks of this kind are started."""
-    # On the meta device there are shapes alone, and torch would load its compiler to draw numbers for them: seconds.
-    if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
+    if isinstance(module, nn.Conv2d):
         module.weight.data = module.weight.data.contiguous(memory_format=torch.channels_last)
+        if module.weight.is_meta:  # shapes alone; torch would load its compiler to draw numbers for them: seconds
+            return
         nn.init.normal_(module.weight, std=0.02)
         assert module.bias is not None
         nn.init.zeros_(module.bias)
