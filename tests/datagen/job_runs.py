@@ -1,5 +1,7 @@
-"""Small jobs of ``datagen render`` in processes of their own, for tests that interrupt them."""
+"""Small jobs of ``datagen render``: in processes of their own, for tests that interrupt them, or in this one."""
 
+import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -11,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from datagen.cli import main
 from datagen.sampling.faces import sample_faces
 from pix2face.face_files.coefficients import save_coefficients
 from pix2face.models.morphable_model import load_model
@@ -44,12 +47,12 @@ class Inputs:
             env={**os.environ, "PYTHONPATH": str(ROOT)},
         )
 
-    def run(self, out: Path, *options: object, workers: int = 2) -> str:
-        """Runs to the end, which must be a good one; what it said."""
-        process = self.start(out, *options, workers=workers)
-        _, errors = process.communicate(timeout=240)
-        assert process.returncode == 0, errors
-        return errors
+    def run(self, out: Path, *options: object, workers: int = 1) -> str:
+        """Runs to the end in this process, which must be a good one; what it said."""
+        with contextlib.redirect_stderr(io.StringIO()) as said:
+            status = main(self.command(out, "--workers", workers, *options)[3:])
+        assert status == 0, said.getvalue()
+        return said.getvalue()
 
 
 def make_inputs(folder: Path) -> Inputs:

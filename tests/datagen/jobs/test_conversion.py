@@ -47,15 +47,20 @@ def write_face(path: Path, model: MorphableModel, seed: int, **changes: object) 
     cv2.imwrite(str(path.with_suffix(".jpg")), np.full((SIZE_PX, SIZE_PX, 3), 99, np.uint8))
 
 
+def spoil(folder: Path, model: MorphableModel) -> None:
+    """Adds two files that cannot be converted."""
+    (folder / "broken.mat").write_bytes(b"noise")
+    write_face(folder / "alone.mat", model, 0)
+    (folder / "alone.jpg").unlink()
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> Path:
     """More faces than fit into two tasks, some bad, in nested folders with a landmark folder beside them."""
     root, model = tmp_path_factory.mktemp("data"), load_model(model_path)
     for index in range(2 * FACES_PER_TASK + 5):
         write_face(root / ("AFW" if index % 2 else "AFW_Flip") / f"face_{index:04}.mat", model, index)
-    (root / "AFW" / "broken.mat").write_bytes(b"noise")
-    write_face(root / "AFW" / "alone.mat", model, 0)
-    (root / "AFW" / "alone.jpg").unlink()
+    spoil(root / "AFW", model)
     (root / "landmarks" / "AFW").mkdir(parents=True)
     scipy.io.savemat(root / "landmarks" / "AFW" / "face_0000_pts.mat", {"pts_3d": np.zeros((68, 2))})
     return root
@@ -152,9 +157,11 @@ def test_with_bfm_the_coefficients_of_the_files_are_converted(folder: Path, tmp_
     np.testing.assert_allclose(table.expression[5] * 0.5, file["Exp_Para"][:, 0], rtol=1e-6)
 
 
-def test_the_command_says_what_it_did(
-    folder: Path, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_says_what_it_did(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, model = tmp_path / "photographs", load_model(model_path)
+    for index in range(5):
+        write_face(folder / "AFW" / f"face_{index}.mat", model, index)
+    spoil(folder / "AFW", model)
     out = tmp_path / "faces.h5"
     arguments = [
         "coeffs",
@@ -170,7 +177,7 @@ def test_the_command_says_what_it_did(
     ]
     assert main(arguments) == 3
     said = capsys.readouterr().err
-    assert "133 faces ->" in said
+    assert "5 faces ->" in said
     assert f"2 rejected, listed in {tmp_path}/faces.rejected.jsonl:" in said
     assert "1 x ... expected its picture alone.jpg beside it, found none" in said
     assert f"datagen render --coeffs {out} --model {model_path}" in said
@@ -179,7 +186,7 @@ def test_the_command_says_what_it_did(
     assert main(["coeffs", "info", str(out)]) == 0
     shown = capsys.readouterr().out
     for expected in (
-        "133 (133 with a photograph)",
+        "5 (5 with a photograph)",
         "small synthetic head",
         "beyond 3 sd",
         "60 x 60",
@@ -188,7 +195,7 @@ def test_the_command_says_what_it_did(
         assert expected in shown
     assert main(["coeffs", "info", str(folder)]) == 0
     shown = capsys.readouterr().out
-    for expected in ("133 with a picture, 2 that", "pt3d_68 in 133", "1 x ... expected its picture", "0 to 15 °"):
+    for expected in ("5 with a picture, 2 that", "pt3d_68 in 5", "1 x ... expected its picture", "0 to 15 °"):
         assert expected in shown
 
 

@@ -131,9 +131,9 @@ def test_an_address_without_a_port_is_one_line(
     assert error.splitlines()[-1].endswith("expected an address with a port, such as tcp://host:8786, found no port")
 
 
-def test_without_the_package_its_name_is_said(inputs: Inputs, tmp_path: Path) -> None:
-    code = "import sys; sys.modules['distributed'] = None; from datagen.cli import main; sys.exit(main(sys.argv[1:]))"
-    arguments = inputs.command(tmp_path / "out", "--scheduler", "tcp://127.0.0.1:8786")[3:]
-    run = subprocess.run([sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True)
-    assert run.returncode == 2
-    assert "pip install 'pix2face[distributed]'" in run.stderr.splitlines()[-1]
+def test_without_the_package_its_name_is_said(
+    inputs: Inputs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(inputs.command(tmp_path / "out", "--scheduler", "tcp://127.0.0.1:8786")[3:]) == 2
+    assert "pip install 'pix2face[distributed]'" in capfd.readouterr().err.splitlines()[-1]
