@@ -87,7 +87,8 @@ class RenderConfig:
             authenticated, so anyone who can reach it can run code on its workers.
         gl: OpenGL backend. Default: EGL, or OSMesa if EGL fails.
         device: Number of the GPU, as `datagen doctor` lists them.
-        rasteriser: `compute` needs OpenGL 4.3. `auto` uses `compute` if it is available, and otherwise `fragment`.
+        rasteriser: What draws the maps. `processor` needs no OpenGL, and `compute` needs OpenGL 4.3. `auto` uses
+            `compute` on a GPU, and otherwise `processor`.
         max_rejected: Largest number of rejected samples for which the exit status is still 0; with more, it is 3.
     """
 

@@ -14,7 +14,7 @@ DATAGEN_MODULES = sorted(
     module.name for module in pkgutil.walk_packages(datagen.__path__, "datagen.") if not module.ispkg
 )
 TRAINING_NEEDS_NO = {"moderngl", "glcontext", "datagen"}
-HELP_NEEDS_NO = {"torch", "scipy", "skimage", "matplotlib", "h5py", "trimesh", "PIL", "moderngl", "OpenEXR"}
+HELP_NEEDS_NO = {"torch", "scipy", "skimage", "matplotlib", "h5py", "trimesh", "PIL", "moderngl", "OpenEXR", "numba"}
 INFERENCE_NEEDS_NO = {"h5py", "moderngl", "glcontext", "datagen", "training"}
 
 

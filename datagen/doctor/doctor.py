@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, final
 
-from datagen.doctor.gl_probe import LIMIT_MM, BackendProbe, RenderCheck
+from datagen.doctor.gl_probe import LIMIT_MM, PROCESSOR, BackendProbe, RenderCheck
 from datagen.doctor.gl_surroundings import GL_LIBRARY, NVIDIA_LIBRARY, OSMESA, VENDOR_VARIABLE, Surroundings
 from datagen.opengl.egl_devices import EGL_LIBRARY
 from datagen.opengl.gl_context import (
@@ -13,8 +13,9 @@ from datagen.opengl.gl_context import (
     ENVIRONMENT_VARIABLE,
     RASTERISER_VARIABLE,
     GLSettings,
-    choose_rasteriser,
+    is_software_renderer,
 )
+from datagen.opengl.rasteriser_choice import choose_rasteriser
 from pix2face.errors import GLUnavailableError
 
 Level = Literal["error", "warning", "note"]
@@ -40,8 +41,8 @@ class Finding:
 class Diagnosis:
     """What the settings come to on this machine."""
 
-    backend: str  # that draws; empty where none does
-    rasteriser: str  # that draws; empty where none does
+    backend: str  # of the OpenGL that draws pictures; empty where none does
+    rasteriser: str  # that draws maps; empty where none does
     reason: str  # for this rasteriser
     findings: tuple[Finding, ...]  # the worst first
 
@@ -60,33 +61,57 @@ def diagnose(surroundings: Surroundings, probes: Sequence[BackendProbe], setting
     allowed = settings.allowed_backends
     chosen = next((probe for probe in probes if probe.backend in allowed and not probe.error), None)
     rasteriser, reason, findings = "", "", list[Finding]()
-    if chosen is not None:
-        try:
-            rasteriser = choose_rasteriser(settings.rasteriser, chosen.version_code)
-        except GLUnavailableError as error:
-            findings.append(Finding("error", str(error), f"unset {RASTERISER_VARIABLE}, or choose auto or fragment"))
-        else:
-            has = "has" if chosen.version_code >= COMPUTE_VERSION else "has no"
-            version = f"{chosen.version_code // 100}.{chosen.version_code // 10 % 10}"
-            reason = f"OpenGL {version} {has} compute shaders" if settings.rasteriser == "auto" else "asked for"
-        if settings.rasteriser == "auto":
-            findings += _of_choice(chosen, rasteriser)
+    try:
+        version, is_software = (chosen.version_code, is_software_renderer(chosen.renderer)) if chosen else (0, False)
+        rasteriser = choose_rasteriser(settings.rasteriser, version, is_software=is_software)
+    except GLUnavailableError as error:
+        findings.append(Finding("error", str(error), f"unset {RASTERISER_VARIABLE}, or choose auto or processor"))
+    else:
+        reason = _reason(chosen) if settings.rasteriser == "auto" else "asked for"
+    if settings.rasteriser == "auto":
+        findings += _of_choice(probes, chosen, rasteriser)
     for probe in probes:
         if probe.error:
-            level: Level = "note" if chosen or probe.backend not in allowed else "error"
-            findings.append(Finding(level, f"{probe.backend}: {probe.error}", _remedy(probe, surroundings)))
-        findings += _of_checks(probe, rasteriser if probe is chosen else "")
+            findings.append(_of_failure(probe, chosen, surroundings, settings))
+        findings += _of_checks(probe, rasteriser if probe is chosen or probe.backend == PROCESSOR else "")
     findings += _of_surroundings(surroundings, chosen, settings)
     findings.sort(key=lambda finding: ("error", "warning", "note").index(finding.level))
     return Diagnosis(chosen.backend if chosen else "", rasteriser, reason, tuple(findings))
 
 
-def _of_choice(chosen: BackendProbe, rasteriser: str) -> Iterator[Finding]:
+def _reason(chosen: BackendProbe | None) -> str:
+    if chosen is None:
+        return "no OpenGL"
+    if is_software_renderer(chosen.renderer):
+        return "OpenGL would draw on the processor as well"
+    has = "has" if chosen.version_code >= COMPUTE_VERSION else "has no"
+    return f"OpenGL {chosen.version_code // 100}.{chosen.version_code // 10 % 10} {has} compute shaders"
+
+
+def _of_failure(
+    probe: BackendProbe, chosen: BackendProbe | None, surroundings: Surroundings, settings: GLSettings
+) -> Finding:
+    """A backend that makes no context. Only pictures need one, unless it was asked for."""
+    if probe.backend == PROCESSOR:
+        return Finding(
+            "error", f"{probe.backend}: {probe.error}", "report this with the output of `datagen doctor --json`"
+        )
+    level: Level = "error"
+    if chosen or probe.backend not in settings.allowed_backends:
+        level = "note"
+    elif settings.rasteriser == "processor":
+        level = "warning"
+    needed = "" if chosen else "; without it, pictures of faces that have no photograph cannot be drawn (maps can)"
+    return Finding(level, f"{probe.backend}: {probe.error}{needed}", _remedy(probe, surroundings))
+
+
+def _of_choice(probes: Sequence[BackendProbe], chosen: BackendProbe | None, rasteriser: str) -> Iterator[Finding]:
     """Whether ``auto`` is the best choice: it knows what the driver can do, not how fast it is."""
-    if rasteriser == "fragment":
-        remedy = "none is needed: this is right, only slower; a newer driver has it (Mesa's on the processor: 20.2)"
+    if chosen is not None and chosen.version_code < COMPUTE_VERSION:
+        remedy = "none is needed: the processor draws the maps"
         yield Finding("note", f"{chosen.renderer} has no OpenGL 4.3: no compute shaders", remedy)
-    right = {check.rasteriser: check.milliseconds for check in chosen.checks if check.is_right}
+    usable = [probe for probe in probes if probe is chosen or probe.backend == PROCESSOR]
+    right = {check.rasteriser: check.milliseconds for probe in usable for check in probe.checks if check.is_right}
     for other, milliseconds in right.items():
         if rasteriser in right and milliseconds * MUCH_FASTER < right[rasteriser]:
             times = f"{milliseconds:.1f} ms a picture, {rasteriser} {right[rasteriser]:.1f} ms"
@@ -95,14 +120,12 @@ def _of_choice(chosen: BackendProbe, rasteriser: str) -> Iterator[Finding]:
 
 
 def _of_checks(probe: BackendProbe, chosen_rasteriser: str) -> Iterator[Finding]:
-    right = [check.rasteriser for check in probe.checks if check.is_right]
-    other_backend = f"{ENVIRONMENT_VARIABLE}={'osmesa' if probe.backend == 'egl' else 'egl'}"
-    way = f"{RASTERISER_VARIABLE}={right[0]}" if right else other_backend
+    way = f"{RASTERISER_VARIABLE}={'compute' if probe.backend == PROCESSOR else 'processor'}"
     remedy = f"use another way to draw ({way}), and report this with the output of `datagen doctor --json`"
     for check in probe.checks:
         if not check.is_right:
             level: Level = "error" if check.rasteriser == chosen_rasteriser else "warning"
-            where = f"{probe.backend}, {check.rasteriser} ({probe.renderer})"
+            where = f"{probe.backend}, {check.rasteriser} ({probe.renderer})" if probe.renderer else check.rasteriser
             yield Finding(level, f"{where}: {_deviation(check)}", remedy)
 
 
@@ -176,8 +199,7 @@ def _of_surroundings(
     choose = f"with --device N or {DEVICE_VARIABLE}=N"
     if len(cards) > 1 and settings.device is None:
         yield Finding("note", f"several GPUs ({listed})", f"choose one {choose}")
-    renderer = chosen.renderer.lower() if chosen else ""
-    if cards and any(word in renderer for word in ("llvmpipe", "softpipe", "swrast")):
+    if cards and chosen and is_software_renderer(chosen.renderer):
         what = f"drawing is done on the processor, though there is a GPU ({listed})"
         remedy = f"choose it {choose}, or unset LIBGL_ALWAYS_SOFTWARE; the other findings may say why it is not used"
         yield Finding("warning", what, remedy)

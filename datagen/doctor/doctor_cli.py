@@ -10,7 +10,7 @@ from rich.text import Text
 
 from datagen.datagen_config import DoctorConfig
 from datagen.doctor.doctor import Diagnosis, diagnose
-from datagen.doctor.gl_probe import BackendProbe, devices_apart, probe_backend_apart
+from datagen.doctor.gl_probe import PROCESSOR, BackendProbe, devices_apart, probe_backend_apart
 from datagen.doctor.gl_surroundings import Surroundings, survey, versions
 from datagen.opengl.gl_context import BACKENDS, GLSettings
 from pix2face.command_line import EXIT_ERROR, printable, progress_bar
@@ -21,11 +21,11 @@ console = Console(stderr=True)
 def doctor(config: DoctorConfig) -> int:
     """Runs ``datagen doctor``."""
     settings = GLSettings(config.gl, config.device, config.rasteriser).resolved()
-    with progress_bar(console, "probing", 1 + len(BACKENDS)) as advance:
+    with progress_bar(console, "probing", 2 + len(BACKENDS)) as advance:
         surroundings = survey(devices_apart())
         advance()
         probes = []
-        for backend in BACKENDS:
+        for backend in (*BACKENDS, PROCESSOR):
             device = settings.device if backend == "egl" else None
             probes.append(probe_backend_apart(replace(settings, backend=backend, device=device, rasteriser="auto")))
             advance()
@@ -52,10 +52,10 @@ def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProb
     for name, value in surroundings.environment.items():
         _print(out, f"{name}={value}")
     table = Table(
-        "backend", "rasteriser", "mask px", "differ", "> 0.02 mm", "99.9 %, mm", "ms", title="against the oracle"
+        "drawn by", "rasteriser", "mask px", "differ", "> 0.02 mm", "99.9 %, mm", "ms", title="against the oracle"
     )
     for probe in probes:
-        if not probe.error:
+        if probe.renderer:
             _print(out, f"{probe.backend}: {probe.renderer}, OpenGL {probe.gl_version}")
         for check in probe.checks:
             pixels = [str(number) for number in (check.mask_px, check.mask_differs_px, check.off_px)]
@@ -68,7 +68,8 @@ def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProb
         if finding.remedy:
             _print(out, f"  remedy: {finding.remedy}")
     if diagnosis.rasteriser:
-        _print(out, f"draws with {diagnosis.backend}, rasteriser {diagnosis.rasteriser} ({diagnosis.reason})")
+        _print(out, f"draws maps with the rasteriser {diagnosis.rasteriser} ({diagnosis.reason})")
+    _print(out, f"draws pictures with OpenGL by {diagnosis.backend}" if diagnosis.backend else "cannot draw pictures")
     _print(out, "healthy" if diagnosis.is_healthy else "not healthy: see the errors above")
 
 

@@ -1,4 +1,4 @@
-"""What OpenGL draws on this machine, compared with the oracle, each backend in a process of its own.
+"""What OpenGL and the processor draw on this machine, compared with the oracle, each in a process of its own.
 
 A broken driver may end its process, and two backends in one process would share their dispatch tables.
 """
@@ -41,6 +41,7 @@ PROGRAM = "import sys; from datagen.doctor.gl_probe import answer; sys.stdout.wr
 # A pixel that is farther off shows another surface, or the driver computes something else.
 LIMIT_MM = 0.02
 # The settings to be probed are resolved already: the other process must not resolve them again.
+PROCESSOR = "processor"  # in the place of a backend: no OpenGL
 OUR_VARIABLES = (ENVIRONMENT_VARIABLE, DEVICE_VARIABLE, RASTERISER_VARIABLE)
 
 
@@ -49,7 +50,7 @@ OUR_VARIABLES = (ENVIRONMENT_VARIABLE, DEVICE_VARIABLE, RASTERISER_VARIABLE)
 class RenderCheck:
     """The built-in model drawn by one rasteriser, against the oracle."""
 
-    rasteriser: str  # `compute` or `fragment`
+    rasteriser: str  # `processor` or `compute`
     error: str = ""  # why nothing was drawn; empty where it was
     mask_px: int = 0  # face pixels of the oracle
     mask_differs_px: int = 0  # pixels that are face to only one of the two
@@ -70,21 +71,22 @@ class RenderCheck:
 class BackendProbe:
     """What one backend does on this machine."""
 
-    backend: str  # `egl` or `osmesa`
+    backend: str  # `egl`, `osmesa`, or `processor` for drawing without OpenGL
     error: str = ""  # why it makes no context; empty where it does
     renderer: str = ""  # the driver's name for itself
     gl_version: str = ""  # version of OpenGL and of the driver, in the driver's words
     version_code: int = 0  # 450 for OpenGL 4.5
-    checks: tuple[RenderCheck, ...] = ()  # one for each rasteriser that this version has
+    checks: tuple[RenderCheck, ...] = ()  # of `compute`, if this version has it, or of `processor`
 
 
 def probe_backend(settings: GLSettings) -> BackendProbe:
-    """Makes a context in this process, and draws with every rasteriser that it has."""
+    """Makes a context in this process and draws with it; with the backend ``processor``, draws without."""
     backend = str(settings.backend)
+    if backend == PROCESSOR:
+        return BackendProbe(backend, checks=(check_rendering(None, "processor"),))
     try:
         with create_gl_context(settings) as gl:
-            paths: list[Rasteriser] = ["compute", "fragment"] if gl.version_code >= COMPUTE_VERSION else ["fragment"]
-            checks = tuple(check_rendering(gl, path) for path in paths)
+            checks = (check_rendering(gl, "compute"),) if gl.version_code >= COMPUTE_VERSION else ()
             return BackendProbe(backend, "", gl.renderer, str(gl.context.info["GL_VERSION"]), gl.version_code, checks)
     except Pix2FaceError as error:
         return BackendProbe(backend, str(error).removesuffix(f"; {REMEDY}"))
@@ -142,7 +144,7 @@ def _ask(question: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str
     return None, f"the test process failed: {last}"
 
 
-def check_rendering(gl: GLContext, rasteriser: Rasteriser) -> RenderCheck:
+def check_rendering(gl: GLContext | None, rasteriser: Rasteriser) -> RenderCheck:
     """Draws some faces of the built-in model, and counts the pixels that differ from the oracle's."""
     model = builtin_model()
     table = sample_faces(model, N_FACES, SEED, SIZE_PX)

@@ -19,7 +19,7 @@ VENDOR_FOLDERS = ("usr/share/glvnd/egl_vendor.d", "etc/glvnd/egl_vendor.d")
 VENDOR_VARIABLE, VENDOR_FOLDER_VARIABLE = "__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS"
 # Variables that change what OpenGL does have names that begin so.
 VARIABLES = ("PIX2FACE_", "GLCONTEXT_", "LIBGL_", "GALLIUM_", "LP_", "MESA_", "NVIDIA_", "__EGL_")
-PACKAGES = ("pix2face", "numpy", "moderngl", "glcontext", "h5py", "isal", "opencv-python-headless")
+PACKAGES = ("pix2face", "numpy", "numba", "moderngl", "glcontext", "h5py", "isal", "opencv-python-headless")
 
 
 @final

@@ -37,6 +37,7 @@ class FaceSource(ABC):
     sha256: str
     n_lighting: int = 0  # how many numbers describe the lighting of a face; 0 if it is unknown
     has_photographs: bool  # whether at least some of the faces have photographs
+    lacks_photographs: bool  # whether at least some have none
 
     @abstractmethod
     def face(self, index: int) -> Face:
@@ -86,6 +87,7 @@ class TableSource(FaceSource):
         self.licence = self._table.licence or model.licence
         self.n_lighting = 0 if self._table.lighting is None else self._table.lighting.shape[1]
         self.has_photographs = any(self._table.image_paths)
+        self.lacks_photographs = not all(self._table.image_paths)
         self._landmark_model = landmark_model_of(model)
         self.sha256 = _table_sha256(self._table)
 
@@ -113,7 +115,7 @@ class W300LPFolder(FaceSource):
     """
 
     n_lighting = N_LIGHTING
-    has_photographs = True
+    has_photographs, lacks_photographs = True, False
 
     def __init__(self, folder: Path, model: MorphableModel) -> None:
         self._folder = folder

@@ -22,7 +22,7 @@ from pix2face.face_files.coefficients import configuration_to_json
 from pix2face.files.json_text import JsonObject, parse_json
 from pix2face.models.mirroring import mirror_obstacle
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.shards.layers import DEFAULT_LAYERS, SEEN_REGIONS
+from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, SCENE_LAYERS, SEEN_REGIONS
 from pix2face.shards.shard_reader import ShardHeader, ShardReader
 
 # How the configuration of a job names what it stores: coded maps, or plain ones. Earlier versions had others.
@@ -42,6 +42,10 @@ class RenderJob:
     jitter: JitterBake = NO_JITTER  # the variants of each sample that take its place
     appearance: AppearanceConfig = PRESETS[PLAIN]  # how faces without a photograph are drawn
     is_plain: bool = False  # whether maps are stored as plain numbers
+
+    def draws_pictures(self, source: FaceSource) -> bool:
+        """Whether pictures are drawn of some faces of a source."""
+        return source.lacks_photographs and not {IMAGE, *SCENE_LAYERS}.isdisjoint(self.layers)
 
     def n_units(self, source: FaceSource) -> int:
         """How many shards the faces of a source make."""

@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_limits
 from datagen.faces.sources import FaceSource, open_source
 from datagen.jobs.folder_lock import worker_lock
 from datagen.jobs.render_job import RenderJob, shard_header, shard_path
-from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
+from datagen.opengl.gl_context import GLContext, GLSettings
+from datagen.opengl.rasteriser_choice import open_context
 from datagen.process_pool import limit_threads
 from datagen.samples.baked_jitter import View, ViewMaker
 from datagen.samples.sample_making import SampleMaker
@@ -74,7 +75,7 @@ class _Worker:
 
     model: MorphableModel
     source: FaceSource
-    gl: GLContext
+    gl: GLContext | None
     views: ViewMaker
     maker: SampleMaker
 
@@ -151,7 +152,9 @@ def _worker(unit: Unit) -> _Worker:
     key = replace(unit, number=0)
     if key not in _KEPT:
         while _KEPT:
-            _KEPT.popitem()[1].gl.release()
+            released = _KEPT.popitem()[1].gl
+            if released is not None:
+                released.release()
         _KEPT[key] = _open_worker(unit)
     return _KEPT[key]
 
@@ -164,7 +167,7 @@ def _open_worker(unit: Unit) -> _Worker:
     _check_same("model", job.model, model.sha256, unit.model_sha256)
     source = open_source(job.coefficients, model)
     _check_same("faces", str(job.coefficients), source.sha256, unit.source_sha256)
-    gl = create_gl_context(unit.gl)
+    gl = open_context(unit.gl, draws_pictures=job.draws_pictures(source))
     views = ViewMaker(model, job.jitter, job.seed)
     return _Worker(model, source, gl, views, SampleMaker(model, gl, job.seed, job.layers, job.appearance))
 

@@ -2,4 +2,4 @@
 
 from typing import Literal
 
-Rasteriser = Literal["auto", "compute", "fragment"]
+Rasteriser = Literal["auto", "processor", "compute"]

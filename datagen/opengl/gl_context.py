@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Any, Literal, final, get_args
+from typing import Any, final, get_args
 
 import moderngl
 
@@ -23,6 +23,7 @@ RASTERISER_VARIABLE = "PIX2FACE_RASTERISER"
 FOREIGN_DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
 # OpenGL 4.3 brought compute shaders and the buffers that they write to.
 COMPUTE_VERSION, OLDEST_VERSION = 430, 330
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 REMEDY = (
     "install Mesa (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri for EGL, libosmesa6 for OSMesa), "
     f"or choose another backend with {ENVIRONMENT_VARIABLE}=egl or {ENVIRONMENT_VARIABLE}=osmesa; "
@@ -37,7 +38,7 @@ class GLSettings:
 
     backend: str | None = None  # None tries `egl`, then `osmesa`
     device: int | None = None  # number in EGL's list, from 0 (`datagen doctor` shows it); None takes the first
-    rasteriser: Rasteriser = "auto"  # `auto`: `compute` where there is OpenGL 4.3, otherwise `fragment`
+    rasteriser: Rasteriser = "auto"  # `auto`: `compute` on a GPU that has OpenGL 4.3, otherwise `processor`
 
     @property
     def allowed_backends(self) -> tuple[str, ...]:
@@ -93,6 +94,11 @@ class GLContext:
     version_code: int = OLDEST_VERSION  # 450 for OpenGL 4.5; at least 330
     rasteriser: Rasteriser = "auto"  # the requested rasteriser; `choose_rasteriser` turns `auto` into one of the others
     device: int | None = None  # the requested number of the EGL device
+
+    @property
+    def is_software(self) -> bool:
+        """Whether it draws on the processor."""
+        return is_software_renderer(self.renderer)
 
     def make_current(self) -> None:
         """Directs the OpenGL calls of this thread to this context, and frees what nothing refers to any longer."""
@@ -156,20 +162,9 @@ def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
     raise GLUnavailableError(f"expected OpenGL 3.3 without a display, found none ({'; '.join(failures)}); {REMEDY}")
 
 
-def choose_rasteriser(rasteriser: Rasteriser, version_code: int) -> Literal["compute", "fragment"]:
-    """The rasteriser that a setting means for a version of OpenGL.
-
-    Raises:
-        GLUnavailableError: Compute shaders were requested, and this version has none.
-    """
-    if rasteriser == "fragment" or (rasteriser == "auto" and version_code < COMPUTE_VERSION):
-        return "fragment"
-    if version_code < COMPUTE_VERSION:
-        raise GLUnavailableError(
-            f"expected OpenGL 4.3 for the rasteriser compute, found {version_code // 100}.{version_code // 10 % 10}; "
-            f"choose the rasteriser fragment ({RASTERISER_VARIABLE}=fragment), or auto"
-        )
-    return "compute"
+def is_software_renderer(name: str) -> bool:
+    """Whether a driver of this name draws on the processor."""
+    return any(known in name.lower() for known in SOFTWARE_RENDERERS)
 
 
 def _create_egl(settings: GLSettings) -> moderngl.Context:

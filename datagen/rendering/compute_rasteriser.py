@@ -1,4 +1,4 @@
-"""Finds the nearest triangle of each pixel in compute shaders: several times as fast where the processor draws.
+"""Finds the nearest triangle of each pixel in OpenGL's compute shaders.
 
 The fixed pipeline spends its time on the set-up of triangles, and those of a face are smaller than a pixel. Here a
 triangle costs what it covers, edges are decided in full float32, and the smallest of (depth, triangle) is kept by an
@@ -35,19 +35,16 @@ class ComputeRasteriser:
         self._keys = lru_cache(SIZES_KEPT)(self._make)
         self._groups = -(-mesh.n_pairs // (LOCAL_SIZE * PAIRS_PER_THREAD))
 
-    def see(self, projection: ScreenProjection, height: int, width: int) -> int:
+    def see(self, projection: ScreenProjection, height: int, width: int) -> None:
         """Binds a texture of the nearest triangle of each pixel in the projection's box.
 
         The mesh must have been loaded with the projection. Outside the box the texture is undefined.
-
-        Returns:
-            How many texels a pixel has in each direction: 1.
         """
         keys_lowest, keys_highest, seen = self._keys(height, width)
         top, bottom = projection.box_px[1], projection.box_px[3]
         seen.use(TEXTURE_UNITS["seen"])
         if top == bottom:
-            return 1
+            return
         n_pixels, first_byte = (bottom - top) * width, top * width * 4
         clear = np.full(n_pixels, NONE)
         for binding, buffer in enumerate((keys_lowest, keys_highest)):
@@ -63,7 +60,6 @@ class ComputeRasteriser:
         keys_lowest.read_into(lowest, size=lowest.nbytes, offset=first_byte)
         keys_highest.read_into(highest, size=highest.nbytes, offset=first_byte)
         seen.write(self._nearest(lowest, highest, top, width), viewport=(0, top, width, bottom - top))
-        return 1
 
     def _nearest(self, lowest: UInt32[ndarray, " n"], highest: UInt32[ndarray, " n"], top: int, width: int) -> ndarray:
         """The nearest triangle of each pixel, from the keys of the shader."""

@@ -55,15 +55,14 @@ class GLMesh:
         }
         self._textures = {name: list_texture(context, values) for name, values in lists.items()}
 
-    def program(self, fragment: str, vertex: str = "whole_vertex", with_sight: bool = True) -> moderngl.Program:
-        """Compiles a vertex and a fragment shader."""
-        parts = ("mesh", "sight") if with_sight else ()
+    def program(self, fragment: str) -> moderngl.Program:
+        """Compiles a fragment shader that knows what each pixel sees."""
         program = self.context.program(
-            vertex_shader=shader_source(330, vertex), fragment_shader=shader_source(330, *parts, fragment)
+            vertex_shader=shader_source(330, "whole_vertex"),
+            fragment_shader=shader_source(330, "mesh", "sight", fragment),
         )
         self.set_units(program)
-        if "n_triangles" in program:
-            program["n_triangles"] = self.n_triangles
+        program["n_triangles"] = self.n_triangles
         return program
 
     def set_units(self, program: moderngl.Program | moderngl.ComputeShader) -> None:

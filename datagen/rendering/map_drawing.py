@@ -1,6 +1,7 @@
-"""Turns the triangle that each pixel sees into maps and layers, for both rasterisers."""
+"""Draws maps and layers of one model by OpenGL: compute shaders find triangles, one pass makes the rest from them."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import final
@@ -11,8 +12,10 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from datagen.opengl.gl_context import GLContext
+from datagen.rendering.compute_rasteriser import ComputeRasteriser
 from datagen.rendering.gl_mesh import SIZES_KEPT, TEXTURE_UNITS, GLMesh, list_texture
-from datagen.rendering.screen_projection import ScreenProjection
+from datagen.rendering.screen_projection import ScreenProjection, project_to_screen
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import SURFACE_DEPTH
@@ -41,19 +44,36 @@ class _Target:
 class MapDrawer:
     """Draws the maps and further layers of one model."""
 
-    def __init__(self, mesh: GLMesh, model: MorphableModel) -> None:
-        self._mesh, self._model, self._context = mesh, model, mesh.context
+    def __init__(self, model: MorphableModel, gl: GLContext) -> None:
+        gl.make_current()
+        self._gl, self._model, self._context = gl, model, gl.context
+        mesh = self._mesh = GLMesh(model, gl.context)
+        self._triangles = ComputeRasteriser(mesh)
         self._maps = mesh.program("maps_fragment")
         self._maps_array = self._context.vertex_array(self._maps, [])
         self._attribute = mesh.program("attribute_fragment")
         self._attribute_array = self._context.vertex_array(self._attribute, [])
         self._targets = lru_cache(SIZES_KEPT)(self._make)
-        self.seen_per_pixel = 1  # texels per pixel and direction of the bound texture, as the rasteriser returned it
         self._corners: dict[str, moderngl.Texture] = {}
         self._values: dict[str, moderngl.Texture] = {}
 
-    def draw(self, projection: ScreenProjection, height: int, width: int, with_regions: bool) -> dict[str, ndarray]:
-        """Draws the maps that every rendering has, after the rasteriser has seen the projection."""
+    def render(
+        self, vertices: Float32[ndarray, "v 3"], camera: Camera, size: tuple[int, int], layers: Sequence[str] = ()
+    ) -> dict[str, ndarray]:
+        """Renders one face as ``Renderer.render`` does."""
+        projection = project_to_screen(camera, vertices, *size)
+        self._gl.make_current()
+        self._mesh.load(projection)
+        self._triangles.see(projection, *size)
+        rendered = self._draw(projection, *size, REGIONS in layers)
+        for name in layers:
+            if name in ATTRIBUTES:
+                rendered[name] = self._attribute_layer(name, vertices, camera, projection, size)
+        self._gl.check()
+        return rendered
+
+    def _draw(self, projection: ScreenProjection, height: int, width: int, with_regions: bool) -> dict[str, ndarray]:
+        """Draws the maps that every rendering has."""
         left, top, right, bottom = projection.box_px
         inside = slice(top, bottom), slice(left, right)
         pncc, offset = (np.zeros((height, width, 3), dtype=np.float32) for _ in range(2))
@@ -80,7 +100,7 @@ class MapDrawer:
         drawn = {"pncc": pncc, "offset": offset, "mask": mask, "depth": depth, SURFACE_DEPTH: surface_depth}
         return drawn | {REGIONS: regions} if with_regions else drawn
 
-    def attribute(
+    def _attribute_layer(
         self,
         name: str,
         vertices: Float32[ndarray, "v 3"],
@@ -88,7 +108,7 @@ class MapDrawer:
         projection: ScreenProjection,
         size: tuple[int, int],
     ) -> Float32[ndarray, "h w c"]:
-        """Draws one of ``ATTRIBUTES``, after ``draw``.
+        """Draws one of ``ATTRIBUTES``.
 
         Raises:
             UsageError: The model lacks what the attribute needs.
@@ -119,7 +139,6 @@ class MapDrawer:
             self._maps[name] = tuple(getattr(projection, name))
 
     def _set_sight(self, program: moderngl.Program, projection: ScreenProjection) -> None:
-        program["seen_per_pixel"] = self.seen_per_pixel
         program["inverse_distance"] = projection.inverse_distance
         program["outside"] = float(projection.outside_sign)
 

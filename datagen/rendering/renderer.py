@@ -1,7 +1,7 @@
-"""Draws a posed face with OpenGL: the maps, exactly, and the picture of a face of a model that has no photographs.
+"""Draws a posed face: the maps, exactly, and the picture of a face of a model that has no photographs.
 
 Conventions are those of the oracle, ``pix2face.models.rasterise``: nothing is culled, backs hide but are never face.
-One of two rasterisers finds the triangle that each pixel sees; one pass makes everything else from that.
+Maps are drawn on the processor, or on a GPU by OpenGL's compute shaders. Pictures always need OpenGL.
 """
 
 from collections.abc import Sequence
@@ -15,46 +15,52 @@ from numpy import ndarray
 
 from datagen.appearance.plain_appearance import PlainAppearance
 from datagen.opengl import Rasteriser
-from datagen.opengl.gl_context import GLContext, choose_rasteriser
-from datagen.rendering.compute_rasteriser import ComputeRasteriser
-from datagen.rendering.fragment_rasteriser import FragmentRasteriser
-from datagen.rendering.gl_mesh import GLMesh
+from datagen.opengl.gl_context import REMEDY, GLContext
+from datagen.opengl.rasteriser_choice import choose_rasteriser
 from datagen.rendering.map_drawing import MapDrawer
 from datagen.rendering.picture_drawing import PICTURE_OVERSAMPLING, PictureDrawer
-from datagen.rendering.screen_projection import project_to_screen
-from pix2face.errors import UsageError
+from datagen.rendering.processor.processor_maps import ProcessorMaps
+from pix2face.errors import GLUnavailableError, UsageError
+from pix2face.face_files.coefficients import LARGEST_SIDE_PX
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.landmarks import LANDMARK_TOLERANCE_MM
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
 
 @final
 class Renderer:
-    """Renders faces of one model in one size of images; ``with_size`` shares the uploaded model with another size.
+    """Renders faces of one model in one size of images; ``with_size`` shares the loaded model with another size.
 
     Args:
         model: Mean, triangles and regions.
         height: Rows of the images.
         width: Columns of the images.
-        gl: Where to draw. It is made current whenever something is drawn.
-        rasteriser: ``compute``, ``fragment``, or None for the choice that ``gl`` carries.
+        gl: Where OpenGL draws; None for maps alone, on the processor. It is made current whenever it draws.
+        rasteriser: ``processor``, ``compute``, or None for the choice that ``gl`` carries.
 
     Raises:
-        UsageError: The size is not positive, or larger than the driver draws.
-        GLUnavailableError: The rasteriser that was asked for needs a newer OpenGL.
+        UsageError: The size is not positive, or larger than can be drawn.
+        GLUnavailableError: The rasteriser that was asked for needs OpenGL, or a newer one.
     """
 
     def __init__(
-        self, model: MorphableModel, height: int, width: int, gl: GLContext, rasteriser: Rasteriser | None = None
+        self,
+        model: MorphableModel,
+        height: int,
+        width: int,
+        gl: GLContext | None = None,
+        rasteriser: Rasteriser | None = None,
     ) -> None:
-        self.rasteriser = choose_rasteriser(rasteriser or gl.rasteriser, gl.version_code)  # the one in use
-        gl.make_current()
+        wanted: Rasteriser = rasteriser or (gl.rasteriser if gl else "auto")
+        version, is_software = (gl.version_code, gl.is_software) if gl else (0, False)
+        self.rasteriser = choose_rasteriser(wanted, version, is_software=is_software)  # the one in use
         self.model, self._gl = model, gl
-        self._mesh = GLMesh(model, gl.context)
-        self._maps = MapDrawer(self._mesh, model)
-        self._triangles = _RASTERISERS[self.rasteriser](self._mesh)
-        self._pictures = cache(lambda: PictureDrawer(model, gl.context))  # photographs need none
+        self._maps: MapDrawer | ProcessorMaps
+        if gl is not None and self.rasteriser == "compute":
+            self._maps = MapDrawer(model, gl)
+        else:
+            self._maps = ProcessorMaps(model)
+        self._pictures = cache(lambda context: PictureDrawer(model, context))  # photographs need none
         self._set_size(height, width)
 
     def with_size(self, height: int, width: int) -> "Renderer":
@@ -84,17 +90,7 @@ class Renderer:
 
         Source: Crispell and Bazik 2017, Sec. 3 (PNCC and offset images).
         """
-        size = self.height, self.width
-        projection = project_to_screen(camera, vertices, *size)
-        self._gl.make_current()
-        self._mesh.load(projection)
-        self._maps.seen_per_pixel = self._triangles.see(projection, *size)
-        rendered = self._maps.draw(projection, *size, REGIONS in layers)
-        for name in layers:
-            if name in ATTRIBUTES:
-                rendered[name] = self._maps.attribute(name, vertices, camera, projection, size)
-        self._gl.check()
-        return rendered
+        return self._maps.render(vertices, camera, (self.height, self.width), layers)
 
     def render_image(
         self,
@@ -108,34 +104,33 @@ class Renderer:
         Raises:
             DegenerateGeometryError: As ``render``.
             UsageError: The background has another size than the renderer.
+            GLUnavailableError: There is no OpenGL.
         """
         if background.shape[:2] != (self.height, self.width):
             raise UsageError(
                 f"expected a background of {self.height} x {self.width} pixels, found {background.shape[:2]}"
             )
+        if self._gl is None:
+            raise GLUnavailableError(f"expected OpenGL, which draws pictures, found a renderer without; {REMEDY}")
         self._gl.make_current()
-        picture = self._pictures().draw(vertices, camera, appearance, background)
+        picture = self._pictures(self._gl.context).draw(vertices, camera, appearance, background)
         self._gl.check()
         return picture
 
     def _set_size(self, height: int, width: int) -> None:
-        limits = self._gl.context.info
-        largest = min(
-            limits["GL_MAX_RENDERBUFFER_SIZE"], limits["GL_MAX_TEXTURE_SIZE"], *limits["GL_MAX_VIEWPORT_DIMS"]
-        )
-        largest //= PICTURE_OVERSAMPLING
+        largest, who = LARGEST_SIDE_PX, "the processor"
+        if self._gl is not None:
+            limits = self._gl.context.info
+            largest = min(
+                limits["GL_MAX_RENDERBUFFER_SIZE"], limits["GL_MAX_TEXTURE_SIZE"], *limits["GL_MAX_VIEWPORT_DIMS"]
+            )
+            largest, who = largest // PICTURE_OVERSAMPLING, self._gl.renderer
         if not (0 < height <= largest and 0 < width <= largest):
             raise UsageError(
-                f"expected images of 1 to {largest} pixels a side ({self._gl.renderer} draws no larger ones), "
+                f"expected images of 1 to {largest} pixels a side ({who} draws no larger ones), "
                 f"found {height} x {width}"
             )
         self.height, self.width = height, width
-
-
-_RASTERISERS: dict[str, type[ComputeRasteriser] | type[FragmentRasteriser]] = {
-    "compute": ComputeRasteriser,
-    "fragment": FragmentRasteriser,
-}
 
 
 def visible_landmarks(

@@ -7,12 +7,10 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
+from datagen.rendering.processor.projection import extremes, project_affine, project_pinhole, smallest_depth
 from pix2face.errors import DegenerateGeometryError
 from pix2face.geometry.camera import Camera
 from pix2face.models.rasterise import handedness
-
-# NumPy adds rows of 4 numbers one by one, and long rows several times as fast.
-ADDED_AT_A_TIME = 16
 
 
 @final
@@ -48,15 +46,15 @@ def project_to_screen(camera: Camera, vertices: Float32[ndarray, "v 3"], height:
             flattens space, or is a pinhole whose depth is not its w.
     """
     outside_sign = -handedness(camera)
+    on_screen = np.empty((len(vertices), 4), dtype=np.float32)
+    rows = camera.matrix.copy()
     if camera.is_affine:
-        rows, reference = camera.matrix.copy(), float(camera.matrix[2, 3])
-        rows[2, 3] = 0.0
-        screen = _homogeneous(rows, vertices)
+        reference, rows[2, 3] = float(rows[2, 3]), 0.0
+        project_affine(vertices, rows, on_screen)
     else:
-        screen, reference = _perspective(camera, vertices)
-    with np.errstate(over="ignore"):  # too large for float32 is not finite, which is refused below
-        on_screen = screen.astype(np.float32)
-    low, high = (np.array([extreme(on_screen[:, k]) for k in range(3)]) for extreme in (np.min, np.max))
+        reference = _nearest_mm(camera, vertices)
+        project_pinhole(vertices, rows, reference, on_screen)
+    low, high = extremes(on_screen.view(np.int32)).view(np.float32)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise DegenerateGeometryError("expected finite vertices and camera, found infinite or undefined projections")
     limit = np.array([width, height])
@@ -73,32 +71,16 @@ def project_to_screen(camera: Camera, vertices: Float32[ndarray, "v 3"], height:
     )
 
 
-def _homogeneous(rows: Float64[ndarray, "4 4"], vertices: Float32[ndarray, "v 3"]) -> Float64[ndarray, "v 4"]:
-    out = np.zeros((-(-len(vertices) // ADDED_AT_A_TIME) * ADDED_AT_A_TIME, 4))
-    with np.errstate(invalid="ignore", over="ignore"):
-        product = np.ascontiguousarray(rows[:, :3].T)
-        np.matmul(vertices.astype(np.float64), product, out=out[: len(vertices)])
-        long_rows = out.reshape(-1, 4 * ADDED_AT_A_TIME)
-        long_rows += np.tile(rows[:, 3], ADDED_AT_A_TIME)
-    return out[: len(vertices)]
-
-
-def _perspective(camera: Camera, vertices: Float32[ndarray, "v 3"]) -> tuple[Float64[ndarray, "v 4"], float]:
+def _nearest_mm(camera: Camera, vertices: Float32[ndarray, "v 3"]) -> float:
+    """The smallest depth that a pinhole sees; not a number where a vertex is not finite."""
     if not np.allclose(camera.matrix[2], camera.matrix[3], rtol=1e-9, atol=0):
         raise DegenerateGeometryError("expected a pinhole whose depth is its w, found another row for each")
-    screen = _homogeneous(camera.matrix, vertices)
-    distance = screen[:, 3]
-    reference = float(distance.min(initial=np.inf))
-    if reference <= 0:
+    nearest = float(smallest_depth(vertices, camera.matrix[3]))
+    if nearest <= 0:
         raise DegenerateGeometryError(
-            f"expected the whole face in front of the camera, found vertices down to {reference:.1f} mm"
+            f"expected the whole face in front of the camera, found vertices down to {nearest:.1f} mm"
         )
-    with np.errstate(invalid="ignore", over="ignore"):
-        inverse = 1 / distance
-        screen[:, 0] *= inverse
-        screen[:, 1] *= inverse
-        screen[:, 2] = reference * (distance - reference) * inverse
-    return screen, reference
+    return nearest
 
 
 def _way_back(

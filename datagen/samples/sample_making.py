@@ -10,12 +10,18 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from datagen.appearance.appearance_config import PLAIN, PRESETS, AppearanceConfig
-from datagen.opengl.gl_context import GLContext
+from datagen.opengl.gl_context import REMEDY, GLContext
 from datagen.rendering.renderer import Renderer, visible_landmarks
 from datagen.samples.baked_jitter import View
 from datagen.samples.drawn_pictures import PlainPictures, ScenePictures
 from datagen.samples.stage_times import StageTimes
-from pix2face.errors import DegenerateGeometryError, InputFileError, SampleRejectedError, UsageError
+from pix2face.errors import (
+    DegenerateGeometryError,
+    GLUnavailableError,
+    InputFileError,
+    SampleRejectedError,
+    UsageError,
+)
 from pix2face.face_files.coefficients import Face
 from pix2face.files.images import check_decodes, decode_image, encode_photograph, read_bytes, upright_bytes
 from pix2face.geometry.camera import head_pose
@@ -33,7 +39,7 @@ class SampleMaker:
 
     Args:
         model: The model of the faces.
-        gl: Where to render.
+        gl: Where OpenGL draws. None if every face has a photograph, or pictures are not wanted.
         seed: Of everything random in a picture.
         layers: What samples have, of ``pix2face.shards.layers.LAYER_NAMES``.
         appearance: Of faces that have no photograph.
@@ -45,7 +51,7 @@ class SampleMaker:
     def __init__(
         self,
         model: MorphableModel,
-        gl: GLContext,
+        gl: GLContext | None,
         seed: int,
         layers: Sequence[str] = DEFAULT_LAYERS,
         appearance: AppearanceConfig = PRESETS[PLAIN],
@@ -129,6 +135,8 @@ class SampleMaker:
         """Made when the first picture is drawn: photographs need none."""
         if self._appearance.is_plain:
             return PlainPictures(self._renderer, self._seed)
+        if self._gl is None:
+            raise GLUnavailableError(f"expected OpenGL, which draws pictures, found a job without; {REMEDY}")
         return ScenePictures(self._model, self._gl, self._seed, self._appearance)
 
     def _with_picture(self, sample: Sample, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:

@@ -1,7 +1,6 @@
 // What one pixel sees of the mesh.
 
 uniform usampler2D seen;    // number of the nearest triangle; n_triangles and more: none
-uniform int seen_per_pixel;  // in each direction; odd, so that one of them has the centre of the pixel
 uniform uint n_triangles;
 uniform float inverse_distance;  // 1 / depth of order 0 in 1/mm; 0 for an affine camera
 uniform float outside;           // sign of the area in the image of triangles that show their outside
@@ -22,7 +21,7 @@ float turn(vec2 a, vec2 b) {
 
 Sight look(vec2 centre) {
     Sight sight;
-    uint triangle = texelFetch(seen, ivec2(centre) * seen_per_pixel + seen_per_pixel / 2, 0).x;
+    uint triangle = texelFetch(seen, ivec2(centre), 0).x;
     sight.hit = triangle < n_triangles;
     sight.triangle = min(triangle, n_triangles - 1u);
     uvec4 pair = texelFetch(pairs, texel(sight.triangle >> 1), 0);
@@ -36,7 +35,6 @@ Sight look(vec2 centre) {
     vec2 to_a = a.xy - centre, to_b = b.xy - centre, to_c = c.xy - centre;
     vec3 sides = vec3(turn(to_b, to_c), turn(to_c, to_a), turn(to_a, to_b));
     float area = sides.x + sides.y + sides.z;
-    // The fixed pipeline moves vertices to a grid, so the centre may lie just outside: the nearest weights count.
     vec3 inside = max(sides * sign(area), 0.0);
     inside = area != 0.0 ? inside / (inside.x + inside.y + inside.z) : vec3(1.0 / 3.0);
     vec3 on_surface = inside * (1.0 - order * inverse_distance);

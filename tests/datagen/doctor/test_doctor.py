@@ -12,9 +12,10 @@ from datagen.opengl.egl_devices import EGLDevice
 from datagen.opengl.gl_context import GLSettings
 
 GOOD = RenderCheck("compute", "", 10_000, 2, 1, 0.001, 5.0)
-SLOW = replace(GOOD, rasteriser="fragment")
-EGL = BackendProbe("egl", "", "llvmpipe (LLVM 15)", "4.5 Mesa", 450, (GOOD, SLOW))
+EGL = BackendProbe("egl", "", "llvmpipe (LLVM 15)", "4.5 Mesa", 450, (GOOD,))
 OSMESA = replace(EGL, backend="osmesa")
+GPU = replace(EGL, renderer="NVIDIA GeForce")
+PROCESSOR = BackendProbe("processor", checks=(replace(GOOD, rasteriser="processor"),))
 NO_EGL = BackendProbe("egl", "expected OpenGL 3.3 without a display, found none (egl: libEGL.so.1: no such file)")
 NO_OSMESA = BackendProbe("osmesa", "expected OpenGL 3.3 without a display, found none (osmesa: libOSMesa.so.8: none)")
 SOFTWARE = EGLDevice(0, "Mesa Project (EGL 1.5)", ("EGL_MESA_device_software",), None)
@@ -38,9 +39,13 @@ def findings(diagnosis: Diagnosis, level: str) -> str:
 
 
 def test_a_machine_in_order_is_healthy() -> None:
-    found = diagnose(MESA, [EGL, OSMESA], GLSettings())
+    found = diagnose(MESA, [GPU, OSMESA, PROCESSOR], GLSettings())
     assert found.is_healthy
     assert (found.backend, found.rasteriser, found.reason) == ("egl", "compute", "OpenGL 4.5 has compute shaders")
+    found = diagnose(MESA, [EGL, OSMESA, PROCESSOR], GLSettings())
+    assert found.is_healthy
+    assert (found.backend, found.rasteriser) == ("egl", "processor")
+    assert found.reason == "OpenGL would draw on the processor as well"
     assert [finding.level for finding in found.findings] == ["note"]
     assert "no render node (/dev/dri/renderD*)" in findings(found, "note")
 
@@ -66,10 +71,14 @@ LACKS = [
 
 @pytest.mark.parametrize(("surroundings", "remedy"), LACKS)
 def test_without_any_context_the_remedy_is_for_what_lacks(surroundings: Surroundings, remedy: str) -> None:
-    found = diagnose(surroundings, [NO_EGL, NO_OSMESA], GLSettings())
+    found = diagnose(surroundings, [NO_EGL, NO_OSMESA, PROCESSOR], GLSettings())
     assert not found.is_healthy
-    assert (found.backend, found.rasteriser) == ("", "")
+    assert (found.backend, found.rasteriser, found.reason) == ("", "processor", "no OpenGL")
     assert remedy in findings(found, "error")
+    assert "pictures of faces that have no photograph cannot be drawn (maps can)" in findings(found, "error")
+    maps_alone = diagnose(surroundings, [NO_EGL, NO_OSMESA, PROCESSOR], GLSettings(rasteriser="processor"))
+    assert maps_alone.is_healthy
+    assert remedy in findings(maps_alone, "warning")
     assert "libOSMesa is there but makes no context" in findings(found, "error")
 
 
@@ -89,16 +98,16 @@ def test_a_device_that_is_not_there_is_an_error() -> None:
     )
 
 
-def test_old_opengl_means_the_fragment_path() -> None:
-    old = replace(EGL, version_code=330, checks=(SLOW,))
-    found = diagnose(MESA, [old, OSMESA], GLSettings())
-    assert (found.is_healthy, found.rasteriser) == (True, "fragment")
+def test_old_opengl_means_the_processor() -> None:
+    old = replace(GPU, version_code=330, checks=())
+    found = diagnose(MESA, [old, OSMESA, PROCESSOR], GLSettings())
+    assert (found.is_healthy, found.rasteriser) == (True, "processor")
     assert found.reason == "OpenGL 3.3 has no compute shaders"
     assert "has no OpenGL 4.3: no compute shaders" in findings(found, "note")
     found = diagnose(MESA, [old, OSMESA], GLSettings(rasteriser="compute"))
     assert not found.is_healthy
     assert "expected OpenGL 4.3 for the rasteriser compute, found 3.3" in findings(found, "error")
-    assert diagnose(MESA, [EGL], GLSettings(rasteriser="fragment")).reason == "asked for"
+    assert diagnose(MESA, [EGL], GLSettings(rasteriser="processor")).reason == "asked for"
 
 
 WRONG = [
@@ -112,24 +121,26 @@ WRONG = [
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_driver_that_draws_something_else_is_an_error_where_it_is_used(wrong: RenderCheck) -> None:
-    found = diagnose(MESA, [replace(EGL, checks=(wrong, SLOW)), OSMESA], GLSettings())
+    probes = [replace(GPU, checks=(wrong,)), OSMESA, PROCESSOR]
+    found = diagnose(MESA, probes, GLSettings())
     assert not found.is_healthy
-    assert "PIX2FACE_RASTERISER=fragment), and report this" in findings(found, "error")
-    found = diagnose(MESA, [replace(EGL, checks=(wrong, SLOW)), OSMESA], GLSettings(rasteriser="fragment"))
+    assert "PIX2FACE_RASTERISER=processor), and report this" in findings(found, "error")
+    found = diagnose(MESA, probes, GLSettings(rasteriser="processor"))
     assert found.is_healthy
-    assert "egl, compute (llvmpipe" in findings(found, "warning")
-    found = diagnose(MESA, [replace(EGL, checks=(wrong,)), OSMESA], GLSettings())
-    assert "PIX2FACE_GL=osmesa), and report this" in findings(found, "error")
+    assert "egl, compute (NVIDIA" in findings(found, "warning")
+    found = diagnose(MESA, [EGL, replace(PROCESSOR, checks=(replace(wrong, rasteriser="processor"),))], GLSettings())
+    assert "PIX2FACE_RASTERISER=compute), and report this" in findings(found, "error")
 
 
 def test_a_faster_rasteriser_is_recommended() -> None:
-    fast = replace(EGL, checks=(replace(GOOD, milliseconds=30.0), replace(SLOW, milliseconds=10.0)))
-    found = findings(diagnose(MESA, [fast], GLSettings()), "note")
-    assert "the rasteriser fragment is faster here: 10.0 ms a picture, compute 30.0 ms" in found
-    assert "PIX2FACE_RASTERISER=fragment" in found
-    assert "faster" not in findings(diagnose(MESA, [fast], GLSettings(rasteriser="compute")), "note")
-    wrong = replace(fast, checks=(fast.checks[0], replace(fast.checks[1], off_px=5000)))
-    assert "faster" not in findings(diagnose(MESA, [wrong], GLSettings()), "note")
+    slow = replace(GPU, checks=(replace(GOOD, milliseconds=30.0),))
+    fast = replace(PROCESSOR, checks=(replace(PROCESSOR.checks[0], milliseconds=10.0),))
+    found = findings(diagnose(MESA, [slow, fast], GLSettings()), "note")
+    assert "the rasteriser processor is faster here: 10.0 ms a picture, compute 30.0 ms" in found
+    assert "PIX2FACE_RASTERISER=processor" in found
+    assert "faster" not in findings(diagnose(MESA, [slow, fast], GLSettings(rasteriser="compute")), "note")
+    wrong = replace(fast, checks=(replace(fast.checks[0], off_px=5000),))
+    assert "faster" not in findings(diagnose(MESA, [slow, wrong], GLSettings()), "note")
 
 
 def test_nvidias_missing_vendor_file_is_written_out() -> None:

@@ -19,7 +19,7 @@ from datagen.rendering.renderer import Renderer
 from pix2face.geometry.camera import Camera
 
 
-@pytest.fixture(params=["compute", "fragment"])
+@pytest.fixture(params=["processor", "compute"])
 def rasteriser(request: pytest.FixtureRequest, gl: GLContext) -> Rasteriser:
     if request.param == "compute" and gl.version_code < COMPUTE_VERSION:
         pytest.skip("no compute shaders")
@@ -103,16 +103,17 @@ def test_the_doctor_reports_in_json(
     gl: GLContext, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PIX2FACE_GL_DEVICE", "")
-    assert main(["doctor", "--gl", gl.backend, "--rasteriser", "fragment", "--json"]) == 0
+    assert main(["doctor", "--gl", gl.backend, "--rasteriser", "processor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["healthy"] is True
     assert found["diagnosis"]["backend"] == gl.backend
-    assert found["diagnosis"]["rasteriser"] == "fragment"
-    checks = next(probe["checks"] for probe in found["backends"] if probe["backend"] == gl.backend)
-    assert checks[-1]["rasteriser"] == "fragment"
-    assert checks[-1]["mask_px"] > 10_000
+    assert found["diagnosis"]["rasteriser"] == "processor"
+    checks = {probe["backend"]: probe["checks"] for probe in found["backends"]}
+    assert checks["processor"][0]["rasteriser"] == "processor"
+    assert checks["processor"][0]["mask_px"] > 10_000
+    assert checks[gl.backend][0]["rasteriser"] == "compute"
     assert found["versions"]["python"] == ".".join(map(str, sys.version_info[:3]))
-    assert {"numpy", "moderngl", "h5py", "hdf5", "isal"} <= set(found["versions"])
+    assert {"numpy", "numba", "moderngl", "h5py", "hdf5", "isal"} <= set(found["versions"])
 
 
 def test_settings_that_cannot_be_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,8 +13,9 @@ import pytest
 from datagen.cli import main
 from datagen.opengl import gl_context
 from datagen.opengl.egl_devices import EGLDevice
-from datagen.opengl.gl_context import GLSettings, choose_rasteriser, create_gl_context
+from datagen.opengl.gl_context import GLSettings, create_gl_context
 from datagen.opengl.osmesa_context import load_osmesa
+from datagen.opengl.rasteriser_choice import choose_rasteriser, open_context
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError, UsageError
 from pix2face.face_files.coefficients import save_coefficients
@@ -39,7 +40,7 @@ try:
 except GLUnavailableError as error:
     sys.exit(f"no context: {{error}}")
 with gl:
-    renderer = Renderer(model, {SIZE}, {SIZE}, gl)
+    renderer = Renderer(model, {SIZE}, {SIZE}, gl, "compute")
     maps = [renderer.render(v, Camera(m)) for v, m in zip(vertices, table.cameras)]
 np.savez(sys.argv[1], backend=gl.backend, **{{
     name: np.stack([m[name] for m in maps]) for name in ("pncc", "offset", "mask", "depth")
@@ -101,8 +102,8 @@ def test_osmesa_alone_says_that_its_library_is_missing(monkeypatch: pytest.Monke
 
 
 def test_what_is_left_open_comes_from_the_environment() -> None:
-    environment = {"PIX2FACE_GL": "egl", "PIX2FACE_GL_DEVICE": "1", "PIX2FACE_RASTERISER": "fragment"}
-    assert GLSettings().resolved(environment) == GLSettings("egl", 1, "fragment")
+    environment = {"PIX2FACE_GL": "egl", "PIX2FACE_GL_DEVICE": "1", "PIX2FACE_RASTERISER": "processor"}
+    assert GLSettings().resolved(environment) == GLSettings("egl", 1, "processor")
     assert GLSettings("egl", 0, "compute").resolved(environment) == GLSettings("egl", 0, "compute")
     assert GLSettings().resolved(dict.fromkeys(environment, "")) == GLSettings()
     assert GLSettings().resolved({"GLCONTEXT_DEVICE_INDEX": "1"}) == GLSettings()
@@ -112,7 +113,7 @@ def test_what_is_left_open_comes_from_the_environment() -> None:
     ("settings", "environment", "message"),
     [
         (GLSettings("vulkan"), {}, "backend: expected one of egl, osmesa, found 'vulkan'"),
-        (GLSettings(), {"PIX2FACE_RASTERISER": "cpu"}, "PIX2FACE_RASTERISER: expected one of auto, compute, fragment"),
+        (GLSettings(), {"PIX2FACE_RASTERISER": "cpu"}, "PIX2FACE_RASTERISER: expected one of auto, processor, compute"),
         (GLSettings(), {"PIX2FACE_GL_DEVICE": "first"}, "PIX2FACE_GL_DEVICE: expected the number of a device, from 0"),
         (GLSettings(device=-1), {}, "device: expected the number of a device, from 0, found -1"),
         (GLSettings("osmesa", 0), {}, "expected no device with the backend osmesa"),
@@ -126,19 +127,34 @@ def test_settings_that_cannot_be_are_refused(settings: GLSettings, environment: 
 
 
 def test_settings_travel_to_workers() -> None:
-    settings = GLSettings("egl", 1, "fragment")
+    settings = GLSettings("egl", 1, "processor")
     assert ForkingPickler.loads(ForkingPickler.dumps(settings)) == settings
 
 
-def test_compute_shaders_are_taken_where_they_are() -> None:
-    assert [choose_rasteriser("auto", version) for version in (330, 420, 430, 460)] == [
-        *["fragment"] * 2,
-        *["compute"] * 2,
-    ]
-    assert choose_rasteriser("fragment", 460) == "fragment"
-    assert choose_rasteriser("compute", 430) == "compute"
-    with pytest.raises(GLUnavailableError, match=r"OpenGL 4\.3 for the rasteriser compute, found 3\.3; choose"):
-        choose_rasteriser("compute", 330)
+def test_compute_shaders_are_taken_on_a_gpu_that_has_them() -> None:
+    for version, expected in ((0, "processor"), (330, "processor"), (420, "processor"), (430, "compute")):
+        assert choose_rasteriser("auto", version, is_software=False) == expected
+        assert choose_rasteriser("auto", version, is_software=True) == "processor"
+    assert choose_rasteriser("processor", 460, is_software=False) == "processor"
+    assert choose_rasteriser("compute", 430, is_software=True) == "compute"
+    for version, found in ((330, r"3\.3"), (0, "none")):
+        with pytest.raises(GLUnavailableError, match=rf"4\.3 for the rasteriser compute, found {found}; choose"):
+            choose_rasteriser("compute", version, is_software=False)
+
+
+def test_maps_need_no_opengl_without_a_gpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("PIX2FACE_GL", "PIX2FACE_GL_DEVICE", "PIX2FACE_RASTERISER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(gl_context, "_CREATORS", {"egl": fail, "osmesa": fail})
+    assert open_context(GLSettings(), draws_pictures=False, root=tmp_path) is None
+    assert open_context(GLSettings("egl", rasteriser="processor"), draws_pictures=False, root=tmp_path) is None
+    asked_for = (GLSettings("egl"), GLSettings(rasteriser="compute"))
+    for settings, draws_pictures in ((GLSettings(), True), *((settings, False) for settings in asked_for)):
+        with pytest.raises(GLUnavailableError):
+            open_context(settings, draws_pictures=draws_pictures, root=tmp_path)
+    (tmp_path / "dev" / "dri").mkdir(parents=True)
+    (tmp_path / "dev" / "dri" / "renderD128").touch()
+    assert open_context(GLSettings(), draws_pictures=False, root=tmp_path) is None  # a GPU without a driver
 
 
 def test_a_device_that_is_not_there_is_refused_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,10 +215,10 @@ def test_the_first_device_can_be_asked_for() -> None:
 @pytest.mark.parametrize("backend", ["egl", "osmesa"])
 def test_an_older_driver_is_taken_as_it_is(backend: str) -> None:
     """Mesa can be told to be older than it is."""
-    code = "gl = create_gl_context(); print(gl.version_code, choose_rasteriser('auto', gl.version_code))"
+    code = "print(create_gl_context().version_code)"
     if "Mesa" not in in_a_process("print(create_gl_context().context.info['GL_VERSION'])", PIX2FACE_GL=backend):
         pytest.skip("the driver is not Mesa's")
-    assert in_a_process(code, PIX2FACE_GL=backend, MESA_GL_VERSION_OVERRIDE="3.3") == "330 fragment\n"
+    assert in_a_process(code, PIX2FACE_GL=backend, MESA_GL_VERSION_OVERRIDE="3.3") == "330\n"
 
 
 def test_rendering_without_gl_ends_in_one_line(

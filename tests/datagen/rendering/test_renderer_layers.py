@@ -8,6 +8,7 @@ from numpy import ndarray
 
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering import map_drawing
+from datagen.rendering.processor import processor_maps
 from datagen.rendering.renderer import Renderer
 from datagen.samples.sample_making import SampleMaker
 from pix2face.errors import UsageError
@@ -38,7 +39,7 @@ PINHOLE = pinhole_camera(Pinhole(250, np.array([64.0, 60]), ROTATION, np.array([
 
 
 @pytest.mark.parametrize("camera", [AFFINE, PINHOLE], ids=["affine", "pinhole"])
-@pytest.mark.parametrize("rasteriser", ["compute", "fragment"])
+@pytest.mark.parametrize("rasteriser", ["processor", "compute"])
 def test_they_equal_those_of_the_oracle(gl: GLContext, rasteriser: str, camera: Camera) -> None:
     if rasteriser == "compute" and gl.version_code < 430:
         pytest.skip("no compute shaders in this OpenGL")
@@ -126,16 +127,19 @@ def test_what_was_not_asked_for_is_not_there(gl: GLContext) -> None:
     assert set(renderer.render(model.mean, AFFINE, ("image", "pncc", "normals"))) == {*ALWAYS_RENDERED, "normals"}
 
 
-def test_a_new_attribute_is_one_entry_of_the_table(gl: GLContext, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("rasteriser", ["processor", "compute"])
+def test_a_new_attribute_is_one_entry_of_the_table(
+    gl: GLContext, rasteriser: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def heights(model: MorphableModel, vertices: ndarray, camera: Camera) -> ndarray:
         return np.ascontiguousarray(vertices[:, 1:2])
 
     table = {**ATTRIBUTES, "height": Attribute(1, heights, lambda model: model.triangles)}
     monkeypatch.setattr(map_drawing, "ATTRIBUTES", table)
     monkeypatch.setattr(oracle, "ATTRIBUTES", table)
-    monkeypatch.setattr("datagen.rendering.renderer.ATTRIBUTES", table)
+    monkeypatch.setattr(processor_maps, "ATTRIBUTES", table)
     model = small_head_model()
-    found = Renderer(model, SIZE, SIZE, gl).render(model.mean, AFFINE, ("height",))
+    found = Renderer(model, SIZE, SIZE, gl, rasteriser).render(model.mean, AFFINE, ("height",))
     expected = render_maps(model, model.mean, AFFINE, SIZE, SIZE, ("height",))
     both = found["mask"] & expected["mask"]
     assert np.abs(found["height"] - expected["height"])[both].max() < 0.05

@@ -1,0 +1,182 @@
+"""Turns the triangle that each pixel sees into maps and layers, on the processor: everything once a pixel."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray
+
+from datagen.rendering.processor.compiling import compiled
+from datagen.rendering.processor.visibility import QUEUE, STRIDE, Mesh
+
+f32 = np.float32
+# Rows of the numbers of some pixels: column, row and order of the corners, their points on the mean face, the centre.
+AX, AY, AZ, BX, BY, BZ, CX, CY, CZ = range(9)
+MEAN, X, Y = 9, 18, 19
+# Rows of the results: weights of the corners, depth relative to order 0, PNCC, offset, above 0 where the outside shows.
+WEIGHT, DEPTH, PNCC, OFFSET, OUTSIDE = 0, 3, 4, 7, 10
+
+
+class WayBack(NamedTuple):
+    """From pixels to the model frame: fields of ``ScreenProjection``, in float32."""
+
+    middle: ndarray
+    middle_point: ndarray
+    along_column: ndarray
+    along_row: ndarray
+    along_depth: ndarray
+    inverse_distance: np.float32
+    outside_sign: np.float32
+    reference_mm: np.float32
+
+
+class Surface(NamedTuple):
+    """What is known of a model's mesh."""
+
+    mean: ndarray  # (v, 3) float32, mm
+    is_face: ndarray  # of each triangle, (t,) bool
+
+
+class Maps(NamedTuple):
+    """What is drawn; everything is filled."""
+
+    pncc: ndarray  # (h, w, 3) float32, mm
+    offset: ndarray  # (h, w, 3) float32, mm
+    mask: ndarray  # (h, w) bool
+    depth: ndarray  # (h, w) float32, mm
+    surface_depth: ndarray  # (h, w) float32, mm
+    weights: ndarray  # of the corners at each pixel that sees something, (h, w, 3) float32; empty: not wanted
+
+
+class Pixels(NamedTuple):
+    """Some pixels of a row that see something."""
+
+    row: int
+    columns: ndarray
+    triangles: ndarray
+
+
+@compiled
+def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, maps: Maps) -> None:
+    """Draws the maps from the triangle that each pixel sees, (h, w) int32."""
+    height, width = seen.shape
+    given, found = np.empty((20, STRIDE), f32), np.empty((11, STRIDE), f32)
+    columns, triangles = np.empty(STRIDE, np.uint32), np.empty(STRIDE, np.uint32)
+    for row in range(height):
+        maps.pncc[row], maps.offset[row] = f32(0), f32(0)
+        maps.mask[row], maps.depth[row], maps.surface_depth[row] = False, f32(0), f32(np.inf)
+        column = 0
+        while column < width:
+            n = 0
+            while column < width and n < QUEUE:
+                columns[n], triangles[n] = column, seen[row, column]
+                n += np.int64(seen[row, column] >= 0)
+                column += 1
+            pixels = Pixels(row, columns[:n], triangles[:n])
+            _gather(pixels, mesh, surface.mean, given)
+            _weigh(given, n, way, found)
+            _place(given, n, way, found)
+            _scatter(pixels, found, way.reference_mm, surface.is_face, maps)
+
+
+@compiled
+def _gather(pixels: Pixels, mesh: Mesh, mean: ndarray, given: ndarray) -> None:
+    """Collects the corners of what some pixels see."""
+    screen, triangles = mesh
+    for k in range(len(pixels.columns)):
+        triangle = pixels.triangles[k]
+        a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
+        given[AX, k], given[AY, k], given[AZ, k] = screen[a, 0], screen[a, 1], screen[a, 2]
+        given[BX, k], given[BY, k], given[BZ, k] = screen[b, 0], screen[b, 1], screen[b, 2]
+        given[CX, k], given[CY, k], given[CZ, k] = screen[c, 0], screen[c, 1], screen[c, 2]
+        given[MEAN, k], given[MEAN + 1, k], given[MEAN + 2, k] = mean[a, 0], mean[a, 1], mean[a, 2]
+        given[MEAN + 3, k], given[MEAN + 4, k], given[MEAN + 5, k] = mean[b, 0], mean[b, 1], mean[b, 2]
+        given[MEAN + 6, k], given[MEAN + 7, k], given[MEAN + 8, k] = mean[c, 0], mean[c, 1], mean[c, 2]
+        given[X, k], given[Y, k] = f32(pixels.columns[k]) + f32(0.5), f32(pixels.row) + f32(0.5)
+
+
+@compiled
+def _weigh(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
+    """Weights of the corners on the surface (perspective-correct) and the depth at each pixel centre."""
+    inverse, outside, one = way.inverse_distance, way.outside_sign, f32(1)
+    for k in range(n):
+        ax, ay = given[AX, k] - given[X, k], given[AY, k] - given[Y, k]
+        bx, by = given[BX, k] - given[X, k], given[BY, k] - given[Y, k]
+        cx, cy = given[CX, k] - given[X, k], given[CY, k] - given[Y, k]
+        sa, sb, sc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+        area = sa + sb + sc
+        a, b, c = sa / area, sb / area, sc / area
+        order = a * given[AZ, k] + b * given[BZ, k] + c * given[CZ, k]
+        a *= one - given[AZ, k] * inverse
+        b *= one - given[BZ, k] * inverse
+        c *= one - given[CZ, k] * inverse
+        total = a + b + c
+        found[WEIGHT, k], found[WEIGHT + 1, k], found[WEIGHT + 2, k] = a / total, b / total, c / total
+        found[DEPTH, k] = order / (one - order * inverse)
+        found[OUTSIDE, k] = area * outside
+
+
+@compiled
+def _place(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
+    """PNCC, and the offset from it to where the ray through the pixel centre meets the depth."""
+    for axis in range(3):
+        start, along_column, along_row = way.middle_point[axis], way.along_column[axis], way.along_row[axis]
+        along_depth, inverse = way.along_depth[axis], way.inverse_distance
+        for k in range(n):
+            across = (given[X, k] - way.middle[0]) * along_column + (given[Y, k] - way.middle[1]) * along_row
+            point = start + across + found[DEPTH, k] * (along_depth + inverse * across)
+            mean = (
+                found[WEIGHT, k] * given[MEAN + axis, k]
+                + found[WEIGHT + 1, k] * given[MEAN + 3 + axis, k]
+                + found[WEIGHT + 2, k] * given[MEAN + 6 + axis, k]
+            )
+            found[PNCC + axis, k] = mean
+            found[OFFSET + axis, k] = point - mean
+
+
+@compiled
+def _scatter(pixels: Pixels, found: ndarray, reference_mm: float, is_face: ndarray, maps: Maps) -> None:
+    """Writes what was found into the maps."""
+    row, has_weights = pixels.row, maps.weights.size > 0
+    pncc, offset, mask, depth = maps.pncc[row], maps.offset[row], maps.mask[row], maps.depth[row]
+    for k in range(len(pixels.columns)):
+        column, distance = pixels.columns[k], found[DEPTH, k] + reference_mm
+        maps.surface_depth[row, column] = distance
+        if has_weights:
+            for corner in range(3):
+                maps.weights[row, column, corner] = found[WEIGHT + corner, k]
+        if is_face[pixels.triangles[k]] and found[OUTSIDE, k] > 0:
+            mask[column], depth[column] = True, distance
+            pncc[column, 0], offset[column, 0] = found[PNCC, k], found[OFFSET, k]
+            pncc[column, 1], offset[column, 1] = found[PNCC + 1, k], found[OFFSET + 1, k]
+            pncc[column, 2], offset[column, 2] = found[PNCC + 2, k], found[OFFSET + 2, k]
+
+
+@compiled
+def interpolate(seen: ndarray, maps: Maps, values: ndarray, corners: ndarray, is_direction: bool, out: ndarray) -> None:
+    """Interpolates what is given at corners, after ``draw_maps`` has left its weights.
+
+    Args:
+        seen: The triangle that each pixel sees, (h, w) int32.
+        maps: Mask and weights.
+        values: What is given, (n, c) float32.
+        corners: For each triangle the rows of its values, (t, 3) uint32.
+        is_direction: Whether the results get length 1.
+        out: Is filled, (h, w, c) float32; 0 outside the mask.
+    """
+    height, width, n_channels = out.shape
+    for row in range(height):
+        for column in range(width):
+            for channel in range(n_channels):
+                out[row, column, channel] = f32(0)
+            if not maps.mask[row, column]:
+                continue
+            triangle, squares = np.uint32(seen[row, column]), f32(0)
+            for channel in range(n_channels):
+                value = f32(0)
+                for corner in range(3):
+                    value += maps.weights[row, column, corner] * values[corners[triangle, corner], channel]
+                out[row, column, channel] = value
+                squares += value * value
+            if is_direction and squares > 0:
+                for channel in range(n_channels):
+                    out[row, column, channel] /= np.sqrt(squares)

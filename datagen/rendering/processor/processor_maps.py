@@ -1,0 +1,77 @@
+"""Draws maps and layers of one model on the processor."""
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+from jaxtyping import Float32, UInt32
+from numpy import ndarray
+
+from datagen.rendering.processor.interpolation import Maps, Surface, WayBack, draw_maps, interpolate
+from datagen.rendering.processor.visibility import Mesh, Seen, see
+from datagen.rendering.screen_projection import ScreenProjection, project_to_screen
+from pix2face.geometry.camera import Camera
+from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.rasterise import SURFACE_DEPTH
+from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
+
+# What is interpolated in float32 is wrong by at most this part of the largest number.
+ROUNDING = 2.0**-20
+
+
+@final
+class ProcessorMaps:
+    """Draws the maps and further layers of one model."""
+
+    def __init__(self, model: MorphableModel) -> None:
+        self._model = model
+        self._triangles: UInt32[ndarray, "t 3"] = np.ascontiguousarray(model.triangles, dtype=np.uint32)
+        self._surface = Surface(np.ascontiguousarray(model.mean), model.is_face_triangle)
+        # By the number of the triangle; -1, the background, takes the last.
+        self._regions = np.append(model.triangle_regions + np.uint8(1), np.uint8(0))
+
+    def render(
+        self, vertices: Float32[ndarray, "v 3"], camera: Camera, size: tuple[int, int], layers: Sequence[str] = ()
+    ) -> dict[str, ndarray]:
+        """Renders one face as ``Renderer.render`` does."""
+        projection = project_to_screen(camera, vertices, *size)
+        attributes = [name for name in layers if name in ATTRIBUTES]
+        mesh = Mesh(projection.screen, self._triangles)
+        seen = Seen(np.empty(size, np.float32), np.empty(size, np.int32))
+        see(mesh, ROUNDING * max(map(abs, projection.order_range_mm)), seen)
+        maps = _empty_maps(size, with_weights=bool(attributes))
+        draw_maps(seen.triangle, mesh, self._surface, _way_back(projection), maps)
+        rendered = {
+            "pncc": maps.pncc,
+            "offset": maps.offset,
+            "mask": maps.mask,
+            "depth": maps.depth,
+            SURFACE_DEPTH: maps.surface_depth,
+        }
+        for name in attributes:
+            rendered[name] = self._attribute(name, vertices, camera, seen.triangle, maps)
+        return rendered | {REGIONS: self._regions[seen.triangle]} if REGIONS in layers else rendered
+
+    def _attribute(
+        self, name: str, vertices: Float32[ndarray, "v 3"], camera: Camera, seen: ndarray, maps: Maps
+    ) -> Float32[ndarray, "h w c"]:
+        attribute = ATTRIBUTES[name]
+        values = np.ascontiguousarray(attribute.values(self._model, vertices, camera))
+        corners = np.ascontiguousarray(attribute.corners(self._model), dtype=np.uint32)
+        out = np.empty((*seen.shape, attribute.n_channels), dtype=np.float32)
+        interpolate(seen, maps, values, corners, attribute.is_direction, out)
+        return out
+
+
+def _empty_maps(size: tuple[int, int], *, with_weights: bool) -> Maps:
+    pncc, offset, weights = (np.empty((*size, 3), np.float32) for _ in range(3))
+    depth, surface_depth = (np.empty(size, np.float32) for _ in range(2))
+    return Maps(pncc, offset, np.empty(size, bool), depth, surface_depth, weights if with_weights else weights[:0])
+
+
+def _way_back(projection: ScreenProjection) -> WayBack:
+    names = ("middle", "middle_point", "along_column", "along_row", "along_depth")
+    numbers = (projection.inverse_distance, projection.outside_sign, projection.reference_mm)
+    return WayBack(
+        *(getattr(projection, name).astype(np.float32, order="C") for name in names), *map(np.float32, numbers)
+    )

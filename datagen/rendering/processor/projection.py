@@ -1,0 +1,65 @@
+"""Projects vertices in float64, rounds them to float32 once, and finds what they cover."""
+
+import numpy as np
+from numpy import ndarray
+
+from datagen.rendering.processor.compiling import compiled
+
+f32, f64 = np.float32, np.float64
+
+
+@compiled
+def project_affine(vertices: ndarray, rows: ndarray, screen: ndarray) -> None:
+    """Column, row and order of vertices, (v, 3) float32, by rows of a camera's matrix, into (v, 4) float32."""
+    r00, r01, r02, r03 = rows[0]
+    r10, r11, r12, r13 = rows[1]
+    r20, r21, r22, r23 = rows[2]
+    for i in range(len(vertices)):
+        x, y, z = f64(vertices[i, 0]), f64(vertices[i, 1]), f64(vertices[i, 2])
+        screen[i, 0] = r00 * x + r01 * y + r02 * z + r03
+        screen[i, 1] = r10 * x + r11 * y + r12 * z + r13
+        screen[i, 2] = r20 * x + r21 * y + r22 * z + r23
+        screen[i, 3] = 0
+
+
+@compiled
+def project_pinhole(vertices: ndarray, rows: ndarray, reference: float, screen: ndarray) -> None:
+    """As ``project_affine``, divided by the distance; the order is reference - reference² / distance."""
+    r00, r01, r02, r03 = rows[0]
+    r10, r11, r12, r13 = rows[1]
+    r20, r21, r22, r23 = rows[3]
+    for i in range(len(vertices)):
+        x, y, z = f64(vertices[i, 0]), f64(vertices[i, 1]), f64(vertices[i, 2])
+        distance = r20 * x + r21 * y + r22 * z + r23
+        inverse = 1 / distance
+        screen[i, 0] = (r00 * x + r01 * y + r02 * z + r03) * inverse
+        screen[i, 1] = (r10 * x + r11 * y + r12 * z + r13) * inverse
+        screen[i, 2] = reference * (distance - reference) * inverse
+        screen[i, 3] = 0
+
+
+@compiled
+def smallest_depth(vertices: ndarray, row: ndarray) -> float:
+    """The least depth of vertices by the last row of a pinhole's matrix, mm; NaN if any is NaN."""
+    smallest = np.inf
+    for i in range(len(vertices)):
+        depth = row[0] * f64(vertices[i, 0]) + row[1] * f64(vertices[i, 1]) + row[2] * f64(vertices[i, 2]) + row[3]
+        if not depth >= smallest:
+            smallest = depth
+            if np.isnan(depth):
+                break
+    return smallest
+
+
+@compiled
+def extremes(screen: ndarray) -> ndarray:
+    """Smallest and largest column, row and order of (v, 4) float32 seen as int32; NaN counts as beyond infinity."""
+    found = np.empty((2, 3), np.int32)
+    for k in range(3):
+        low, high = np.int32(0x7FFFFFFF), np.int32(-0x80000000)
+        for i in range(len(screen)):
+            bits = screen[i, k]
+            ordered = bits ^ ((bits >> np.int32(31)) & np.int32(0x7FFFFFFF))
+            low, high = min(low, ordered), max(high, ordered)
+        found[0, k], found[1, k] = low, high
+    return found ^ ((found >> np.int32(31)) & np.int32(0x7FFFFFFF))
