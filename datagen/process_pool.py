@@ -7,10 +7,11 @@ killed, the pipe closes, and each process exits at once.
 import multiprocessing
 import os
 import signal
+import struct
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any, final
 
@@ -21,14 +22,29 @@ from pix2face.errors import UsageError
 ONE_THREAD = {"LP_NUM_THREADS": "0", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
+# A task and how much of it is done.
+OnReport = Callable[[int, int], None]
+_REPORT = struct.Struct("=qq")
+# Where this process sends reports; empty in the program itself.
+_REPORTS: list[Connection] = []
+
+
 @contextmanager
-def process_pool(workers: int) -> Iterator[Executor]:
-    """Starts processes of one thread each. When the block raises, work that has not begun is dropped."""
+def process_pool(workers: int, on_report: OnReport = lambda task, n_done: None) -> Iterator[Executor]:
+    """Starts processes of one thread each. When the block raises, work that has not begun is dropped.
+
+    Args:
+        workers: How many.
+        on_report: Receives what the processes ``report``, in a thread of its own.
+    """
     limit_threads()  # inherited by the processes, before they load anything
     context = multiprocessing.get_context("spawn")
     worker_end, own_end = context.Pipe(duplex=False)
+    reports, report_end = context.Pipe(duplex=False)
+    listener = threading.Thread(target=_listen, args=(reports, on_report), name="reports", daemon=True)
+    listener.start()
     try:
-        pool = _UninterruptedPool(workers, context, initializer=_hang_on_lifeline, initargs=(worker_end,))
+        pool = _UninterruptedPool(workers, context, initializer=_begin, initargs=(worker_end, report_end))
     except OSError as error:
         raise UsageError(
             "expected a /dev/shm that can be written to, where processes keep their semaphores, found: "
@@ -43,6 +59,19 @@ def process_pool(workers: int) -> Iterator[Executor]:
         pool.shutdown(wait=True, cancel_futures=True)
         own_end.close()
         worker_end.close()
+        report_end.close()  # the last end to write to, so the listener ends
+        listener.join()
+        reports.close()
+
+
+def report(task: int, n_done: int) -> None:
+    """Tells the program that started this process how much of a task is done.
+
+    A report gets lost if the program does not keep up; the next one says all that it said.
+    """
+    for connection in _REPORTS:
+        with suppress(OSError):
+            connection.send_bytes(_REPORT.pack(task, n_done))
 
 
 def limit_threads() -> None:
@@ -68,8 +97,21 @@ class _UninterruptedPool(ProcessPoolExecutor):
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _listen(reports: Connection, on_report: OnReport) -> None:
+    with suppress(EOFError, OSError):
+        while True:
+            on_report(*_REPORT.unpack(reports.recv_bytes()))
+
+
+def _begin(lifeline: Connection, reports: Connection) -> None:
+    """Prepares this process, which calls it first."""
+    os.set_blocking(reports.fileno(), False)
+    _REPORTS.append(reports)
+    _hang_on_lifeline(lifeline)
+
+
 def _hang_on_lifeline(lifeline: Connection) -> None:
-    """Ends this process as soon as the other end of the pipe is closed. Each process calls it first."""
+    """Ends this process as soon as the other end of the pipe is closed."""
 
     def watch() -> None:
         try:

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from importlib import import_module
 from typing import Any, final
 
-from datagen.process_pool import process_pool
+from datagen.process_pool import OnReport, process_pool
 from pix2face.errors import UsageError
 
 CONNECT_S = 10.0
@@ -23,8 +23,11 @@ class WorkPlace(ABC):
     at_once: int
 
     @abstractmethod
-    def open(self) -> AbstractContextManager[Executor]:
-        """Gives an executor. When the block raises, units that have not begun are dropped and its processes end."""
+    def open(self, on_report: OnReport) -> AbstractContextManager[Executor]:
+        """Gives an executor. When the block raises, units that have not begun are dropped and its processes end.
+
+        Processes of this machine say how many faces of a unit are done: ``on_report`` receives unit and number.
+        """
 
     def check(self) -> None:
         """Called now and then while units run; a process pool notices by itself.
@@ -47,9 +50,9 @@ class ProcessPool(WorkPlace):
         self._workers = workers
         self.at_once = 2 * workers
 
-    def open(self) -> AbstractContextManager[Executor]:
+    def open(self, on_report: OnReport) -> AbstractContextManager[Executor]:
         """A pool of new processes. A broken pool is not repaired; another one is opened."""
-        return process_pool(self._workers)
+        return process_pool(self._workers, on_report)
 
 
 @final
@@ -76,7 +79,7 @@ class DaskCluster(WorkPlace):
         self.at_once = sys.maxsize  # the scheduler itself knows who has what, and workers may come and go
 
     @contextmanager
-    def open(self) -> Iterator[Executor]:
+    def open(self, on_report: OnReport) -> Iterator[Executor]:
         """An executor of the cluster; what has not begun is dropped when the block raises."""
         # Without a port the client fails half made, and what is left of it complains when it is deleted.
         if not self._address.rpartition(":")[2].isdigit():

@@ -6,6 +6,7 @@ undisturbed run. One job at a time writes to a folder (``folder_lock``).
 """
 
 import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
@@ -86,7 +87,8 @@ class Listener:
     """Callbacks of a job."""
 
     on_kept: Callable[[int], None] = lambda n: None  # once: samples that earlier runs have finished
-    on_progress: Callable[[int], None] = lambda n: None  # samples that have just been finished
+    # Faces that have just been done; fewer than 0 if a worker died and its shard begins again.
+    on_progress: Callable[[int], None] = lambda n: None
     on_notice: Callable[[str], None] = lambda text: None  # messages for the user that stop nothing
 
 
@@ -111,13 +113,38 @@ def run_job(
             remove_unfinished(out)
 
 
+@final
+class _Progress:
+    """Adds up how much of each unit is done."""
+
+    def __init__(self, on_progress: Callable[[int], None]) -> None:
+        self._on_progress = on_progress
+        self._done: dict[int, int] = {}
+        self._finished: set[int] = set()
+        self._lock = threading.Lock()
+
+    def report(self, unit: int, n_done: int) -> None:
+        with self._lock:  # reports come from another thread than results, and may be late
+            if unit not in self._finished:
+                self._count(unit, n_done)
+
+    def finish(self, unit: int, n_done: int) -> None:
+        with self._lock:
+            self._finished.add(unit)
+            self._count(unit, n_done)
+
+    def _count(self, unit: int, n_done: int) -> None:
+        self._on_progress(n_done - self._done.get(unit, 0))
+        self._done[unit] = n_done
+
+
 def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listener: Listener) -> JobSummary:
     job, source, n_units = opened.job, opened.source, opened.job.n_units(opened.source)
     missing, damaged = look_into(out, job, source, shard_header(job, source, opened.model, ()))
     for path in damaged:
         listener.on_notice(f"{path} is cut short or damaged: it is made anew")
     listener.on_kept(len(source.sample_ids) - sum(len(job.faces_of(source, unit)) for unit in missing))
-    times, peaks = StageTimes(), list[int]()
+    times, peaks, progress = StageTimes(), list[int](), _Progress(listener.on_progress)
 
     def submit(executor: Executor, number: int) -> Future[UnitReport]:
         return executor.submit(render_unit, Unit(job, number, out, gl, source.sha256, opened.model.sha256))
@@ -125,9 +152,9 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
     def on_finished(unit: int, report: UnitReport) -> None:
         times.add(report.seconds, report.cpu_seconds)
         peaks.append(report.peak_memory_bytes)
-        listener.on_progress(report.n_faces)
+        progress.finish(unit, report.n_faces)
 
-    finish_units(missing, place, submit, on_finished)
+    finish_units(missing, place, submit, on_finished, progress.report)
     n_triplets, rejected = _count(out, n_units)
     write_rejected(out / REJECTED_FILE, rejected)
     write_descriptions(out)

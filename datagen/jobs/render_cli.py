@@ -14,6 +14,8 @@ from datagen.jobs.pipeline import JobSummary, Listener, OpenedJob, open_job, reo
 from datagen.jobs.render_job import RenderJob
 from datagen.models.model_cli import describe
 from datagen.opengl.gl_context import GLSettings
+from datagen.opengl.rasteriser_choice import has_gpu_files
+from datagen.rendering.processor.processor_maps import prepare
 from datagen.samples.baked_jitter import JitterBake, ViewMaker
 from pix2face.command_line import (
     EXIT_REJECTED,
@@ -57,7 +59,7 @@ def _render(config: RenderConfig) -> int:
             f"found {config.workers}, {config.shard_size} and {config.seed}"
         )
     gl = GLSettings(config.gl, config.device, config.rasteriser)
-    gl.resolved()  # contradictions are found here, not by every worker
+    rasteriser = gl.resolved().rasteriser  # contradictions are found here, not by every worker
     place: WorkPlace = ProcessPool(config.workers) if config.scheduler is None else DaskCluster(config.scheduler)
     jitter = JitterBake(config.jitter, config.jitter_size, JitterRange(mirror=config.jitter_mirror))
     jitter.check()
@@ -65,6 +67,9 @@ def _render(config: RenderConfig) -> int:
     ViewMaker(opened.model, jitter, config.seed)  # what the model does not allow is found here, not by every worker
     _introduce(config, opened)
     prepare_output_folder(config.out)
+    if config.scheduler is None and (rasteriser == "processor" or (rasteriser == "auto" and not has_gpu_files())):
+        message = "compiling the rasteriser for this processor, which takes some seconds at the first start"
+        prepare(opened.model, opened.job.layers, lambda: say(console, message))
     with progress_bar(console, "rendering", len(opened.source.sample_ids)) as advance:
         listener = Listener(
             on_kept=lambda n: advance(n, already_done=True),

@@ -21,7 +21,7 @@ from datagen.jobs.folder_lock import worker_lock
 from datagen.jobs.render_job import RenderJob, shard_header, shard_path
 from datagen.opengl.gl_context import GLContext, GLSettings
 from datagen.opengl.rasteriser_choice import open_context
-from datagen.process_pool import limit_threads
+from datagen.process_pool import limit_threads, report
 from datagen.samples.baked_jitter import View, ViewMaker
 from datagen.samples.sample_making import SampleMaker
 from datagen.samples.stage_times import StageTimes
@@ -109,12 +109,14 @@ def _add_samples(
     writer: ShardWriter, unit: Unit, worker: _Worker, rejected: list[tuple[str, str]], times: StageTimes
 ) -> None:
     """Makes the samples of a unit in the order of the source; those that cannot be used are added to ``rejected``."""
-    most_faces = max(VIEWS_AT_A_TIME // max(unit.job.jitter.n, 1), 1)
+    n_variants, n_done = max(unit.job.jitter.n, 1), 0
+    most_faces = max(VIEWS_AT_A_TIME // n_variants, 1)
     for indices in _even_parts(unit.job.faces_of(worker.source, unit.number), most_faces):
         with times.stage("read coefficients"):
             views = _views(unit.job, worker, indices, rejected)
         for view, made in zip(views, worker.maker.make_all(views, times), strict=True):
-            sample_id = view.face.sample_id
+            sample_id, n_done = view.face.sample_id, n_done + 1
+            report(unit.number, n_done // n_variants)
             if isinstance(made, SampleRejectedError):
                 rejected.append((sample_id, str(made)))
                 continue

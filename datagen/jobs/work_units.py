@@ -11,6 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from typing import Generic, TypeVar, final
 
 from datagen.jobs.executors import WorkPlace
+from datagen.process_pool import OnReport
 from pix2face.errors import UsageError
 
 # How many times workers may die with a unit in their hands.
@@ -25,8 +26,12 @@ def finish_units(
     place: WorkPlace,
     submit: Callable[[Executor, int], "Future[Result]"],
     on_finished: Callable[[int, Result], None],
+    on_report: OnReport = lambda unit, n_done: None,
 ) -> None:
     """Finishes all units, in any order, and passes number and result of each to ``on_finished`` in the caller's thread.
+
+    Meanwhile ``on_report`` is told, in another thread, how much of a unit is done: less than before if it is tried
+    again.
 
     Raises:
         UsageError: Workers died with a unit too often, or no worker is left.
@@ -35,7 +40,7 @@ def finish_units(
     work = _Work(units, submit, on_finished)
     while work.waiting:
         try:
-            with place.open() as executor:
+            with place.open(on_report) as executor:
                 _drain(work, place, executor)
         except BrokenExecutor:
             work.return_lost()

@@ -1,6 +1,7 @@
 """Draws maps and layers of one model on the processor."""
 
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
@@ -10,11 +11,13 @@ from numpy import ndarray
 from datagen.rendering.processor.interpolation import Maps, Surface, WayBack, draw_maps, interpolate
 from datagen.rendering.processor.visibility import Mesh, Seen, see
 from datagen.rendering.screen_projection import ScreenProjection, project_to_screen
-from pix2face.geometry.camera import Camera
+from pix2face.geometry.camera import Camera, WeakPerspective, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
+# Compiled functions are loaded in less; compiling them takes longer.
+LOADED_WITHIN_S = 1.5
 # What is interpolated in float32 is wrong by at most this part of the largest number.
 ROUNDING = 2.0**-20
 
@@ -61,6 +64,21 @@ class ProcessorMaps:
         out = np.empty((*seen.shape, attribute.n_channels), dtype=np.float32)
         interpolate(seen, maps, values, corners, attribute.is_direction, out)
         return out
+
+
+def prepare(model: MorphableModel, layers: Sequence[str], on_wait: Callable[[], None]) -> None:
+    """Compiles what drawing needs, unless it was compiled before: workers that start at once then only load it.
+
+    ``on_wait`` is called, in another thread, if this takes longer than loading.
+    """
+    timer = threading.Timer(LOADED_WITHIN_S, on_wait)
+    timer.daemon = True
+    timer.start()
+    try:
+        camera = weak_perspective_camera(WeakPerspective(0.1, np.diag([1.0, -1.0, -1.0]), np.full(2, 8.0)))
+        ProcessorMaps(model).render(model.mean.copy(), camera, (16, 16), layers)
+    finally:
+        timer.cancel()
 
 
 def _empty_maps(size: tuple[int, int], *, with_weights: bool) -> Maps:

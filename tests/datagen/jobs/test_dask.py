@@ -105,7 +105,7 @@ def test_a_scheduler_without_workers_is_one_line(
     monkeypatch.setattr(executors, "WORKERS_COME_S", 0.5)
     with (
         pytest.raises(UsageError, match=r"expected at least one worker, found none in .* `dask worker tcp://"),
-        DaskCluster(scheduler).open(),
+        DaskCluster(scheduler).open(lambda unit, n_done: None),
     ):
         pass
 

@@ -13,7 +13,7 @@ import scipy.io
 from datagen.cli import main
 from datagen.inspection.preview import HEADING_PX
 from datagen.jobs.executors import ProcessPool
-from datagen.jobs.pipeline import JobSummary, open_job, run_job
+from datagen.jobs.pipeline import JobSummary, Listener, open_job, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import UsageError
@@ -102,7 +102,10 @@ def test_a_second_run_does_what_is_missing(rendered: Path, inputs: Path, tmp_pat
 def test_shards_have_the_layers_that_were_asked_for(inputs: Path, rendered: Path, tmp_path: Path) -> None:
     layers = ("offset", "mask", "normals", "regions")
     job = RenderJob(inputs / "faces.h5", str(inputs / "model.h5"), 0, 6, layers)
-    run_job(open_job(job), tmp_path, ProcessPool(1))
+    progress: list[int] = []
+    run_job(open_job(job), tmp_path, ProcessPool(1), listener=Listener(on_progress=progress.append))
+    assert sum(progress) == 11
+    assert max(progress) < 6  # samples are counted, not shards
     found, expected = ShardReader(shard_paths(tmp_path)[0]), ShardReader(shard_paths(rendered)[0])
     assert found.header.layers == layers
     sample = found.read(1)

@@ -41,7 +41,7 @@ class FakePlace(WorkPlace):
         self.under_way: list[tuple[Future[Any], int]] = []
 
     @contextmanager
-    def open(self) -> Iterator[Executor]:
+    def open(self, on_report: object) -> Iterator[Executor]:
         self.n_opened += 1
         self.gather = dict(enumerate(self.gathers, 1)).get(self.n_opened, 1)
         self.under_way = []
@@ -147,7 +147,7 @@ def test_processes_that_die_end_in_one_clear_error() -> None:
 
 def test_processes_end_at_once_when_the_job_stops() -> None:
     started = time.monotonic()
-    with suppress(KeyboardInterrupt), ProcessPool(2).open() as executor:
+    with suppress(KeyboardInterrupt), ProcessPool(2).open(lambda unit, n_done: None) as executor:
         futures = [executor.submit(nap, unit) for unit in range(4)]
         deadline = time.monotonic() + 20
         while not any(future.running() for future in futures) and time.monotonic() < deadline:
