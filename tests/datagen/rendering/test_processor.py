@@ -1,6 +1,7 @@
 """What is compiled: where it is kept, and what the first start says."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -15,21 +16,20 @@ def test_a_private_folder_serves_where_no_other_can_be_written_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     refused = []
-    plain = numba.njit
 
     def njit(**options: object) -> object:
         def compile_later(function: object) -> object:
             if not refused:
                 refused.append(function)
                 raise RuntimeError("cannot cache function: no locator available")
-            return plain(**options)(function)
+            return numba.njit(**options)(function)
 
         return compile_later
 
     def double(x: int) -> int:
         return 2 * x
 
-    monkeypatch.setattr(numba, "njit", njit)
+    monkeypatch.setattr(compiling, "numba", SimpleNamespace(njit=njit))
     monkeypatch.setattr(compiling.tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setenv(CACHE_VARIABLE, "")
     assert compiled(double)(4) == 8
