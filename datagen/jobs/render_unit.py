@@ -114,7 +114,7 @@ def _add_samples(
     for indices in _even_parts(unit.job.faces_of(worker.source, unit.number), most_faces):
         with times.stage("read coefficients"):
             views = _views(unit.job, worker, indices, rejected)
-        for view, made in zip(views, worker.maker.make_all(views, times), strict=True):
+        for view, made in zip(views, worker.maker.make_all(views, times, in_steps=True), strict=True):
             sample_id, n_done = view.face.sample_id, n_done + 1
             report(unit.number, n_done // n_variants)
             if isinstance(made, SampleRejectedError):

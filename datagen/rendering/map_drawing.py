@@ -58,9 +58,15 @@ class MapDrawer:
         self._values: dict[str, moderngl.Texture] = {}
 
     def render(
-        self, vertices: Float32[ndarray, "v 3"], camera: Camera, size: tuple[int, int], layers: Sequence[str] = ()
+        self,
+        vertices: Float32[ndarray, "v 3"],
+        camera: Camera,
+        size: tuple[int, int],
+        layers: Sequence[str] = (),
+        *,
+        in_steps: bool = False,
     ) -> dict[str, ndarray]:
-        """Renders one face as ``Renderer.render`` does."""
+        """Renders one face as ``Renderer.render`` does, in mm in any case."""
         projection = project_to_screen(camera, vertices, *size)
         self._gl.make_current()
         self._mesh.load(projection)

@@ -70,7 +70,12 @@ class Renderer:
         return other
 
     def render(
-        self, vertices: Float32[ndarray, "v 3"], camera: Camera, layers: Sequence[str] = ()
+        self,
+        vertices: Float32[ndarray, "v 3"],
+        camera: Camera,
+        layers: Sequence[str] = (),
+        *,
+        in_steps: bool = False,
     ) -> dict[str, ndarray]:
         """Renders PNCC, offset, mask, depth and what is asked for of one face.
 
@@ -78,6 +83,7 @@ class Renderer:
             vertices: This face, mm, model frame, not posed.
             camera: From the model frame to this image.
             layers: Further ones, of ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
+            in_steps: PNCC and offset may be in steps of 1/128 mm (int16), as shards store them.
 
         Returns:
             As ``pix2face.models.rasterise.render_maps``.
@@ -90,7 +96,7 @@ class Renderer:
 
         Source: Crispell and Bazik 2017, Sec. 3 (PNCC and offset images).
         """
-        return self._maps.render(vertices, camera, (self.height, self.width), layers)
+        return self._maps.render(vertices, camera, (self.height, self.width), layers, in_steps=in_steps)
 
     def render_image(
         self,

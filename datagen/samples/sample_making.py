@@ -78,8 +78,12 @@ class SampleMaker:
             raise made
         return made
 
-    def make_all(self, views: Sequence[View], times: StageTimes) -> Iterator[Sample | SampleRejectedError]:
+    def make_all(
+        self, views: Sequence[View], times: StageTimes, *, in_steps: bool = False
+    ) -> Iterator[Sample | SampleRejectedError]:
         """Renders views whose geometry is computed together: all their vertices are in memory at the same time.
+
+        With ``in_steps``, layers may be in steps, as shards store them.
 
         Yields:
             For each view its sample, or why there is none, as in ``make``.
@@ -90,7 +94,7 @@ class SampleMaker:
             batch = self._geometry([view.face for view in views])
         for view, vertices in zip(views, batch, strict=True):
             try:
-                yield self._make(view, vertices, times)
+                yield self._make(view, vertices, times, in_steps=in_steps)
             except SampleRejectedError as error:
                 yield error
             except (DegenerateGeometryError, InputFileError, UsageError) as error:
@@ -102,11 +106,11 @@ class SampleMaker:
                 np.stack([face.identity for face in faces]), np.stack([face.expression for face in faces])
             )
 
-    def _make(self, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes) -> Sample:
+    def _make(self, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes, *, in_steps: bool) -> Sample:
         face = view.face
         with times.stage("rasterise, read back"):
             renderer = self._renderer.with_size(face.height_px, face.width_px)
-            rendered = renderer.render(vertices, face.camera, self._rendered)
+            rendered = renderer.render(vertices, face.camera, self._rendered, in_steps=in_steps)
         if not rendered[MASK].any():
             raise SampleRejectedError(f"{face.sample_id}: nothing of the face lies in the picture")
         with times.stage("landmarks, pose"):

@@ -9,11 +9,13 @@ from datagen.rendering.processor.compiling import compiled
 from datagen.rendering.processor.visibility import QUEUE, STRIDE, Mesh
 
 f32 = np.float32
-# Rows of the numbers of some pixels: column, row and order of the corners, their points on the mean face, the centre.
-AX, AY, AZ, BX, BY, BZ, CX, CY, CZ = range(9)
-MEAN, X, Y = 9, 18, 19
-# Rows of the results: weights of the corners, depth relative to order 0, PNCC, offset, above 0 where the outside shows.
-WEIGHT, DEPTH, PNCC, OFFSET, OUTSIDE = 0, 3, 4, 7, 10
+# Where the numbers of some pixels begin: column, row and order of the corners, their points on the mean face, the pixel
+# centre. One array holds all, at distances that the compiler knows, or it would not use vector instructions.
+AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, A_MEAN, _, _, B_MEAN, _, _, C_MEAN, _, _, X, Y, GIVEN = range(
+    0, 21 * STRIDE, STRIDE
+)
+# Of the results: weights of the corners, depth relative to order 0, PNCC, offset, above 0 where the outside shows.
+A_WEIGHT, B_WEIGHT, C_WEIGHT, DEPTH, PNCC, _, _, OFFSET, _, _, OUTSIDE, FOUND = range(0, 12 * STRIDE, STRIDE)
 
 
 class WayBack(NamedTuple):
@@ -39,8 +41,8 @@ class Surface(NamedTuple):
 class Maps(NamedTuple):
     """What is drawn; everything is filled."""
 
-    pncc: ndarray  # (h, w, 3) float32, mm
-    offset: ndarray  # (h, w, 3) float32, mm
+    pncc: ndarray  # (h, w, 3), float32 in mm, or int16 in steps
+    offset: ndarray  # likewise
     mask: ndarray  # (h, w) bool
     depth: ndarray  # (h, w) float32, mm
     surface_depth: ndarray  # (h, w) float32, mm
@@ -56,13 +58,20 @@ class Pixels(NamedTuple):
 
 
 @compiled
-def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, maps: Maps) -> None:
-    """Draws the maps from the triangle that each pixel sees, (h, w) int32."""
+def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, steps_per_mm: float, maps: Maps) -> float:
+    """Draws the maps from the triangle that each pixel sees, (h, w) int32.
+
+    PNCC and offset are in steps, rounded to whole numbers; with 0 steps per mm they are in mm.
+
+    Returns:
+        The largest magnitude among them. Where it is beyond what the arrays can hold, they are undefined.
+    """
     height, width = seen.shape
-    given, found = np.empty((20, STRIDE), f32), np.empty((11, STRIDE), f32)
+    given, found = np.empty(GIVEN, f32), np.empty(FOUND, f32)
     columns, triangles = np.empty(STRIDE, np.uint32), np.empty(STRIDE, np.uint32)
+    largest, steps = f32(0), f32(steps_per_mm)
     for row in range(height):
-        maps.pncc[row], maps.offset[row] = f32(0), f32(0)
+        maps.pncc[row], maps.offset[row] = 0, 0
         maps.mask[row], maps.depth[row], maps.surface_depth[row] = False, f32(0), f32(np.inf)
         column = 0
         while column < width:
@@ -75,7 +84,11 @@ def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, maps: M
             _gather(pixels, mesh, surface.mean, given)
             _weigh(given, n, way, found)
             _place(given, n, way, found)
-            _scatter(pixels, found, way.reference_mm, surface.is_face, maps)
+            if steps > 0:
+                for k in range(PNCC, OUTSIDE):
+                    found[k] = np.rint(found[k] * steps)
+            largest = max(largest, _scatter(pixels, found, way.reference_mm, surface.is_face, maps))
+    return largest
 
 
 @compiled
@@ -85,13 +98,25 @@ def _gather(pixels: Pixels, mesh: Mesh, mean: ndarray, given: ndarray) -> None:
     for k in range(len(pixels.columns)):
         triangle = pixels.triangles[k]
         a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
-        given[AX, k], given[AY, k], given[AZ, k] = screen[a, 0], screen[a, 1], screen[a, 2]
-        given[BX, k], given[BY, k], given[BZ, k] = screen[b, 0], screen[b, 1], screen[b, 2]
-        given[CX, k], given[CY, k], given[CZ, k] = screen[c, 0], screen[c, 1], screen[c, 2]
-        given[MEAN, k], given[MEAN + 1, k], given[MEAN + 2, k] = mean[a, 0], mean[a, 1], mean[a, 2]
-        given[MEAN + 3, k], given[MEAN + 4, k], given[MEAN + 5, k] = mean[b, 0], mean[b, 1], mean[b, 2]
-        given[MEAN + 6, k], given[MEAN + 7, k], given[MEAN + 8, k] = mean[c, 0], mean[c, 1], mean[c, 2]
-        given[X, k], given[Y, k] = f32(pixels.columns[k]) + f32(0.5), f32(pixels.row) + f32(0.5)
+        given[AX + k], given[AY + k], given[AZ + k] = screen[a, 0], screen[a, 1], screen[a, 2]
+        given[BX + k], given[BY + k], given[BZ + k] = screen[b, 0], screen[b, 1], screen[b, 2]
+        given[CX + k], given[CY + k], given[CZ + k] = screen[c, 0], screen[c, 1], screen[c, 2]
+        given[A_MEAN + k], given[A_MEAN + STRIDE + k], given[A_MEAN + 2 * STRIDE + k] = (
+            mean[a, 0],
+            mean[a, 1],
+            mean[a, 2],
+        )
+        given[B_MEAN + k], given[B_MEAN + STRIDE + k], given[B_MEAN + 2 * STRIDE + k] = (
+            mean[b, 0],
+            mean[b, 1],
+            mean[b, 2],
+        )
+        given[C_MEAN + k], given[C_MEAN + STRIDE + k], given[C_MEAN + 2 * STRIDE + k] = (
+            mean[c, 0],
+            mean[c, 1],
+            mean[c, 2],
+        )
+        given[X + k], given[Y + k] = f32(pixels.columns[k]) + f32(0.5), f32(pixels.row) + f32(0.5)
 
 
 @compiled
@@ -99,56 +124,60 @@ def _weigh(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
     """Weights of the corners on the surface (perspective-correct) and the depth at each pixel centre."""
     inverse, outside, one = way.inverse_distance, way.outside_sign, f32(1)
     for k in range(n):
-        ax, ay = given[AX, k] - given[X, k], given[AY, k] - given[Y, k]
-        bx, by = given[BX, k] - given[X, k], given[BY, k] - given[Y, k]
-        cx, cy = given[CX, k] - given[X, k], given[CY, k] - given[Y, k]
+        ax, ay = given[AX + k] - given[X + k], given[AY + k] - given[Y + k]
+        bx, by = given[BX + k] - given[X + k], given[BY + k] - given[Y + k]
+        cx, cy = given[CX + k] - given[X + k], given[CY + k] - given[Y + k]
         sa, sb, sc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
         area = sa + sb + sc
-        a, b, c = sa / area, sb / area, sc / area
-        order = a * given[AZ, k] + b * given[BZ, k] + c * given[CZ, k]
-        a *= one - given[AZ, k] * inverse
-        b *= one - given[BZ, k] * inverse
-        c *= one - given[CZ, k] * inverse
-        total = a + b + c
-        found[WEIGHT, k], found[WEIGHT + 1, k], found[WEIGHT + 2, k] = a / total, b / total, c / total
-        found[DEPTH, k] = order / (one - order * inverse)
-        found[OUTSIDE, k] = area * outside
+        share = one / area
+        a, b, c = sa * share, sb * share, sc * share
+        order = a * given[AZ + k] + b * given[BZ + k] + c * given[CZ + k]
+        a *= one - given[AZ + k] * inverse
+        b *= one - given[BZ + k] * inverse
+        c *= one - given[CZ + k] * inverse
+        share = one / (a + b + c)
+        found[A_WEIGHT + k], found[B_WEIGHT + k], found[C_WEIGHT + k] = a * share, b * share, c * share
+        found[DEPTH + k] = order / (one - order * inverse)
+        found[OUTSIDE + k] = area * outside
 
 
 @compiled
 def _place(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
     """PNCC, and the offset from it to where the ray through the pixel centre meets the depth."""
     for axis in range(3):
+        at = axis * STRIDE
         start, along_column, along_row = way.middle_point[axis], way.along_column[axis], way.along_row[axis]
         along_depth, inverse = way.along_depth[axis], way.inverse_distance
         for k in range(n):
-            across = (given[X, k] - way.middle[0]) * along_column + (given[Y, k] - way.middle[1]) * along_row
-            point = start + across + found[DEPTH, k] * (along_depth + inverse * across)
+            across = (given[X + k] - way.middle[0]) * along_column + (given[Y + k] - way.middle[1]) * along_row
+            point = start + across + found[DEPTH + k] * (along_depth + inverse * across)
             mean = (
-                found[WEIGHT, k] * given[MEAN + axis, k]
-                + found[WEIGHT + 1, k] * given[MEAN + 3 + axis, k]
-                + found[WEIGHT + 2, k] * given[MEAN + 6 + axis, k]
+                found[A_WEIGHT + k] * given[A_MEAN + at + k]
+                + found[B_WEIGHT + k] * given[B_MEAN + at + k]
+                + found[C_WEIGHT + k] * given[C_MEAN + at + k]
             )
-            found[PNCC + axis, k] = mean
-            found[OFFSET + axis, k] = point - mean
+            found[PNCC + at + k] = mean
+            found[OFFSET + at + k] = point - mean
 
 
 @compiled
-def _scatter(pixels: Pixels, found: ndarray, reference_mm: float, is_face: ndarray, maps: Maps) -> None:
-    """Writes what was found into the maps."""
-    row, has_weights = pixels.row, maps.weights.size > 0
+def _scatter(pixels: Pixels, found: ndarray, reference_mm: float, is_face: ndarray, maps: Maps) -> float:
+    """Writes what was found into the maps; the largest magnitude of PNCC and offset."""
+    row, has_weights, largest = pixels.row, maps.weights.size > 0, f32(0)
     pncc, offset, mask, depth = maps.pncc[row], maps.offset[row], maps.mask[row], maps.depth[row]
     for k in range(len(pixels.columns)):
-        column, distance = pixels.columns[k], found[DEPTH, k] + reference_mm
+        column, distance = pixels.columns[k], found[DEPTH + k] + reference_mm
         maps.surface_depth[row, column] = distance
         if has_weights:
             for corner in range(3):
-                maps.weights[row, column, corner] = found[WEIGHT + corner, k]
-        if is_face[pixels.triangles[k]] and found[OUTSIDE, k] > 0:
+                maps.weights[row, column, corner] = found[A_WEIGHT + corner * STRIDE + k]
+        if is_face[pixels.triangles[k]] and found[OUTSIDE + k] > 0:
             mask[column], depth[column] = True, distance
-            pncc[column, 0], offset[column, 0] = found[PNCC, k], found[OFFSET, k]
-            pncc[column, 1], offset[column, 1] = found[PNCC + 1, k], found[OFFSET + 1, k]
-            pncc[column, 2], offset[column, 2] = found[PNCC + 2, k], found[OFFSET + 2, k]
+            for axis in range(3):
+                mean, moved = found[PNCC + axis * STRIDE + k], found[OFFSET + axis * STRIDE + k]
+                largest = max(largest, abs(mean), abs(moved))
+                pncc[column, axis], offset[column, axis] = mean, moved
+    return largest
 
 
 @compiled

@@ -12,6 +12,7 @@ from datagen.rendering.processor.interpolation import Maps, Surface, WayBack, dr
 from datagen.rendering.processor.visibility import Mesh, Seen, see
 from datagen.rendering.screen_projection import ScreenProjection, project_to_screen
 from pix2face.geometry.camera import Camera, WeakPerspective, weak_perspective_camera
+from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
@@ -34,7 +35,13 @@ class ProcessorMaps:
         self._regions = np.append(model.triangle_regions + np.uint8(1), np.uint8(0))
 
     def render(
-        self, vertices: Float32[ndarray, "v 3"], camera: Camera, size: tuple[int, int], layers: Sequence[str] = ()
+        self,
+        vertices: Float32[ndarray, "v 3"],
+        camera: Camera,
+        size: tuple[int, int],
+        layers: Sequence[str] = (),
+        *,
+        in_steps: bool = False,
     ) -> dict[str, ndarray]:
         """Renders one face as ``Renderer.render`` does."""
         projection = project_to_screen(camera, vertices, *size)
@@ -42,8 +49,12 @@ class ProcessorMaps:
         mesh = Mesh(projection.screen, self._triangles)
         seen = Seen(np.empty(size, np.float32), np.empty(size, np.int32))
         see(mesh, ROUNDING * max(map(abs, projection.order_range_mm)), seen)
-        maps = _empty_maps(size, with_weights=bool(attributes))
-        draw_maps(seen.triangle, mesh, self._surface, _way_back(projection), maps)
+        way = _way_back(projection)
+        maps = _empty_maps(size, np.int16 if in_steps else np.float32, with_weights=bool(attributes))
+        largest = draw_maps(seen.triangle, mesh, self._surface, way, FIXED_POINT_STEPS_PER_MM * in_steps, maps)
+        if in_steps and not largest < np.iinfo(np.int16).max:  # whoever stores them says what is wrong
+            maps = _empty_maps(size, np.float32, with_weights=bool(attributes))
+            draw_maps(seen.triangle, mesh, self._surface, way, 0, maps)
         rendered = {
             "pncc": maps.pncc,
             "offset": maps.offset,
@@ -76,15 +87,17 @@ def prepare(model: MorphableModel, layers: Sequence[str], on_wait: Callable[[], 
     timer.start()
     try:
         camera = weak_perspective_camera(WeakPerspective(0.1, np.diag([1.0, -1.0, -1.0]), np.full(2, 8.0)))
-        ProcessorMaps(model).render(model.mean.copy(), camera, (16, 16), layers)
+        ProcessorMaps(model).render(model.mean.copy(), camera, (16, 16), layers, in_steps=True)
     finally:
         timer.cancel()
 
 
-def _empty_maps(size: tuple[int, int], *, with_weights: bool) -> Maps:
-    pncc, offset, weights = (np.empty((*size, 3), np.float32) for _ in range(3))
+def _empty_maps(size: tuple[int, int], dtype: type, *, with_weights: bool) -> Maps:
+    pncc: ndarray = np.empty((*size, 3), dtype)
+    offset: ndarray = np.empty((*size, 3), dtype)
     depth, surface_depth = (np.empty(size, np.float32) for _ in range(2))
-    return Maps(pncc, offset, np.empty(size, bool), depth, surface_depth, weights if with_weights else weights[:0])
+    weights = np.empty((*size, 3) if with_weights else (0, 0, 0), np.float32)
+    return Maps(pncc, offset, np.empty(size, bool), depth, surface_depth, weights)
 
 
 def _way_back(projection: ScreenProjection) -> WayBack:

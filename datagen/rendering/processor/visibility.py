@@ -68,19 +68,24 @@ def see(mesh: Mesh, depth_error_mm: float, seen: Seen) -> None:
     for index in range(n_kept):
         triangle = kept[index]
         left, top, right, bottom = _box(cells, mesh.triangles, triangle)
-        columns, rows, number = right - left, bottom - top, TILES
+        columns, rows = right - left, bottom - top
         if columns <= LARGEST_BOX and rows <= LARGEST_BOX:
             number = columns - 1 + LARGEST_BOX * (rows - 1)
-        else:
-            columns, rows = TILE, TILE
-        for y in range(top, bottom, rows):
-            for x in range(left, right, columns):
-                queue = Queue(numbers[number], whole[number])
-                _put(queue, waiting[number], mesh, triangle, (x, y, right, bottom, y * width + x))
-                waiting[number] += 1
-                if waiting[number] == QUEUE:
-                    _test(queue, QUEUE, columns, rows, mesh, depth_error_mm, seen)
-                    waiting[number] = 0
+            queue = Queue(numbers[number], whole[number])
+            _put(queue, waiting[number], mesh, triangle, (left, top, right, bottom, top * width + left))
+            waiting[number] += 1
+            if waiting[number] == QUEUE:
+                _test(queue, QUEUE, columns, rows, mesh, depth_error_mm, seen)
+                waiting[number] = 0
+            continue
+        queue = Queue(numbers[TILES], whole[TILES])
+        for y in range(top, bottom, TILE):
+            for x in range(left, right, TILE):
+                _put(queue, waiting[TILES], mesh, triangle, (x, y, right, bottom, y * width + x))
+                waiting[TILES] += 1
+                if waiting[TILES] == QUEUE:
+                    _test(queue, QUEUE, TILE, TILE, mesh, depth_error_mm, seen)
+                    waiting[TILES] = 0
     for number in range(TILES + 1):
         columns, rows = (number % LARGEST_BOX + 1, number // LARGEST_BOX + 1) if number < TILES else (TILE, TILE)
         _test(Queue(numbers[number], whole[number]), waiting[number], columns, rows, mesh, depth_error_mm, seen)
