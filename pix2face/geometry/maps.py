@@ -18,7 +18,7 @@ class PredictedLandmarks:
     """Where a network sees the landmarks of its model, hidden ones included."""
 
     points2d: Float64[ndarray, "n 2"]  #: pixels of the maps, centres at +0.5
-    #: Scale b of the errors: distances from the truth are expected to fall off like exp(-r / b); their mean is 2 b.
+    #: Scale b of the errors, pixels. Distances from the truth are expected to fall off like exp(-r / b), with mean 2 b.
     scales_px: Float64[ndarray, " n"]
 
 

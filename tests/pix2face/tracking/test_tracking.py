@@ -311,7 +311,8 @@ def test_a_face_of_which_little_is_seen_is_told(clip, tmp_path, monkeypatch, sha
     original = FrameFitter._measured
 
     def measured(self, *arguments):
-        return replace(original(self, *arguments), seen_share=share)
+        found = original(self, *arguments)
+        return replace(found, view=replace(found.view, seen_share=share))
 
     if share is not None:  # this network has no plane for it
         monkeypatch.setattr(FrameFitter, "_measured", measured)
