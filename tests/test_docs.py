@@ -133,6 +133,23 @@ def test_options_named_in_prose_exist(page: Path) -> None:
     assert alone <= all_options() | FOREIGN_OPTIONS
 
 
+def test_the_page_of_the_python_interface_is_whole() -> None:
+    """It has what packages export, and what other pages tell readers to import or call."""
+    page = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    modules = set(re.findall(r"automodule:: ([\w.]+)", page))
+    objects = set(re.findall(r"auto(?:class|function|data):: ([\w.]+)", page))
+    named = set()
+    for text in (path.read_text(encoding="utf-8") for path in PAGES if path.name != "python.md"):
+        for module, names in re.findall(r"from (pix2face[\w.]*) import ([\w, ]+)", text):
+            named |= {f"{module}.{name.strip()}" for name in names.split(",")}
+    for package in ("pix2face", "pix2face.shards", "pix2face.detectors.detection"):
+        exported = importlib.import_module(package).__all__
+        named |= {f"{package}.{name}" for name in exported if not name.startswith("__")}
+    assert "pix2face.Pix2Face" in named
+    documented = {name for name in named if name in objects or name.rpartition(".")[0] in modules}
+    assert named - documented == set()
+
+
 def test_the_site_builds_strictly_and_needs_no_network(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-d", tmp_path / "trees"]
     run = subprocess.run([*build, ROOT / "docs", tmp_path / "site"], capture_output=True, text=True)
