@@ -4,9 +4,11 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,8 +16,8 @@ from datagen.cli import main
 from datagen.opengl import gl_context
 from datagen.opengl.egl_devices import EGLDevice
 from datagen.opengl.gl_context import GLSettings, create_gl_context
-from datagen.opengl.osmesa_context import load_osmesa
-from datagen.opengl.rasteriser_choice import choose_rasteriser, open_context
+from datagen.opengl.osmesa_context import OSMESA_LIBRARIES, load_osmesa
+from datagen.opengl.rasteriser_choice import choose_rasteriser, has_gpu_files, open_context
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError, UsageError
 from pix2face.face_files.coefficients import save_coefficients
@@ -234,3 +236,26 @@ def test_rendering_without_gl_ends_in_one_line(
     last = capfd.readouterr().err.strip().splitlines()[-1]
     assert last.startswith("datagen: error: expected OpenGL 3.3 without a display, found none (egl: ")
     assert list((tmp_path / "out").glob("*")) == []
+
+
+def test_faces_with_photographs_render_on_a_machine_without_opengl(tmp_path: Path) -> None:
+    """The whole command in a process whose loader finds empty files instead of EGL and OSMesa."""
+    if has_gpu_files():
+        pytest.skip("this machine has a GPU, which is tried first")
+    for name in ("libEGL.so.1", "libGL.so.1", *OSMESA_LIBRARIES):
+        (tmp_path / name).write_bytes(b"")
+    model = load_model(write_small_head(tmp_path / "model.h5"))
+    cv2.imwrite(str(tmp_path / "photograph.jpg"), np.full((32, 32, 3), 99, np.uint8))
+    table = replace(sample_faces(model, 3, 0, 32), image_paths=("photograph.jpg",) * 3)
+    save_coefficients(table, tmp_path / "faces.h5")
+    arguments = ["render", "--coeffs", "faces.h5", "--model", "model.h5", "--out", "out", "--workers", "1"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PIX2FACE_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "datagen.cli", *arguments],
+        env={**environment, "LD_LIBRARY_PATH": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[3])},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "3 triplets in 1 shard" in done.stderr
