@@ -38,15 +38,23 @@ class ScreenProjection:
     along_depth: Float64[ndarray, "3"]  # mm per mm of depth
 
 
-def project_to_screen(camera: Camera, vertices: Float32[ndarray, "v 3"], height: int, width: int) -> ScreenProjection:
+def project_to_screen(
+    camera: Camera,
+    vertices: Float32[ndarray, "v 3"],
+    height: int,
+    width: int,
+    screen: Float32[ndarray, "v 4"] | None = None,
+) -> ScreenProjection:
     """Projects a face, whose vertices are in mm in the model frame.
+
+    ``screen`` is written to, if it is given: new memory costs as much as the projection.
 
     Raises:
         DegenerateGeometryError: A vertex lies in or behind the plane of a pinhole, or is not finite; the camera
             flattens space, or is a pinhole whose depth is not its w.
     """
     outside_sign = -handedness(camera)
-    on_screen = np.empty((len(vertices), 4), dtype=np.float32)
+    on_screen = np.empty((len(vertices), 4), dtype=np.float32) if screen is None else screen
     rows = camera.matrix.copy()
     if camera.is_affine:
         reference, rows[2, 3] = float(rows[2, 3]), 0.0

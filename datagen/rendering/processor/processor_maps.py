@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import final
 
 import numpy as np
@@ -17,6 +18,8 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
+# Photographs come in several sizes: the memory of so many is kept.
+SIZES_KEPT = 2
 # Compiled functions are loaded in less; compiling them takes longer.
 LOADED_WITHIN_S = 1.5
 # What is interpolated in float32 is wrong by at most this part of the largest number.
@@ -31,6 +34,9 @@ class ProcessorMaps:
         self._model = model
         self._triangles: UInt32[ndarray, "t 3"] = np.ascontiguousarray(model.triangles, dtype=np.uint32)
         self._surface = Surface(np.ascontiguousarray(model.mean), model.is_face_triangle)
+        # Written to again and again: new memory costs as much as what is done with it.
+        self._screen: Float32[ndarray, "v 4"] = np.empty((len(model.mean), 4), np.float32)
+        self._seen = lru_cache(SIZES_KEPT)(lambda size: Seen(np.empty(size, np.float32), np.empty(size, np.int32)))
         # By the number of the triangle; -1, the background, takes the last.
         self._regions = np.append(model.triangle_regions + np.uint8(1), np.uint8(0))
 
@@ -44,10 +50,10 @@ class ProcessorMaps:
         in_steps: bool = False,
     ) -> dict[str, ndarray]:
         """Renders one face as ``Renderer.render`` does."""
-        projection = project_to_screen(camera, vertices, *size)
+        projection = project_to_screen(camera, vertices, *size, self._screen)
         attributes = [name for name in layers if name in ATTRIBUTES]
         mesh = Mesh(projection.screen, self._triangles)
-        seen = Seen(np.empty(size, np.float32), np.empty(size, np.int32))
+        seen = self._seen(size)
         see(mesh, ROUNDING * max(map(abs, projection.order_range_mm)), seen)
         way = _way_back(projection)
         maps = _empty_maps(size, np.int16 if in_steps else np.float32, with_weights=bool(attributes))
