@@ -161,8 +161,8 @@ class TrackConfig:
         how: Camera and coefficients of each frame.
         identity_frames: Largest number of frames that the identity is fitted to. They are spread evenly over the clip.
         write: What to write, separated by commas: csv (landmarks.csv), npz (track.npz), pts (a file for each frame),
-            video (overlay.mp4), glb and usdc (the moving mesh with its camera as glTF and USD; usdc needs pip install
-            'pix2face[usd]'), and arkit (arkit.csv: weights of ARKit's blendshapes in the form of Live Link Face).
+            video (overlay.mp4), glb and usdc (the moving mesh with its camera as glTF and USD; USD needs the extra
+            usd), and arkit (arkit.csv: weights of ARKit's blendshapes in the form of Live Link Face).
     """
 
     video: Annotated[Path, tyro.conf.Positional]
