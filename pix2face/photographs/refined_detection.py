@@ -2,8 +2,8 @@
 
 The network was trained on crops around the box of the 68 landmarks, and a detector hits that box within some tenths. So
 the model is fitted to the maps of a first prediction, and the box of the fitted landmarks is used for a second one.
-Where there is no face, the maps seldom fit one, which removes most false boxes in photographs of groups (figures:
-docs/explanation/detection_and_tracking.md).
+Where there is no face, the network expects large errors, or its maps fit no face, which removes nearly all false boxes
+(figures: docs/explanation/detection_and_tracking.md).
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,12 @@ from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.models.morphable_model import MorphableModel
 
-# How well the maps of a crop fit a face: the median distance between a pixel and the projection of its own point, at
-# the scale of the face. The packaged network leaves 2 mm on most faces; of those in 400 photographs of AFLW2000-3D, two
-# are above the limit. A network that has hardly been trained leaves 10 mm and more on faces as well.
+# Error that the network expects (``FaceFit.expected_error``). It was chosen on AFLW2000-3D's 400 photographs and dlib's
+# nine: the network expects more for four of 440 faces, and less for no false box that does not show a face.
+PLAUSIBLE_ERROR = 0.09
+# For networks that expect no errors, how well the maps of a crop fit a face: the median distance between a pixel and
+# the projection of its own point, at the scale of the face. A good network leaves 2 mm on most faces, and one that has
+# hardly been trained leaves 10 mm and more.
 PLAUSIBLE_MM = 6.0
 # Overlap of the refined box with the detector's: a true one is corrected by little.
 PLAUSIBLE_OVERLAP = 0.4
@@ -45,17 +48,23 @@ class RefinedBox:
         residual_mm: How badly the maps fit a face; see above.
         overlap: Intersection over union with the box that the prediction was made in.
         seen_share: Visible share of the face; None if the network does not predict which part is visible.
+        expected_error: Error that the network expects; None if it does not predict it.
     """
 
     box: FaceBox
     residual_mm: float
     overlap: float
     seen_share: float | None = None
+    expected_error: float | None = None
 
     @property
     def is_plausible(self) -> bool:
-        """Whether the maps fit a face in this place, so that the refined box may be used."""
-        return self.residual_mm <= PLAUSIBLE_MM and self.overlap >= PLAUSIBLE_OVERLAP
+        """Whether there is a face in this place, so that the refined box may be used."""
+        if self.expected_error is None:
+            is_face = self.residual_mm <= PLAUSIBLE_MM
+        else:
+            is_face = self.expected_error <= PLAUSIBLE_ERROR
+        return is_face and self.overlap >= PLAUSIBLE_OVERLAP
 
     @property
     def is_refuted(self) -> bool:
@@ -85,7 +94,7 @@ def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> 
     except DegenerateGeometryError:
         return None
     residual_mm = _residual_px(prediction.maps, fit.camera) / nearest_weak_perspective(fit.camera).scale
-    return RefinedBox(better, residual_mm, overlap(better, box), prediction.maps.seen_share)
+    return RefinedBox(better, residual_mm, overlap(better, box), prediction.maps.seen_share, fit.expected_error)
 
 
 def _residual_px(maps: FaceMaps, camera: Camera) -> float:

@@ -16,7 +16,7 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
-from pix2face.networks.architectures import MOST_PLANES
+from pix2face.networks.architectures import SEEN_PLANE
 from pix2face.networks.paper import MAP_PLANES
 from tests.pix2face.photographs.seen_faces import header_of
 
@@ -71,7 +71,7 @@ def _largest_blob(mask: Tensor) -> Tensor:
 
 
 def colour_predictor(model: MorphableModel, size_px: int = 96, *, says_seen: bool = False) -> Predictor:
-    header = replace(header_of(model, size_px), planes=MOST_PLANES if says_seen else MAP_PLANES)
+    header = replace(header_of(model, size_px), planes=SEEN_PLANE + 1 if says_seen else MAP_PLANES)
     return Predictor(colour_network(header.pncc_scale_mm, says_seen), header)
 
 

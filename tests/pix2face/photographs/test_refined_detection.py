@@ -1,5 +1,7 @@
 """A first prediction refines the boxes of a detector, and tells faces from what only looks like one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from pix2face.detectors.protocol import DetectedFace, overlap
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import FACES_AT_A_TIME, Predictor
 from pix2face.photographs.refined_detection import (
+    PLAUSIBLE_MM,
     RefinedBox,
     refine_boxes,
     refine_faces,
@@ -59,6 +62,16 @@ def test_a_box_beside_every_face_stays_as_it_is(scene):
     assert refine_boxes([(image, beside)], colour_predictor(model), model) == [beside]
     noise = np.random.default_rng(0).integers(0, 256, image.shape).astype(np.uint8)
     assert refine_boxes([(noise, beside)], colour_predictor(model), model) == [beside]
+
+
+@pytest.mark.parametrize(("expected", "is_plausible"), [(0.05, True), (0.12, False), (None, False)])
+def test_a_network_that_expects_its_errors_decides_by_them(expected, is_plausible):
+    """Its maps may fit no face well where it is sure of the landmarks, and the other way round."""
+    residual_mm = 2 * PLAUSIBLE_MM
+    refined = RefinedBox(FaceBox(0, 0, 1, 1), residual_mm, 0.9, 1.0, expected)
+    assert refined.is_plausible == is_plausible
+    assert replace(refined, residual_mm=0.0).is_plausible == (expected != 0.12)
+    assert not replace(refined, overlap=0.1).is_plausible
 
 
 def test_many_boxes_at_once_are_refined_like_each_alone(scene):
