@@ -17,7 +17,6 @@ from pix2face.detectors import centre_decoding, centre_detector
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.centre_onnx import OUTPUT_NAME as CELLS
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.onnx_export import LANDMARKS_NAME
 from pix2face.inference.onnx_export import OUTPUT_NAME as MAPS
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
@@ -88,7 +87,6 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
         },
         "network": {
             "output": MAPS,
-            "landmarks_output": LANDMARKS_NAME,
             "size_px": header.size_px,
             "crop_scale": header.crop_scale,
             "pncc_scale_mm": header.pncc_scale_mm,

@@ -36,9 +36,7 @@ async function readFace(picture, box, predict, settings) {
   if (maps.pixels.length < LEAST_PIXELS) return null;
   const camera = fitCamera(maps, crop, size);
   if (!camera) return null;
-  const read = landmarksOfMaps(maps, camera, crop, settings);
-  const predicted = outputs[settings.landmarks_output]; // of a network that predicts them, too
-  const landmarks = predicted ? landmarksOfNetwork(predicted.data, read, crop, side) : read;
+  const landmarks = landmarksOfMaps(maps, camera, crop, settings);
   return { box, crop, maps, landmarks, residualMm: residualMm(maps, camera, crop, size) };
 }
 
@@ -117,15 +115,6 @@ function landmarksOfMaps(maps, camera, crop, settings) {
     return { x: u + x, y: v + y, isSeen: distanceMm <= settings.seen_mm && Boolean(maps.seen[pixel]) };
   });
 }
-
-// The landmarks where the network predicts them: x and y from the middle of the crop, in units of its side, and a third
-// number for each. What is visible is read off the maps.
-const landmarksOfNetwork = (values, read, crop, side) =>
-  read.map(({ isSeen }, i) => ({
-    x: crop.left + (values[3 * i] + 0.5) * side,
-    y: crop.top + (values[3 * i + 1] + 0.5) * side,
-    isSeen,
-  }));
 
 function nearestPixel({ pncc, pixels }, [x, y, z]) {
   let [pixel, least] = [-1, Infinity];
