@@ -14,14 +14,16 @@ from string import Template
 from typing import Any, final
 
 from pix2face.detectors import centre_decoding, centre_detector
+from pix2face.fitting.face_fit import ERROR_OF_FIT, MEAN_OF_SCALE
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.centre_onnx import OUTPUT_NAME as CELLS
 from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.onnx_export import LANDMARKS_NAME
 from pix2face.inference.onnx_export import OUTPUT_NAME as MAPS
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
 from pix2face.networks.centre import MULTIPLE, STRIDE
-from pix2face.photographs.refined_detection import PLAUSIBLE_MM, PLAUSIBLE_OVERLAP
+from pix2face.photographs.refined_detection import PLAUSIBLE_ERROR, PLAUSIBLE_MM, PLAUSIBLE_OVERLAP
 
 # Where no face is found, the detector looks again at a larger copy of the photograph.
 SECOND_LOOK_PX = 640
@@ -96,6 +98,9 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
             "mask_plane": MASK_PLANE,
             "seen_plane": SEEN_PLANE,
             "plausible_mm": PLAUSIBLE_MM,
+            "plausible_error": PLAUSIBLE_ERROR,
+            "landmarks_output": LANDMARKS_NAME,
+            "error_of_scale": ERROR_OF_FIT * MEAN_OF_SCALE,
             "plausible_overlap": PLAUSIBLE_OVERLAP,
             "seen_mm": SEEN_MM,
             "landmarks_mm": model.mean[model.landmarks[IBUG68]].astype(float).round(3).tolist(),

@@ -14,7 +14,7 @@ export async function readFaces(picture, boxes, predict, settings, report) {
     await report(index);
     const first = await readFace(picture, box, predict, settings);
     const better = first && boxAround(first.landmarks);
-    const isFace = first && first.residualMm <= settings.plausible_mm && overlap(better, box) >= settings.plausible_overlap;
+    const isFace = first && isPlausible(first, settings) && overlap(better, box) >= settings.plausible_overlap;
     const knows = settings.planes > settings.seen_plane; // whether the network can tell that there is no face
     if (!first || (knows && !isFace)) continue;
     const face = isFace ? await readFace(picture, better, predict, settings) : first;
@@ -37,7 +37,25 @@ async function readFace(picture, box, predict, settings) {
   const camera = fitCamera(maps, crop, size);
   if (!camera) return null;
   const landmarks = landmarksOfMaps(maps, camera, crop, settings);
-  return { box, crop, maps, landmarks, residualMm: residualMm(maps, camera, crop, size) };
+  const scales = outputs[settings.landmarks_output];
+  const expectedError = scales ? settings.error_of_scale * meanScale(scales.data) * side / sizeOf(landmarks) : null;
+  return { box, crop, maps, landmarks, expectedError, residualMm: residualMm(maps, camera, crop, size) };
+}
+
+// As pix2face/photographs/refined_detection.py decides.
+const isPlausible = ({ expectedError, residualMm }, settings) =>
+  expectedError === null ? residualMm <= settings.plausible_mm : expectedError <= settings.plausible_error;
+
+// Mean scale of the errors that the network expects of its landmarks, in units of the crop's side. Of the three numbers
+// of a landmark, the third is its logarithm.
+function meanScale(values) {
+  const scales = values.filter((_, i) => i % 3 === 2).map(Math.exp);
+  return scales.reduce((sum, scale) => sum + scale, 0) / scales.length;
+}
+
+function sizeOf(landmarks) {
+  const { left, top, right, bottom } = boxAround(landmarks);
+  return Math.sqrt((right - left) * (bottom - top));
 }
 
 // PNCC and offset in mm (x, y, z of each pixel), the mask, its visible part, and the indices of the mask's pixels.

