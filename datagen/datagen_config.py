@@ -87,8 +87,8 @@ class RenderConfig:
             authenticated, so anyone who can reach it can run code on its workers.
         gl: OpenGL backend. Default: EGL, or OSMesa if EGL fails.
         device: Number of the GPU, as `datagen doctor` lists them.
-        rasteriser: What draws the maps. `processor` needs no OpenGL, and `compute` needs OpenGL 4.3. `auto` uses
-            `compute` on a GPU, and otherwise `processor`.
+        rasteriser: What draws the maps. `processor` needs no OpenGL, and `compute` needs OpenGL 4.3. On a GPU, `auto`
+            takes the latter, and elsewhere the former.
         max_rejected: Largest number of rejected samples for which the exit status is still 0; with more, it is 3.
     """
 

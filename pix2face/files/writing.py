@@ -3,7 +3,7 @@
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import final
 from uuid import uuid4
@@ -119,6 +119,12 @@ def naming_failed_writes(path: Path) -> Iterator[None]:
 
 def _mode_of_a_new_file(folder: Path) -> int:
     """What umask and folder make of it. It is tried, since the umask can only be read by changing it for a while."""
+    with suppress(AttributeError, OSError):  # some systems and file systems have no files without a name
+        descriptor = os.open(folder, os.O_TMPFILE | os.O_WRONLY, 0o666)  # nothing is left of it after a kill -9
+        try:
+            return os.fstat(descriptor).st_mode
+        finally:
+            os.close(descriptor)
     path = folder / f".{uuid4().hex[:12]}.part"
     try:
         path.touch()
