@@ -78,7 +78,7 @@ class FaceFit:
         """The fit with the errors that a network expects of its landmarks, if it predicts as many."""
         if predicted is None or len(predicted.scales_px) != len(self.landmarks2d):
             return self
-        return replace(self, landmark_errors_px=ERROR_OF_FIT * MEAN_OF_SCALE * predicted.scales_px)
+        return replace(self, landmark_errors_px=expected_distances(predicted))
 
     @property
     def expected_error(self) -> float | None:
@@ -86,10 +86,7 @@ class FaceFit:
 
         It is an estimate of ``nme`` with the normaliser "box-sqrt".
         """
-        if self.landmark_errors_px is None:
-            return None
-        size_px = float(np.sqrt(np.prod(np.ptp(self.landmarks2d, axis=0))))
-        return float(self.landmark_errors_px.mean()) / size_px
+        return None if self.landmark_errors_px is None else expected_error(self.landmarks2d, self.landmark_errors_px)
 
     @property
     def expected_rotation_deg(self) -> float | None:
@@ -176,6 +173,16 @@ def face_of_coefficients(
             raise UsageError(f"contour 2d: expected the landmarks {IBUG68}, found {scheme!r}")
         landmarks2d[list(JAW)] = camera.project(_contour_of(model).outermost_points(camera, coefficients))
     return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d)
+
+
+def expected_distances(predicted: PredictedLandmarks) -> Float64[ndarray, " n"]:
+    """Expected distances of fitted landmarks from their true places, pixels of the maps."""
+    return ERROR_OF_FIT * MEAN_OF_SCALE * predicted.scales_px
+
+
+def expected_error(landmarks2d: Float64[ndarray, "n 2"], distances_px: Float64[ndarray, " n"]) -> float:
+    """Mean of expected distances in units of sqrt(w h) of the box of the landmarks."""
+    return float(distances_px.mean() / np.sqrt(np.prod(np.ptp(landmarks2d, axis=0))))
 
 
 def check_scheme(model: MorphableModel, scheme: str) -> None:

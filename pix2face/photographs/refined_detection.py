@@ -1,9 +1,9 @@
 """Boxes of a detector, refined by what the network predicts in them.
 
 The network was trained on crops around the box of the 68 landmarks, and a detector hits that box within some tenths. So
-the model is fitted to the maps of a first prediction, and the box of the fitted landmarks is used for a second one.
-Where there is no face, the network expects large errors, or its maps fit no face, which removes nearly all false boxes
-(figures: docs/explanation/detection_and_tracking.md).
+the box of the landmarks of a first prediction is used for a second one: of those that the network predicts itself, or
+else of those of a fit to its maps. Where there is no face, the network expects large errors, or its maps fit no face,
+which removes nearly all false boxes (figures: docs/explanation/detection_and_tracking.md).
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,8 @@ from numpy import ndarray
 
 from pix2face.detectors.protocol import DetectedFace, overlap, without_doubles
 from pix2face.errors import DegenerateGeometryError
-from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.face_fit import expected_distances, expected_error, fit_face
+from pix2face.fitting.picture_measurement import LEAST_PIXELS
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.maps import FaceMaps
@@ -44,27 +45,25 @@ class RefinedBox:
     """What a prediction says of a box.
 
     Attributes:
-        box: Around the landmarks of the face that was fitted to the maps, pixels of the picture.
-        residual_mm: How badly the maps fit a face; see above.
+        box: Around the landmarks of the prediction, pixels of the picture.
         overlap: Intersection over union with the box that the prediction was made in.
         seen_share: Visible share of the face; None if the network does not predict which part is visible.
-        expected_error: Error that the network expects; None if it does not predict it.
+        expected_error: Error that the network expects (``FaceFit.expected_error``); None if it does not predict it.
+        residual_mm: How badly the maps fit a face, see above; None if it is not needed.
     """
 
     box: FaceBox
-    residual_mm: float
     overlap: float
-    seen_share: float | None = None
+    seen_share: float | None
     expected_error: float | None = None
+    residual_mm: float | None = None
 
     @property
     def is_plausible(self) -> bool:
         """Whether there is a face in this place, so that the refined box may be used."""
-        if self.expected_error is None:
-            is_face = self.residual_mm <= PLAUSIBLE_MM
-        else:
-            is_face = self.expected_error <= PLAUSIBLE_ERROR
-        return is_face and self.overlap >= PLAUSIBLE_OVERLAP
+        is_error_small = self.expected_error is None or self.expected_error <= PLAUSIBLE_ERROR
+        is_residual_small = self.residual_mm is None or self.residual_mm <= PLAUSIBLE_MM
+        return is_error_small and is_residual_small and self.overlap >= PLAUSIBLE_OVERLAP
 
     @property
     def is_refuted(self) -> bool:
@@ -88,13 +87,20 @@ def refine_boxes(
 
 def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:
     """The refined box of a prediction; None if its maps determine no face."""
+    maps, landmarks = prediction.maps, prediction.maps.landmarks
+    if maps.mask.sum() < LEAST_PIXELS:
+        return None
     try:
-        fit = fit_face(prediction.maps, model)
+        if landmarks is not None:
+            better = FaceBox.around(prediction.crop.to_image(landmarks.points2d))
+            error = expected_error(landmarks.points2d, expected_distances(landmarks))
+            return RefinedBox(better, overlap(better, box), maps.seen_share, expected_error=error)
+        fit = fit_face(maps, model)
         better = FaceBox.around(prediction.crop.to_image(fit.landmarks2d))
     except DegenerateGeometryError:
         return None
-    residual_mm = _residual_px(prediction.maps, fit.camera) / nearest_weak_perspective(fit.camera).scale
-    return RefinedBox(better, residual_mm, overlap(better, box), prediction.maps.seen_share, fit.expected_error)
+    residual_mm = _residual_px(maps, fit.camera) / nearest_weak_perspective(fit.camera).scale
+    return RefinedBox(better, overlap(better, box), maps.seen_share, residual_mm=residual_mm)
 
 
 def _residual_px(maps: FaceMaps, camera: Camera) -> float:

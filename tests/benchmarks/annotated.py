@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("--overlays", type=Path)
     options = parser.parse_args()
     faces, errors, refuted = Pix2Face.load(options.checkpoint, device="cpu"), {}, []
-    residuals_mm: list[float] = []
+    expected: list[float] = []
     seen_shares: list[float] = []
     for annotation in find_annotations(options.folder, IBUG68):
         annotated = annotation.load()
@@ -51,7 +51,7 @@ def main() -> None:
         if seen is None or seen.is_refuted:
             refuted.append(annotation.name)
         if seen is not None:
-            residuals_mm.append(seen.residual_mm)
+            expected.append(seen.expected_error or 0.0)
             seen_shares.append(seen.seen_share or 0.0)
         if options.boxes == "refined":
             (first,) = faces.fit(image, [_rough(box)])
@@ -71,7 +71,7 @@ def main() -> None:
         "refuted as no faces": refuted,
         "in their true boxes": {
             "least share seen": round(min(seen_shares, default=0.0), 3),
-            "largest residual, mm": round(max(residuals_mm, default=0.0), 2),
+            "largest expected error": round(max(expected, default=0.0), 3),
         },
         "each": {name: round(100 * error, 2) for name, error in sorted(errors.items(), key=lambda item: -item[1])},
         "surroundings": surroundings(),

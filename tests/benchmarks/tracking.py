@@ -55,7 +55,7 @@ PASSES = (
 STEPS = (
     (CentreDetector, "candidates", "detect"),
     (Predictor, "predict_batch", "crops, and maps from planes"),
-    (Predictor, "_planes", "network"),
+    (Predictor, "_answers", "network"),
     (refined_detection, "refined_box", "fits of first predictions"),
     (clip_fit, "measure_picture", "fits of second predictions"),
     (track_files, "visible_landmarks", "visible landmarks"),

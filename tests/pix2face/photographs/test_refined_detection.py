@@ -7,9 +7,9 @@ import pytest
 
 from pix2face.detectors.protocol import DetectedFace, overlap
 from pix2face.geometry.crops import FaceBox
+from pix2face.geometry.maps import PredictedLandmarks
 from pix2face.inference.predictor import FACES_AT_A_TIME, Predictor
 from pix2face.photographs.refined_detection import (
-    PLAUSIBLE_MM,
     RefinedBox,
     refine_boxes,
     refine_faces,
@@ -64,14 +64,21 @@ def test_a_box_beside_every_face_stays_as_it_is(scene):
     assert refine_boxes([(noise, beside)], colour_predictor(model), model) == [beside]
 
 
-@pytest.mark.parametrize(("expected", "is_plausible"), [(0.05, True), (0.12, False), (None, False)])
-def test_a_network_that_expects_its_errors_decides_by_them(expected, is_plausible):
-    """Its maps may fit no face well where it is sure of the landmarks, and the other way round."""
-    residual_mm = 2 * PLAUSIBLE_MM
-    refined = RefinedBox(FaceBox(0, 0, 1, 1), residual_mm, 0.9, 1.0, expected)
+@pytest.mark.parametrize(("scale_px", "is_plausible"), [(1.0, True), (6.0, False)])
+def test_landmarks_of_the_network_and_their_expected_errors_decide_where_it_predicts_them(scale_px, is_plausible):
+    model = small_head_model()
+    face = photographed_face(model)
+    (prediction,) = exact_predictor(model, [face.maps()]).predict_many([(face.photograph(), face.box)])
+    shift_px = 3.0
+    landmarks = PredictedLandmarks(prediction.crop.to_crop(face.landmarks2d + shift_px), np.full(68, scale_px))
+    predicted = replace(prediction, maps=replace(prediction.maps, landmarks=landmarks))
+    refined = refined_box(predicted, face.box, model)
+    assert refined is not None
+    assert refined.box.left == pytest.approx(face.box.left + shift_px, abs=1e-3)
     assert refined.is_plausible == is_plausible
-    assert replace(refined, residual_mm=0.0).is_plausible == (expected != 0.12)
-    assert not replace(refined, overlap=0.1).is_plausible
+    assert refined.residual_mm is None
+    nothing = replace(predicted, maps=replace(predicted.maps, mask=np.zeros_like(predicted.maps.mask)))
+    assert refined_box(nothing, face.box, model) is None
 
 
 def test_many_boxes_at_once_are_refined_like_each_alone(scene):
@@ -138,6 +145,6 @@ def test_of_two_detections_of_a_face_the_surer_stays(scene):
 def test_limits(
     residual_mm: float, overlap_before: float, seen_share: float | None, is_plausible: bool, is_refuted: bool
 ) -> None:
-    refined = RefinedBox(FaceBox(0, 0, 10, 10), residual_mm, overlap_before, seen_share)
+    refined = RefinedBox(FaceBox(0, 0, 10, 10), overlap_before, seen_share, residual_mm=residual_mm)
     assert refined.is_plausible is is_plausible
     assert refined.is_refuted is is_refuted
