@@ -13,7 +13,7 @@ export async function readFaces(picture, boxes, predict, settings, report) {
   for (const [index, { box, score }] of boxes.entries()) {
     await report(index);
     const first = await readFace(picture, box, predict, settings);
-    const better = first && boxAround(first.landmarks);
+    const better = first && boxAround(first.points);
     const isFace = first && isPlausible(first, settings) && overlap(better, box) >= settings.plausible_overlap;
     const knows = settings.planes > settings.seen_plane; // whether the network can tell that there is no face
     if (!first || (knows && !isFace)) continue;
@@ -37,17 +37,26 @@ async function readFace(picture, box, predict, settings) {
   const camera = fitCamera(maps, crop, size);
   if (!camera) return null;
   const landmarks = landmarksOfMaps(maps, camera, crop, settings);
-  const scales = outputs[settings.landmarks_output];
-  const expectedError = scales ? settings.error_of_scale * meanScale(scales.data) * side / sizeOf(landmarks) : null;
-  return { box, crop, maps, landmarks, expectedError, residualMm: residualMm(maps, camera, crop, size) };
+  const predicted = outputs[settings.landmarks_output]; // of a network that predicts them, too
+  const points = predicted ? predictedPoints(predicted.data, crop, side) : landmarks;
+  const expectedError = predicted ? (settings.error_of_scale * meanScale(predicted.data) * side) / sizeOf(points) : null;
+  return { box, crop, maps, landmarks, points, expectedError, residualMm: residualMm(maps, camera, crop, size) };
 }
 
 // As pix2face/photographs/refined_detection.py decides.
 const isPlausible = ({ expectedError, residualMm }, settings) =>
   expectedError === null ? residualMm <= settings.plausible_mm : expectedError <= settings.plausible_error;
 
-// Mean scale of the errors that the network expects of its landmarks, in units of the crop's side. Of the three numbers
-// of a landmark, the third is its logarithm.
+// The landmarks that the network predicts itself: x and y from the middle of the crop, in units of its side, and a third
+// number for each. Those of the maps are more exact, but these are enough for a box.
+const predictedPoints = (values, crop, side) =>
+  Array.from({ length: values.length / 3 }, (_, i) => ({
+    x: crop.left + (values[3 * i] + 0.5) * side,
+    y: crop.top + (values[3 * i + 1] + 0.5) * side,
+  }));
+
+// Mean scale of the errors that the network expects of its landmarks, in units of the crop's side: the third number of
+// each is its logarithm.
 function meanScale(values) {
   const scales = values.filter((_, i) => i % 3 === 2).map(Math.exp);
   return scales.reduce((sum, scale) => sum + scale, 0) / scales.length;
