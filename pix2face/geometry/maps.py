@@ -37,8 +37,6 @@ class FaceMaps:
     in_photograph: Bool[ndarray, "h w"] | None = None
     #: The landmarks of the model in the picture; None if the network predicts maps only.
     landmarks: PredictedLandmarks | None = None
-    #: Expected absolute error of a coordinate of PNCC, mm; None if unknown.
-    pncc_scale: Float32[ndarray, "h w"] | None = None
 
     @property
     def seen_share(self) -> float | None:

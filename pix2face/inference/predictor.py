@@ -16,7 +16,7 @@ from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, 
 from pix2face.geometry.maps import FaceMaps, PredictedLandmarks, eroded, valid_pixels
 from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.networks import MAP_PLANES
-from pix2face.networks.architectures import MASK_PLANE, SCALE_PLANE, SEEN_PLANE
+from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
 
 # The network is no faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
@@ -162,10 +162,7 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
     pncc[~mask] = 0
     offset[~mask] = 0
     seen = mask & (planes[..., SEEN_PLANE] > 0) if header.planes > SEEN_PLANE else None
-    scale = None
-    if header.planes > SCALE_PLANE:
-        scale = np.exp(np.clip(planes[..., SCALE_PLANE], -20, 20)) * np.float32(header.pncc_scale_mm)
-    return FaceMaps(pncc, offset, mask, seen, pncc_scale=scale), int(undefined.sum())
+    return FaceMaps(pncc, offset, mask, seen), int(undefined.sum())
 
 
 def read_landmarks(numbers: Float32[ndarray, "n 3"], size_px: int) -> PredictedLandmarks | None:
