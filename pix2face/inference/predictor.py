@@ -17,6 +17,7 @@ from pix2face.geometry.maps import FaceMaps, PredictedLandmarks, eroded, valid_p
 from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.networks import MAP_PLANES
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+from pix2face.networks.packed import packed
 
 # The network is no faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
@@ -92,7 +93,7 @@ class Predictor:
             return cls(run, own_header)
         header, network = load_checkpoint(path)
         chosen = _device(device)
-        return cls(network.to(chosen), header, chosen)
+        return cls(packed(network) if chosen.type == "cpu" else network.to(chosen), header, chosen)
 
     def with_crop_scale(self, crop_scale: float) -> "Predictor":
         """The same network with crops of another size (``CheckpointHeader.crop_scale``)."""

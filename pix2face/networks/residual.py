@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.nn.utils.fusion import fuse_conv_bn_weights
 
 from pix2face.networks import LANDMARK_NUMBERS, MAP_PLANES
 from pix2face.networks.paper import PLANES_IN
@@ -176,11 +177,50 @@ class BoundedBatchNorm(nn.BatchNorm2d):
     def forward(self, features: Tensor) -> Tensor:
         """Returns the features, normalised."""
         normalised = super().forward(features)
-        if self.training:
-            return normalised
-        farthest = FARTHEST * self.weight.abs()
-        low, high = (self.bias - farthest)[:, None, None], (self.bias + farthest)[:, None, None]
-        return torch.clamp(normalised, low.to(normalised.dtype), high.to(normalised.dtype))
+        return normalised if self.training else Bounds(self)(normalised)
+
+
+@final
+class Bounds(nn.Module):
+    """Keeps features as near to the mean as a bounded norm does.
+
+    Args:
+        norm: The norm.
+    """
+
+    def __init__(self, norm: BoundedBatchNorm) -> None:
+        super().__init__()
+        farthest = FARTHEST * norm.weight.abs()
+        self._low, self._high = (norm.bias - farthest)[:, None, None], (norm.bias + farthest)[:, None, None]
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Returns the features, bounded."""
+        return torch.clamp(features, self._low.to(features.dtype), self._high.to(features.dtype))
+
+
+def folded(network: ResidualUNet) -> ResidualUNet:
+    """The same network in use, its norms folded into the convolutions before them; the argument is changed.
+
+    Of bounded norms, the bounds remain.
+    """
+    network.eval()
+    for block in list(network.modules()):
+        for name, norm in list(block.named_children()):
+            if isinstance(norm, nn.BatchNorm2d):
+                assert norm.running_mean is not None
+                assert norm.running_var is not None
+                convolution = getattr(block, name.removesuffix("_norm"))
+                convolution.weight, convolution.bias = fuse_conv_bn_weights(
+                    convolution.weight,
+                    convolution.bias,
+                    norm.running_mean,
+                    norm.running_var,
+                    norm.eps,
+                    norm.weight,
+                    norm.bias,
+                )
+                setattr(block, name, Bounds(norm) if isinstance(norm, BoundedBatchNorm) else nn.Identity())
+    return network
 
 
 def residual_widths(filters: int) -> tuple[int, ...]:
