@@ -39,43 +39,55 @@ def draw_nearest(
         seen: Number of what is there; changed in place.
     """
     height, width = nearest.shape
-    start, step = np.float32(label[0]), np.float32(label[1])
+    whole = np.float32(0), np.float32(0), np.float32(width), np.float32(height)
+    behind = np.float32(backs[0]), np.float32(backs[1]), np.float32(backs[2]), np.float32(backs[3])
+    start, step, side = np.float32(label[0]), np.float32(label[1]), np.float32(front)
     for t in range(len(triangles)):
-        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        # Numbers without a sign spare the test for places that count from the end.
+        i, j, k = np.uint32(triangles[t, 0]), np.uint32(triangles[t, 1]), np.uint32(triangles[t, 2])
         ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
         bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
         cx, cy, cz = points[k, 0], points[k, 1], points[k, 2]
         ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
         area = ux * vy - uy * vx
-        left, top, right, bottom = 0, 0, width, height
-        if area * front < 0:
-            left, top, right, bottom = backs
+        left, top, right, bottom = behind if area * side < 0 else whole
         if area == 0 or left >= right or not np.isfinite(area + uz + vz):
             continue
-        along_x, along_y = (uz * vy - vz * uy) / area, (vz * ux - uz * vx) / area
         # Compared before they are converted: what is too large for an integer has no defined conversion.
         first_row = int(min(max(np.ceil(min(ay, by, cy) - _HALF), top), bottom))
         end_row = int(min(np.ceil(max(ay, by, cy) - _HALF), bottom))
-        for row in range(first_row, end_row):
+        if first_row >= end_row:
+            continue
+        along_x, along_y = (uz * vy - vz * uy) / area, (vz * ux - uz * vx) / area
+        # From the top to the bottom, so that two triangles compute a common edge alike: no sample lies between them.
+        high_x, high_y, middle_x, middle_y, low_x, low_y = _by_row(ax, ay, bx, by, cx, cy)
+        long = (low_x - high_x) / (low_y - high_y)
+        upper, lower = (middle_x - high_x) / (middle_y - high_y), (low_x - middle_x) / (low_y - middle_y)
+        value = start + step * np.float32(t)
+        for row in range(np.uint32(first_row), np.uint32(end_row)):
             y = np.float32(row) + _HALF
-            low, high = np.float32(np.inf), np.float32(-np.inf)
-            for x in (_crossing(ax, ay, bx, by, y), _crossing(bx, by, cx, cy, y), _crossing(cx, cy, ax, ay, y)):
-                low, high = x if x < low else low, x if x > high else high  # no comparison with NaN holds
-            first = int(min(max(np.ceil(low - _HALF), left), right))
-            end = int(min(np.ceil(high - _HALF), right))
+            one = high_x + (y - high_y) * long
+            other = high_x + (y - high_y) * upper if y < middle_y else middle_x + (y - middle_y) * lower
+            first = int(min(max(np.ceil(min(one, other) - _HALF), left), right))
+            end = int(min(np.ceil(max(one, other) - _HALF), right))
             order = az + along_y * (y - ay) + along_x * (np.float32(first) + _HALF - ax)
-            for column in range(first, end):
+            for place in range(first, end):
+                column = np.uint32(place)
                 if order < nearest[row, column]:
                     nearest[row, column] = order
-                    seen[row, column] = start + step * np.float32(t)
+                    seen[row, column] = value
                 order += along_x
 
 
 @compiled
-def _crossing(ax: float, ay: float, bx: float, by: float, y: float) -> float:
-    """Where an edge crosses the line at y, or NaN; the same bits in both directions, so no sample lies between."""
-    if (y >= ay) == (y >= by):
-        return np.float32(np.nan)
-    if ay > by:
+def _by_row(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float
+) -> tuple[float, float, float, float, float, float]:
+    """Columns and rows of three corners, from the top to the bottom."""
+    if by < ay:
         ax, ay, bx, by = bx, by, ax, ay
-    return ax + (bx - ax) * ((y - ay) / (by - ay))
+    if cy < by:
+        bx, by, cx, cy = cx, cy, bx, by
+        if by < ay:
+            ax, ay, bx, by = bx, by, ax, ay
+    return ax, ay, bx, by, cx, cy
