@@ -24,7 +24,7 @@ class SceneEdges(NamedTuple):
 
     triangle: Float32[ndarray, "h w"]  # of the head at the pixel's centre, from 1 on; below 1 it is not the head
     kind: Float32[ndarray, "h w"]  # 0 where it is not the head; 1/4, 2/4, 3/4 for the `HEAD_KINDS`
-    head: Float32[ndarray, "h w"]  # depth of the head in the buffer, 1 where it is not the head
+    opaque: Float32[ndarray, "h w"]  # depth in the buffer of the head, or just behind the objects of the pixel
     farther: Float32[ndarray, "h w"]  # depth of the farther surface in the buffer
     depths: Float32[ndarray, "h w 2"]  # depth in the buffer of the nearer surface, and of what is at the centre
     middle: Float32[ndarray, "h w"]  # mm, parts nearer from farther surfaces; `NO_EDGE` where there is one alone
@@ -48,7 +48,7 @@ def find_edges(
     height, width = samples.shape[0] // 2, samples.shape[1] // 2
     size = height, width
     triangle, kind, middle = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.float32)
-    head, farther = np.empty(size, np.float32), np.empty(size, np.float32)
+    opaque, farther = np.empty(size, np.float32), np.empty(size, np.float32)
     depths = np.empty((height, width, 2), np.float32)
     for row in range(height):
         for column in range(width):
@@ -73,10 +73,11 @@ def find_edges(
             is_head = number > 0
             triangle[row, column] = number
             kind[row, column] = 0.25 * (kinds[int(number) - 1] + 1) if is_head else 0.0
-            head[row, column] = here if is_head else 1.0
+            behind = min(_in_buffer(farthest + edge_mm, depth_from_buffer), 1.0)
+            opaque[row, column] = here if is_head else behind
             farther[row, column] = farther_here
             depths[row, column, 0], depths[row, column, 1] = nearer_here, here
-    return triangle, kind, head, farther, depths, middle
+    return triangle, kind, opaque, farther, depths, middle
 
 
 @compiled

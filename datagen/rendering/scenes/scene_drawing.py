@@ -29,7 +29,7 @@ from datagen.rendering.gl_mesh import SIZES_KEPT
 from datagen.rendering.processor.scene_edges import SceneEdges, find_edges, resolve
 from datagen.rendering.scenes.scene_camera import view_scene
 from datagen.rendering.scenes.scene_head import SceneHead
-from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, joined
+from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run
 from datagen.rendering.scenes.scene_openings import Openings
 from datagen.rendering.scenes.scene_program import (
     HEAD_KINDS,
@@ -80,10 +80,7 @@ class SceneDrawer:
         self._gl = gl
         context = self._context = gl.context
         self._textures = SceneTextures(textures, context)
-        self._programs = {
-            **{name: compile_head(context, name) for name in HEAD_KINDS},
-            "bare": SceneProgram(context, ("bare_vertex",), ("bare_fragment",)),
-        }
+        self._programs = {name: compile_head(context, name) for name in HEAD_KINDS}
         for kind in KINDS:
             for purpose in PURPOSES:
                 self._programs[f"{kind} {purpose}"] = compile_object(context, kind, purpose)
@@ -166,26 +163,15 @@ class SceneDrawer:
         return SceneEdges(*find_edges(samples, self._head.kinds, uniforms["depth_from_buffer"], uniforms["edge_mm"]))
 
     def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
-        """Steps 4 and 5. Only a test of depth skips pixels of the head that another program paints."""
+        """Steps 4 and 5. Only a test of depth skips what another program paints and what is hidden."""
         self._context.enable_only(moderngl.DEPTH_TEST)
         target.kinds.depth_mask = False
         target.kinds.use()
         for kind in HEAD_KINDS:
             self._whole[kind].render(moderngl.TRIANGLES, vertices=3)
         target.colours.use()
-        if not self._objects.opaque:
-            return
-        # Depth first: what another object hides, or the front of its own, is not worth shading.
-        target.colours.color_mask = False, False, False, False
-        target.colours.use()
-        for run in joined(self._objects.opaque):
-            self._objects.draw("bare", run)
-        target.colours.color_mask = True, True, True, True
-        target.colours.use()
-        self._context.depth_func = "<="
         for run in self._objects.opaque:
             self._draw_run(scene, run, "object")
-        self._context.depth_func = "<"
 
     def _draw_blended(self, scene: Scene, target: SceneTarget) -> None:
         """Step 6."""

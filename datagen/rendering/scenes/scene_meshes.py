@@ -1,7 +1,7 @@
 """The objects of a scene, all but the head, on the GPU."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import moderngl
@@ -108,17 +108,6 @@ class ObjectMeshes:
         assert self._corners is not None
         self._vertices.write(vertices)
         self._corners.write(np.ascontiguousarray(corners, dtype=np.int32))
-
-
-def joined(runs: Sequence[Run]) -> list[Run]:
-    """Joins runs that follow each other, for passes that treat all meshes alike: fewer draws."""
-    found: list[Run] = []
-    for run in runs:
-        if found and run.first == found[-1].first + found[-1].count:
-            found[-1] = replace(found[-1], count=found[-1].count + run.count)
-        else:
-            found.append(run)
-    return found
 
 
 def far_to_near(

@@ -35,7 +35,7 @@ class SceneTarget:
         """Clears all colours, and uploads what shaders and tests of depth need to know of the samples."""
         for framebuffer in (self.colours, self.blended):
             framebuffer.clear()
-        self.depths["colours"].write(edges.head)
+        self.depths["colours"].write(edges.opaque)
         self.depths["kinds"].write(edges.kind)
         self.depths["blended"].write(edges.farther)
         for name, values in (("seen", edges.triangle), ("edges", edges.depths)):

@@ -3,8 +3,6 @@
 uniform mat4 clip_from_model;
 uniform vec4 camera_place;
 
-invariant gl_Position;  // depth is drawn by one program and compared by another
-
 in vec3 vertex;
 in vec3 normal;
 in vec2 uv;

@@ -2,8 +2,6 @@
 
 uniform mat4 clip_from_model;
 
-invariant gl_Position;  // depth is drawn by one program and compared by another
-
 in vec3 vertex;
 in vec3 normal;
 in vec2 uv;

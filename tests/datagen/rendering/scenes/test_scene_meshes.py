@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datagen.rendering.processor.nearest import NOWHERE
-from datagen.rendering.scenes.scene_meshes import MAX_TURNS, Run, far_to_near, joined
+from datagen.rendering.scenes.scene_meshes import MAX_TURNS, far_to_near
 from datagen.rendering.scenes.scene_openings import Openings
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import rasterise, shows_outside
@@ -72,9 +72,3 @@ def test_backs_are_seen_through_openings_alone(make_model, distance_mm: float | 
 def test_a_head_seen_from_before_shows_no_inside() -> None:
     model = builtin_model()
     assert Openings(model).box(model.mean, camera_at(0, -10, 96), 96, 96) == NOWHERE
-
-
-def test_runs_are_joined_where_nothing_lies_between_them() -> None:
-    runs = [Run(0, 0, 6), Run(2, 6, 3), Run(5, 12, 9), Run(6, 21, 3)]
-    assert joined(runs) == [Run(0, 0, 9), Run(5, 12, 12)]
-    assert joined([]) == []

@@ -1,4 +1,0 @@
-// Nothing but depth.
-
-void main() {
-}
