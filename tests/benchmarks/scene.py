@@ -38,7 +38,8 @@ from tests.benchmarks.surroundings import surroundings, write_report
 
 STAGES = {
     "upload head": (SceneHead, "load"),
-    "upload and sort objects": (ObjectMeshes, "load"),
+    "upload objects": (ObjectMeshes, "load"),
+    "sort transparent objects": (ObjectMeshes, "blended"),
     "shadow maps": (SceneDrawer, "_draw_shadows"),
     "what is seen": (SceneDrawer, "_see"),
     "head and opaque objects": (SceneDrawer, "_draw_opaque"),

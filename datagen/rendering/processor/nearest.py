@@ -5,7 +5,7 @@ fixed pipeline of a software driver takes three to five times as long for the sm
 """
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
 from datagen.rendering.processor.compiling import compiled
@@ -14,6 +14,8 @@ Box = tuple[int, int, int, int]  # left, top, right, bottom; the last two are ex
 NOWHERE: Box = (0, 0, 0, 0)
 
 _HALF = np.float32(0.5)
+# OpenGL moves vertices to a grid of 1/256 px, and depth to one of 2^-24.
+_GRID_PX, _GRID_DEPTH = np.float32(1 / 128), np.float32(1e-6)
 
 
 @compiled
@@ -91,3 +93,54 @@ def _by_row(
         if by < ay:
             ax, ay, bx, by = bx, by, ax, ay
     return ax, ay, bx, by, cx, cy
+
+
+@compiled
+def may_be_seen(
+    placed: Float32[ndarray, "v 3"], triangles: Int32[ndarray, "t 3"], farthest: Float32[ndarray, "h w"]
+) -> Bool[ndarray, " t"]:
+    """Finds triangles that OpenGL would draw in any pixel. Some more may be among them, but none is missing.
+
+    Args:
+        placed: Vertices as `in_window` returns them.
+        triangles: Corners.
+        farthest: Depth in the buffer behind which nothing is drawn.
+    """
+    height, width = farthest.shape
+    found = np.empty(len(triangles), np.bool_)
+    for t in range(len(triangles)):
+        i, j, k = np.uint32(triangles[t, 0]), np.uint32(triangles[t, 1]), np.uint32(triangles[t, 2])
+        ax, ay, az = placed[i, 0], placed[i, 1], placed[i, 2]
+        bx, by, bz = placed[j, 0], placed[j, 1], placed[j, 2]
+        cx, cy, cz = placed[k, 0], placed[k, 1], placed[k, 2]
+        found[t] = not np.isfinite(ax + ay + bx + by + cx + cy)  # a corner behind the camera
+        if found[t]:
+            continue
+        nearest = min(az, bz, cz) - _GRID_DEPTH
+        first_row = int(max(np.ceil(min(ay, by, cy) - _GRID_PX - _HALF), 0))
+        end_row = int(min(np.floor(max(ay, by, cy) + _GRID_PX + _HALF), height))
+        first = int(max(np.ceil(min(ax, bx, cx) - _GRID_PX - _HALF), 0))
+        end = int(min(np.floor(max(ax, bx, cx) + _GRID_PX + _HALF), width))
+        for row in range(first_row, end_row):
+            for column in range(first, end):
+                found[t] |= nearest <= farthest[row, column]
+            if found[t]:
+                break
+    return found
+
+
+@compiled
+def in_window(
+    points: Float32[ndarray, "v 3"], clip_from_model: Float64[ndarray, "4 4"], height: int, width: int
+) -> Float32[ndarray, "v 3"]:
+    """Column and row (px) of vertices and their depth in the buffer, 0 to 1; NaN behind a pinhole."""
+    clip = clip_from_model.astype(np.float32)
+    placed = np.empty((len(points), 3), np.float32)
+    for v in range(len(points)):
+        x, y, z = points[v, 0], points[v, 1], points[v, 2]
+        w = clip[3, 0] * x + clip[3, 1] * y + clip[3, 2] * z + clip[3, 3]
+        half = np.float32(0.5) / w if w > 0 else np.float32(np.nan)
+        placed[v, 0] = ((clip[0, 0] * x + clip[0, 1] * y + clip[0, 2] * z + clip[0, 3]) * half + _HALF) * width
+        placed[v, 1] = ((clip[1, 0] * x + clip[1, 1] * y + clip[1, 2] * z + clip[1, 3]) * half + _HALF) * height
+        placed[v, 2] = (clip[2, 0] * x + clip[2, 1] * y + clip[2, 2] * z + clip[2, 3]) * half + _HALF
+    return placed

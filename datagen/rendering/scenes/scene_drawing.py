@@ -14,7 +14,7 @@ a face are smaller than a pixel, and each triangle in a block of pixels would sh
 Steps 2, 3 and 7, and the opaque part of step 1, are done without OpenGL.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any, final
 
@@ -29,7 +29,7 @@ from datagen.rendering.gl_mesh import SIZES_KEPT
 from datagen.rendering.processor.scene_edges import SceneEdges, find_edges, resolve
 from datagen.rendering.scenes.scene_camera import view_scene
 from datagen.rendering.scenes.scene_head import SceneHead
-from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run
+from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, Window
 from datagen.rendering.scenes.scene_openings import Openings
 from datagen.rendering.scenes.scene_program import (
     HEAD_KINDS,
@@ -43,7 +43,7 @@ from datagen.rendering.scenes.scene_program import (
     set_uniforms,
     used_programs,
 )
-from datagen.rendering.scenes.scene_shadows import SKY, LightView, Mesh, ShadowMaps
+from datagen.rendering.scenes.scene_shadows import SKY, Mesh, ShadowMaps
 from datagen.rendering.scenes.scene_targets import SceneTarget, make_target
 from datagen.rendering.scenes.scene_visibility import see_scene
 from pix2face.geometry.camera import Camera
@@ -110,7 +110,7 @@ class SceneDrawer:
         self._gl.make_current()
         uniforms = view_scene(scene, camera, height, width)
         self._head.load(scene.head)
-        self._objects.load(scene.meshes, camera.matrix[2])
+        self._objects.load(scene.meshes)
         self._textures.bind()
         target = self._targets(height, width)
         used = used_programs(self._programs, self._objects.kinds(scene.meshes))
@@ -122,7 +122,8 @@ class SceneDrawer:
         edges = self._find_edges(samples, uniforms)
         target.clear(edges)
         self._draw_opaque(scene, target)
-        self._draw_blended(scene, target)
+        window = Window(np.asarray(uniforms["clip_from_model"]), edges.farther)
+        self._draw_blended(scene, self._objects.blended(window, camera.matrix[2]), target)
         colours, labels = self._resolve(samples, edges, target)
         self._gl.check()
         return ScenePicture(radiance=colours[..., :3], coverage=np.clip(colours[..., 3], 0, 1), labels=labels)
@@ -133,21 +134,19 @@ class SceneDrawer:
         # What lies around the neck and lower takes the sky from little but itself.
         chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
         high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
-        casts = [mesh.casts_shadow for mesh in scene.meshes]
-
-        opaque = {run.mesh for run in self._objects.opaque if casts[run.mesh]}
+        casts = {place for place, mesh in enumerate(scene.meshes) if mesh.casts_shadow}
+        opaque = [run.mesh for run in self._objects.opaque if run.mesh in casts]
 
         def solid(light: int) -> list[Mesh]:
-            seen = [scene.meshes[place] for place in sorted(opaque) if light != SKY or high[place]]
+            seen = [scene.meshes[place] for place in opaque if light != SKY or high[place]]
             return [(scene.head.vertices, self._head.coarse), *((mesh.vertices, mesh.triangles) for mesh in seen)]
 
-        def soft(view: LightView, towards_light: Float64[ndarray, "3"]) -> None:
+        def soft(window: Window, towards_light: Float64[ndarray, "3"]) -> None:
             place = np.append(towards_light, 0)
-            set_uniforms(shadowing, {"clip_from_model": view.clip_from_model, "camera_place": place})
+            set_uniforms(shadowing, {"clip_from_model": window.clip_from_model, "camera_place": place})
             self._context.enable_only(moderngl.DEPTH_TEST)
-            for run in self._objects.soft:
-                if casts[run.mesh]:
-                    self._draw_run(scene, run, "object_shadow")
+            for run in self._objects.soft(window, casts):
+                self._draw_run(scene, run, "object_shadow")
 
         return self._shadows.draw(scene.head.vertices, scene.lights, solid, soft)
 
@@ -173,17 +172,15 @@ class SceneDrawer:
         for run in self._objects.opaque:
             self._draw_run(scene, run, "object")
 
-    def _draw_blended(self, scene: Scene, target: SceneTarget) -> None:
+    def _draw_blended(self, scene: Scene, runs: Sequence[Run], target: SceneTarget) -> None:
         """Step 6."""
-        if not self._objects.blended:
-            return
         context = self._context
         target.blended.depth_mask = False
         target.blended.use()
         context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         context.depth_func = "<="
         context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
-        for run in self._objects.blended:
+        for run in runs:
             self._draw_run(scene, run, "blended")
         context.depth_func = "<"
 

@@ -1,15 +1,16 @@
 """The objects of a scene, all but the head, on the GPU."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import NamedTuple, final
 
 import moderngl
 import numpy as np
-from jaxtyping import Float, Float32, Int32, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64
 from numpy import ndarray
 
 from datagen.appearance.scene import SceneMesh
+from datagen.rendering.processor.nearest import in_window, may_be_seen
 from datagen.rendering.scenes.scene_program import MaterialKind, SceneProgram
 from pix2face.errors import UsageError
 
@@ -28,6 +29,13 @@ class Run:
     count: int
 
 
+class Window(NamedTuple):
+    """What a pass of OpenGL shows."""
+
+    clip_from_model: Float64[ndarray, "4 4"]
+    farthest: Float32[ndarray, "h w"]  # depth in the buffer, 0 to 1, behind which nothing is drawn
+
+
 @final
 class ObjectMeshes:
     """All meshes of a scene but the head's, in one buffer of vertices and one of triangles.
@@ -38,68 +46,101 @@ class ObjectMeshes:
 
     Attributes:
         opaque: Runs of opaque meshes.
-        blended: Runs of transparent meshes, far to near.
-        soft: The same triangles mesh by mesh, for passes that need no order: fewer draws.
     """
 
     def __init__(self, context: moderngl.Context, programs: Mapping[str, SceneProgram]) -> None:
         self._context, self._programs = context, programs
         self.opaque: list[Run] = []
-        self.blended: list[Run] = []
-        self.soft: list[Run] = []
+        self._soft: list[tuple[int, Int32[ndarray, "_ 3"]]] = []  # numbers of transparent meshes, and their triangles
+        self._points: Float32[ndarray, "v 3"] = np.zeros((0, 3), dtype=np.float32)
+        self._n_opaque = 0  # corners of opaque triangles
         self._vertices: moderngl.Buffer | None = None
         self._corners: moderngl.Buffer | None = None
         self._arrays: dict[str, moderngl.VertexArray] = {}
 
-    def load(self, meshes: Sequence[SceneMesh], depth_row: Float[ndarray, "4"]) -> None:
-        """Uploads the meshes of a scene; ``depth_row`` gives the depth of points, the farther the larger."""
-        self.opaque, self.blended, self.soft = [], [], []
+    def load(self, meshes: Sequence[SceneMesh]) -> None:
+        """Uploads the meshes of a scene; transparent triangles follow when they are to be drawn."""
+        self.opaque, self._soft, self._n_opaque = [], [], 0
         if not meshes:
             return
         for mesh in meshes:
             _check(mesh)
         starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         vertices = np.empty((starts[-1], sum(LAYOUT.values())), dtype=np.float32)
-        for mesh, start in zip(meshes, starts, strict=False):
+        parts = []
+        for place, (mesh, start) in enumerate(zip(meshes, starts, strict=False)):
             rows = vertices[start : start + len(mesh.vertices)]
             rows[:, :3], rows[:, 3:6], rows[:, 6:] = mesh.vertices, mesh.normals, mesh.uv
-        # Under a hat nothing may be left of a head's hair.
-        drawn = [place for place, mesh in enumerate(meshes) if len(mesh.triangles)]
-        solid = [place for place in drawn if not meshes[place].material.is_blended]
-        soft = [place for place in drawn if meshes[place].material.is_blended]
-        parts, first = [], 0
-        for places, runs in ((solid, self.opaque), (soft, self.soft)):
-            for place in places:
-                parts.append(meshes[place].triangles + np.int32(starts[place]))
-                runs.append(Run(place, first, parts[-1].size))
-                first += parts[-1].size
-        if soft:
-            triangles = parts[len(solid) :]
-            depth = vertices[:, :3] @ depth_row[:3].astype(np.float32)
-            order, turns = far_to_near(triangles, depth)
-            parts.append(np.concatenate(triangles)[order])
-            for which, count in turns:
-                self.blended.append(Run(soft[which], first, 3 * count))
-                first += 3 * count
-        if parts:
-            self._upload(vertices, np.concatenate(parts))
+            triangles = mesh.triangles + np.int32(start)
+            if not len(triangles):
+                continue  # under a hat nothing may be left of a head's hair
+            if mesh.material.is_blended:
+                self._soft.append((place, triangles))
+                continue
+            parts.append(triangles)
+            self.opaque.append(Run(place, self._n_opaque, triangles.size))
+            self._n_opaque += triangles.size
+        self._points = vertices[:, :3]
+        self._upload(vertices, parts)
+
+    def soft(self, window: Window, meshes: Collection[int]) -> list[Run]:
+        """Uploads what may be seen of some of the transparent meshes, mesh by mesh."""
+        chosen = [(place, triangles) for place, triangles in self._soft if place in meshes]
+        seen = self._may_be_seen(window, [triangles for _, triangles in chosen])
+        parts = [triangles[kept] for (_, triangles), kept in zip(chosen, seen, strict=True)]
+        return self._upload_soft(parts, [(place, len(part)) for (place, _), part in zip(chosen, parts, strict=True)])
+
+    def blended(self, window: Window, depth_row: Float[ndarray, "4"]) -> list[Run]:
+        """Uploads what may be seen of the transparent meshes, far to near.
+
+        ``depth_row`` gives the depth of points, the farther the larger.
+        """
+        if not self._soft:
+            return []
+        triangles = [each for _, each in self._soft]
+        seen = np.concatenate(self._may_be_seen(window, triangles))
+        order, turns = far_to_near(triangles, self._points @ depth_row[:3].astype(np.float32))
+        kept = seen[order]
+        starts = np.cumsum([0, *(count for _, count in turns[:-1])])
+        counts = np.add.reduceat(kept, starts, dtype=np.int64).tolist()
+        places = [self._soft[own][0] for own, _ in turns]
+        return self._upload_soft([np.concatenate(triangles)[order[kept]]], list(zip(places, counts, strict=True)))
 
     def kinds(self, meshes: Sequence[SceneMesh]) -> dict[str, set[MaterialKind]]:
         """Which kinds of objects the loaded scene draws, by ``PURPOSES``."""
-        solid, soft = ({meshes[run.mesh].material.kind for run in runs} for runs in (self.opaque, self.soft))
+        solid = {meshes[run.mesh].material.kind for run in self.opaque}
+        soft = {meshes[place].material.kind for place, _ in self._soft}
         return {"object": solid, "blended": soft, "object_shadow": soft}
 
     def draw(self, name: str, run: Run) -> None:
         """Draws a run with one of the programs."""
         self._arrays[name].render(moderngl.TRIANGLES, vertices=run.count, first=run.first)
 
-    def _upload(self, vertices: Float32[ndarray, "v 8"], corners: Int32[ndarray, "t 3"]) -> None:
+    def _may_be_seen(self, window: Window, triangles: Sequence[Int32[ndarray, "_ 3"]]) -> list[Bool[ndarray, " _"]]:
+        placed = in_window(self._points, window.clip_from_model, *window.farthest.shape)
+        return [may_be_seen(placed, each, window.farthest) for each in triangles]
+
+    def _upload_soft(self, parts: Sequence[Int32[ndarray, "_ 3"]], counts: Sequence[tuple[int, int]]) -> list[Run]:
+        """Writes transparent triangles behind the opaque ones; counts say how many of them belong to which mesh."""
+        first = self._n_opaque
+        runs = []
+        for place, count in counts:
+            if count:
+                runs.append(Run(place, first, 3 * count))
+                first += 3 * count
+        if parts:
+            assert self._corners is not None
+            self._corners.write(np.concatenate(parts), offset=4 * self._n_opaque)
+        return runs
+
+    def _upload(self, vertices: Float32[ndarray, "v 8"], opaque: Sequence[Int32[ndarray, "_ 3"]]) -> None:
         kept = self._vertices, self._corners
-        wanted = vertices.nbytes, corners.nbytes
+        n_soft = sum(triangles.size for _, triangles in self._soft)
+        wanted = vertices.nbytes, 4 * (self._n_opaque + n_soft)
         if any(buffer is None or buffer.size < size for buffer, size in zip(kept, wanted, strict=True)):
             # Half as much again: the next scene may have longer hair.
             self._vertices, self._corners = (
-                self._context.buffer(reserve=size * 3 // 2, dynamic=True) for size in wanted
+                self._context.buffer(reserve=max(size * 3 // 2, 4), dynamic=True) for size in wanted
             )
             for name, program in self._programs.items():
                 content = (self._vertices, *_layout(program))
@@ -107,7 +148,8 @@ class ObjectMeshes:
         assert self._vertices is not None
         assert self._corners is not None
         self._vertices.write(vertices)
-        self._corners.write(np.ascontiguousarray(corners, dtype=np.int32))
+        if opaque:
+            self._corners.write(np.concatenate(opaque))
 
 
 def far_to_near(

@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from datagen.appearance.scene import UniformValue
 from datagen.rendering.processor.nearest import NOWHERE, draw_nearest
+from datagen.rendering.scenes.scene_meshes import Window
 
 MAX_SHADOWS = 3  # as in shadow.glsl
 MAP_PX = 256
@@ -50,7 +51,7 @@ class ShadowMaps:
         vertices: Float32[ndarray, "v 3"],
         lights: Float32[ndarray, "n 3"],
         solid: Callable[[int], Sequence[Mesh]],
-        soft: Callable[[LightView, Float64[ndarray, "3"]], None],
+        soft: Callable[[Window, Float64[ndarray, "3"]], None],
     ) -> dict[str, UniformValue]:
         """Draws a map for each light.
 
@@ -58,7 +59,7 @@ class ShadowMaps:
             vertices: The head, which is in the middle of the maps, mm.
             lights: Towards each light; zeros where there is none.
             solid: Which opaque meshes a light sees; the first of them is the head.
-            soft: Draws what is transparent in parts, given a light's view and the direction towards it.
+            soft: Draws what is transparent in parts, given what a light sees and the direction towards it.
 
         Returns:
             What ``shadow.glsl`` needs to know.
@@ -75,8 +76,9 @@ class ShadowMaps:
             view = light_view(direction / np.linalg.norm(direction), centre, radius)
             side = SKY_PX if place == SKY else MAP_PX
             self._framebuffer.viewport = (place * MAP_PX, 0, side, side)
-            self._maps.write(_solid_depth(view, solid(place), side), viewport=self._framebuffer.viewport)
-            soft(view, direction)
+            depth = _solid_depth(view, solid(place), side)
+            self._maps.write(depth, viewport=self._framebuffer.viewport)
+            soft(Window(view.clip_from_model, depth), direction)
             views[place] = view.shadow_from_model
         self._maps.use(self._unit)
         towards = np.zeros((MAX_SHADOWS, 3))

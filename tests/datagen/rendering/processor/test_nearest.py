@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from datagen.rendering.processor.nearest import NOWHERE, draw_nearest
+from datagen.rendering.processor.nearest import NOWHERE, draw_nearest, in_window, may_be_seen
 from datagen.rendering.scenes.scene_visibility import before_camera, see_scene
 from pix2face.geometry.camera import Camera
 from pix2face.models.rasterise import rasterise, shows_outside
@@ -83,3 +83,24 @@ def test_a_mesh_is_cut_before_the_camera(n_near: int) -> None:
     assert (camera.depth(cut[corners].reshape(-1, 3)) > 10 - 1e-4).all()
     # Pieces turn as their triangle does.
     assert (crosses @ np.cross(second - first, third - first) > 0).all()
+
+
+def test_every_triangle_that_shows_in_a_pixel_may_be_seen() -> None:
+    rng = np.random.default_rng(0)
+    middles, reach = rng.uniform(-1.2, 1.2, (300, 1, 3)), rng.choice([0.05, 0.4], (300, 1, 1))
+    points = (middles + reach * rng.normal(size=(300, 3, 3))).reshape(-1, 3).astype(np.float32)
+    farthest = rng.uniform(0.2, 0.8, (16, 16)).astype(np.float32)
+    placed = in_window(points, np.eye(4), 16, 16)
+    corners = np.arange(900, dtype=np.int32).reshape(-1, 3)
+    found = may_be_seen(placed, corners, farthest)
+    for triangle, is_found in zip(corners, found, strict=True):
+        shown = farthest.copy()
+        draw_nearest(placed, triangle[None], 0.0, NOWHERE, (1.0, 0.0), shown, np.zeros_like(shown))
+        assert is_found or (shown == farthest).all()
+    assert 50 < found.sum() < 250
+
+
+def test_what_reaches_behind_a_pinhole_may_be_seen() -> None:
+    clip = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 0]])
+    points = np.array([[0, 0, 1], [1, 0, 1], [0, 1, -1]], dtype=np.float32)
+    assert may_be_seen(in_window(points, clip, 8, 8), np.array([[0, 1, 2]], np.int32), np.zeros((8, 8), np.float32))[0]
