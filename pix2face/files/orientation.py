@@ -12,9 +12,10 @@ from PIL.ImageFile import ImageFile
 ORIENTATION = 274
 # 1 is upright; 5 to 8 exchange width and height.
 UPRIGHT, ON_ITS_SIDE = 1, (5, 6, 7, 8)
+JPEG_START = b"\xff\xd8"
 # Opened by format, since `PIL.Image.open` has a limit of its own that belongs to the whole process.
 _HEADS: Mapping[bytes, Callable[[BytesIO | BufferedReader], ImageFile]] = {
-    b"\xff\xd8": JpegImagePlugin.JpegImageFile,
+    JPEG_START: JpegImagePlugin.JpegImageFile,
     b"\x89PNG": PngImagePlugin.PngImageFile,
     b"RIFF": WebPImagePlugin.WebPImageFile,
 }
@@ -23,6 +24,8 @@ _TIFF_STARTS = (b"II*\0", b"MM\0*")
 
 def orientation_tag(content: bytes | BufferedReader) -> int:
     """The tag of a picture file, 1 to 8; 1 (upright) where it has none that can be read."""
+    if isinstance(content, bytes) and content.startswith(JPEG_START) and b"Exif" not in content:
+        return UPRIGHT  # without Pillow, which takes ten times as long
     file = BytesIO(content) if isinstance(content, bytes) else content
     file.seek(0)
     start = file.read(4)

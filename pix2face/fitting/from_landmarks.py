@@ -69,7 +69,8 @@ class LandmarkModel:
         """
         check_scheme(model, scheme)
         vertices = model.landmarks[scheme]
-        basis = np.concatenate([model.identity_basis[:, vertices], model.expression_basis[:, vertices]])
+        # `take` gives arrays in C order, and indexing does not: then every product would copy the basis first.
+        basis = np.concatenate([each.take(vertices, axis=1) for each in (model.identity_basis, model.expression_basis)])
         return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)
 
     def with_jaw(self, contour: JawContour, chosen: Int[ndarray, "17"]) -> "LandmarkModel":
@@ -80,7 +81,7 @@ class LandmarkModel:
 
     def rows(self, chosen: Bool[ndarray, " m"]) -> "LandmarkModel":
         """The model of some of the landmarks."""
-        return LandmarkModel(self.mean[chosen], self.basis[:, chosen], self.n_identity)
+        return LandmarkModel(self.mean[chosen], self.basis.compress(chosen, axis=1), self.n_identity)
 
     def landmarks3d(self, coefficients: Float64[ndarray, " c"]) -> Float64[ndarray, "m 3"]:
         """Landmarks of a face, mm, model frame (identity before expression)."""

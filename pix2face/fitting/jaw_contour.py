@@ -60,7 +60,8 @@ class JawContour:
             owners.append(np.full(len(found), jaw))
             outward.append(direction)
         chosen = np.concatenate(members)
-        basis = np.concatenate([model.identity_basis[:, chosen], model.expression_basis[:, chosen]])
+        # As in ``LandmarkModel.of``.
+        basis = np.concatenate([each.take(chosen, axis=1) for each in (model.identity_basis, model.expression_basis)])
         return cls(np.concatenate(owners), np.stack(outward), mean[chosen], basis.astype(np.float64))
 
     def outermost(self, camera: Camera, coefficients: Float64[ndarray, " c"]) -> Int[ndarray, "17"]:
