@@ -31,6 +31,7 @@ from pix2face.files.opening import largest_unfolded, open_regular
 LARGEST_FILE_BYTES = 1 << 30
 _HEADER_BYTES = 128
 _MAT5_ENDS, _MAT73_END = (b"\x00\x01IM", b"\x01\x00MI"), b"\x00\x02IM"
+_TWO_WORDS = {order: struct.Struct(f"{order}II") for order in "<>"}
 _STRUCTURE = "a structure"
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -40,7 +41,7 @@ _COMPLEX = 0x0800
 _MAX_DIMENSIONS = 32
 _MOST_VARIABLES, _LONGEST_NAME = 10_000, 64
 _CHUNK_BYTES = 1 << 20
-# Flags, shape and name of any variable that Matlab writes (32 dimensions, 63 letters) fit.
+# Kind, flags, shape and name of any variable that Matlab writes (32 dimensions, 63 letters) fit.
 _FIRST_BYTES = 512
 
 
@@ -59,11 +60,11 @@ def mat_names(path: Path) -> list[str]:
     Raises:
         InputFileError: As `read_mat`.
     """
-    if _is_mat73(path, LARGEST_FILE_BYTES):
-        with open_hdf5(path) as file:
-            return list(_datasets(file))
-    with _reported(path):
-        return [variable.name for variable in _variables(path, LARGEST_FILE_BYTES)]
+    with _opened(path, LARGEST_FILE_BYTES) as (header, file):
+        if header[124:] != _MAT73_END:
+            return [variable.name for variable in _variables(header, file)]
+    with open_hdf5(path) as datasets:
+        return list(_datasets(datasets))
 
 
 def read_mat(path: Path, wanted: Collection[str], largest_bytes: int = LARGEST_FILE_BYTES) -> dict[str, ndarray]:
@@ -75,22 +76,17 @@ def read_mat(path: Path, wanted: Collection[str], largest_bytes: int = LARGEST_F
         InputFileError: The file is missing, damaged, hostile or of another format, or a wanted variable is larger than
             ``largest_bytes`` or not a full array of real numbers.
     """
-    if _is_mat73(path, largest_bytes):
-        with open_hdf5(path) as file:
-            names = _datasets(file)
-            # Matlab counts dimensions from the other end than HDF5.
-            return {name: read_array(file, names[name], path).T for name in names if name in wanted}
     arrays: dict[str, ndarray] = {}
-    with _reported(path):
-        for variable in _variables(path, largest_bytes):
-            if variable.name in wanted and variable.name not in arrays:
-                arrays[variable.name] = variable.read(largest_bytes)
-    return arrays
-
-
-def _is_mat73(path: Path, largest_bytes: int) -> bool:
-    with open_regular(path, "a MAT file of numbers", largest_bytes) as file:
-        return file.read(_HEADER_BYTES)[124:] == _MAT73_END
+    with _opened(path, largest_bytes) as (header, file):
+        if header[124:] != _MAT73_END:
+            for variable in _variables(header, file):
+                if variable.name in wanted and variable.name not in arrays:
+                    arrays[variable.name] = variable.read(largest_bytes)
+            return arrays
+    with open_hdf5(path) as datasets:
+        names = _datasets(datasets)
+        # Matlab counts dimensions from the other end than HDF5.
+        return {name: read_array(datasets, names[name], path).T for name in names if name in wanted}
 
 
 def _datasets(file: h5py.File) -> dict[str, str]:
@@ -106,42 +102,43 @@ def _datasets(file: h5py.File) -> dict[str, str]:
 
 
 @contextmanager
-def _reported(path: Path) -> Iterator[None]:
-    """Turns what may go wrong into one error that names the file."""
-    try:
-        yield
-    except (_DamagedError, OSError, struct.error, zlib.error, UnicodeDecodeError) as error:
-        raise InputFileError(
-            f"{path}: expected a MAT 5 file of numbers, found one that cannot be read ({error}); "
-            "download or save it again (Matlab: save -v6 or -v7)"
-        ) from error
+def _opened(path: Path, largest_bytes: int) -> Iterator[tuple[bytes, BinaryIO]]:
+    """The header of a file, and the file behind it. What may go wrong is turned into one error that names the file."""
+    with open_regular(path, "a MAT file of numbers", largest_bytes) as file:
+        try:
+            yield file.read(_HEADER_BYTES), file
+        except (_DamagedError, OSError, struct.error, zlib.error, UnicodeDecodeError) as error:
+            raise InputFileError(
+                f"{path}: expected a MAT 5 file of numbers, found one that cannot be read ({error}); "
+                "download or save it again (Matlab: save -v6 or -v7)"
+            ) from error
 
 
-def _variables(path: Path, largest_bytes: int) -> "Iterator[_Variable]":
+def _variables(header: bytes, file: BinaryIO) -> "Iterator[_Variable]":
     """The variables in their order; each can be read until the next is asked for."""
-    with open_regular(path, "a MAT 5 file of numbers", largest_bytes) as file:
-        header, size = file.read(_HEADER_BYTES), os.fstat(file.fileno()).st_size
-        if header[124:] not in _MAT5_ENDS:
-            raise _DamagedError(_foreign(header))
-        order, at = "<" if header[126:128] == b"IM" else ">", _HEADER_BYTES
-        for _ in range(_MOST_VARIABLES):
-            if at >= size:
-                return
-            file.seek(at)
-            kind, n_bytes = _unpack(order, file.read(8))
-            at += 8 + n_bytes
-            if at > size:
-                raise _DamagedError(f"cut off: an element declares {n_bytes} bytes, {size - at + n_bytes} are left")
-            body = _Body(file, n_bytes, is_compressed=kind == _COMPRESSED)
-            if kind == _COMPRESSED:
-                kind, _ = _unpack(order, body.read(8))
-            if kind != _MATRIX:
-                raise _DamagedError(f"a variable of the unknown kind {kind}")
-            variable = _parsed(order, body)
-            yield variable
-            if variable.kind == _STRUCTURE and math.prod(variable.shape) == 1:
-                yield from _fields(variable)
-        raise _DamagedError(f"more than {_MOST_VARIABLES} variables")
+    if header[124:] not in _MAT5_ENDS:
+        raise _DamagedError(_foreign(header))
+    order, at, size = "<" if header[126:128] == b"IM" else ">", _HEADER_BYTES, os.fstat(file.fileno()).st_size
+    for _ in range(_MOST_VARIABLES):
+        if at >= size:
+            return
+        file.seek(at)
+        kind, n_bytes = _unpack(order, file.read(8))
+        at += 8 + n_bytes
+        if at > size:
+            raise _DamagedError(f"cut off: an element declares {n_bytes} bytes, {size - at + n_bytes} are left")
+        body = _Body(file, n_bytes, is_compressed=kind == _COMPRESSED)
+        start = body.read(_FIRST_BYTES)
+        if kind == _COMPRESSED:
+            kind, _ = _unpack(order, start[:8])
+            del start[:8]
+        if kind != _MATRIX:
+            raise _DamagedError(f"a variable of the unknown kind {kind}")
+        variable = _parsed(order, start, body)
+        yield variable
+        if variable.kind == _STRUCTURE and math.prod(variable.shape) == 1:
+            yield from _fields(variable)
+    raise _DamagedError(f"more than {_MOST_VARIABLES} variables")
 
 
 def _fields(structure: "_Variable") -> "Iterator[_Variable]":
@@ -160,7 +157,7 @@ def _fields(structure: "_Variable") -> "Iterator[_Variable]":
         body = _Part(rest, n_bytes)
         field = names[at : at + name_bytes].split(b"\0")[0].decode("ascii")
         if n_bytes:  # Matlab writes nothing for some empty arrays
-            yield replace(_parsed(order, body), name=f"{structure.name}.{field}")
+            yield replace(_parsed(order, body.read(_FIRST_BYTES), body), name=f"{structure.name}.{field}")
         body.skip()
 
 
@@ -252,9 +249,8 @@ class _Variable:
         return np.frombuffer(content, dtype=dtype).reshape(self.shape, order="F")
 
 
-def _parsed(order: str, body: _Body | _Part) -> _Variable:
-    """Flags, shape and name: three elements, each padded to 8 bytes."""
-    start = body.read(_FIRST_BYTES)
+def _parsed(order: str, start: bytearray, body: _Body | _Part) -> _Variable:
+    """Flags, shape and name, from the first bytes of a variable: three elements, each padded to 8 bytes."""
     _, content, at = _element(order, start, 0)
     if len(content) != 8:
         raise _DamagedError("a variable without flags")
@@ -294,5 +290,5 @@ def _tag(order: str, tag: bytearray) -> tuple[int, int, bytearray]:
 
 
 def _unpack(order: str, tag: bytes | bytearray) -> tuple[int, int]:
-    kind, n_bytes = struct.unpack(f"{order}II", tag)
+    kind, n_bytes = _TWO_WORDS[order].unpack(tag)
     return kind, n_bytes
