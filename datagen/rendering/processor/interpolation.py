@@ -9,13 +9,13 @@ from datagen.rendering.processor.compiling import compiled
 from datagen.rendering.processor.visibility import QUEUE, STRIDE, Mesh
 
 f32 = np.float32
-# Where the numbers of some pixels begin: column, row and order of the corners, their points on the mean face, the pixel
-# centre. One array holds all, at distances that the compiler knows, or it would not use vector instructions.
-AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, A_MEAN, _, _, B_MEAN, _, _, C_MEAN, _, _, X, Y, GIVEN = range(
-    0, 21 * STRIDE, STRIDE
-)
+# Where the numbers of some pixels begin: column, row and order of the corners, their points on the mean face, the
+# column of the pixel centre. One array holds all, at distances that the compiler knows, or it would not use vector
+# instructions.
+AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, A_MEAN, _, _, B_MEAN, _, _, C_MEAN, _, _, X, GIVEN = range(0, 20 * STRIDE, STRIDE)
 # Of the results: weights of the corners, depth relative to order 0, PNCC, offset, above 0 where the outside shows.
 A_WEIGHT, B_WEIGHT, C_WEIGHT, DEPTH, PNCC, _, _, OFFSET, _, _, OUTSIDE, FOUND = range(0, 12 * STRIDE, STRIDE)
+MAGNITUDE = np.int32(0x7FFFFFFF)  # the bits of a float32 without its sign: whole numbers in the order of magnitudes
 
 
 class WayBack(NamedTuple):
@@ -50,11 +50,12 @@ class Maps(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """Some pixels of a row that see something."""
+    """Some pixels that follow each other in a row."""
 
     row: int
-    columns: ndarray
-    triangles: ndarray
+    column: int  # of the first
+    seen: ndarray  # the triangle that each sees, int32; -1 where there is none
+    shown: ndarray  # -1 where that is face, from its outside, else 0; int32, some more than there are pixels
 
 
 @compiled
@@ -67,36 +68,50 @@ def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, steps_p
         The largest magnitude among them. Where it is beyond what the arrays can hold, they are undefined.
     """
     height, width = seen.shape
-    given, found = np.empty(GIVEN, f32), np.empty(FOUND, f32)
-    columns, triangles = np.empty(STRIDE, np.uint32), np.empty(STRIDE, np.uint32)
-    largest, steps = f32(0), f32(steps_per_mm)
+    given, found, shown = np.empty(GIVEN, f32), np.empty(FOUND, f32), np.empty(STRIDE, np.int32)
+    largest, steps = np.int32(0), f32(steps_per_mm)
     for row in range(height):
-        maps.pncc[row], maps.offset[row] = 0, 0
-        maps.mask[row], maps.depth[row], maps.surface_depth[row] = False, f32(0), f32(np.inf)
-        column = 0
-        while column < width:
-            n = 0
-            while column < width and n < QUEUE:
-                columns[n], triangles[n] = column, seen[row, column]
-                n += np.int64(seen[row, column] >= 0)
-                column += 1
-            pixels = Pixels(row, columns[:n], triangles[:n])
-            _gather(pixels, mesh, surface.mean, given)
-            _weigh(given, n, way, found)
-            _place(given, n, way, found)
+        first, end = _ends(seen[row])
+        _clear(maps, row, 0, first)
+        _clear(maps, row, end, width)
+        for column in range(first, end, QUEUE):
+            pixels = Pixels(row, column, seen[row, column : min(column + QUEUE, end)], shown)
+            _gather(pixels, mesh, surface, given)
+            _weigh(given, pixels, way, found)
+            _place(given, pixels, way, found)
             if steps > 0:
                 for k in range(PNCC, OUTSIDE):
                     found[k] = np.rint(found[k] * steps)
-            largest = max(largest, _scatter(pixels, found, way.reference_mm, surface.is_face, maps))
-    return largest
+            largest = max(largest, _cut(pixels, found.view(np.int32), found))
+            _write(pixels, found, way.reference_mm, maps)
+    return np.array([largest], np.int32).view(f32)[0]
 
 
 @compiled
-def _gather(pixels: Pixels, mesh: Mesh, mean: ndarray, given: ndarray) -> None:
-    """Collects the corners of what some pixels see."""
+def _ends(seen: ndarray) -> tuple[int, int]:
+    """Between which columns a row sees something; the last one is excluded."""
+    first, end = 0, len(seen)
+    while first < end and seen[first] < 0:
+        first += 1
+    while end > first and seen[end - 1] < 0:
+        end -= 1
+    return first, end
+
+
+@compiled
+def _clear(maps: Maps, row: int, first: int, end: int) -> None:
+    """Fills what sees nothing."""
+    maps.pncc[row, first:end], maps.offset[row, first:end], maps.mask[row, first:end] = 0, 0, False
+    maps.depth[row, first:end], maps.surface_depth[row, first:end] = f32(0), f32(np.inf)
+
+
+@compiled
+def _gather(pixels: Pixels, mesh: Mesh, surface: Surface, given: ndarray) -> None:
+    """Collects the corners of what some pixels see; of any triangle where they see none."""
     screen, triangles = mesh
-    for k in range(len(pixels.columns)):
-        triangle = pixels.triangles[k]
+    mean = surface.mean
+    for k in range(len(pixels.seen)):
+        triangle = np.uint32(max(pixels.seen[k], 0))
         a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
         given[AX + k], given[AY + k], given[AZ + k] = screen[a, 0], screen[a, 1], screen[a, 2]
         given[BX + k], given[BY + k], given[BZ + k] = screen[b, 0], screen[b, 1], screen[b, 2]
@@ -116,17 +131,19 @@ def _gather(pixels: Pixels, mesh: Mesh, mean: ndarray, given: ndarray) -> None:
             mean[c, 1],
             mean[c, 2],
         )
-        given[X + k], given[Y + k] = f32(pixels.columns[k]) + f32(0.5), f32(pixels.row) + f32(0.5)
+        pixels.shown[k] = -np.int32(surface.is_face[triangle] & (pixels.seen[k] >= 0))
+    for k in range(len(pixels.seen)):
+        given[X + k] = f32(np.int32(pixels.column + k)) + f32(0.5)
 
 
 @compiled
-def _weigh(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
+def _weigh(given: ndarray, pixels: Pixels, way: WayBack, found: ndarray) -> None:
     """Weights of the corners on the surface (perspective-correct) and the depth at each pixel centre."""
-    inverse, outside, one = way.inverse_distance, way.outside_sign, f32(1)
-    for k in range(n):
-        ax, ay = given[AX + k] - given[X + k], given[AY + k] - given[Y + k]
-        bx, by = given[BX + k] - given[X + k], given[BY + k] - given[Y + k]
-        cx, cy = given[CX + k] - given[X + k], given[CY + k] - given[Y + k]
+    inverse, outside, one, y = way.inverse_distance, way.outside_sign, f32(1), f32(pixels.row) + f32(0.5)
+    for k in range(len(pixels.seen)):
+        ax, ay = given[AX + k] - given[X + k], given[AY + k] - y
+        bx, by = given[BX + k] - given[X + k], given[BY + k] - y
+        cx, cy = given[CX + k] - given[X + k], given[CY + k] - y
         sa, sb, sc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
         area = sa + sb + sc
         share = one / area
@@ -142,14 +159,15 @@ def _weigh(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
 
 
 @compiled
-def _place(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
+def _place(given: ndarray, pixels: Pixels, way: WayBack, found: ndarray) -> None:
     """PNCC, and the offset from it to where the ray through the pixel centre meets the depth."""
+    y = f32(pixels.row) + f32(0.5)
     for axis in range(3):
         at = axis * STRIDE
         start, along_column, along_row = way.middle_point[axis], way.along_column[axis], way.along_row[axis]
         along_depth, inverse = way.along_depth[axis], way.inverse_distance
-        for k in range(n):
-            across = (given[X + k] - way.middle[0]) * along_column + (given[Y + k] - way.middle[1]) * along_row
+        for k in range(len(pixels.seen)):
+            across = (given[X + k] - way.middle[0]) * along_column + (y - way.middle[1]) * along_row
             point = start + across + found[DEPTH + k] * (along_depth + inverse * across)
             mean = (
                 found[A_WEIGHT + k] * given[A_MEAN + at + k]
@@ -161,23 +179,43 @@ def _place(given: ndarray, n: int, way: WayBack, found: ndarray) -> None:
 
 
 @compiled
-def _scatter(pixels: Pixels, found: ndarray, reference_mm: float, is_face: ndarray, maps: Maps) -> float:
-    """Writes what was found into the maps; the largest magnitude of PNCC and offset."""
-    row, has_weights, largest = pixels.row, maps.weights.size > 0, f32(0)
-    pncc, offset, mask, depth = maps.pncc[row], maps.offset[row], maps.mask[row], maps.depth[row]
-    for k in range(len(pixels.columns)):
-        column, distance = pixels.columns[k], found[DEPTH + k] + reference_mm
-        maps.surface_depth[row, column] = distance
-        if has_weights:
-            for corner in range(3):
-                maps.weights[row, column, corner] = found[A_WEIGHT + corner * STRIDE + k]
-        if is_face[pixels.triangles[k]] and found[OUTSIDE + k] > 0:
-            mask[column], depth[column] = True, distance
-            for axis in range(3):
-                mean, moved = found[PNCC + axis * STRIDE + k], found[OFFSET + axis * STRIDE + k]
-                largest = max(largest, abs(mean), abs(moved))
-                pncc[column, axis], offset[column, axis] = mean, moved
+def _cut(pixels: Pixels, bits: ndarray, found: ndarray) -> int:
+    """Makes PNCC and offset 0 outside the mask, and returns the bits of their largest magnitude.
+
+    ``bits`` are those of ``found``: of whole numbers the compiler finds the largest with vector instructions.
+    """
+    shown, largest = pixels.shown, np.int32(0)
+    for k in range(len(pixels.seen)):
+        shown[k] &= -np.int32(found[OUTSIDE + k] > 0)
+    for part in range(PNCC, OUTSIDE, STRIDE):
+        for k in range(len(pixels.seen)):
+            value = bits[part + k] & shown[k]
+            bits[part + k] = value
+            largest = max(largest, value & MAGNITUDE)
     return largest
+
+
+@compiled
+def _write(pixels: Pixels, found: ndarray, reference_mm: float, maps: Maps) -> None:
+    """Writes what was found into the maps."""
+    row, column, n, shown = pixels.row, pixels.column, len(pixels.seen), pixels.shown
+    pncc, offset = maps.pncc[row, column:].reshape(-1), maps.offset[row, column:].reshape(-1)
+    for k in range(n):
+        x, y, z = found[PNCC + k], found[PNCC + STRIDE + k], found[PNCC + 2 * STRIDE + k]
+        pncc[3 * k], pncc[3 * k + 1], pncc[3 * k + 2] = x, y, z
+    for k in range(n):
+        x, y, z = found[OFFSET + k], found[OFFSET + STRIDE + k], found[OFFSET + 2 * STRIDE + k]
+        offset[3 * k], offset[3 * k + 1], offset[3 * k + 2] = x, y, z
+    mask, depth, surface_depth = maps.mask[row, column:], maps.depth[row, column:], maps.surface_depth[row, column:]
+    for k in range(n):
+        mask[k] = shown[k] != 0
+        distance = found[DEPTH + k] + reference_mm
+        depth[k] = distance if shown[k] != 0 else f32(0)
+        surface_depth[k] = distance if pixels.seen[k] >= 0 else f32(np.inf)
+    if maps.weights.size > 0:
+        for k in range(n):
+            for corner in range(3):
+                maps.weights[row, column + k, corner] = found[A_WEIGHT + corner * STRIDE + k]
 
 
 @compiled

@@ -1,4 +1,8 @@
-"""Projects vertices in float64, rounds them to float32 once, and finds what they cover."""
+"""Projects vertices in float64, rounds them to float32 once, and finds what they cover.
+
+Loops go over flat arrays: only there does the compiler know how far apart the numbers of a vertex are, and uses vector
+instructions.
+"""
 
 import numpy as np
 from numpy import ndarray
@@ -14,12 +18,13 @@ def project_affine(vertices: ndarray, rows: ndarray, screen: ndarray) -> None:
     r00, r01, r02, r03 = rows[0]
     r10, r11, r12, r13 = rows[1]
     r20, r21, r22, r23 = rows[2]
+    points, out = vertices.reshape(-1), screen.reshape(-1)
     for i in range(len(vertices)):
-        x, y, z = f64(vertices[i, 0]), f64(vertices[i, 1]), f64(vertices[i, 2])
-        screen[i, 0] = r00 * x + r01 * y + r02 * z + r03
-        screen[i, 1] = r10 * x + r11 * y + r12 * z + r13
-        screen[i, 2] = r20 * x + r21 * y + r22 * z + r23
-        screen[i, 3] = 0
+        x, y, z = f64(points[3 * i]), f64(points[3 * i + 1]), f64(points[3 * i + 2])
+        out[4 * i] = r00 * x + r01 * y + r02 * z + r03
+        out[4 * i + 1] = r10 * x + r11 * y + r12 * z + r13
+        out[4 * i + 2] = r20 * x + r21 * y + r22 * z + r23
+        out[4 * i + 3] = 0
 
 
 @compiled
@@ -28,14 +33,15 @@ def project_pinhole(vertices: ndarray, rows: ndarray, reference: float, screen: 
     r00, r01, r02, r03 = rows[0]
     r10, r11, r12, r13 = rows[1]
     r20, r21, r22, r23 = rows[3]
+    points, out = vertices.reshape(-1), screen.reshape(-1)
     for i in range(len(vertices)):
-        x, y, z = f64(vertices[i, 0]), f64(vertices[i, 1]), f64(vertices[i, 2])
+        x, y, z = f64(points[3 * i]), f64(points[3 * i + 1]), f64(points[3 * i + 2])
         distance = r20 * x + r21 * y + r22 * z + r23
         inverse = 1 / distance
-        screen[i, 0] = (r00 * x + r01 * y + r02 * z + r03) * inverse
-        screen[i, 1] = (r10 * x + r11 * y + r12 * z + r13) * inverse
-        screen[i, 2] = reference * (distance - reference) * inverse
-        screen[i, 3] = 0
+        out[4 * i] = (r00 * x + r01 * y + r02 * z + r03) * inverse
+        out[4 * i + 1] = (r10 * x + r11 * y + r12 * z + r13) * inverse
+        out[4 * i + 2] = reference * (distance - reference) * inverse
+        out[4 * i + 3] = 0
 
 
 @compiled
@@ -54,11 +60,11 @@ def smallest_depth(vertices: ndarray, row: ndarray) -> float:
 @compiled
 def extremes(screen: ndarray) -> ndarray:
     """Smallest and largest column, row and order of (v, 4) float32 seen as int32; NaN counts as beyond infinity."""
-    found = np.empty((2, 3), np.int32)
+    found, numbers = np.empty((2, 3), np.int32), screen.reshape(-1)
     for k in range(3):
         low, high = np.int32(0x7FFFFFFF), np.int32(-0x80000000)
         for i in range(len(screen)):
-            bits = screen[i, k]
+            bits = numbers[4 * i + k]
             ordered = bits ^ ((bits >> np.int32(31)) & np.int32(0x7FFFFFFF))
             low, high = min(low, ordered), max(high, ordered)
         found[0, k], found[1, k] = low, high

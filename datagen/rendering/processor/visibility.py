@@ -2,9 +2,9 @@
 
 Most triangles of a face are smaller than a pixel. A triangle whose corners have the same first column or row of pixel
 centres behind them covers no centre, and is gone after one comparison. The others wait in queues by the size of their
-bounding box. When a queue is full, one pixel after the other of all its boxes is tested, in a loop that the compiler
-turns into vector instructions. Float64 decides what float32 cannot: centres on an edge, and surfaces of nearly the same
-depth.
+bounding box. When a queue is full, the corners of its triangles are collected, and one pixel after the other of all its
+boxes is tested, in a loop that the compiler turns into vector instructions. Float64 decides what float32 cannot:
+centres on an edge, and surfaces of nearly the same depth.
 """
 
 from typing import NamedTuple
@@ -16,15 +16,16 @@ from datagen.rendering.processor.compiling import compiled
 
 f32 = np.float32
 LOWER_HALF, HALF = np.uint32(0xFFFF), np.uint32(16)
-# So many boxes are tested at a time: they fit into the fastest cache. The stride is no power of two, or the rows of a
-# queue would share the same few lines of it, which takes three times as long.
+# So many boxes are tested at a time: they fit into the fastest cache. The stride is no power of two, or the rows of
+# numbers would share the same few lines of it, which takes three times as long.
 QUEUE, STRIDE = 256, 272
-# Boxes of up to 3 x 3 pixels have a queue for each size. Larger ones are cut into tiles, which share another.
-LARGEST_BOX, TILE, TILES = 3, 4, 9
-# Rows of a queue's numbers: the corners' column, row and order, and the first centre of the box.
-AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, X, Y = range(11)
-# Rows of its whole numbers: first pixel, columns and rows of the box, triangle.
-PIXEL, COLUMNS, ROWS, TRIANGLE = range(4)
+# Each size of boxes has a queue. Boxes with a longer side are cut.
+LONGEST_SIDE, N_SIZES = 4, 16
+# So many triangles are looked at at a time.
+BLOCK = 1024
+# Where the numbers of some boxes begin: the corners' column, row and order, and the first centre. One array holds all,
+# at distances that the compiler knows.
+AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, X, Y, NUMBERS = range(0, 12 * STRIDE, STRIDE)
 
 
 class Mesh(NamedTuple):
@@ -41,11 +42,27 @@ class Seen(NamedTuple):
     triangle: ndarray  # the nearest triangle, (h, w) int32; -1 where there is none
 
 
-class Queue(NamedTuple):
-    """Boxes of triangles to be tested."""
+class Boxes(NamedTuple):
+    """The bounding boxes of some triangles, (BLOCK + 1,) uint32 each.
 
-    numbers: ndarray  # (11, STRIDE) float32
-    whole: ndarray  # (4, STRIDE) int32
+    A place is one number: the column in the lower half, the row in the upper one.
+    """
+
+    triangle: ndarray
+    first: ndarray  # the first pixel centre
+    end: ndarray  # behind the last one
+    size: ndarray  # number of the queue
+
+
+class Queues(NamedTuple):
+    """Boxes that wait to be tested, by their size, and what tests need."""
+
+    triangle: ndarray  # (N_SIZES * QUEUE,) uint32
+    first: ndarray  # column (lower half) and row of the first centre, (N_SIZES * QUEUE,) uint32
+    waiting: ndarray  # how many boxes there are, (N_SIZES,) int64
+    numbers: ndarray  # (NUMBERS,) float32
+    order: ndarray  # of each box at the pixel that is tested, (STRIDE,) float32
+    hits: ndarray  # boxes that may be seen there, (STRIDE,) uint32
 
 
 @compiled
@@ -57,38 +74,32 @@ def see(mesh: Mesh, depth_error_mm: float, seen: Seen) -> None:
         depth_error_mm: Orders in float32 that differ by more are known to be in the right sequence.
         seen: Is filled.
     """
-    height, width = seen.triangle.shape
     seen.order[:] = f32(np.inf)
     seen.triangle[:] = -1
-    cells = _cells(mesh.screen, height, width)
-    kept = np.empty(len(mesh.triangles) + 1, np.uint32)
-    n_kept = _keep(mesh.triangles, cells, kept)
-    numbers, whole = np.empty((TILES + 1, 11, STRIDE), f32), np.empty((TILES + 1, 4, STRIDE), np.int32)
-    waiting = np.zeros(TILES + 1, np.int64)
-    for index in range(n_kept):
-        triangle = kept[index]
-        left, top, right, bottom = _box(cells, mesh.triangles, triangle)
-        columns, rows = right - left, bottom - top
-        if columns <= LARGEST_BOX and rows <= LARGEST_BOX:
-            number = columns - 1 + LARGEST_BOX * (rows - 1)
-            queue = Queue(numbers[number], whole[number])
-            _put(queue, waiting[number], mesh, triangle, (left, top, right, bottom, top * width + left))
-            waiting[number] += 1
-            if waiting[number] == QUEUE:
-                _test(queue, QUEUE, columns, rows, mesh, depth_error_mm, seen)
-                waiting[number] = 0
-            continue
-        queue = Queue(numbers[TILES], whole[TILES])
-        for y in range(top, bottom, TILE):
-            for x in range(left, right, TILE):
-                _put(queue, waiting[TILES], mesh, triangle, (x, y, right, bottom, y * width + x))
-                waiting[TILES] += 1
-                if waiting[TILES] == QUEUE:
-                    _test(queue, QUEUE, TILE, TILE, mesh, depth_error_mm, seen)
-                    waiting[TILES] = 0
-    for number in range(TILES + 1):
-        columns, rows = (number % LARGEST_BOX + 1, number // LARGEST_BOX + 1) if number < TILES else (TILE, TILE)
-        _test(Queue(numbers[number], whole[number]), waiting[number], columns, rows, mesh, depth_error_mm, seen)
+    cells = _cells(mesh.screen, seen.triangle.shape[0], seen.triangle.shape[1])
+    lists = np.empty((4, BLOCK + 1), np.uint32)
+    boxes = Boxes(lists[0], lists[1], lists[2], lists[3])
+    queued, numbers = np.empty((2, N_SIZES * QUEUE), np.uint32), np.empty(NUMBERS, f32)
+    queues = Queues(
+        queued[0], queued[1], np.zeros(N_SIZES, np.int64), numbers, np.empty(STRIDE, f32), np.empty(STRIDE, np.uint32)
+    )
+    for start in range(0, len(mesh.triangles), BLOCK):
+        n = _keep(mesh.triangles[start : start + BLOCK], start, cells, boxes)
+        _measure(boxes, n)
+        for i in range(n):
+            size = np.int64(boxes.size[i])
+            if size < N_SIZES:
+                if _put(queues, size, boxes.triangle[i], boxes.first[i]):
+                    _test(queues, size, mesh, depth_error_mm, seen)
+                continue
+            first, end = boxes.first[i], boxes.end[i]
+            for y in range(first >> HALF, end >> HALF, LONGEST_SIDE):
+                for x in range(first & LOWER_HALF, end & LOWER_HALF, LONGEST_SIDE):
+                    size = _size(np.int64(end & LOWER_HALF) - x, np.int64(end >> HALF) - y)
+                    if _put(queues, size, boxes.triangle[i], x | (y << HALF)):
+                        _test(queues, size, mesh, depth_error_mm, seen)
+    for size in range(N_SIZES):
+        _test(queues, size, mesh, depth_error_mm, seen)
 
 
 @compiled
@@ -96,89 +107,107 @@ def _cells(screen: ndarray, height: int, width: int) -> ndarray:
     """The first column (lower half) and row of pixel centres that do not lie before each vertex, in the picture."""
     cells = np.empty(len(screen), np.uint32)
     right, bottom = f32(width), f32(height)
+    places = screen.reshape(-1)  # with distances that the compiler knows
     for i in range(len(screen)):
-        column = min(max(np.ceil(screen[i, 0] - f32(0.5)), f32(0)), right)
-        row = min(max(np.ceil(screen[i, 1] - f32(0.5)), f32(0)), bottom)
+        column = min(max(np.ceil(places[4 * i] - f32(0.5)), f32(0)), right)
+        row = min(max(np.ceil(places[4 * i + 1] - f32(0.5)), f32(0)), bottom)
         cells[i] = np.uint32(np.int32(column)) | (np.uint32(np.int32(row)) << HALF)
     return cells
 
 
 @compiled
-def _keep(triangles: ndarray, cells: ndarray, kept: ndarray) -> int:
-    """Lists the triangles whose bounding box has a pixel centre, and counts them."""
-    n = 0
-    for triangle in range(len(triangles)):
-        a = cells[triangles[triangle, 0]]
-        differ = (a ^ cells[triangles[triangle, 1]]) | (a ^ cells[triangles[triangle, 2]])
-        kept[n] = triangle
+def _keep(triangles: ndarray, start: int, cells: ndarray, boxes: Boxes) -> int:
+    """Lists the triangles whose bounding box has a pixel centre, with the cells of their corners, and counts them."""
+    n, corners = 0, triangles.reshape(-1)
+    for i in range(len(triangles)):
+        a, b, c = cells[corners[3 * i]], cells[corners[3 * i + 1]], cells[corners[3 * i + 2]]
+        boxes.triangle[n], boxes.first[n], boxes.end[n], boxes.size[n] = start + i, a, b, c
+        differ = (a ^ b) | (a ^ c)
         n += np.int64((differ & LOWER_HALF) != 0) & np.int64((differ >> HALF) != 0)
     return n
 
 
 @compiled
-def _box(cells: ndarray, triangles: ndarray, triangle: int) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the pixel centres in a triangle's bounding box; the last two are excluded."""
-    a, b, c = cells[triangles[triangle, 0]], cells[triangles[triangle, 1]], cells[triangles[triangle, 2]]
-    ax, bx, cx = a & LOWER_HALF, b & LOWER_HALF, c & LOWER_HALF
-    ay, by, cy = a >> HALF, b >> HALF, c >> HALF
-    left, right = min(ax, bx, cx), max(ax, bx, cx)
-    top, bottom = min(ay, by, cy), max(ay, by, cy)
-    return np.int32(left), np.int32(top), np.int32(right), np.int32(bottom)
+def _measure(boxes: Boxes, n: int) -> None:
+    """Finds the first n boxes from the cells that ``_keep`` has left in them."""
+    for i in range(n):
+        a, b, c = boxes.first[i], boxes.end[i], boxes.size[i]
+        ax, bx, cx, ay, by, cy = a & LOWER_HALF, b & LOWER_HALF, c & LOWER_HALF, a >> HALF, b >> HALF, c >> HALF
+        left, right, top, bottom = min(ax, bx, cx), max(ax, bx, cx), min(ay, by, cy), max(ay, by, cy)
+        columns, rows = right - left, bottom - top
+        boxes.first[i], boxes.end[i] = left | (top << HALF), right | (bottom << HALF)
+        is_cut = (columns > LONGEST_SIDE) | (rows > LONGEST_SIDE)
+        boxes.size[i] = N_SIZES if is_cut else LONGEST_SIDE * (rows - 1) + columns - 1
 
 
 @compiled
-def _put(queue: Queue, i: int, mesh: Mesh, triangle: int, box: tuple[int, int, int, int, int]) -> None:
-    """Puts a box (left, top, right, bottom, first pixel) of a triangle into a queue."""
-    numbers, whole = queue
-    screen, triangles = mesh
-    left, top, right, bottom, pixel = box
-    a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
-    numbers[AX, i], numbers[AY, i], numbers[AZ, i] = screen[a, 0], screen[a, 1], screen[a, 2]
-    numbers[BX, i], numbers[BY, i], numbers[BZ, i] = screen[b, 0], screen[b, 1], screen[b, 2]
-    numbers[CX, i], numbers[CY, i], numbers[CZ, i] = screen[c, 0], screen[c, 1], screen[c, 2]
-    numbers[X, i], numbers[Y, i] = f32(left) + f32(0.5), f32(top) + f32(0.5)
-    whole[PIXEL, i], whole[TRIANGLE, i] = pixel, triangle
-    whole[COLUMNS, i], whole[ROWS, i] = right - left, bottom - top
+def _size(columns: int, rows: int) -> int:
+    """The number of the queue for the first part of a box."""
+    return LONGEST_SIDE * (min(rows, LONGEST_SIDE) - 1) + min(columns, LONGEST_SIDE) - 1
 
 
 @compiled
-def _test(queue: Queue, n: int, columns: int, rows: int, mesh: Mesh, depth_error_mm: float, seen: Seen) -> None:
-    """Tests all pixels of the first n boxes of a queue."""
-    width = seen.triangle.shape[1]
+def _put(queues: Queues, size: int, triangle: int, first: int) -> bool:
+    """Puts a box into a queue, and says whether that is full now."""
+    n = queues.waiting[size]
+    queues.triangle[size * QUEUE + n], queues.first[size * QUEUE + n] = triangle, first
+    queues.waiting[size] = n + 1
+    return n + 1 == QUEUE
+
+
+@compiled
+def _test(queues: Queues, size: int, mesh: Mesh, depth_error_mm: float, seen: Seen) -> None:
+    """Tests all pixels of the boxes in a queue, which is empty afterwards."""
+    n, triangle, first = queues.waiting[size], queues.triangle[size * QUEUE :], queues.first[size * QUEUE :]
+    order, hits, margin = queues.order, queues.hits, f32(depth_error_mm)
+    width = np.uint32(seen.triangle.shape[1])
     nearest, triangles = seen.order.reshape(-1), seen.triangle.reshape(-1)
-    order, hits = np.empty(STRIDE, f32), np.empty(STRIDE, np.uint32)
-    margin = f32(depth_error_mm)
-    for down in range(rows):
-        for right in range(columns):
-            n_hits = _cover(queue, n, np.int32(right), np.int32(down), order, hits)
-            step = down * width + right
+    queues.waiting[size] = 0
+    _collect(triangle[:n], first, mesh, queues.numbers)
+    for down in range(size // LONGEST_SIDE + 1):
+        for right in range(size % LONGEST_SIDE + 1):
+            n_hits = _cover(queues.numbers, n, f32(right), f32(down), order, hits)
             for k in range(n_hits):
                 i = hits[k]
-                pixel = np.uint32(queue.whole[PIXEL, i] + step)
+                column, row = (first[i] & LOWER_HALF) + np.uint32(right), (first[i] >> HALF) + np.uint32(down)
+                pixel = np.uint32(row * width + column)
                 z, before = order[i], nearest[pixel]
                 if z > before + margin:
                     continue
                 if not z < before - margin:  # too close to be told apart in float32, or on an edge (NaN)
-                    place = pixel % width + 0.5, pixel // width + 0.5
-                    if not _is_nearer(mesh, queue.whole[TRIANGLE, i], triangles[pixel], place):
+                    place = column + 0.5, row + 0.5
+                    if not _is_nearer(mesh, triangle[i], triangles[pixel], place):
                         continue
-                    z = f32(_depth_at(mesh, queue.whole[TRIANGLE, i], place)[1])
+                    z = f32(_depth_at(mesh, triangle[i], place)[1])
                 nearest[pixel] = z
-                triangles[pixel] = queue.whole[TRIANGLE, i]
+                triangles[pixel] = triangle[i]
 
 
 @compiled
-def _cover(queue: Queue, n: int, right: int, down: int, order: ndarray, hits: ndarray) -> int:
+def _collect(triangle: ndarray, first: ndarray, mesh: Mesh, numbers: ndarray) -> None:
+    """Collects the corners of some triangles, and the first centres of their boxes."""
+    screen, triangles = mesh
+    for i in range(len(triangle)):
+        a, b, c = triangles[triangle[i], 0], triangles[triangle[i], 1], triangles[triangle[i], 2]
+        numbers[AX + i], numbers[AY + i], numbers[AZ + i] = screen[a, 0], screen[a, 1], screen[a, 2]
+        numbers[BX + i], numbers[BY + i], numbers[BZ + i] = screen[b, 0], screen[b, 1], screen[b, 2]
+        numbers[CX + i], numbers[CY + i], numbers[CZ + i] = screen[c, 0], screen[c, 1], screen[c, 2]
+    for i in range(len(triangle)):
+        numbers[X + i] = f32(np.int32(first[i] & LOWER_HALF)) + f32(0.5)
+        numbers[Y + i] = f32(np.int32(first[i] >> HALF)) + f32(0.5)
+
+
+@compiled
+def _cover(numbers: ndarray, n: int, right: float, down: float, order: ndarray, hits: ndarray) -> int:
     """Tests one pixel of each box: its order, infinite where it is not covered and NaN where it lies on an edge.
 
     Lists and counts the boxes where it is covered or on an edge.
     """
-    numbers, whole = queue
     for i in range(n):
-        u, v = numbers[X, i] + f32(right), numbers[Y, i] + f32(down)
-        au, av = numbers[AX, i] - u, numbers[AY, i] - v
-        bu, bv = numbers[BX, i] - u, numbers[BY, i] - v
-        cu, cv = numbers[CX, i] - u, numbers[CY, i] - v
+        u, v = numbers[X + i] + right, numbers[Y + i] + down
+        au, av = numbers[AX + i] - u, numbers[AY + i] - v
+        bu, bv = numbers[BX + i] - u, numbers[BY + i] - v
+        cu, cv = numbers[CX + i] - u, numbers[CY + i] - v
         # The same for an edge in both directions but for the sign, bit for bit: no centre is between two triangles.
         sa, sb, sc = bu * cv - bv * cu, cu * av - cv * au, au * bv - av * bu
         lowest = sa if sa < sb else sb
@@ -186,11 +215,9 @@ def _cover(queue: Queue, n: int, right: int, down: int, order: ndarray, hits: nd
         highest = sa if sa > sb else sb
         highest = highest if highest > sc else sc
         inside = lowest if lowest > -highest else -highest
-        z = (sa * numbers[AZ, i] + sb * numbers[BZ, i] + sc * numbers[CZ, i]) / (sa + sb + sc)
+        z = (sa * numbers[AZ + i] + sb * numbers[BZ + i] + sc * numbers[CZ + i]) / (sa + sb + sc)
         z = z if inside > f32(0) else f32(np.nan)
-        z = z if inside >= f32(0) else f32(np.inf)
-        z = z if whole[COLUMNS, i] > right else f32(np.inf)
-        order[i] = z if whole[ROWS, i] > down else f32(np.inf)
+        order[i] = z if inside >= f32(0) else f32(np.inf)
     n_hits = 0
     for i in range(n):
         hits[n_hits] = i
