@@ -120,7 +120,7 @@ def fit_face(
             is wrong if the crop is not at the centre of the image.
         scheme: Scheme of the model's landmarks.
         n_vertices: Number of vertices of the face to look for, evenly spread (docs/explanation/fitting.md compares time
-            and error). None means 1,200 if lambda is that of predicted maps (0.5 mm^2 or more), otherwise 2,500.
+            and error). None means 1,000 if lambda is that of predicted maps (0.5 mm^2 or more), otherwise 2,500.
         constraints: "vertices" as in the paper, or "surface": pixels inside the triangles of the mean face. On exact
             maps, surface constraints are ten times as accurate and ten times as slow. In noisy maps, hardly any pixel
             lies on the surface. They cannot be combined with the silhouette.
@@ -135,8 +135,7 @@ def fit_face(
     measured = measure_picture(
         maps, model, options, principal_point_px=principal_point_px, n_vertices=n_vertices, constraints=constraints
     )
-    coefficients = measured.system.solve(measured.regularisation)
-    identity, expression = coefficients[: model.n_identity], coefficients[model.n_identity :]
+    identity, expression = np.split(measured.coefficients, [model.n_identity])
     face = face_of_coefficients(model, measured.camera, identity, expression, scheme=scheme, contour=options.contour)
     return face.with_errors_of(maps.landmarks)
 

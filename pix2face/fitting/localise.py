@@ -9,6 +9,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from pix2face.errors import DegenerateGeometryError
+from pix2face.fitting.least_squares.robust import lengths
 from pix2face.fitting.prepared_model import PreparedModel
 from pix2face.geometry.maps import FaceMaps
 
@@ -107,7 +108,7 @@ def _nearest_by_tree(pncc: Float32[ndarray, "n 3"], targets: Float64[ndarray, "m
 def _nearest_by_grid(pncc: Float32[ndarray, "n 3"], prepared: PreparedModel) -> Int[ndarray, " m"]:
     """For each prepared vertex the nearest of the pixels that looked it up; -1 where none did."""
     vertex = prepared.grid.look_up(pncc)
-    squared = ((pncc - prepared.mean[vertex]) ** 2).sum(axis=1)
+    squared = sum((own - mean.take(vertex)) ** 2 for own, mean in zip(pncc.T, prepared.mean.T, strict=True))
     squared[vertex < 0] = np.inf
     least = np.full(len(prepared.mean), np.inf, dtype=np.float32)
     np.minimum.at(least, vertex, squared)
@@ -127,7 +128,7 @@ def _refined(
     gradients = _gradients(maps, rows, columns, centre)
     step = _least_squares_step(gradients[:, :, :3], targets - centre[:, :3])
     refined = centre + step[:, :1] * gradients[:, 0] + step[:, 1:] * gradients[:, 1]
-    distance = np.sqrt(((targets - refined[:, :3]) ** 2).sum(axis=1))
+    distance = lengths(targets - refined[:, :3])
     seen = np.flatnonzero(distance <= _visible_limit(distance))
     points2d = np.column_stack([columns, rows])[seen] + 0.5 + step[seen]
     places = places[seen]
@@ -169,8 +170,8 @@ def _gradients(
             differences.append(difference)
             has.append(valid)
         per_axis.append((differences[0], has[0], differences[1], has[1]))
-    lengths = [np.sqrt((forward[valid, :3] ** 2).sum(axis=1)) for forward, valid, _, _ in per_axis]
-    longest = LONE_NEIGHBOUR_RATIO * float(np.median(np.concatenate([*lengths, np.zeros(1)])))
+    steps = [lengths(forward[valid, :3]) for forward, valid, _, _ in per_axis]
+    longest = LONE_NEIGHBOUR_RATIO * float(np.median(np.concatenate([*steps, np.zeros(1)])))
     return np.stack([_one_derivative(*both_sides, longest) for both_sides in per_axis], axis=1)
 
 
@@ -182,8 +183,8 @@ def _one_derivative(
     longest_mm: float,
 ) -> Float64[ndarray, "n 6"]:
     """The central difference; one-sided beside background and folds."""
-    a = np.where(has_forward, np.sqrt((forward[:, :3] ** 2).sum(axis=1)), np.inf)
-    b = np.where(has_backward, np.sqrt((backward[:, :3] ** 2).sum(axis=1)), np.inf)
+    a = np.where(has_forward, lengths(forward[:, :3]), np.inf)
+    b = np.where(has_backward, lengths(backward[:, :3]), np.inf)
     shorter, is_smooth = np.minimum(a, b), np.maximum(a, b) <= FOLD_RATIO * np.minimum(a, b)
     usable = shorter <= longest_mm
     is_central = is_smooth & np.isfinite(shorter)
@@ -198,10 +199,11 @@ def _least_squares_step(
 ) -> Float64[ndarray, "n 2"]:
     """The step in pixels that brings the linear model nearest to the target, at most one pixel along each axis."""
     x, y = gradient[:, 0], gradient[:, 1]
-    xx, xy, yy = (x * x).sum(axis=1), (x * y).sum(axis=1), (y * y).sum(axis=1)
+    xx, xy, yy, right_x, right_y = (
+        np.einsum("nd,nd->n", a, b) for a, b in ((x, x), (x, y), (y, y), (x, difference), (y, difference))
+    )
     ridge = 1e-9 + 1e-6 * (xx + yy)
     xx, yy = xx + ridge, yy + ridge
-    right_x, right_y = (x * difference).sum(axis=1), (y * difference).sum(axis=1)
     inverse = 1 / (xx * yy - xy * xy)
     step = np.column_stack([(yy * right_x - xy * right_y) * inverse, (xx * right_y - xy * right_x) * inverse])
     return np.clip(step, -1, 1)

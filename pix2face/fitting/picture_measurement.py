@@ -5,7 +5,7 @@ from functools import partial
 from typing import Literal, final
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError, UsageError
@@ -36,7 +36,7 @@ CAMERA_PIXELS = 2000
 PERSPECTIVE_PIXELS = 8000
 COEFFICIENT_VERTICES = 2500
 # Errors of a network are alike over patches: half of them tell as much of its maps (docs/explanation/fitting.md).
-PREDICTED_MAPS_VERTICES = 1200
+PREDICTED_MAPS_VERTICES = 1000
 _CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
 
 # Pixels of the surface that are looked at, and the variance of their rounding to 1/128 mm, twice: of both maps.
@@ -60,6 +60,7 @@ class PictureMeasurement:
     camera: Camera  # from the model frame to the pixels of the maps
     system: ImageSystem  # the normal equations of the coefficients
     regularisation: float  # lambda in mm^2: given, or estimated from the residuals
+    coefficients: Float64[ndarray, " c"]  # that solve the system, identity before expression, standard deviations
 
 
 def measure_picture(
@@ -89,81 +90,98 @@ def measure_picture(
     if principal_point_px is None:
         principal_point_px = np.array([maps.mask.shape[1], maps.mask.shape[0]]) / 2
     can_hold = options.is_held and constraints == "vertices"
-    # What the silhouette refines need not be robust, for the refinement is.
-    is_start = can_hold and options.camera == "weak-perspective"
     fit_camera = partial(
         _fit_camera,
         kind=options.camera,
         principal_point_px=principal_point_px,
         face_width_mm=float(np.ptp(prepared.mean[:, 0])),
-        is_robust=not is_start,
     )
-    clear = _clear_pixels(maps, pixels)
-    camera = fit_camera(
-        *correspondences(clear, maps.mask.shape[1], _CORRESPONDENCES.get(options.camera, CAMERA_PIXELS))
-    )
+    clear, width = _clear_pixels(maps, pixels), maps.mask.shape[1]
+    if can_hold and options.camera == "weak-perspective":  # a start is enough, and need not be robust
+        camera = fit_affine_camera(*correspondences(pixels, clear, width, SILHOUETTE_PIXELS))
+    else:
+        n_pixels = _CORRESPONDENCES.get(options.camera, CAMERA_PIXELS)
+        camera = fit_camera(*correspondences(pixels, clear, width, n_pixels))
     if constraints == "surface":
         regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
         surface = image_system(*surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust=True)
-        return PictureMeasurement(camera, surface, regularisation)
+        return PictureMeasurement(camera, surface, regularisation, surface.solve(regularisation))
     found = localise_prepared(maps, pixels, prepared)
     # Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda of predicted maps.
     precision = np.float32 if is_predicted else np.float64
-    basis = prepared.basis[found.places].astype(precision, copy=False)
+    basis = prepared.basis.take(found.places, axis=0).astype(precision, copy=False)
+    mean = prepared.mean[found.places]
     if regularisation is None:
         regularisation = _estimated(basis, found, prepared)
     system = image_system(basis, found.offsets, regularisation, robust=True)
+    measured = PictureMeasurement(camera, system, regularisation, system.solve(regularisation))
     if can_hold and camera.is_affine:
-        measured = PictureMeasurement(camera, system, regularisation)
-        return _inside_mask(measured, whole, clear, prepared, found, basis, max(1, options.reprojection_rounds))
+        silhouette = _Silhouette(OutsideDistance.of(whole), *correspondences(pixels, clear, width, SILHOUETTE_PIXELS))
+        return _inside_mask(measured, silhouette, prepared, found, basis, max(1, options.reprojection_rounds))
     for _ in range(options.reprojection_rounds):
-        vertices = prepared.mean[found.places] + basis @ system.solve(regularisation)
+        vertices = face_points(mean, basis, measured.coefficients)
         camera = fit_camera(vertices.astype(np.float64), found.points2d)
-        system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)
-    return PictureMeasurement(camera, system, regularisation)
+        system = with_reprojection(camera, mean, basis, found, system)
+        measured = PictureMeasurement(camera, system, regularisation, system.solve(regularisation))
+    return measured
 
 
-def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> ValidPixels:
-    """The pixels that show the face itself; all where these are too few, or not known."""
+def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> Int[ndarray, " m"]:
+    """Which of the pixels show the face itself; all where these are too few, or not known."""
+    everything = np.arange(len(pixels.places))
     if maps.seen is None:
-        return pixels
-    clear = maps.seen.reshape(-1)[pixels.places]
-    if clear.mean() < LEAST_SEEN_SHARE or clear.sum() < LEAST_PIXELS:
-        return pixels
-    return ValidPixels(pixels.places[clear], pixels.pncc[clear], pixels.offset[clear])
+        return everything
+    clear = np.flatnonzero(maps.seen.reshape(-1).take(pixels.places))
+    return clear if len(clear) >= max(LEAST_PIXELS, LEAST_SEEN_SHARE * len(everything)) else everything
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Silhouette:
+    """What holds a face to its mask, and the correspondences that the camera goes by beside it."""
+
+    outside: OutsideDistance
+    points3d: Float64[ndarray, "n 3"]  # mm
+    points2d: Float64[ndarray, "n 2"]  # pixels
 
 
 def _inside_mask(
-    start: PictureMeasurement,
-    maps: FaceMaps,
-    clear: ValidPixels,
+    measured: PictureMeasurement,
+    silhouette: _Silhouette,
     prepared: PreparedModel,
     found: VertexPixels,
     basis: Float[ndarray, "n 3 c"],
     rounds: int,
 ) -> PictureMeasurement:
     """The camera with the mesh held to the mask, then so many rounds of coefficients and camera."""
-    outside = OutsideDistance.of(maps)
-    points3d, points2d = correspondences(clear, maps.mask.shape[1], SILHOUETTE_PIXELS)
-    some = evenly_spread(len(prepared.mean), SILHOUETTE_VERTICES)
+    outside, some = silhouette.outside, evenly_spread(len(prepared.mean), SILHOUETTE_VERTICES)
     whole_basis = prepared.basis.astype(basis.dtype, copy=False)
 
-    def face_of(system: ImageSystem) -> FaceSurface:
-        coefficients = system.solve(start.regularisation).astype(basis.dtype)
-        return FaceSurface(prepared.mean + whole_basis @ coefficients, prepared.mean)
+    def face_of(coefficients: Float64[ndarray, " c"]) -> FaceSurface:
+        return FaceSurface(face_points(prepared.mean, whole_basis, coefficients), prepared.mean)
 
     def camera_of(before: Camera, face: FaceSurface) -> Camera:
         few = FaceSurface(face.vertices[some], face.mean[some])
-        return fit_camera_to_silhouette(before, points3d, points2d, few, outside)
+        return fit_camera_to_silhouette(before, silhouette.points3d, silhouette.points2d, few, outside)
 
-    face = face_of(start.system)
-    camera, system = camera_of(start.camera, face), start.system
+    system, regularisation, coefficients = measured.system, measured.regularisation, measured.coefficients
+    face = face_of(coefficients)
+    camera = camera_of(measured.camera, face)
     for _ in range(rounds):
         system = with_reprojection(camera, prepared.mean[found.places], basis, found, system)
         system = with_silhouette(camera, face, whole_basis, outside, system)
-        face = face_of(system)
+        coefficients = system.solve(regularisation)
+        face = face_of(coefficients)
         camera = camera_of(camera, face)
-    return PictureMeasurement(camera, system, start.regularisation)
+    return PictureMeasurement(camera, system, regularisation, coefficients)
+
+
+def face_points(
+    mean: Float[ndarray, "n 3"], basis: Float[ndarray, "n 3 c"], coefficients: Float64[ndarray, " c"]
+) -> Float[ndarray, "n 3"]:
+    """Points of a face in the precision of the basis, given their places in the mean face (mm)."""
+    moved = basis.reshape(-1, basis.shape[2]) @ coefficients.astype(basis.dtype)
+    return np.asarray(mean + moved.reshape(-1, 3))
 
 
 def _fit_camera(
@@ -173,9 +191,8 @@ def _fit_camera(
     kind: str,
     principal_point_px: Float[ndarray, "2"],
     face_width_mm: float,
-    is_robust: bool,
 ) -> Camera:
-    """Fits a camera of a kind to points; ``is_robust`` says whether a weak-perspective one must be.
+    """Fits a camera of a kind to points, robustly.
 
     Raises:
         DegenerateGeometryError: The points do not determine it.
@@ -184,7 +201,7 @@ def _fit_camera(
     if kind == "affine":
         return fit_affine_camera(points3d, points2d, robust=True)
     if kind == "weak-perspective":
-        return fit_weak_perspective_camera(points3d, points2d, robust=is_robust)
+        return fit_weak_perspective_camera(points3d, points2d, robust=True)
     if kind == "pinhole":
         initial = fit_affine_camera(points3d, points2d, robust=True)
         return fit_pinhole_camera(points3d, points2d, principal_point_px, initial, robust=True)
@@ -200,19 +217,18 @@ def _estimated(basis: Float[ndarray, "n 3 c"], found: VertexPixels, prepared: Pr
 
 
 def correspondences(
-    pixels: ValidPixels, width: int, at_most: int
+    pixels: ValidPixels, usable: Int[ndarray, " m"], width: int, at_most: int
 ) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n 2"]]:
-    """Points of the face (x_i = PNCC + offset, mm) and the centres of their pixels, evenly spread over the valid ones.
+    """Points of the face (x_i = PNCC + offset, mm) and the centres of their pixels, evenly spread over the usable ones.
 
     Raises:
-        DegenerateGeometryError: Fewer than 50 valid pixels.
+        DegenerateGeometryError: Fewer than 50 usable pixels.
     """
-    if len(pixels.places) < LEAST_PIXELS:
+    if len(usable) < LEAST_PIXELS:
         raise DegenerateGeometryError(
-            f"expected at least {LEAST_PIXELS} valid pixels in the maps, found {len(pixels.places)}: "
-            "no face is in the crop"
+            f"expected at least {LEAST_PIXELS} valid pixels in the maps, found {len(usable)}: no face is in the crop"
         )
-    kept = evenly_spread(len(pixels.places), at_most)
+    kept = usable[evenly_spread(len(usable), at_most)]
     rows, columns = np.divmod(pixels.places[kept], width)
     points3d = pixels.pncc[kept].astype(np.float64) + pixels.offset[kept]
     return points3d, np.column_stack([columns, rows]) + 0.5

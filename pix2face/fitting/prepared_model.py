@@ -29,7 +29,8 @@ class VertexGrid:
     """The nearest vertex of each cell of a grid over the mean face: pixels look their vertex up."""
 
     origin_mm: Float32[ndarray, "3"]  # corner of the grid
-    table: Int32[ndarray, "x y z"]  # for each cell the nearest vertex (its number in the list of vertices), -1 is none
+    # For each cell the nearest vertex (its number in the list of vertices), -1 is none. The outermost cells have none.
+    table: Int32[ndarray, "x y z"]
 
     @classmethod
     def of(cls, points: Float32[ndarray, "n 3"]) -> "VertexGrid":
@@ -40,16 +41,16 @@ class VertexGrid:
         tree = cKDTree(points)
         nearest = tree.query(origin + CELL_MM * centres, distance_upper_bound=REACH_MM)[1].astype(np.int32)
         nearest[nearest == len(points)] = -1
-        return cls(origin, nearest.reshape(shape))
+        return cls(origin - np.float32(CELL_MM), np.pad(nearest.reshape(shape), 1, constant_values=-1))
 
     def look_up(self, points: Float32[ndarray, "n 3"]) -> Int32[ndarray, " n"]:
         """The vertex of the cell that each point (mm, finite) is in; -1 where there is none."""
-        limits = np.array(self.table.shape)
-        scaled = (points - self.origin_mm) * np.float32(1 / CELL_MM)
-        inside = ((scaled >= 0) & (scaled < limits)).all(axis=1)
-        cell = np.where(inside[:, None], scaled, 0).astype(np.int32)
-        flat = (cell[:, 0] * limits[1] + cell[:, 1]) * limits[2] + cell[:, 2]
-        return np.where(inside, self.table.reshape(-1)[flat], np.int32(-1))
+        flat = np.zeros(len(points), dtype=np.int32)
+        # Axis by axis, since NumPy is slow at short rows.
+        for values, origin, count in zip(points.T, self.origin_mm, self.table.shape, strict=True):
+            cell = np.clip((values - origin) * np.float32(1 / CELL_MM), 0, count - 1)
+            flat = flat * np.int32(count) + cell.astype(np.int32)
+        return self.table.reshape(-1).take(flat)
 
 
 @final

@@ -19,7 +19,8 @@ from numpy import ndarray
 
 from pix2face.fitting.least_squares.levenberg_marquardt import LocalQuadratic, minimise
 from pix2face.fitting.least_squares.linear_system import ImageSystem
-from pix2face.fitting.least_squares.moments import Moments
+from pix2face.fitting.least_squares.moments import Moments, stacked
+from pix2face.fitting.least_squares.robust import lengths
 from pix2face.fitting.least_squares.similarity import Similarity
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.geometry.maps import FaceMaps, face_box
@@ -30,7 +31,7 @@ SLACK_PX = 1.0
 # So many pixels before the photograph ends its mask is taken to go on: it lacks its outermost pixels there as well.
 END_PX = 2
 # The field reaches so far around the maps, as a share of their side; beyond, its border's value holds.
-REACH_SHARE = 0.5
+REACH_SHARE = 0.25
 # So much farther than the model's origin, which is inside the head, a vertex is on its far side. Some room is left for
 # faces whose turn is underestimated.
 FAR_SIDE_MM = 20.0
@@ -39,7 +40,7 @@ FARTHEST_SHARE = 1 / 16
 # Both terms of the camera's cost are mean distances, rounded off below this share of the maps' side (half a pixel of
 # 128): of pixels from where their points project to, and of vertices beyond the mask. They weigh alike.
 ROUNDED_SHARE = 1 / 256
-RELATIVE_DECREASE = 1e-3
+RELATIVE_DECREASE = 3e-3
 MAX_ITERATIONS = 15
 
 
@@ -92,16 +93,16 @@ class OutsideDistance:
     def at(self, points2d: Float64[ndarray, "n 2"]) -> tuple[Float64[ndarray, " n"], Float64[ndarray, "n 2"]]:
         """Distance and its slope at places (pixels, centres at +0.5), linear between the centres of four pixels."""
         height, width = self.distance_px.shape
-        limits = np.array([width, height]) - 1.001
-        place = np.clip(np.nan_to_num(points2d) + (self.reach_px - 0.5), 0.0, limits)
+        # fmax and fmin take the limit in place of what is no number.
+        place = np.fmin(np.fmax(points2d + (self.reach_px - 0.5), 0.0), np.array([width, height]) - 1.001)
         corner = place.astype(np.intp)
         right, down = (place - corner).T
         flat = corner[:, 1] * width + corner[:, 0]
         field = self.distance_px.reshape(-1)
-        a, b, c, d = (field[flat + step].astype(np.float64) for step in (0, 1, width, width + 1))
-        distance = (a * (1 - right) + b * right) * (1 - down) + (c * (1 - right) + d * right) * down
-        slope = np.column_stack([(b - a) * (1 - down) + (d - c) * down, (c - a) * (1 - right) + (d - b) * right])
-        return distance, slope
+        a, b, c, d = field[flat + np.array([0, 1, width, width + 1])[:, None]].astype(np.float64)
+        above, below = a + (b - a) * right, c + (d - c) * right
+        slope = np.column_stack([(b - a) + (d - c - b + a) * down, below - above])
+        return above + (below - above) * down, slope
 
 
 def fit_camera_to_silhouette(
@@ -116,20 +117,22 @@ def fit_camera_to_silhouette(
     The correspondences are points of the face (mm, model frame) and the pixels that show them (centres at +0.5).
     """
     origin, centre2d = points3d.mean(axis=0), points2d.mean(axis=0)
-    x, u, v = points3d - origin, points2d - centre2d, face.vertices - origin
+    pixels = stacked(points3d - origin, points2d - centre2d)
+    vertices = np.column_stack([face.vertices - origin, np.ones(len(face.vertices))])
     rounding = ROUNDED_SHARE * outside.side_px
 
     def local_quadratic(state: Similarity) -> LocalQuadratic:
-        lengths = _rounded(np.sqrt(((state.apply(x) - u) ** 2).sum(axis=1)), rounding)
-        weights = 1 / (len(x) * lengths)
-        of_pixels = Moments.of(x, u, weights).quadratic()(state)
-        images = state.apply(v)
-        distance, slope = outside.at(images + centre2d)
+        residuals = pixels[:, :4] @ state.matrix.T - pixels[:, 4:]
+        to_pixels = _rounded(lengths(residuals), rounding)
+        of_pixels = Moments.of(pixels, 1 / (len(pixels) * to_pixels)).quadratic(state)
+        distance, slope = outside.at(vertices @ state.matrix.T + centre2d)
         beyond = np.flatnonzero((distance > 0) & face.on_near_side(state.rotation))
         to_border = _rounded(distance[beyond], rounding)
-        jacobian = np.einsum("nk,nkp->np", slope[beyond], state.jacobian(v[beyond]))
-        weighted = jacobian / (len(v) * to_border)[:, None]
-        cost = lengths.mean() - rounding + (to_border - rounding).sum() / len(v)
+        # d (slope . M y) = <slope y^T, d M>
+        products = (slope[beyond][:, :, None] * vertices[beyond][:, None]).reshape(-1, 8)
+        jacobian = products @ state.derivative.reshape(6, 8).T
+        weighted = jacobian / (len(vertices) * to_border)[:, None]
+        cost = to_pixels.mean() - rounding + (to_border - rounding).sum() / len(vertices)
         return LocalQuadratic(
             float(cost), of_pixels.gradient + distance[beyond] @ weighted, of_pixels.hessian + jacobian.T @ weighted
         )

@@ -152,7 +152,8 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
 
     The planes hold maps in units of the header's scales, then logits of masks, if any. They are overwritten.
     """
-    undefined = ~np.isfinite(planes).all(axis=2)
+    is_finite = np.isfinite(planes)
+    undefined = np.zeros(planes.shape[:2], bool) if is_finite.all() else ~is_finite.all(axis=2)
     planes[undefined] = 0
     pncc = planes[..., :3] * np.float32(header.pncc_scale_mm)
     offset = planes[..., 3:MAP_PLANES] * np.float32(header.offset_scale_mm)
@@ -160,8 +161,9 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
     is_told = header.planes > MASK_PLANE
     mask = eroded(planes[..., MASK_PLANE] > 0) if is_told else valid_pixels(pncc, header.smallest_radius_mm)
     mask &= ~undefined
-    pncc[~mask] = 0
-    offset[~mask] = 0
+    outside = np.flatnonzero(~mask)
+    pncc.reshape(-1, 3)[outside] = 0
+    offset.reshape(-1, 3)[outside] = 0
     seen = mask & (planes[..., SEEN_PLANE] > 0) if header.planes > SEEN_PLANE else None
     return FaceMaps(pncc, offset, mask, seen), int(undefined.sum())
 

@@ -43,7 +43,7 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
     maps = known_face(model, 3, perspective=False).maps
     width = maps.mask.shape[1]
     prepared, pixels = prepared_model(model, PREDICTED_MAPS_VERTICES), valid_pixel_values(maps)
-    points3d, points2d = correspondences(pixels, width, CAMERA_PIXELS)
+    points3d, points2d = correspondences(pixels, np.arange(len(pixels.places)), width, CAMERA_PIXELS)
     camera = fit_weak_perspective_camera(points3d, points2d, robust=True)
     found = localise_prepared(maps, pixels, prepared)
     basis = prepared.basis[found.places]
@@ -52,7 +52,7 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
     return {
         "white noise and valid pixels": lambda: (white_noise_mm(maps), valid_pixel_values(maps)),
         "camera: weak perspective, robust": lambda: fit_weak_perspective_camera(
-            *correspondences(pixels, width, CAMERA_PIXELS), robust=True
+            *correspondences(pixels, np.arange(len(pixels.places)), width, CAMERA_PIXELS), robust=True
         ),
         "localisation (Eq. 2)": lambda: localise_prepared(maps, pixels, prepared),
         "coefficients (Eq. 4), robust": lambda: image_system(

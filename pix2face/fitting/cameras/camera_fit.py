@@ -6,8 +6,8 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.least_squares.levenberg_marquardt import minimise
-from pix2face.fitting.least_squares.moments import Moments
-from pix2face.fitting.least_squares.robust import reweighted
+from pix2face.fitting.least_squares.moments import Moments, stacked
+from pix2face.fitting.least_squares.robust import lengths, reweighted
 from pix2face.fitting.least_squares.similarity import Similarity
 from pix2face.geometry.camera import Camera, HeadPose, affine_camera, nearest_weak_perspective, rotation_of_pose
 
@@ -43,7 +43,7 @@ def fit_affine_camera(
         return affine_camera(start)
     found = reweighted(
         start,
-        lambda rows: _lengths(points3d @ rows[:, :3].T + rows[:, 3] - points2d),
+        lambda rows: lengths(points3d @ rows[:, :3].T + rows[:, 3] - points2d),
         lambda _, weights: _affine_rows_of_space(points3d, points2d, weights),
         np.ones(len(points3d)),
     )
@@ -95,10 +95,6 @@ def check_points(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"
         raise DegenerateGeometryError("a camera needs finite points, found some that are not a number or infinite")
 
 
-def _lengths(residuals: Float64[ndarray, "n 2"]) -> Float64[ndarray, " n"]:
-    return np.sqrt((residuals**2).sum(axis=1))
-
-
 def _affine_rows_of_space(
     points3d: Float64[ndarray, "n 3"], points2d: Float64[ndarray, "n 2"], weights: Float64[ndarray, " n"]
 ) -> Float64[ndarray, "2 4"]:
@@ -134,7 +130,7 @@ def _best_similarity(
     """The weak-perspective fit (points3d relative to their centre): the best end over the starts."""
     starts = _starts(points3d, points2d, weights)
     centre2d = np.asarray(weights @ points2d / weights.sum(), dtype=np.float64)
-    local_quadratic = Moments.of(points3d, points2d - centre2d, weights).quadratic()
+    local_quadratic = Moments.of(stacked(points3d, points2d - centre2d), weights).quadratic
     ends = [minimise(start.shifted(-centre2d), local_quadratic, Similarity.moved) for start in starts]
     return min(ends, key=lambda end: end[1].cost)[0].shifted(centre2d)
 
@@ -147,8 +143,8 @@ def _starts(
     centre2d = np.asarray(weights @ points2d / weights.sum(), dtype=np.float64)
     spread3d = float(np.sqrt(weights @ (points3d**2).sum(axis=1)))
     spread2d = float(np.sqrt(weights @ ((points2d - centre2d) ** 2).sum(axis=1)))
-    singular_values = np.linalg.svd(points3d * np.sqrt(weights)[:, None], compute_uv=False)
-    if not (singular_values[1] > FLATNESS * singular_values[0] and spread2d > 0):
+    spread = np.linalg.eigvalsh((points3d * weights[:, None]).T @ points3d)
+    if not (spread[1] > FLATNESS**2 * spread[2] and spread2d > 0):
         raise DegenerateGeometryError(
             "a weak-perspective camera needs points that are neither in one line nor imaged to one place, "
             f"found {len(points3d)} that are"
@@ -170,14 +166,15 @@ def _robust_similarity(
     """Weighs the points by their residuals; between two weighings, the points are summed up once."""
     centre2d = np.asarray(weights @ points2d / weights.sum(), dtype=np.float64)
     centred2d = points2d - centre2d
+    rows = stacked(points3d, centred2d)
 
     def solve(state: Similarity, robust_weights: Float64[ndarray, " n"]) -> Similarity:
-        quadratic = Moments.of(points3d, centred2d, robust_weights).quadratic()
+        quadratic = Moments.of(rows, robust_weights).quadratic
         return minimise(state, quadratic, Similarity.moved, max_iterations=STEPS_A_WEIGHING)[0]
 
     found = reweighted(
         start.shifted(-centre2d),
-        lambda state: _lengths(state.apply(points3d) - centred2d),
+        lambda state: lengths(state.apply(points3d) - centred2d),
         solve,
         weights,
     )

@@ -12,7 +12,6 @@ from typing import TypeVar, final
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pix2face.errors import DegenerateGeometryError
 
@@ -100,6 +99,6 @@ def _damped_step(quadratic: LocalQuadratic, damping: float) -> Float64[ndarray, 
     floor = 1e-12 * max(float(diagonal.max()), 1e-300)
     matrix = quadratic.hessian + np.diag(damping * np.maximum(diagonal, floor))
     try:
-        return np.asarray(-cho_solve(cho_factor(matrix, lower=True), quadratic.gradient), dtype=np.float64)
-    except (LinAlgError, ValueError):
+        return np.asarray(np.linalg.solve(matrix, -quadratic.gradient), dtype=np.float64)
+    except np.linalg.LinAlgError:
         return None

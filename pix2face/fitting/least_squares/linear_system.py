@@ -9,6 +9,7 @@ from numpy import ndarray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pix2face.errors import DegenerateGeometryError
+from pix2face.fitting.least_squares.robust import lengths
 
 # Vertices at folds and outlines are found on the wrong surface: few, but with errors of a hundred times the others'.
 # After each solve a vertex counts as (t / r)^2 where its residual r exceeds t, this multiple of the median residual.
@@ -65,7 +66,7 @@ def image_system(
     system = plain
     for _ in range(ROBUST_ROUNDS if robust else 0):
         difference = rows @ system.solve(regularisation).astype(rows.dtype) - targets
-        weights = _robust_weights(np.sqrt((difference.reshape(-1, 3) ** 2).sum(axis=1)))
+        weights = _robust_weights(lengths(difference.reshape(-1, 3)))
         light = np.flatnonzero(weights < 1)
         if len(light) == 0:
             break

@@ -4,52 +4,41 @@ The residuals of a camera without perspective are linear in its 2 x 4 matrix M, 
 tr(M S M^T) - 2 tr(M C^T) + w with three sums over the points.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from pix2face.fitting.least_squares.levenberg_marquardt import LocalQuadratic
 from pix2face.fitting.least_squares.similarity import Similarity
 
 
+def stacked(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]) -> Float64[ndarray, "n 6"]:
+    """Correspondences as rows (x, 1, u). Both kinds of points should be near their centres, or digits are lost."""
+    return np.column_stack([points3d, np.ones(len(points3d)), points2d])
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Weighted sums over 3D-2D correspondences, y = (x, 1) and u."""
+    """Weighted sums over 3D-2D correspondences, with y = (x, 1)."""
 
     s: Float64[ndarray, "4 4"]  # sum of y y^T
     c: Float64[ndarray, "2 4"]  # sum of u y^T
     w: float  # sum of |u|^2
 
     @classmethod
-    def of(
-        cls, points3d: Float64[ndarray, "n 3"], points2d: Float64[ndarray, "n 2"], weights: Float64[ndarray, " n"]
-    ) -> "Moments":
-        """Sums up. Both kinds of points should be near their centres, or digits are lost."""
-        y = np.column_stack([points3d, np.ones(len(points3d))])
-        weighted = y * weights[:, None]
-        return cls(y.T @ weighted, points2d.T @ weighted, float(weights @ (points2d**2).sum(axis=1)))
+    def of(cls, rows: Float64[ndarray, "n 6"], weights: Float64[ndarray, " n"]) -> "Moments":
+        """Sums up what ``stacked`` made."""
+        sums = (rows * weights[:, None]).T @ rows
+        return cls(sums[:4, :4], sums[4:, :4], float(sums[4, 4] + sums[5, 5]))
 
-    def quadratic(self) -> Callable[[Similarity], LocalQuadratic]:
+    def quadratic(self, state: Similarity) -> LocalQuadratic:
         """The local quadratic of half the weighted sum of squares, as ``minimise`` takes it."""
-
-        def local_quadratic(state: Similarity) -> LocalQuadratic:
-            linear = state.scale * state.rotation
-            matrix = np.column_stack([linear[:2], state.shift_px])
-            # Rows: d M / d (log scale, rotation about x, y, z, shift), each 2 x 4.
-            derivative = np.zeros((6, 2, 4))
-            derivative[0, :, :3] = linear[:2]
-            derivative[1, 1, :3], derivative[2, 0, :3] = -linear[2], linear[2]
-            derivative[3, 0, :3], derivative[3, 1, :3] = -linear[1], linear[0]
-            derivative[4, 0, 3] = derivative[5, 1, 3] = 1
-            rows = derivative.reshape(6, 8)
-            ms = matrix @ self.s
-            cost = float(((ms - 2 * self.c) * matrix).sum() + self.w) / 2
-            gradient = rows @ (ms - self.c).reshape(8)
-            return LocalQuadratic(max(cost, 0.0), gradient, (derivative @ self.s).reshape(6, 8) @ rows.T)
-
-        return local_quadratic
+        ms = state.matrix @ self.s
+        cost = float(((ms - 2 * self.c) * state.matrix).sum() + self.w) / 2
+        rows = state.derivative.reshape(6, 8)
+        hessian = (state.derivative @ self.s).reshape(6, 8) @ rows.T
+        return LocalQuadratic(max(cost, 0.0), rows @ (ms - self.c).reshape(8), hessian)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 State = TypeVar("State")
@@ -37,11 +37,11 @@ def reweighted(
     """
     state, before = start, np.ones(len(given_weights))
     for index in range(HUBER_ROUNDS + REDESCENDING_ROUNDS):
-        lengths = distances(state)
-        threshold = huber_threshold(lengths)
+        found = distances(state)
+        threshold = huber_threshold(found)
         if not threshold > 0:
             break
-        weights = huber_weights(lengths, threshold)
+        weights = huber_weights(found, threshold)
         if index >= HUBER_ROUNDS:
             weights = weights**2
         if np.abs(weights - before).max(initial=0) < WEIGHTS_HAVE_SETTLED:
@@ -50,6 +50,11 @@ def reweighted(
             continue
         state, before = solve(state, weights * given_weights), weights
     return state
+
+
+def lengths(vectors: Float[ndarray, "n d"]) -> Float[ndarray, " n"]:
+    """Euclidean lengths; NumPy's norm takes twice as long for short vectors."""
+    return np.asarray(np.sqrt(np.einsum("nd,nd->n", vectors, vectors)))
 
 
 def huber_threshold(distances: Float64[ndarray, " n"]) -> float:

@@ -4,6 +4,7 @@ This is the weak-perspective camera with pixels as the unit; with three rows (de
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -31,6 +32,22 @@ class Similarity:
     def scale(self) -> float:
         """Pixels per mm."""
         return float(np.exp(self.log_scale))
+
+    @cached_property
+    def matrix(self) -> Float64[ndarray, "2 4"]:
+        """The linear map from (x, 1) to the image."""
+        return np.column_stack([self.scale * self.rotation[:2], self.shift_px[:2]])
+
+    @cached_property
+    def derivative(self) -> Float64[ndarray, "6 2 4"]:
+        """Derivative of ``matrix`` with respect to (log scale, rotation increment, shift)."""
+        x, y, z = self.scale * self.rotation
+        out = np.zeros((6, 2, 4))
+        out[0, 0, :3], out[0, 1, :3] = x, y
+        out[1, 1, :3], out[2, 0, :3] = -z, z
+        out[3, 0, :3], out[3, 1, :3] = -y, x
+        out[4, 0, 3] = out[5, 1, 3] = 1
+        return out
 
     def apply(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, "n d"]:
         """Points (mm, relative to the fit's origin) to pixels."""
