@@ -46,7 +46,6 @@ STAGES = {
     "edges": (SceneDrawer, "_find_edges"),
     "clear, upload": (SceneTarget, "clear"),
     "transparent objects": (SceneDrawer, "_draw_blended"),
-    "read back, picture": (SceneDrawer, "_resolve"),
 }
 WARM_UP = 6
 

@@ -15,6 +15,8 @@ from datagen.rendering.processor.compiling import compiled
 
 NOTHING_MM = 1e7  # how deep it is where nothing is seen
 NO_EDGE = np.float32(-1e7)
+# What is more opaque hides what is behind it: less than a step of a byte remains, in the darkest picture, too.
+HIDES = np.float32(0.9999)
 # How much farther than the nearest surface in a pixel another one may be to count in the middle between the two, mm.
 FARTHEST_MM = 1000.0
 
@@ -78,6 +80,23 @@ def find_edges(
             farther[row, column] = farther_here
             depths[row, column, 0], depths[row, column, 1] = nearer_here, here
     return triangle, kind, opaque, farther, depths, middle
+
+
+@compiled
+def shown_kinds(
+    kind: Float32[ndarray, "h w"], over: tuple[Float32[ndarray, "h w 4"], Float32[ndarray, "h w 4"]]
+) -> Float32[ndarray, "h w"]:
+    """`SceneEdges.kind`, but 0 where hair hides the head in a pixel and those around it, whose colours it may take."""
+    height, width = kind.shape
+    over_near, over_far = over
+    hides = np.zeros((height + 2, width + 2), np.bool_)
+    hides[1:-1, 1:-1] = np.minimum(over_near[..., 3], over_far[..., 3]) >= HIDES
+    shown = kind.copy()
+    for row in range(height):
+        for column in range(width):
+            if hides[row + 1, column + 1] and hides[row : row + 3, column : column + 3].all():
+                shown[row, column] = 0
+    return shown
 
 
 @compiled

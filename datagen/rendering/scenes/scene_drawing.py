@@ -6,9 +6,9 @@ a face are smaller than a pixel, and each triangle in a block of pixels would sh
 1. A depth map from each light, of a coarser head and of the objects.
 2. What is seen: which triangle of the head, or which kind of object, at three samples a pixel in each direction.
 3. Edges: where two surfaces share a pixel.
-4. The head, shaded once for each pixel from the triangle at its centre.
-5. Opaque objects, once for each pixel.
-6. What is transparent, from far to near.
+4. What is transparent, from far to near.
+5. The head, shaded once for each pixel from the triangle at its centre, where hair does not hide it.
+6. Opaque objects, once for each pixel.
 7. The picture: at an edge, each sample takes the colour of the pixel beside it that shows the same surface.
 
 Steps 2, 3 and 7, and the opaque part of step 1, are done without OpenGL.
@@ -26,7 +26,7 @@ from numpy import ndarray
 from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.gl_mesh import SIZES_KEPT
-from datagen.rendering.processor.scene_edges import SceneEdges, find_edges, resolve
+from datagen.rendering.processor.scene_edges import SceneEdges, find_edges, resolve, shown_kinds
 from datagen.rendering.scenes.scene_camera import view_scene
 from datagen.rendering.scenes.scene_head import SceneHead
 from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, Window
@@ -121,12 +121,12 @@ class SceneDrawer:
         samples = self._see(scene, camera, height, width)
         edges = self._find_edges(samples, uniforms)
         target.clear(edges)
-        self._draw_opaque(scene, target)
         window = Window(np.asarray(uniforms["clip_from_model"]), edges.farther)
-        self._draw_blended(scene, self._objects.blended(window, camera.matrix[2]), target)
-        colours, labels = self._resolve(samples, edges, target)
+        over, over_labels = self._draw_blended(scene, self._objects.blended(window, camera.matrix[2]), target)
+        colours = self._draw_opaque(scene, shown_kinds(edges.kind, over), target)
+        picture, labels = resolve(samples, edges.middle, colours, over, over_labels)
         self._gl.check()
-        return ScenePicture(radiance=colours[..., :3], coverage=np.clip(colours[..., 3], 0, 1), labels=labels)
+        return ScenePicture(radiance=picture[..., :3], coverage=np.clip(picture[..., 3], 0, 1), labels=labels)
 
     def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1. Returns the uniforms of the shadow maps."""
@@ -161,19 +161,10 @@ class SceneDrawer:
         """Step 3."""
         return SceneEdges(*find_edges(samples, self._head.kinds, uniforms["depth_from_buffer"], uniforms["edge_mm"]))
 
-    def _draw_opaque(self, scene: Scene, target: SceneTarget) -> None:
-        """Steps 4 and 5. Only a test of depth skips what another program paints and what is hidden."""
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        target.kinds.depth_mask = False
-        target.kinds.use()
-        for kind in HEAD_KINDS:
-            self._whole[kind].render(moderngl.TRIANGLES, vertices=3)
-        target.colours.use()
-        for run in self._objects.opaque:
-            self._draw_run(scene, run, "object")
-
-    def _draw_blended(self, scene: Scene, runs: Sequence[Run], target: SceneTarget) -> None:
-        """Step 6."""
+    def _draw_blended(
+        self, scene: Scene, runs: Sequence[Run], target: SceneTarget
+    ) -> tuple[tuple[Float32[ndarray, "h w 4"], Float32[ndarray, "h w 4"]], UInt8[ndarray, "h w"]]:
+        """Step 4. Returns what is over the nearer and over the farther surface, and the labels."""
         context = self._context
         target.blended.depth_mask = False
         target.blended.use()
@@ -183,14 +174,22 @@ class SceneDrawer:
         for run in runs:
             self._draw_run(scene, run, "blended")
         context.depth_func = "<"
+        return target.read_blended()
 
-    def _resolve(
-        self, samples: Float32[ndarray, "H W 2"], edges: SceneEdges, target: SceneTarget
-    ) -> tuple[Float32[ndarray, "h w 4"], UInt8[ndarray, "h w"]]:
-        """Step 7."""
-        over, over_labels = target.read_blended()
-        picture, labels = resolve(samples, edges.middle, target.read_colours(), over, over_labels)
-        return picture, labels
+    def _draw_opaque(
+        self, scene: Scene, kinds: Float32[ndarray, "h w"], target: SceneTarget
+    ) -> Float32[ndarray, "h w 4"]:
+        """Steps 5 and 6. Only a test of depth skips what another program paints and what is hidden."""
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        target.depths["kinds"].write(kinds)
+        target.kinds.depth_mask = False
+        target.kinds.use()
+        for kind in HEAD_KINDS:
+            self._whole[kind].render(moderngl.TRIANGLES, vertices=3)
+        target.colours.use()
+        for run in self._objects.opaque:
+            self._draw_run(scene, run, "object")
+        return target.read_colours()
 
     def _draw_run(self, scene: Scene, run: Run, purpose: str) -> None:
         """Draws some triangles of an object in its material."""

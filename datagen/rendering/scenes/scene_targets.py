@@ -36,7 +36,6 @@ class SceneTarget:
         for framebuffer in (self.colours, self.blended):
             framebuffer.clear()
         self.depths["colours"].write(edges.opaque)
-        self.depths["kinds"].write(edges.kind)
         self.depths["blended"].write(edges.farther)
         for name, values in (("seen", edges.triangle), ("edges", edges.depths)):
             self.textures[name].write(values)
