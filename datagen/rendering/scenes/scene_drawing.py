@@ -137,9 +137,12 @@ class SceneDrawer:
         casts = {place for place, mesh in enumerate(scene.meshes) if mesh.casts_shadow}
         opaque = [run.mesh for run in self._objects.opaque if run.mesh in casts]
 
+        chosen, triangles = self._head.coarse
+        head = scene.head.vertices.take(chosen, axis=0), triangles
+
         def solid(light: int) -> list[Mesh]:
             seen = [scene.meshes[place] for place in opaque if light != SKY or high[place]]
-            return [(scene.head.vertices, self._head.coarse), *((mesh.vertices, mesh.triangles) for mesh in seen)]
+            return [head, *((mesh.vertices, mesh.triangles) for mesh in seen)]
 
         def soft(window: Window, towards_light: Float64[ndarray, "3"]) -> None:
             place = np.append(towards_light, 0)

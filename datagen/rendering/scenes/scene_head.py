@@ -31,7 +31,7 @@ class SceneHead:
 
     Attributes:
         triangles: Of the whole head, over the model's vertices.
-        coarse: Of a coarser head, which casts the shadows.
+        coarse: Vertices of the model and triangles over these of a coarser head, which casts the shadows.
         kinds: Which of `HEAD_KINDS` paints each triangle of the whole head.
     """
 
@@ -61,7 +61,9 @@ class SceneHead:
         }
         self._textures = {f"head_{name}": list_texture(context, each) for name, each in lists.items()}
         self.triangles: Int32[ndarray, "t 3"] = np.ascontiguousarray(model.triangles, dtype=np.int32)
-        self.coarse = coarse_triangles(model)
+        coarse = coarse_triangles(model)
+        chosen, corners = np.unique(coarse, return_inverse=True)
+        self.coarse = chosen, corners.reshape(coarse.shape).astype(np.int32)
         self.kinds = painted_kinds(uv, triangles)
 
     def load(self, head: PosedHead) -> None:
