@@ -17,6 +17,9 @@ from pix2face.models import BUILTIN_MODEL
 from pix2face.models.model_file import LinearModel, StoredModel, read_stored_model
 from pix2face.models.subdivision import refine
 
+# Coordinates of faces that are moved by their expressions at a time: 1 MB.
+ADDED_AT_A_TIME = 1 << 18
+
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,10 +72,15 @@ class MorphableModel(LinearModel):
 
         Source: Crispell and Bazik 2017, Eq. 3.
         """
-        n = len(identity)
+        n, expression = len(identity), expression.astype(np.float32)
         out = identity.astype(np.float32) @ self.identity_basis.reshape(self.n_identity, self.mean.size)
-        out += expression.astype(np.float32) @ self.expression_basis.reshape(self.n_expression, self.mean.size)
-        out += self.mean.reshape(-1)
+        basis, mean = self.expression_basis.reshape(self.n_expression, self.mean.size), self.mean.reshape(-1)
+        # Some columns after the other: what is added fits into the cache and takes no memory of the size of the result.
+        width = max(ADDED_AT_A_TIME // max(n, 1), 1)
+        for start in range(0, self.mean.size, width):
+            columns = np.s_[start : start + width]
+            out[:, columns] += expression @ basis[:, columns]
+            out[:, columns] += mean[columns]
         return out.reshape(n, len(self.mean), 3)
 
 
