@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.linalg import cho_solve
 
 from pix2face.errors import DegenerateGeometryError
-from pix2face.fitting.least_squares.linear_system import ImageSystem, cholesky, image_system
+from pix2face.fitting.least_squares.linear_system import ROBUST_ROUNDS, ImageSystem, cholesky, image_system
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.models.morphable_model import MorphableModel
 
@@ -99,6 +99,7 @@ def fit_coefficients(
     followed by two with the vertices weighted: on exact maps that takes nine tenths off the error of the landmarks.
     """
     basis = vertex_basis(model, vertex_indices).astype(np.float64)
-    system = image_system(basis, offsets.astype(np.float64), regularisation, robust=robust)
+    rounds = ROBUST_ROUNDS if robust else 0
+    system = image_system(basis, offsets.astype(np.float64), regularisation, robust_rounds=rounds)
     coefficients = system.solve(regularisation)
     return coefficients[: model.n_identity], coefficients[model.n_identity :]

@@ -14,7 +14,7 @@ from pix2face.fitting.cameras.camera_fit import fit_affine_camera, fit_weak_pers
 from pix2face.fitting.cameras.pinhole_fit import fit_pinhole_camera
 from pix2face.fitting.cameras.reprojection import with_reprojection
 from pix2face.fitting.fit_options import FitOptions
-from pix2face.fitting.least_squares.linear_system import ImageSystem, image_system
+from pix2face.fitting.least_squares.linear_system import PREDICTED_MAPS_ROUNDS, ROBUST_ROUNDS, ImageSystem, image_system
 from pix2face.fitting.localise import ValidPixels, VertexPixels, localise_prepared, valid_pixel_values
 from pix2face.fitting.noise import FIRST_REGULARISATION, estimated_regularisation, without_white_noise
 from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepared_model
@@ -104,7 +104,9 @@ def measure_picture(
         camera = fit_camera(*correspondences(pixels, clear, width, n_pixels))
     if constraints == "surface":
         regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
-        surface = image_system(*surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust=True)
+        surface = image_system(
+            *surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust_rounds=ROBUST_ROUNDS
+        )
         return PictureMeasurement(camera, surface, regularisation, surface.solve(regularisation))
     found = localise_prepared(maps, pixels, prepared)
     # Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda of predicted maps.
@@ -113,7 +115,8 @@ def measure_picture(
     mean = prepared.mean[found.places]
     if regularisation is None:
         regularisation = _estimated(basis, found, prepared)
-    system = image_system(basis, found.offsets, regularisation, robust=True)
+    rounds = PREDICTED_MAPS_ROUNDS if is_predicted else ROBUST_ROUNDS
+    system = image_system(basis, found.offsets, regularisation, robust_rounds=rounds)
     measured = PictureMeasurement(camera, system, regularisation, system.solve(regularisation))
     if can_hold and camera.is_affine:
         silhouette = _Silhouette(OutsideDistance.of(whole), *correspondences(pixels, clear, width, SILHOUETTE_PIXELS))
@@ -212,7 +215,7 @@ def _fit_camera(
 
 def _estimated(basis: Float[ndarray, "n 3 c"], found: VertexPixels, prepared: PreparedModel) -> float:
     """Estimates lambda from the residuals."""
-    first = image_system(basis, found.offsets, FIRST_REGULARISATION, robust=True)
+    first = image_system(basis, found.offsets, FIRST_REGULARISATION, robust_rounds=ROBUST_ROUNDS)
     return estimated_regularisation(first, basis, found.offsets, prepared.patches[found.places])
 
 

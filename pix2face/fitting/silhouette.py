@@ -20,7 +20,6 @@ from numpy import ndarray
 from pix2face.fitting.least_squares.levenberg_marquardt import LocalQuadratic, minimise
 from pix2face.fitting.least_squares.linear_system import ImageSystem
 from pix2face.fitting.least_squares.moments import Moments, stacked
-from pix2face.fitting.least_squares.robust import lengths
 from pix2face.fitting.least_squares.similarity import Similarity
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.geometry.maps import FaceMaps, face_box
@@ -100,9 +99,10 @@ class OutsideDistance:
         flat = corner[:, 1] * width + corner[:, 0]
         field = self.distance_px.reshape(-1)
         a, b, c, d = field[flat + np.array([0, 1, width, width + 1])[:, None]].astype(np.float64)
-        above, below = a + (b - a) * right, c + (d - c) * right
-        slope = np.column_stack([(b - a) + (d - c - b + a) * down, below - above])
-        return above + (below - above) * down, slope
+        across_above, across_below = b - a, d - c
+        above, below = a + across_above * right, c + across_below * right
+        slope = np.array([across_above + (across_below - across_above) * down, below - above])
+        return above + slope[1] * down, slope.T
 
 
 def fit_camera_to_silhouette(
@@ -123,11 +123,11 @@ def fit_camera_to_silhouette(
 
     def local_quadratic(state: Similarity) -> LocalQuadratic:
         residuals = pixels[:, :4] @ state.matrix.T - pixels[:, 4:]
-        to_pixels = _rounded(lengths(residuals), rounding)
+        to_pixels = _rounded(np.einsum("nd,nd->n", residuals, residuals), rounding)
         of_pixels = Moments.of(pixels, 1 / (len(pixels) * to_pixels)).quadratic(state)
         distance, slope = outside.at(vertices @ state.matrix.T + centre2d)
         beyond = np.flatnonzero((distance > 0) & face.on_near_side(state.rotation))
-        to_border = _rounded(distance[beyond], rounding)
+        to_border = _rounded(distance[beyond] ** 2, rounding)
         # d (slope . M y) = <slope y^T, d M>
         products = (slope[beyond][:, :, None] * vertices[beyond][:, None]).reshape(-1, 8)
         jacobian = products @ state.derivative.reshape(6, 8).T
@@ -160,8 +160,9 @@ def _in_photograph(maps: FaceMaps) -> tuple[slice, slice]:
     return (rows, columns) if maps.mask[rows, columns].size else face_box(maps.in_photograph)
 
 
-def _rounded(distances: Float64[ndarray, " n"], rounding: float) -> Float64[ndarray, " n"]:
-    return np.asarray(np.sqrt(distances**2 + rounding**2), dtype=np.float64)
+def _rounded(squared: Float64[ndarray, " n"], rounding: float) -> Float64[ndarray, " n"]:
+    """Distances, rounded off near 0, of their squares."""
+    return np.asarray(np.sqrt(squared + rounding**2), dtype=np.float64)
 
 
 def with_silhouette(

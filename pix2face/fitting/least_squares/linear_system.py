@@ -15,6 +15,8 @@ from pix2face.fitting.least_squares.robust import lengths
 # After each solve a vertex counts as (t / r)^2 where its residual r exceeds t, this multiple of the median residual.
 # The others keep their weight, so that lambda keeps its meaning and only few rows of the system change.
 ROBUST_ROUNDS = 2
+# A network's errors leave no such vertices stand out that a second round would find more of them.
+PREDICTED_MAPS_ROUNDS = 1
 THRESHOLD_IN_MEDIANS = 2.0
 
 
@@ -46,7 +48,7 @@ class ImageSystem:
 
 
 def image_system(
-    basis: Float[ndarray, "n 3 c"], offsets: Float[ndarray, "n 3"], regularisation: float, *, robust: bool
+    basis: Float[ndarray, "n 3 c"], offsets: Float[ndarray, "n 3"], regularisation: float, *, robust_rounds: int
 ) -> ImageSystem:
     """Sets up the normal equations in the precision of the basis.
 
@@ -54,7 +56,7 @@ def image_system(
         basis: mm per standard deviation at the found vertices, identity before expression.
         offsets: What leads from the mean face to this face there, mm.
         regularisation: lambda in mm^2: what the residuals that make the weights are measured with.
-        robust: Weigh down the vertices that disagree with the solution, and solve again.
+        robust_rounds: How often the system is solved to weigh down the vertices that disagree with the solution.
 
     Raises:
         DegenerateGeometryError: No vertex, offsets that are not finite, lambda not positive or too small.
@@ -64,7 +66,7 @@ def image_system(
     targets = offsets.reshape(-1).astype(basis.dtype)
     plain = ImageSystem(*_normal_equations(rows, targets), np.ones(len(offsets)))
     system = plain
-    for _ in range(ROBUST_ROUNDS if robust else 0):
+    for _ in range(robust_rounds):
         difference = rows @ system.solve(regularisation).astype(rows.dtype) - targets
         weights = _robust_weights(lengths(difference.reshape(-1, 3)))
         light = np.flatnonzero(weights < 1)

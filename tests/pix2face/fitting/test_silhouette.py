@@ -114,7 +114,7 @@ def test_the_mesh_moves_into_the_mask(turned: KnownFace) -> None:
     prepared = prepared_model(MODEL, 1200)
     outside = OutsideDistance.of(turned.maps)
     true = turned.vertices[prepared.vertex_indices] - prepared.mean
-    system = image_system(prepared.basis, true + 0.08 * prepared.mean, 1.0, robust=False)
+    system = image_system(prepared.basis, true + 0.08 * prepared.mean, 1.0, robust_rounds=0)
 
     def face_of(coefficients: ndarray) -> FaceSurface:
         vertices = prepared.mean + prepared.basis @ coefficients.astype(np.float32)

@@ -22,7 +22,7 @@ def test_noise_and_shrinkage_are_what_estimates_show(factor):
     truth = rng.standard_normal((N_DRAWS, N_COEFFICIENTS))
     noise = SIGMA_MM * rng.standard_normal((N_DRAWS, len(BASIS), 3))
     systems = [
-        image_system(BASIS, BASIS @ face + own, regularisation, robust=False)
+        image_system(BASIS, BASIS @ face + own, regularisation, robust_rounds=0)
         for face, own in zip(truth, noise, strict=True)
     ]
     errors = np.stack([system.solve(regularisation) for system in systems]) - truth
@@ -33,7 +33,7 @@ def test_noise_and_shrinkage_are_what_estimates_show(factor):
 
     one_face = np.stack(
         [
-            image_system(BASIS, BASIS @ truth[0] + own, regularisation, robust=False).solve(regularisation)
+            image_system(BASIS, BASIS @ truth[0] + own, regularisation, robust_rounds=0).solve(regularisation)
             for own in noise
         ]
     )
@@ -41,7 +41,7 @@ def test_noise_and_shrinkage_are_what_estimates_show(factor):
 
 
 def test_with_lambda_as_variance_it_is_the_posterior():
-    system = image_system(BASIS, BASIS @ np.ones(N_COEFFICIENTS), 9.0, robust=False)
+    system = image_system(BASIS, BASIS @ np.ones(N_COEFFICIENTS), 9.0, robust_rounds=0)
     posterior = np.linalg.inv(system.normal / 9.0 + np.eye(N_COEFFICIENTS))
     np.testing.assert_allclose(coefficient_covariance(system, 9.0).total, posterior, atol=1e-10)
 
@@ -51,7 +51,7 @@ def test_points_that_were_measured_are_known_better():
     x = MODEL.mean[:, 0]
     seen, hidden = (np.flatnonzero(MODEL.is_face_vertex & side) for side in (x > 20, x < -20))
     basis = vertex_basis(MODEL, seen[::10]).astype(np.float64)
-    system = image_system(basis, np.zeros((len(basis), 3)), 20.0, robust=False)
+    system = image_system(basis, np.zeros((len(basis), 3)), 20.0, robust_rounds=0)
     covariance = coefficient_covariance(system, 20.0)
     spread = [
         np.trace(covariance.of_points(vertex_basis(MODEL, half[::10])), axis1=1, axis2=2).mean()
