@@ -102,7 +102,7 @@ class OutsideDistance:
         across_above, across_below = b - a, d - c
         above, below = a + across_above * right, c + across_below * right
         slope = np.array([across_above + (across_below - across_above) * down, below - above])
-        return above + slope[1] * down, slope.T
+        return above + (below - above) * down, slope.T
 
 
 def fit_camera_to_silhouette(

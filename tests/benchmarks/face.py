@@ -2,17 +2,20 @@
 
     python -m tests.benchmarks.face [--checkpoint C] [--image photo.jpg] [--repeats 30] [--out face.json]
 
-Processor time of one thread, the least and the median of all repeats. The face is the largest that the detector finds
+Processor time of one thread, the least and the median of all repeats. "steps" divides the whole by the functions that
+do the work; what is left of it lies between them. The face is the largest that the detector finds
 in the photograph (scikit-image's astronaut unless another is given); to find it is not in the figures. The fits are
 those of `pix2face fit`: as it is, not held to the silhouette, and with the regularisation estimated.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
 from time import process_time
 from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -23,9 +26,12 @@ from threadpoolctl import threadpool_limits
 
 from pix2face.api import Pix2Face
 from pix2face.files.images import read_photograph
+from pix2face.fitting import face_fit, picture_measurement
 from pix2face.fitting.fit_options import FitOptions
+from pix2face.fitting.least_squares.linear_system import ImageSystem
+from pix2face.fitting.silhouette import OutsideDistance
 from pix2face.geometry.crops import crop_image, square_crop
-from pix2face.inference import PACKAGED
+from pix2face.inference import PACKAGED, predictor
 from tests.benchmarks.surroundings import surroundings, write_report
 
 
@@ -48,6 +54,58 @@ def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callabl
         "fit, regularisation estimated": fit(regularisation="estimate"),
         "all of it": lambda: faces.fit(image, [box]),
     }
+
+
+# By step the functions that do it, where they are called.
+STEPS: dict[str, Sequence[tuple[Any, str]]] = {
+    "crop": [(predictor, "crop_image")],
+    "network": [(predictor.Predictor, "_answers")],
+    "planes to maps": [(predictor, "read_planes"), (predictor, "read_landmarks")],
+    "choice of points": [
+        (picture_measurement, name)
+        for name in ("without_white_noise", "valid_pixel_values", "_clear_pixels", "correspondences")
+    ],
+    "localisation": [(picture_measurement, "localise_prepared")],
+    "start of the camera": [(picture_measurement, "fit_affine_camera")],
+    "coefficients": [(picture_measurement, "image_system"), (ImageSystem, "solve")],
+    "distance from the mask": [(OutsideDistance, "of")],
+    "rows of reprojection and silhouette": [
+        (picture_measurement, "with_reprojection"),
+        (picture_measurement, "with_silhouette"),
+    ],
+    "camera held to the silhouette, twice": [(picture_measurement, "fit_camera_to_silhouette")],
+    "landmarks": [(face_fit, "face_of_coefficients")],
+}
+
+
+def step_milliseconds(run: Callable[[], object], repeats: int) -> dict[str, float]:
+    """For each step the median of its processor time, without that of steps inside it."""
+    spent: dict[str, float] = dict.fromkeys(STEPS, 0.0)
+    inside = [0.0]
+
+    def timed(name: str, function: Callable[..., object]) -> Callable[..., object]:
+        def call(*args: Any, **options: Any) -> object:
+            inside.append(0.0)
+            began = process_time()
+            try:
+                return function(*args, **options)
+            finally:
+                took = process_time() - began
+                spent[name] += took - inside.pop()
+                inside[-1] += took
+
+        return call
+
+    rows = []
+    with ExitStack() as patches:
+        for name, functions in STEPS.items():
+            for owner, attribute in functions:
+                patches.enter_context(patch.object(owner, attribute, timed(name, getattr(owner, attribute))))
+        for _ in range(repeats + 1):
+            spent.update(dict.fromkeys(STEPS, 0.0))
+            run()
+            rows.append(dict(spent))
+    return {name: round(1e3 * median(row[name] for row in rows[1:]), 2) for name in STEPS}
 
 
 def milliseconds(run: Callable[[], object], repeats: int) -> dict[str, float]:
@@ -82,12 +140,15 @@ def main() -> None:
     faces = Pix2Face.load(checkpoint, device="cpu")
     image = read_photograph(options.image) if options.image else astronaut()
     with threadpool_limits(1):
-        rows = {name: milliseconds(run, options.repeats) for name, run in stages(faces, image).items()}
+        ways = stages(faces, image)
+        rows = {name: milliseconds(run, options.repeats) for name, run in ways.items()}
+        steps = step_milliseconds(ways["all of it"], options.repeats)
     header = faces.predictor.header
     report: dict[str, Any] = {
         **surroundings(),
         "network": {"size_px": header.size_px, "architecture": header.architecture, "widths": list(header.widths)},
         "one_core": rows,
+        "steps_median_ms": steps,
     }
     write_report(report, options.out)
 

@@ -47,7 +47,7 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
     camera = fit_weak_perspective_camera(points3d, points2d, robust=True)
     found = localise_prepared(maps, pixels, prepared)
     basis = prepared.basis[found.places]
-    exact, system = basis.astype(np.float64), image_system(basis, found.offsets, REGULARISATION, robust=True)
+    exact, system = basis.astype(np.float64), image_system(basis, found.offsets, REGULARISATION, robust_rounds=1)
     c, k = system.solve(REGULARISATION), model.n_identity
     return {
         "white noise and valid pixels": lambda: (white_noise_mm(maps), valid_pixel_values(maps)),
@@ -56,7 +56,7 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
         ),
         "localisation (Eq. 2)": lambda: localise_prepared(maps, pixels, prepared),
         "coefficients (Eq. 4), robust": lambda: image_system(
-            prepared.basis[found.places], found.offsets, REGULARISATION, robust=True
+            prepared.basis[found.places], found.offsets, REGULARISATION, robust_rounds=1
         ).solve(REGULARISATION),
         "landmarks": lambda: face_of_coefficients(model, camera, c[:k], c[k:]),
         "together (fit_face)": lambda: fit_face(maps, model, paper_fit(regularisation=REGULARISATION)),

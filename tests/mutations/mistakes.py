@@ -145,8 +145,8 @@ MISTAKES = (
     Mistake("silhouette: half a pixel of the distance", "pix2face/fitting",
             "self.reach_px - 0.5", "self.reach_px + 0.5", FITTING + "/test_silhouette.py"),
     Mistake("silhouette: the slope's axes are swapped", "pix2face/fitting",
-            "np.column_stack([(b - a) * (1 - down) + (d - c) * down, (c - a) * (1 - right) + (d - b) * right])",
-            "np.column_stack([(c - a) * (1 - right) + (d - b) * right, (b - a) * (1 - down) + (d - c) * down])",
+            "np.array([across_above + (across_below - across_above) * down, below - above])",
+            "np.array([below - above, across_above + (across_below - across_above) * down])",
             FITTING + "/test_silhouette.py"),
     # Photographs.
     Mistake("texture: half a pixel at vertices", "pix2face/photographs",

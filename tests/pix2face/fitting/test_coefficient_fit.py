@@ -113,7 +113,7 @@ def joint_coefficients(model, images, regularisation, *, robust=True):
     joint = JointAccumulator(model.n_identity)
     for vertices, offsets in images:
         basis = vertex_basis(model, vertices).astype(np.float64)
-        joint.add(image_system(basis, offsets, regularisation, robust=robust), regularisation)
+        joint.add(image_system(basis, offsets, regularisation, robust_rounds=2 if robust else 0), regularisation)
     return joint.solve()
 
 
