@@ -83,7 +83,7 @@ def picture_panorama(name: str) -> Float32[ndarray, "h w 3"]:
         picture = _decoded(group["picture"], cv2.IMREAD_COLOR)[..., ::-1]
         gain = _decoded(group["gain"], cv2.IMREAD_GRAYSCALE)
         stops = np.float32(file.attrs["gain_stops"] / 255)
-    steps = np.arange(256, dtype=np.float32)
+    steps = np.arange(256, dtype=np.float32)  # the values of a byte
     # Steps of one or two are ringing of the JPEG beside bright things, where nothing is brighter than white.
     bright = cv2.LUT(gain, np.where(steps > 2, np.exp2(steps * stops), 1).astype(np.float32))
     return np.asarray(cv2.LUT(picture, srgb_to_linear(steps / 255)) * bright[..., None], dtype=np.float32)

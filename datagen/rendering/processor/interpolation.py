@@ -15,7 +15,7 @@ f32 = np.float32
 AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, A_MEAN, _, _, B_MEAN, _, _, C_MEAN, _, _, X, GIVEN = range(0, 20 * STRIDE, STRIDE)
 # Of the results: weights of the corners, depth relative to order 0, PNCC, offset, above 0 where the outside shows.
 A_WEIGHT, B_WEIGHT, C_WEIGHT, DEPTH, PNCC, _, _, OFFSET, _, _, OUTSIDE, FOUND = range(0, 12 * STRIDE, STRIDE)
-MAGNITUDE = np.int32(0x7FFFFFFF)  # the bits of a float32 without its sign: whole numbers in the order of magnitudes
+MAGNITUDE = np.int32(0x7FFFFFFF)  # all bits of a float32 but its sign; as integers they order by magnitude
 
 
 class WayBack(NamedTuple):
@@ -50,12 +50,12 @@ class Maps(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """Some pixels that follow each other in a row."""
+    """Consecutive pixels of a row."""
 
     row: int
     column: int  # of the first
     seen: ndarray  # the triangle that each sees, int32; -1 where there is none
-    shown: ndarray  # -1 where that is face, from its outside, else 0; int32, some more than there are pixels
+    shown: ndarray  # -1 (all bits set) where the outside of the face is seen, otherwise 0; int32, may be longer
 
 
 @compiled
@@ -89,7 +89,7 @@ def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, steps_p
 
 @compiled
 def _ends(seen: ndarray) -> tuple[int, int]:
-    """Between which columns a row sees something; the last one is excluded."""
+    """The first column of a row that sees something, and the one behind the last."""
     first, end = 0, len(seen)
     while first < end and seen[first] < 0:
         first += 1
@@ -100,14 +100,14 @@ def _ends(seen: ndarray) -> tuple[int, int]:
 
 @compiled
 def _clear(maps: Maps, row: int, first: int, end: int) -> None:
-    """Fills what sees nothing."""
+    """Fills pixels of a row that see nothing."""
     maps.pncc[row, first:end], maps.offset[row, first:end], maps.mask[row, first:end] = 0, 0, False
     maps.depth[row, first:end], maps.surface_depth[row, first:end] = f32(0), f32(np.inf)
 
 
 @compiled
 def _gather(pixels: Pixels, mesh: Mesh, surface: Surface, given: ndarray) -> None:
-    """Collects the corners of what some pixels see; of any triangle where they see none."""
+    """Collects the corners of the triangles that some pixels see; of triangle 0 where they see none."""
     screen, triangles = mesh
     mean = surface.mean
     for k in range(len(pixels.seen)):
@@ -180,9 +180,9 @@ def _place(given: ndarray, pixels: Pixels, way: WayBack, found: ndarray) -> None
 
 @compiled
 def _cut(pixels: Pixels, bits: ndarray, found: ndarray) -> int:
-    """Makes PNCC and offset 0 outside the mask, and returns the bits of their largest magnitude.
+    """Sets PNCC and offset to 0 outside the mask, and returns their largest magnitude as bits.
 
-    ``bits`` are those of ``found``: of whole numbers the compiler finds the largest with vector instructions.
+    ``bits`` is ``found`` seen as int32: the compiler finds a maximum with vector instructions only for integers.
     """
     shown, largest = pixels.shown, np.int32(0)
     for k in range(len(pixels.seen)):
@@ -197,7 +197,7 @@ def _cut(pixels: Pixels, bits: ndarray, found: ndarray) -> int:
 
 @compiled
 def _write(pixels: Pixels, found: ndarray, reference_mm: float, maps: Maps) -> None:
-    """Writes what was found into the maps."""
+    """Writes the results of some pixels into the maps."""
     row, column, n, shown = pixels.row, pixels.column, len(pixels.seen), pixels.shown
     pncc, offset = maps.pncc[row, column:].reshape(-1), maps.offset[row, column:].reshape(-1)
     for k in range(n):

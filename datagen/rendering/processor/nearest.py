@@ -14,7 +14,7 @@ Box = tuple[int, int, int, int]  # left, top, right, bottom; the last two are ex
 NOWHERE: Box = (0, 0, 0, 0)
 
 _HALF = np.float32(0.5)
-# OpenGL moves vertices to a grid of 1/256 px, and depth to one of 2^-24.
+# Margins: OpenGL rounds vertices to a grid of 1/256 px, and depths to steps of 2^-24.
 _GRID_PX, _GRID_DEPTH = np.float32(1 / 128), np.float32(1e-6)
 
 
@@ -45,7 +45,7 @@ def draw_nearest(
     behind = np.float32(backs[0]), np.float32(backs[1]), np.float32(backs[2]), np.float32(backs[3])
     start, step, side = np.float32(label[0]), np.float32(label[1]), np.float32(front)
     for t in range(len(triangles)):
-        # Numbers without a sign spare the test for places that count from the end.
+        # With unsigned indices, the compiler leaves out the test for negative ones.
         i, j, k = np.uint32(triangles[t, 0]), np.uint32(triangles[t, 1]), np.uint32(triangles[t, 2])
         ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
         bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
@@ -61,7 +61,7 @@ def draw_nearest(
         if first_row >= end_row:
             continue
         along_x, along_y = (uz * vy - vz * uy) / area, (vz * ux - uz * vx) / area
-        # From the top to the bottom, so that two triangles compute a common edge alike: no sample lies between them.
+        # From top to bottom, so that two triangles compute a common edge alike and no sample lies between them.
         high_x, high_y, middle_x, middle_y, low_x, low_y = _by_row(ax, ay, bx, by, cx, cy)
         long = (low_x - high_x) / (low_y - high_y)
         upper, lower = (middle_x - high_x) / (middle_y - high_y), (low_x - middle_x) / (low_y - middle_y)
@@ -85,7 +85,7 @@ def draw_nearest(
 def _by_row(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Columns and rows of three corners, from the top to the bottom."""
+    """Sorts three corners from top to bottom."""
     if by < ay:
         ax, ay, bx, by = bx, by, ax, ay
     if cy < by:
@@ -99,12 +99,12 @@ def _by_row(
 def may_be_seen(
     placed: Float32[ndarray, "v 3"], triangles: Int32[ndarray, "t 3"], farthest: Float32[ndarray, "h w"]
 ) -> Bool[ndarray, " t"]:
-    """Finds triangles that OpenGL would draw in any pixel. Some more may be among them, but none is missing.
+    """Finds the triangles that OpenGL would draw in at least one pixel, and possibly a few more.
 
     Args:
         placed: Vertices as `in_window` returns them.
         triangles: Corners.
-        farthest: Depth in the buffer behind which nothing is drawn.
+        farthest: Depth in the buffer, for each pixel, behind which nothing is drawn.
     """
     height, width = farthest.shape
     found = np.empty(len(triangles), np.bool_)

@@ -1,6 +1,6 @@
 """Projects vertices in float64, rounds them to float32 once, and finds what they cover.
 
-Loops go over flat arrays: only there does the compiler know how far apart the numbers of a vertex are, and uses vector
+Loops index flat arrays: only then does the compiler know how far apart the numbers of a vertex are, and use vector
 instructions.
 """
 

@@ -15,7 +15,8 @@ from datagen.rendering.processor.compiling import compiled
 
 NOTHING_MM = 1e7  # how deep it is where nothing is seen
 NO_EDGE = np.float32(-1e7)
-# What is more opaque hides what is behind it: less than a step of a byte remains, in the darkest picture, too.
+# From this opacity on, nothing is seen of what is behind: it changes a byte by less than one step, even in the darkest
+# picture.
 HIDES = np.float32(0.9999)
 # How much farther than the nearest surface in a pixel another one may be to count in the middle between the two, mm.
 FARTHEST_MM = 1000.0
@@ -26,7 +27,7 @@ class SceneEdges(NamedTuple):
 
     triangle: Float32[ndarray, "h w"]  # of the head at the pixel's centre, from 1 on; below 1 it is not the head
     kind: Float32[ndarray, "h w"]  # 0 where it is not the head; 1/4, 2/4, 3/4 for the `HEAD_KINDS`
-    opaque: Float32[ndarray, "h w"]  # depth in the buffer of the head, or just behind the objects of the pixel
+    opaque: Float32[ndarray, "h w"]  # depth in the buffer: of the head, elsewhere slightly behind the farthest sample
     farther: Float32[ndarray, "h w"]  # depth of the farther surface in the buffer
     depths: Float32[ndarray, "h w 2"]  # depth in the buffer of the nearer surface, and of what is at the centre
     middle: Float32[ndarray, "h w"]  # mm, parts nearer from farther surfaces; `NO_EDGE` where there is one alone
@@ -86,7 +87,14 @@ def find_edges(
 def shown_kinds(
     kind: Float32[ndarray, "h w"], over: tuple[Float32[ndarray, "h w 4"], Float32[ndarray, "h w 4"]]
 ) -> Float32[ndarray, "h w"]:
-    """`SceneEdges.kind`, but 0 where hair hides the head in a pixel and those around it, whose colours it may take."""
+    """`SceneEdges.kind`, but 0 where transparent objects such as hair hide the head and its colour is not needed.
+
+    Pixels next to an edge take colours from their neighbours, so a pixel counts as hidden only if those around it are.
+
+    Args:
+        kind: As in `SceneEdges`.
+        over: As in `resolve`.
+    """
     height, width = kind.shape
     over_near, over_far = over
     hides = np.zeros((height + 2, width + 2), np.bool_)

@@ -16,12 +16,12 @@ from datagen.rendering.processor.compiling import compiled
 
 f32 = np.float32
 LOWER_HALF, HALF = np.uint32(0xFFFF), np.uint32(16)
-# So many boxes are tested at a time: they fit into the fastest cache. The stride is no power of two, or the rows of
-# numbers would share the same few lines of it, which takes three times as long.
+# Number of boxes that are tested at a time: they fit into the fastest cache. The stride is no power of two, or the rows
+# of numbers would share the same few lines of it, which takes three times as long.
 QUEUE, STRIDE = 256, 272
-# Each size of boxes has a queue. Boxes with a longer side are cut.
+# Each size of box has a queue. Boxes with a longer side are cut.
 LONGEST_SIDE, N_SIZES = 4, 16
-# So many triangles are looked at at a time.
+# Number of triangles whose boxes are measured at a time.
 BLOCK = 1024
 # Where the numbers of some boxes begin: the corners' column, row and order, and the first centre. One array holds all,
 # at distances that the compiler knows.
@@ -61,8 +61,8 @@ class Queues(NamedTuple):
     first: ndarray  # column (lower half) and row of the first centre, (N_SIZES * QUEUE,) uint32
     waiting: ndarray  # how many boxes there are, (N_SIZES,) int64
     numbers: ndarray  # (NUMBERS,) float32
-    order: ndarray  # of each box at the pixel that is tested, (STRIDE,) float32
-    hits: ndarray  # boxes that may be seen there, (STRIDE,) uint32
+    order: ndarray  # of each box's triangle at the pixel that is tested, (STRIDE,) float32
+    hits: ndarray  # boxes whose triangle may be seen there, (STRIDE,) uint32
 
 
 @compiled
@@ -129,7 +129,7 @@ def _keep(triangles: ndarray, start: int, cells: ndarray, boxes: Boxes) -> int:
 
 @compiled
 def _measure(boxes: Boxes, n: int) -> None:
-    """Finds the first n boxes from the cells that ``_keep`` has left in them."""
+    """Computes the first n boxes from the cells that ``_keep`` has stored in them."""
     for i in range(n):
         a, b, c = boxes.first[i], boxes.end[i], boxes.size[i]
         ax, bx, cx, ay, by, cy = a & LOWER_HALF, b & LOWER_HALF, c & LOWER_HALF, a >> HALF, b >> HALF, c >> HALF
@@ -142,13 +142,13 @@ def _measure(boxes: Boxes, n: int) -> None:
 
 @compiled
 def _size(columns: int, rows: int) -> int:
-    """The number of the queue for the first part of a box."""
+    """The number of the queue for the first part of a box of this many columns and rows."""
     return LONGEST_SIDE * (min(rows, LONGEST_SIDE) - 1) + min(columns, LONGEST_SIDE) - 1
 
 
 @compiled
 def _put(queues: Queues, size: int, triangle: int, first: int) -> bool:
-    """Puts a box into a queue, and says whether that is full now."""
+    """Puts a box into a queue, and returns whether the queue is full."""
     n = queues.waiting[size]
     queues.triangle[size * QUEUE + n], queues.first[size * QUEUE + n] = triangle, first
     queues.waiting[size] = n + 1

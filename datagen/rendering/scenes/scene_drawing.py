@@ -182,7 +182,7 @@ class SceneDrawer:
     def _draw_opaque(
         self, scene: Scene, kinds: Float32[ndarray, "h w"], target: SceneTarget
     ) -> Float32[ndarray, "h w 4"]:
-        """Steps 5 and 6. Only a test of depth skips what another program paints and what is hidden."""
+        """Steps 5 and 6. The depth test skips pixels that another program paints or that are hidden."""
         self._context.enable_only(moderngl.DEPTH_TEST)
         target.depths["kinds"].write(kinds)
         target.kinds.depth_mask = False

@@ -31,7 +31,7 @@ class SceneHead:
 
     Attributes:
         triangles: Of the whole head, over the model's vertices.
-        coarse: Vertices of the model and triangles over these of a coarser head, which casts the shadows.
+        coarse: The coarser head that casts the shadows: numbers of its vertices in the model, and triangles over them.
         kinds: Which of `HEAD_KINDS` paints each triangle of the whole head.
     """
 

@@ -30,7 +30,7 @@ class Run:
 
 
 class Window(NamedTuple):
-    """What a pass of OpenGL shows."""
+    """What an OpenGL pass can show."""
 
     clip_from_model: Float64[ndarray, "4 4"]
     farthest: Float32[ndarray, "h w"]  # depth in the buffer, 0 to 1, behind which nothing is drawn
@@ -51,7 +51,7 @@ class ObjectMeshes:
     def __init__(self, context: moderngl.Context, programs: Mapping[str, SceneProgram]) -> None:
         self._context, self._programs = context, programs
         self.opaque: list[Run] = []
-        self._soft: list[tuple[int, Int32[ndarray, "_ 3"]]] = []  # numbers of transparent meshes, and their triangles
+        self._soft: list[tuple[int, Int32[ndarray, "_ 3"]]] = []  # transparent meshes: number and triangles
         self._points: Float32[ndarray, "v 3"] = np.zeros((0, 3), dtype=np.float32)
         self._n_opaque = 0  # corners of opaque triangles
         self._vertices: moderngl.Buffer | None = None
@@ -59,7 +59,7 @@ class ObjectMeshes:
         self._arrays: dict[str, moderngl.VertexArray] = {}
 
     def load(self, meshes: Sequence[SceneMesh]) -> None:
-        """Uploads the meshes of a scene; transparent triangles follow when they are to be drawn."""
+        """Uploads the meshes of a scene, without transparent triangles: `soft` and `blended` upload those."""
         self.opaque, self._soft, self._n_opaque = [], [], 0
         if not meshes:
             return
@@ -84,14 +84,14 @@ class ObjectMeshes:
         self._upload(vertices, parts)
 
     def soft(self, window: Window, meshes: Collection[int]) -> list[Run]:
-        """Uploads what may be seen of some of the transparent meshes, mesh by mesh."""
+        """Uploads the triangles of the given transparent meshes that may be seen, mesh by mesh."""
         chosen = [(place, triangles) for place, triangles in self._soft if place in meshes]
         seen = self._may_be_seen(window, [triangles for _, triangles in chosen])
         parts = [triangles[kept] for (_, triangles), kept in zip(chosen, seen, strict=True)]
         return self._upload_soft(parts, [(place, len(part)) for (place, _), part in zip(chosen, parts, strict=True)])
 
     def blended(self, window: Window, depth_row: Float[ndarray, "4"]) -> list[Run]:
-        """Uploads what may be seen of the transparent meshes, far to near.
+        """Uploads the triangles of all transparent meshes that may be seen, from far to near.
 
         ``depth_row`` gives the depth of points, the farther the larger.
         """
@@ -121,7 +121,7 @@ class ObjectMeshes:
         return [may_be_seen(placed, each, window.farthest) for each in triangles]
 
     def _upload_soft(self, parts: Sequence[Int32[ndarray, "_ 3"]], counts: Sequence[tuple[int, int]]) -> list[Run]:
-        """Writes transparent triangles behind the opaque ones; counts say how many of them belong to which mesh."""
+        """Uploads transparent triangles behind the opaque ones, given the number of each mesh and of its triangles."""
         first = self._n_opaque
         runs = []
         for place, count in counts:

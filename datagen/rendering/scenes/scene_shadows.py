@@ -59,7 +59,7 @@ class ShadowMaps:
             vertices: The head, which is in the middle of the maps, mm.
             lights: Towards each light; zeros where there is none.
             solid: Which opaque meshes a light sees; the first of them is the head.
-            soft: Draws what is transparent in parts, given what a light sees and the direction towards it.
+            soft: Draws the transparent meshes, given what a light sees and the direction towards it.
 
         Returns:
             What ``shadow.glsl`` needs to know.
