@@ -117,7 +117,7 @@ def read_size_px(path: Path) -> tuple[int, int]:
         InputFileError: No regular file, no picture, or one that takes more memory than `LARGEST_DECODING_BYTES`.
     """
     with open_regular(path, "a picture", LARGEST_FILE_BYTES) as file:
-        # The passes of a JPEG are counted in all of its bytes. Its size and its tag are found faster in memory.
+        # Counting the passes of a JPEG needs the whole file anyway, and its size and tag are found faster in memory.
         content = file.read() if file.peek(2).startswith(JPEG_START) else file
         size = declared_size_px(content, str(path))
         is_on_its_side = orientation_tag(content) in ON_ITS_SIDE

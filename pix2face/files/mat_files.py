@@ -103,7 +103,10 @@ def _datasets(file: h5py.File) -> dict[str, str]:
 
 @contextmanager
 def _opened(path: Path, largest_bytes: int) -> Iterator[tuple[bytes, BinaryIO]]:
-    """The header of a file, and the file behind it. What may go wrong is turned into one error that names the file."""
+    """Opens a MAT file and yields its header, and the file at its first variable.
+
+    Errors in reading it become one `InputFileError` that names the file.
+    """
     with open_regular(path, "a MAT file of numbers", largest_bytes) as file:
         try:
             yield file.read(_HEADER_BYTES), file

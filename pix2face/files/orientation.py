@@ -25,7 +25,7 @@ _TIFF_STARTS = (b"II*\0", b"MM\0*")
 def orientation_tag(content: bytes | BufferedReader) -> int:
     """The tag of a picture file, 1 to 8; 1 (upright) where it has none that can be read."""
     if isinstance(content, bytes) and content.startswith(JPEG_START) and b"Exif" not in content:
-        return UPRIGHT  # without Pillow, which takes ten times as long
+        return UPRIGHT  # Pillow would take ten times as long
     file = BytesIO(content) if isinstance(content, bytes) else content
     file.seek(0)
     start = file.read(4)

@@ -69,7 +69,7 @@ class LandmarkModel:
         """
         check_scheme(model, scheme)
         vertices = model.landmarks[scheme]
-        # `take` gives arrays in C order, and indexing does not: then every product would copy the basis first.
+        # `take` returns arrays in C order. Indexing does not, and every product would have to copy the basis.
         basis = np.concatenate([each.take(vertices, axis=1) for each in (model.identity_basis, model.expression_basis)])
         return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)
 

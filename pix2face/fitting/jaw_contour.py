@@ -60,7 +60,7 @@ class JawContour:
             owners.append(np.full(len(found), jaw))
             outward.append(direction)
         chosen = np.concatenate(members)
-        # As in ``LandmarkModel.of``.
+        # `take` returns arrays in C order, as in ``LandmarkModel.of``.
         basis = np.concatenate([each.take(chosen, axis=1) for each in (model.identity_basis, model.expression_basis)])
         return cls(np.concatenate(owners), np.stack(outward), mean[chosen], basis.astype(np.float64))
 

@@ -60,7 +60,7 @@ class PictureMeasurement:
     camera: Camera  # from the model frame to the pixels of the maps
     system: ImageSystem  # the normal equations of the coefficients
     regularisation: float  # lambda in mm^2: given, or estimated from the residuals
-    coefficients: Float64[ndarray, " c"]  # that solve the system, identity before expression, standard deviations
+    coefficients: Float64[ndarray, " c"]  # solution of the system, identity before expression, standard deviations
 
 
 def measure_picture(
@@ -97,7 +97,8 @@ def measure_picture(
         face_width_mm=float(np.ptp(prepared.mean[:, 0])),
     )
     clear, width = _clear_pixels(maps, pixels), maps.mask.shape[1]
-    if can_hold and options.camera == "weak-perspective":  # a start is enough, and need not be robust
+    if can_hold and options.camera == "weak-perspective":
+        # Only a start: the fit to the silhouette is robust itself.
         camera = fit_affine_camera(*correspondences(pixels, clear, width, SILHOUETTE_PIXELS))
     else:
         n_pixels = _CORRESPONDENCES.get(options.camera, CAMERA_PIXELS)
@@ -141,7 +142,7 @@ def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> Int[ndarray, " m"]:
 @final
 @dataclass(frozen=True, eq=False)
 class _Silhouette:
-    """What holds a face to its mask, and the correspondences that the camera goes by beside it."""
+    """The mask that a face must stay in, and the correspondences that its camera is fitted to."""
 
     outside: OutsideDistance
     points3d: Float64[ndarray, "n 3"]  # mm
@@ -156,7 +157,7 @@ def _inside_mask(
     basis: Float[ndarray, "n 3 c"],
     rounds: int,
 ) -> PictureMeasurement:
-    """The camera with the mesh held to the mask, then so many rounds of coefficients and camera."""
+    """Fits the camera with the mesh held to the mask, then coefficients and camera in turn for some rounds."""
     outside, some = silhouette.outside, evenly_spread(len(prepared.mean), SILHOUETTE_VERTICES)
     whole_basis = prepared.basis.astype(basis.dtype, copy=False)
 
@@ -182,7 +183,7 @@ def _inside_mask(
 def face_points(
     mean: Float[ndarray, "n 3"], basis: Float[ndarray, "n 3 c"], coefficients: Float64[ndarray, " c"]
 ) -> Float[ndarray, "n 3"]:
-    """Points of a face in the precision of the basis, given their places in the mean face (mm)."""
+    """Points of a face (mm) in the precision of the basis, from the same points of the mean face."""
     moved = basis.reshape(-1, basis.shape[2]) @ coefficients.astype(basis.dtype)
     return np.asarray(mean + moved.reshape(-1, 3))
 

@@ -29,7 +29,7 @@ class VertexGrid:
     """The nearest vertex of each cell of a grid over the mean face: pixels look their vertex up."""
 
     origin_mm: Float32[ndarray, "3"]  # corner of the grid
-    # For each cell the nearest vertex (its number in the list of vertices), -1 is none. The outermost cells have none.
+    # For each cell the nearest vertex (its number in the list of vertices); -1 where there is none, as at the border.
     table: Int32[ndarray, "x y z"]
 
     @classmethod
@@ -46,7 +46,7 @@ class VertexGrid:
     def look_up(self, points: Float32[ndarray, "n 3"]) -> Int32[ndarray, " n"]:
         """The vertex of the cell that each point (mm, finite) is in; -1 where there is none."""
         flat = np.zeros(len(points), dtype=np.int32)
-        # Axis by axis, since NumPy is slow at short rows.
+        # Axis by axis, because NumPy is slow with short rows.
         for values, origin, count in zip(points.T, self.origin_mm, self.table.shape, strict=True):
             cell = np.clip((values - origin) * np.float32(1 / CELL_MM), 0, count - 1)
             flat = flat * np.int32(count) + cell.astype(np.int32)

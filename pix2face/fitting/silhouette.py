@@ -92,7 +92,7 @@ class OutsideDistance:
     def at(self, points2d: Float64[ndarray, "n 2"]) -> tuple[Float64[ndarray, " n"], Float64[ndarray, "n 2"]]:
         """Distance and its slope at places (pixels, centres at +0.5), linear between the centres of four pixels."""
         height, width = self.distance_px.shape
-        # fmax and fmin take the limit in place of what is no number.
+        # Unlike `clip`, `fmax` replaces NaN by the limit.
         place = np.fmin(np.fmax(points2d + (self.reach_px - 0.5), 0.0), np.array([width, height]) - 1.001)
         corner = place.astype(np.intp)
         right, down = (place - corner).T
@@ -128,7 +128,7 @@ def fit_camera_to_silhouette(
         distance, slope = outside.at(vertices @ state.matrix.T + centre2d)
         beyond = np.flatnonzero((distance > 0) & face.on_near_side(state.rotation))
         to_border = _rounded(distance[beyond] ** 2, rounding)
-        # d (slope . M y) = <slope y^T, d M>
+        # The derivative of slope . (M y) is <slope y^T, dM>.
         products = (slope[beyond][:, :, None] * vertices[beyond][:, None]).reshape(-1, 8)
         jacobian = products @ state.derivative.reshape(6, 8).T
         weighted = jacobian / (len(vertices) * to_border)[:, None]
@@ -161,7 +161,7 @@ def _in_photograph(maps: FaceMaps) -> tuple[slice, slice]:
 
 
 def _rounded(squared: Float64[ndarray, " n"], rounding: float) -> Float64[ndarray, " n"]:
-    """Distances, rounded off near 0, of their squares."""
+    """Distances from their squares, rounded off near 0."""
     return np.asarray(np.sqrt(squared + rounding**2), dtype=np.float64)
 
 

@@ -112,7 +112,7 @@ def save_checkpoint(
 ) -> None:
     """Writes a checkpoint; a file of that name is replaced at once or not at all.
 
-    Weights in float16 halve the file, and are computed with in float32 all the same. Norms and biases stay float32:
+    Weights in float16 halve the file, and are converted to float32 when it is read. Norms and biases stay float32:
     they are few, and variances of norms overflow float16.
     """
     tensors = network.state_dict()

@@ -17,7 +17,7 @@ from pix2face.models import BUILTIN_MODEL
 from pix2face.models.model_file import LinearModel, StoredModel, read_stored_model
 from pix2face.models.subdivision import refine
 
-# Coordinates of faces that are moved by their expressions at a time: 1 MB.
+# Expressions are added to so many coordinates at a time: 1 MiB of float32.
 ADDED_AT_A_TIME = 1 << 18
 
 
@@ -75,7 +75,7 @@ class MorphableModel(LinearModel):
         n, expression = len(identity), expression.astype(np.float32)
         out = identity.astype(np.float32) @ self.identity_basis.reshape(self.n_identity, self.mean.size)
         basis, mean = self.expression_basis.reshape(self.n_expression, self.mean.size), self.mean.reshape(-1)
-        # Some columns after the other: what is added fits into the cache and takes no memory of the size of the result.
+        # In blocks of columns, so that products fit into the cache and need no second array of the size of the result.
         width = max(ADDED_AT_A_TIME // max(n, 1), 1)
         for start in range(0, self.mean.size, width):
             columns = np.s_[start : start + width]

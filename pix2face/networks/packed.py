@@ -1,4 +1,4 @@
-"""Networks made ready for use on the processor: fewer steps, weights as its convolutions want them, bfloat16."""
+"""Prepares trained networks for fast inference on the CPU."""
 
 from typing import final
 
@@ -11,18 +11,19 @@ from pix2face.networks.residual import ResidualUNet, folded
 
 
 def packed(network: nn.Module, precision: torch.dtype | None = None) -> nn.Module:
-    """A network in use that computes the same faster on the processor; the argument is changed.
+    """Prepares a network for inference on the CPU, which makes it about twice as fast with bfloat16.
 
-    Its norms are folded into its convolutions, and the weights are laid out in memory once instead of at every call.
-    The plane of scales is left out, since it serves the training alone. The last convolution and the landmarks stay in
-    float32, so that the maps are as smooth as they were.
+    Batch norms are folded into the convolutions, and weights are laid out for oneDNN once instead of in every call. The
+    plane of scales is left out, because only training needs it. The last convolution and the landmarks stay in float32:
+    in bfloat16, the maps would be rough.
 
-    Networks of another architecture than ``residual`` come back as they are, and so does any network where torch was
+    Networks of other architectures than ``residual`` are returned unchanged, and so are all networks if PyTorch was
     built without oneDNN.
 
     Args:
-        network: Network with its weights, on the CPU.
-        precision: Of the other convolutions; None chooses bfloat16 if the processor computes in it, otherwise float32.
+        network: Network with its weights, on the CPU. It is modified.
+        precision: Type of all convolutions but the last. None means bfloat16 if the processor supports it, otherwise
+            float32.
     """
     if not (isinstance(network, ResidualUNet) and torch.backends.mkldnn.is_available()):  # type: ignore[no-untyped-call]
         return network
@@ -39,10 +40,10 @@ def packed(network: nn.Module, precision: torch.dtype | None = None) -> nn.Modul
 
 @final
 class PackedConvolution(nn.Module):
-    """A convolution whose weights lie in memory as oneDNN reads them, which takes a third of the time of a face.
+    """A convolution for inference whose weights stay in the memory layout of oneDNN.
 
     Args:
-        convolution: The convolution that it replaces.
+        convolution: The convolution to replace.
         precision: Type of its weights and its output.
     """
 
@@ -53,8 +54,8 @@ class PackedConvolution(nn.Module):
         self._place = (convolution.padding, convolution.stride, convolution.dilation, convolution.groups)
 
     def forward(self, features: Float[Tensor, "b c y x"]) -> Float[Tensor, "b d v u"]:
-        """Converts the features to its precision and convolves them."""
-        # The operations that torch.compile makes of a convolution, without its compiler.
+        """Converts the features to the precision of the weights and convolves them."""
+        # torch.compile replaces convolutions by the same two operations.
         weight = self._weight
         if not weight.is_mkldnn:  # the best layout depends on the size of the picture
             weight = torch.ops.mkldnn._reorder_convolution_weight(weight, *self._place, [1, *features.shape[1:]])
@@ -66,13 +67,13 @@ class PackedConvolution(nn.Module):
 
 
 def _keep_planes(convolution: nn.Conv2d, count: int) -> None:
-    """Leaves at most so many planes of the answer, which has four pixels of a plane in a row."""
+    """Keeps at most the first ``count`` planes of the output. Each plane has four channels, for 2 x 2 pixels."""
     convolution.weight = nn.Parameter(convolution.weight[: 4 * count])
     if convolution.bias is not None:
         convolution.bias = nn.Parameter(convolution.bias[: 4 * count])
 
 
 def _has_bfloat16() -> bool:
-    """Whether the processor multiplies in bfloat16, as far as this version of torch can tell."""
+    """Whether the processor has instructions for bfloat16; False if this version of PyTorch cannot tell."""
     capabilities: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)()
     return bool(capabilities.get("avx512_bf16"))

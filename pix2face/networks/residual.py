@@ -171,7 +171,8 @@ class BoundedBatchNorm(nn.BatchNorm2d):
     Where a level has few pixels, what a kind of picture alone has (a profile to one side) is a large part of its
     batch's deviation, which hides how large it is: features may grow from block to block without any loss showing it.
     In use they are measured by the deviation of all pictures, and would come out tens of deviations off
-    (docs/explanation/training.md has what came of it). Statistics and weights are those of ``nn.BatchNorm2d``.
+    (docs/explanation/packaged_network_training.md has what came of it). Statistics and weights are those of
+    ``nn.BatchNorm2d``.
     """
 
     def forward(self, features: Tensor) -> Tensor:
@@ -182,10 +183,10 @@ class BoundedBatchNorm(nn.BatchNorm2d):
 
 @final
 class Bounds(nn.Module):
-    """Keeps features as near to the mean as a bounded norm does.
+    """Clamps normalised features to at most ``FARTHEST`` standard deviations from the mean.
 
     Args:
-        norm: The norm.
+        norm: The norm whose weight and bias determine the bounds.
     """
 
     def __init__(self, norm: BoundedBatchNorm) -> None:
@@ -194,14 +195,14 @@ class Bounds(nn.Module):
         self._low, self._high = (norm.bias - farthest)[:, None, None], (norm.bias + farthest)[:, None, None]
 
     def forward(self, features: Tensor) -> Tensor:
-        """Returns the features, bounded."""
+        """Returns the clamped features."""
         return torch.clamp(features, self._low.to(features.dtype), self._high.to(features.dtype))
 
 
 def folded(network: ResidualUNet) -> ResidualUNet:
-    """The same network in use, its norms folded into the convolutions before them; the argument is changed.
+    """Folds the batch norms of a network into the convolutions before them, for inference.
 
-    Of bounded norms, the bounds remain.
+    The bounds of bounded norms remain. The network is modified and returned.
     """
     network.eval()
     for block in list(network.modules()):

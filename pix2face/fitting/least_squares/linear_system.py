@@ -15,7 +15,7 @@ from pix2face.fitting.least_squares.robust import lengths
 # After each solve a vertex counts as (t / r)^2 where its residual r exceeds t, this multiple of the median residual.
 # The others keep their weight, so that lambda keeps its meaning and only few rows of the system change.
 ROBUST_ROUNDS = 2
-# A network's errors leave no such vertices stand out that a second round would find more of them.
+# In predicted maps, a second round hardly changes the result (docs/explanation/fitting.md).
 PREDICTED_MAPS_ROUNDS = 1
 THRESHOLD_IN_MEDIANS = 2.0
 
@@ -56,7 +56,7 @@ def image_system(
         basis: mm per standard deviation at the found vertices, identity before expression.
         offsets: What leads from the mean face to this face there, mm.
         regularisation: lambda in mm^2: what the residuals that make the weights are measured with.
-        robust_rounds: How often the system is solved to weigh down the vertices that disagree with the solution.
+        robust_rounds: How often vertices that disagree with the solution get a smaller weight; 0 leaves all at 1.
 
     Raises:
         DegenerateGeometryError: No vertex, offsets that are not finite, lambda not positive or too small.

@@ -16,7 +16,7 @@ from pix2face.fitting.least_squares.similarity import Similarity
 
 
 def stacked(points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]) -> Float64[ndarray, "n 6"]:
-    """Correspondences as rows (x, 1, u). Both kinds of points should be near their centres, or digits are lost."""
+    """Correspondences as rows (x, 1, u). Points should be relative to their centres, or digits are lost."""
     return np.column_stack([points3d, np.ones(len(points3d)), points2d])
 
 
@@ -31,7 +31,7 @@ class Moments:
 
     @classmethod
     def of(cls, rows: Float64[ndarray, "n 6"], weights: Float64[ndarray, " n"]) -> "Moments":
-        """Sums up what ``stacked`` made."""
+        """Computes the sums from the rows of ``stacked``."""
         sums = (rows * weights[:, None]).T @ rows
         return cls(sums[:4, :4], sums[4:, :4], float(sums[4, 4] + sums[5, 5]))
 

@@ -53,7 +53,7 @@ def reweighted(
 
 
 def lengths(vectors: Float[ndarray, "n d"]) -> Float[ndarray, " n"]:
-    """Euclidean lengths; NumPy's norm takes twice as long for short vectors."""
+    """Euclidean lengths of the rows. `numpy.linalg.norm` takes twice as long for short vectors."""
     return np.asarray(np.sqrt(np.einsum("nd,nd->n", vectors, vectors)))
 
 
