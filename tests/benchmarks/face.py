@@ -2,10 +2,10 @@
 
     python -m tests.benchmarks.face [--checkpoint C] [--image photo.jpg] [--repeats 30] [--out face.json]
 
-Processor time of one thread, the least and the median of all repeats. "steps" divides the whole by the functions that
-do the work; what is left of it lies between them. The face is the largest that the detector finds
-in the photograph (scikit-image's astronaut unless another is given); to find it is not in the figures. The fits are
-those of `pix2face fit`: as it is, not held to the silhouette, and with the regularisation estimated.
+Processor time of one thread, the least and the median of all repeats. "steps_median_ms" divides the whole into the
+functions that do most of the work; the time between them is not listed. The face is the largest that the detector finds
+in the photograph (scikit-image's astronaut unless another is given); finding it is not included. The fits are those of
+`pix2face fit`: as it is, not held to the silhouette, and with the regularisation estimated.
 """
 
 import argparse
@@ -56,7 +56,7 @@ def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callabl
     }
 
 
-# By step the functions that do it, where they are called.
+# The functions of each step, in the modules that call them.
 STEPS: dict[str, Sequence[tuple[Any, str]]] = {
     "crop": [(predictor, "crop_image")],
     "network": [(predictor.Predictor, "_answers")],
@@ -79,7 +79,7 @@ STEPS: dict[str, Sequence[tuple[Any, str]]] = {
 
 
 def step_milliseconds(run: Callable[[], object], repeats: int) -> dict[str, float]:
-    """For each step the median of its processor time, without that of steps inside it."""
+    """The median processor time of each step, without the steps that it calls itself."""
     spent: dict[str, float] = dict.fromkeys(STEPS, 0.0)
     inside = [0.0]
 

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from pix2face.fitting.cameras.camera_fit import fit_weak_perspective_camera
 from pix2face.fitting.face_fit import face_of_coefficients, fit_face
 from pix2face.fitting.fit_options import PREDICTED_MAPS_REGULARISATION
-from pix2face.fitting.least_squares.linear_system import image_system
+from pix2face.fitting.least_squares.linear_system import PREDICTED_MAPS_ROUNDS, image_system
 from pix2face.fitting.localise import localise_prepared, valid_pixel_values
 from pix2face.fitting.noise import estimated_regularisation, white_noise_mm
 from pix2face.fitting.picture_measurement import (
@@ -47,7 +47,8 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
     camera = fit_weak_perspective_camera(points3d, points2d, robust=True)
     found = localise_prepared(maps, pixels, prepared)
     basis = prepared.basis[found.places]
-    exact, system = basis.astype(np.float64), image_system(basis, found.offsets, REGULARISATION, robust_rounds=1)
+    exact = basis.astype(np.float64)
+    system = image_system(basis, found.offsets, REGULARISATION, robust_rounds=PREDICTED_MAPS_ROUNDS)
     c, k = system.solve(REGULARISATION), model.n_identity
     return {
         "white noise and valid pixels": lambda: (white_noise_mm(maps), valid_pixel_values(maps)),
@@ -56,7 +57,7 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
         ),
         "localisation (Eq. 2)": lambda: localise_prepared(maps, pixels, prepared),
         "coefficients (Eq. 4), robust": lambda: image_system(
-            prepared.basis[found.places], found.offsets, REGULARISATION, robust_rounds=1
+            prepared.basis[found.places], found.offsets, REGULARISATION, robust_rounds=PREDICTED_MAPS_ROUNDS
         ).solve(REGULARISATION),
         "landmarks": lambda: face_of_coefficients(model, camera, c[:k], c[k:]),
         "together (fit_face)": lambda: fit_face(maps, model, paper_fit(regularisation=REGULARISATION)),

@@ -26,6 +26,7 @@ from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
 from datagen.opengl.gl_context import create_gl_context
+from datagen.rendering.scenes import scene_drawing
 from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from datagen.rendering.scenes.scene_head import SceneHead
 from datagen.rendering.scenes.scene_meshes import ObjectMeshes
@@ -42,10 +43,11 @@ STAGES = {
     "sort transparent objects": (ObjectMeshes, "blended"),
     "shadow maps": (SceneDrawer, "_draw_shadows"),
     "what is seen": (SceneDrawer, "_see"),
-    "head and opaque objects": (SceneDrawer, "_draw_opaque"),
     "edges": (SceneDrawer, "_find_edges"),
     "clear, upload": (SceneTarget, "clear"),
     "transparent objects": (SceneDrawer, "_draw_blended"),
+    "head and opaque objects": (SceneDrawer, "_draw_opaque"),
+    "picture": (scene_drawing, "resolve"),
 }
 WARM_UP = 6
 

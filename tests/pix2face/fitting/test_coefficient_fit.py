@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.coefficient_fit import JointAccumulator, fit_coefficients
-from pix2face.fitting.least_squares.linear_system import image_system
+from pix2face.fitting.least_squares.linear_system import ROBUST_ROUNDS, image_system
 from pix2face.fitting.prepared_model import vertex_basis
 from tests.synthetic_models import small_head_model
 
@@ -113,7 +113,8 @@ def joint_coefficients(model, images, regularisation, *, robust=True):
     joint = JointAccumulator(model.n_identity)
     for vertices, offsets in images:
         basis = vertex_basis(model, vertices).astype(np.float64)
-        joint.add(image_system(basis, offsets, regularisation, robust_rounds=2 if robust else 0), regularisation)
+        rounds = ROBUST_ROUNDS if robust else 0
+        joint.add(image_system(basis, offsets, regularisation, robust_rounds=rounds), regularisation)
     return joint.solve()
 
 
