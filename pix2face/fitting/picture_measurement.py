@@ -1,5 +1,6 @@
 """What the maps of one picture say: a camera, and the linear system of the coefficients."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal, final
@@ -104,16 +105,11 @@ def measure_picture(
         n_pixels = _CORRESPONDENCES.get(options.camera, CAMERA_PIXELS)
         camera = fit_camera(*correspondences(pixels, clear, width, n_pixels))
     if constraints == "surface":
-        regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
-        surface = image_system(
-            *surface_rows(model, pixels, SURFACE_PIXELS), regularisation, robust_rounds=ROBUST_ROUNDS
-        )
-        return PictureMeasurement(camera, surface, regularisation, surface.solve(regularisation))
+        return _on_surface(camera, model, pixels, regularisation)
     found = localise_prepared(maps, pixels, prepared)
     # Sums over some thousand vertices in single precision are off by 1e-3 mm^2: far below lambda of predicted maps.
     precision = np.float32 if is_predicted else np.float64
     basis = prepared.basis.take(found.places, axis=0).astype(precision, copy=False)
-    mean = prepared.mean[found.places]
     if regularisation is None:
         regularisation = _estimated(basis, found, prepared)
     rounds = PREDICTED_MAPS_ROUNDS if is_predicted else ROBUST_ROUNDS
@@ -122,12 +118,7 @@ def measure_picture(
     if can_hold and camera.is_affine:
         silhouette = _Silhouette(OutsideDistance.of(whole), *correspondences(pixels, clear, width, SILHOUETTE_PIXELS))
         return _inside_mask(measured, silhouette, prepared, found, basis, max(1, options.reprojection_rounds))
-    for _ in range(options.reprojection_rounds):
-        vertices = face_points(mean, basis, measured.coefficients)
-        camera = fit_camera(vertices.astype(np.float64), found.points2d)
-        system = with_reprojection(camera, mean, basis, found, system)
-        measured = PictureMeasurement(camera, system, regularisation, system.solve(regularisation))
-    return measured
+    return _reprojected(measured, fit_camera, prepared.mean[found.places], found, basis, options.reprojection_rounds)
 
 
 def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> Int[ndarray, " m"]:
@@ -137,6 +128,34 @@ def _clear_pixels(maps: FaceMaps, pixels: ValidPixels) -> Int[ndarray, " m"]:
         return everything
     clear = np.flatnonzero(maps.seen.reshape(-1).take(pixels.places))
     return clear if len(clear) >= max(LEAST_PIXELS, LEAST_SEEN_SHARE * len(everything)) else everything
+
+
+def _on_surface(
+    camera: Camera, model: MorphableModel, pixels: ValidPixels, regularisation: float | None
+) -> PictureMeasurement:
+    """Sets up and solves the system of pixels inside the triangles of the mean face."""
+    regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
+    rows = surface_rows(model, pixels, SURFACE_PIXELS)
+    system = image_system(*rows, regularisation, robust_rounds=ROBUST_ROUNDS)
+    return PictureMeasurement(camera, system, regularisation, system.solve(regularisation))
+
+
+def _reprojected(
+    measured: PictureMeasurement,
+    fit_camera: Callable[[Float64[ndarray, "n 3"], Float64[ndarray, "n 2"]], Camera],
+    mean: Float[ndarray, "n 3"],
+    found: VertexPixels,
+    basis: Float[ndarray, "n 3 c"],
+    rounds: int,
+) -> PictureMeasurement:
+    """Fits camera and coefficients in turn for some rounds, without the silhouette."""
+    system, regularisation = measured.system, measured.regularisation
+    for _ in range(rounds):
+        vertices = _face_points(mean, basis, measured.coefficients)
+        camera = fit_camera(vertices.astype(np.float64), found.points2d)
+        system = with_reprojection(camera, mean, basis, found, system)
+        measured = PictureMeasurement(camera, system, regularisation, system.solve(regularisation))
+    return measured
 
 
 @final
@@ -162,7 +181,7 @@ def _inside_mask(
     whole_basis = prepared.basis.astype(basis.dtype, copy=False)
 
     def face_of(coefficients: Float64[ndarray, " c"]) -> FaceSurface:
-        return FaceSurface(face_points(prepared.mean, whole_basis, coefficients), prepared.mean)
+        return FaceSurface(_face_points(prepared.mean, whole_basis, coefficients), prepared.mean)
 
     def camera_of(before: Camera, face: FaceSurface) -> Camera:
         few = FaceSurface(face.vertices[some], face.mean[some])
@@ -180,7 +199,7 @@ def _inside_mask(
     return PictureMeasurement(camera, system, regularisation, coefficients)
 
 
-def face_points(
+def _face_points(
     mean: Float[ndarray, "n 3"], basis: Float[ndarray, "n 3 c"], coefficients: Float64[ndarray, " c"]
 ) -> Float[ndarray, "n 3"]:
     """Points of a face (mm) in the precision of the basis, from the same points of the mean face."""
