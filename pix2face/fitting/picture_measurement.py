@@ -36,7 +36,7 @@ CAMERA_PIXELS = 2000
 # The distance hangs on small differences: it takes more.
 PERSPECTIVE_PIXELS = 8000
 COEFFICIENT_VERTICES = 2500
-# Errors of a network are alike over patches: half of them tell as much of its maps (docs/explanation/fitting.md).
+# Errors of a network are alike over patches: fewer vertices tell as much of its maps (docs/explanation/fitting.md).
 PREDICTED_MAPS_VERTICES = 1000
 _CORRESPONDENCES = {"pinhole": PERSPECTIVE_PIXELS, "auto": PERSPECTIVE_PIXELS}
 

@@ -178,7 +178,12 @@ class BoundedBatchNorm(nn.BatchNorm2d):
     def forward(self, features: Tensor) -> Tensor:
         """Returns the features, normalised."""
         normalised = super().forward(features)
-        return normalised if self.training else Bounds(self)(normalised)
+        return normalised if self.training else _clamped(normalised, *self.bounds())
+
+    def bounds(self) -> tuple[Float[Tensor, "c 1 1"], Float[Tensor, "c 1 1"]]:
+        """The lowest and the highest value of each feature in use."""
+        farthest = FARTHEST * self.weight.abs()
+        return (self.bias - farthest)[:, None, None], (self.bias + farthest)[:, None, None]
 
 
 @final
@@ -191,12 +196,11 @@ class Bounds(nn.Module):
 
     def __init__(self, norm: BoundedBatchNorm) -> None:
         super().__init__()
-        farthest = FARTHEST * norm.weight.abs()
-        self._low, self._high = (norm.bias - farthest)[:, None, None], (norm.bias + farthest)[:, None, None]
+        self._low, self._high = norm.bounds()
 
     def forward(self, features: Tensor) -> Tensor:
         """Returns the clamped features."""
-        return torch.clamp(features, self._low.to(features.dtype), self._high.to(features.dtype))
+        return _clamped(features, self._low, self._high)
 
 
 def folded(network: ResidualUNet) -> ResidualUNet:
@@ -222,6 +226,10 @@ def folded(network: ResidualUNet) -> ResidualUNet:
                 )
                 setattr(block, name, Bounds(norm) if isinstance(norm, BoundedBatchNorm) else nn.Identity())
     return network
+
+
+def _clamped(features: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    return torch.clamp(features, low.to(features.dtype), high.to(features.dtype))
 
 
 def residual_widths(filters: int) -> tuple[int, ...]:
