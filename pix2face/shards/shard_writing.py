@@ -149,14 +149,14 @@ class ShardWriter:
         """Writes one chunk a sample: random access decodes nothing but the sample asked for."""
         shape = (len(sizes), *padded_px)
         datasets = {name: _create_dataset(file, name, shape, is_plain=self._is_plain) for name in self._layers}
+        corners = {name: (0,) * (dataset.ndim - 1) for name, dataset in datasets.items() if dataset.size}
         for index, (chunks, columns, size_px) in enumerate(zip(self._chunks, self._columns, sizes, strict=True)):
             boxes = layer_boxes(datasets, columns["box_px"], size_px)
-            for name, dataset in datasets.items():
-                if dataset.size:
-                    chunk, box = chunks[name], boxes[name]
-                    if size_px != padded_px:
-                        chunk = self._packed(name, self._unpacked(name, chunk, box, size_px), box, padded_px)
-                    dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), chunk)
+            for name, corner in corners.items():
+                chunk, box = chunks[name], boxes[name]
+                if size_px != padded_px:
+                    chunk = self._packed(name, self._unpacked(name, chunk, box, size_px), box, padded_px)
+                datasets[name].id.write_direct_chunk((index, *corner), chunk)
 
     def _packed(self, name: str, steps: ndarray, box: Box, size_px: tuple[int, int]) -> bytes:
         layer = LAYERS[name]
@@ -261,10 +261,9 @@ def _content_columns(sample: Sample, has_landmarks: bool) -> dict[str, Any]:
         "landmarks3d": sample.landmarks3d[kept],
         "visible": sample.visible[kept],
     }
-    columns = {}
-    for name, value in values.items():
-        with np.errstate(over="ignore"):
-            columns[name] = np.asarray(value).astype(CONTENT_COLUMNS[name].dtype)
+    with np.errstate(over="ignore"):
+        columns = {name: np.asarray(value).astype(CONTENT_COLUMNS[name].dtype) for name, value in values.items()}
+    for name in columns:
         if not np.isfinite(columns[name]).all():
             raise InputFileError(f"{sample.sample_id}: expected finite {name}, found others; are they sound?")
     return columns
