@@ -7,6 +7,7 @@ pinhole has w = depth. One matrix serves renderer, shards and fitter alike; a cr
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -31,7 +32,7 @@ class Camera:
     @property
     def is_affine(self) -> bool:
         """Whether the camera has no perspective."""
-        return bool(np.array_equal(self.matrix[3], [0, 0, 0, 1]))
+        return bool(self.matrix[3].tolist() == [0, 0, 0, 1])
 
     def project(self, points: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 2"]:
         """Projects model points (mm) to pixels."""
@@ -41,6 +42,16 @@ class Camera:
     def depth(self, points: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n"]:
         """Depth of model points in mm, larger is farther (affine: relative to the model's origin)."""
         return np.asarray(points @ self.matrix[2, :3] + self.matrix[2, 3], dtype=np.float64)
+
+    @cached_property
+    def weak_perspective(self) -> "WeakPerspective":
+        """``nearest_weak_perspective`` of this camera, computed once: checks and poses of a face all need it."""
+        affine = linearised(self).matrix
+        u, singular_values, vt = np.linalg.svd(affine[:2, :3], full_matrices=False)
+        rows = u @ vt
+        third = rows[0, [1, 2, 0]] * rows[1, [2, 0, 1]] - rows[0, [2, 0, 1]] * rows[1, [1, 2, 0]]  # the cross product
+        rotation = np.stack([rows[0], rows[1], third])
+        return WeakPerspective(float(singular_values.mean()), rotation, affine[:2, 3].copy())
 
     def transformed(self, image_from_image: Float[ndarray, "3 3"]) -> "Camera":
         """The camera of a picture that was cropped, scaled or turned by an affine map of pixels."""
@@ -120,12 +131,7 @@ def nearest_weak_perspective(camera: Camera) -> WeakPerspective:
 
     The 2x3 part is replaced by the nearest matrix with orthogonal rows of equal length (Frobenius norm).
     """
-    affine = linearised(camera).matrix
-    u, singular_values, vt = np.linalg.svd(affine[:2, :3], full_matrices=False)
-    rows = u @ vt
-    third = rows[0, [1, 2, 0]] * rows[1, [2, 0, 1]] - rows[0, [2, 0, 1]] * rows[1, [1, 2, 0]]  # the cross product
-    rotation = np.stack([rows[0], rows[1], third])
-    return WeakPerspective(float(singular_values.mean()), rotation, affine[:2, 3].copy())
+    return camera.weak_perspective
 
 
 def pinhole_of(camera: Camera) -> Pinhole:
