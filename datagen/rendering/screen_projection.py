@@ -1,5 +1,6 @@
 """Projects a posed face for the rasterisers (float64 to float32 on the screen), and describes the way back."""
 
+import math
 from dataclasses import dataclass
 from typing import final
 
@@ -62,20 +63,21 @@ def project_to_screen(
     else:
         reference = _nearest_mm(camera, vertices)
         project_pinhole(vertices, rows, reference, on_screen)
-    low, high = extremes(on_screen.view(np.int32)).view(np.float32)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+    # Plain numbers: NumPy would take nearly as long for so few as it took to find them.
+    low, high = extremes(on_screen.view(np.int32)).view(np.float32).tolist()
+    if not all(map(math.isfinite, (*low, *high))):
         raise DegenerateGeometryError("expected finite vertices and camera, found infinite or undefined projections")
-    limit = np.array([width, height])
-    first = np.clip(np.floor(low[:2]), 0, limit).astype(int)
-    last = np.maximum(np.clip(np.ceil(high[:2]), 0, limit).astype(int), first)
+    left, top = (min(max(math.floor(place), 0), end) for place, end in zip(low, (width, height), strict=False))
+    right, bottom = (min(max(math.ceil(place), 0), end) for place, end in zip(high, (width, height), strict=False))
+    right, bottom = max(right, left), max(bottom, top)
     return ScreenProjection(
         on_screen,
-        (int(first[0]), int(first[1]), int(last[0]), int(last[1])),
-        (float(low[2]), float(high[2])),
+        (left, top, right, bottom),
+        (low[2], high[2]),
         reference,
         0.0 if camera.is_affine else 1 / reference,
         outside_sign,
-        *_way_back(camera, reference, (first + last) / 2),
+        *_way_back(camera, reference, np.array([left + right, top + bottom]) / 2),
     )
 
 
