@@ -1,7 +1,7 @@
 """From faces to samples: geometry, layers, landmarks, picture."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import final
 
@@ -129,7 +129,7 @@ class SampleMaker:
                 landmarks2d=face.camera.project(landmarks3d),
                 landmarks3d=landmarks3d,
                 visible=visible_landmarks(vertices, landmarks, face.camera, rendered[SURFACE_DEPTH]),
-                attributes={**asdict(head_pose(face.camera)), **face.attributes},
+                attributes={**vars(head_pose(face.camera)), **face.attributes},
             )
         sample = self._with_picture(sample, view, vertices, times)
         return replace(sample, layers={name: sample.layers[name] for name in self._layers if name in sample.layers})

@@ -4,7 +4,7 @@ Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
 """
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import final
@@ -54,7 +54,7 @@ class MorphableModel(LinearModel):
         is_face[self.triangles[self.is_face_triangle]] = True
         return is_face
 
-    @property
+    @cached_property
     def smallest_radius_mm(self) -> float:
         """Distance from the origin to the nearest point of the mean face; half of it separates face from background."""
         return float(np.linalg.norm(self.mean[self.is_face_vertex], axis=1).min())
