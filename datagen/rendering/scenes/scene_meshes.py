@@ -88,16 +88,22 @@ class ObjectMeshes:
 
         ``depth_row`` gives the depth of points, the farther the larger.
         """
-        points = in_window(self._points, window.clip_from_model, *window.farthest.shape)
-        seen = [(place, each[may_be_seen(points, each, window.farthest)]) for place, each in self._soft]
-        seen = [(place, each) for place, each in seen if len(each)]
-        if not seen:
+        if not self._soft:
             return []
-        order, turns = far_to_near([each for _, each in seen], self._points @ depth_row[:3].astype(np.float32))
+        placed = in_window(self._points, window.clip_from_model, *window.farthest.shape)
+        triangles = [each for _, each in self._soft]
+        seen = np.concatenate([may_be_seen(placed, each, window.farthest) for each in triangles])
+        order, turns = far_to_near(triangles, self._points @ depth_row[:3].astype(np.float32))
+        kept = seen[order]
         assert self._corners is not None
-        self._corners.write(np.concatenate([each for _, each in seen])[order], offset=4 * self._n_opaque)
-        starts = self._n_opaque + 3 * np.cumsum([0, *(count for _, count in turns)])
-        return [Run(seen[own][0], int(start), 3 * n) for (own, n), start in zip(turns, starts, strict=False)]
+        self._corners.write(np.concatenate(triangles)[order[kept]], offset=4 * self._n_opaque)
+        starts = np.cumsum([0, *(count for _, count in turns[:-1])])
+        counts = np.add.reduceat(kept, starts, dtype=np.int64).tolist()
+        runs, first = [], self._n_opaque
+        for (own, _), count in zip(turns, counts, strict=True):
+            runs.append(Run(self._soft[own][0], first, 3 * count))
+            first += 3 * count
+        return [run for run in runs if run.count]
 
     @property
     def soft(self) -> list[int]:
