@@ -30,8 +30,6 @@ LARGEST_OWN_FILTER = 255
 Rejected = list[tuple[str, str]]
 # The attribute "predictor" of a layer.
 PREDICTED, PLAIN = "planar", "none"
-# Background to run checksums over: short, so that it stays in the fastest cache.
-_ZEROS = memoryview(bytes(1 << 14))
 # What the predictor leaves looks like values, and so has another name.
 CODED = "_coded"
 # Smooth layers as plain values: as they are in memory, and rounded to the same steps.
@@ -134,24 +132,13 @@ def content_checksum(stored: Mapping[str, Any], boxes: Mapping[str, Box], size_p
     """
     checksum = 0
     for name, box in boxes.items():
-        layer, top, bottom = LAYERS[name], box[0].start, box[0].stop
-        rows = np.zeros(layer.shape(bottom - top, size_px[1]), dtype=layer.stored)
-        rows[:, box[1]] = stored[name]
-        row_bytes = size_px[1] * layer.n_channels * layer.stored.itemsize
-        checksum = isal_zlib.crc32(rows, _crc32_of_zeros(top * row_bytes, checksum))
-        checksum = _crc32_of_zeros((size_px[0] - bottom) * row_bytes, checksum)
+        whole = np.zeros(LAYERS[name].shape(*size_px), dtype=LAYERS[name].stored)
+        whole[box] = stored[name]
+        checksum = isal_zlib.crc32(whole, checksum)
     checksum = isal_zlib.crc32(stored.get(IMAGE, b""), checksum)
     for name, column in CONTENT_COLUMNS.items():
         checksum = isal_zlib.crc32(np.ascontiguousarray(stored[name], dtype=column.dtype).tobytes(), checksum)
     return isal_zlib.crc32(stored["attributes"], checksum)
-
-
-def _crc32_of_zeros(n_bytes: int, checksum: int) -> int:
-    """Continues a checksum over so many zeros."""
-    while n_bytes > 0:
-        checksum = isal_zlib.crc32(_ZEROS[:n_bytes], checksum)
-        n_bytes -= len(_ZEROS)
-    return checksum
 
 
 def open_datasets(file: h5py.File, path: Path) -> Mapping[str, h5py.Dataset]:
