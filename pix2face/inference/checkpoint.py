@@ -29,7 +29,9 @@ Widths = Annotated[tuple[Side, ...], msgspec.Meta(max_length=16)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 LARGEST_FILE_BYTES, MOST_HEADER_VALUES = 1 << 33, 1_000_000
 METADATA_KEY = "pix2face-checkpoint"
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
+# Residual networks of earlier schemas have planes of the finest level alone.
+FIRST_WITH_COARSE_PLANES = 4
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class CheckpointHeader:
             old: _FirstSchema = typed(known, _FirstSchema)
             known |= {"widths": paper_widths(old.size_px, old.filters), "schema_version": 2}
             del known["filters"]
-        if known.get("schema_version") == 2:  # without landmarks
+        if known.get("schema_version") in {2, 3}:  # 2: without landmarks
             known["schema_version"] = SCHEMA_VERSION
         unknown = known.keys() - cls.__dataclass_fields__.keys()
         if unknown:
@@ -141,7 +143,10 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
     """
     header, tensors = load_header(path), read_tensors(path)
     try:
-        network = _without_weights(header, tensors)
+        network = _without_weights(header)
+        if read_header(path, METADATA_KEY, SCHEMA_VERSION)["schema_version"] < FIRST_WITH_COARSE_PLANES:
+            tensors |= _zeros(network, "coarse_planes.")
+        _check_shapes(network, tensors)
         weights = {name: _laid_out(tensors[name], wanted) for name, wanted in network.state_dict().items()}
         network.load_state_dict(weights, assign=True)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
@@ -149,20 +154,28 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
     return header, network.eval()
 
 
-def _without_weights(header: CheckpointHeader, tensors: Mapping[str, Tensor]) -> nn.Module:
-    """The network that the header describes, which takes neither memory for weights nor time to draw them.
+def _without_weights(header: CheckpointHeader) -> nn.Module:
+    """The network that the header describes, which takes neither memory for weights nor time to draw them."""
+    with torch.device("meta"):
+        return build_network(header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks)
+
+
+def _zeros(network: nn.Module, prefix: str) -> dict[str, Tensor]:
+    """Zeros for the weights whose names begin so."""
+    return {name: torch.zeros(own.shape) for name, own in network.state_dict().items() if name.startswith(prefix)}
+
+
+def _check_shapes(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
+    """Makes sure that a file has the weights of a network.
 
     Raises:
-        ValueError: Its weights have other shapes than those that are there.
+        ValueError: Some are missing, unknown, or of another shape.
     """
-    with torch.device("meta"):
-        network = build_network(header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks)
     expected = network.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
         wanted, found = (tuple(own[name].shape) if name in own else None for own in (expected, tensors))
         if wanted != found:
             raise ValueError(f"{name} should be {wanted or 'missing'} and is {found or 'missing'}")
-    return network
 
 
 def _laid_out(tensor: Tensor, wanted: Tensor) -> Tensor:

@@ -22,19 +22,21 @@ def packed(network: nn.Module, precision: torch.dtype | None = None) -> nn.Modul
 
     Args:
         network: Network with its weights, on the CPU. It is modified.
-        precision: Type of all convolutions but the last. None means bfloat16 if the processor supports it, otherwise
-            float32.
+        precision: Type of all convolutions but those that answer planes. None means bfloat16 if the processor supports
+            it, otherwise float32.
     """
     if not (isinstance(network, ResidualUNet) and torch.backends.mkldnn.is_available()):  # type: ignore[no-untyped-call]
         return network
     ready = folded(network)
-    _keep_planes(ready.planes, SCALE_PLANE)
+    _keep_channels(ready.planes, 4 * SCALE_PLANE)  # of each plane, four for 2 x 2 pixels
+    for coarse in ready.coarse_planes:
+        _keep_channels(coarse, SCALE_PLANE)
+    answers = {ready.planes, *ready.coarse_planes}
     precision = precision or (torch.bfloat16 if _has_bfloat16() else torch.float32)
     for module in list(ready.modules()):
         for name, child in list(module.named_children()):
             if isinstance(child, nn.Conv2d):
-                is_last = child is ready.planes
-                setattr(module, name, PackedConvolution(child, torch.float32 if is_last else precision))
+                setattr(module, name, PackedConvolution(child, torch.float32 if child in answers else precision))
     return ready
 
 
@@ -66,11 +68,11 @@ class PackedConvolution(nn.Module):
         return answer
 
 
-def _keep_planes(convolution: nn.Conv2d, count: int) -> None:
-    """Keeps at most the first ``count`` planes of the output. Each plane has four channels, for 2 x 2 pixels."""
-    convolution.weight = nn.Parameter(convolution.weight[: 4 * count])
+def _keep_channels(convolution: nn.Conv2d, count: int) -> None:
+    """Keeps at most the first ``count`` channels of the output."""
+    convolution.weight = nn.Parameter(convolution.weight[:count])
     if convolution.bias is not None:
-        convolution.bias = nn.Parameter(convolution.bias[: 4 * count])
+        convolution.bias = nn.Parameter(convolution.bias[:count])
 
 
 def _has_bfloat16() -> bool:

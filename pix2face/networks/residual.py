@@ -40,7 +40,8 @@ class ResidualUNet(nn.Module):
     """Residual blocks down to 1/64 of the side and back up; what skips across is added, not concatenated.
 
     It is fully convolutional: any picture whose sides are multiples of 64 will do, whatever the network was trained on.
-    The planes come from half resolution by one convolution that answers four pixels at a time (pixel shuffle).
+    The planes are a sum of what all levels of the decoder answer. The finest answers four pixels at a time (pixel
+    shuffle); the answers of the others, which are smooth, are enlarged linearly.
 
     Deviation from the paper: residual blocks, batch norm (bounded in the innermost blocks), six levels instead of eight
     at 256 px, and a first level of half as many filters; docs/explanation/training.md gives the measurements.
@@ -50,7 +51,7 @@ class ResidualUNet(nn.Module):
         planes: Planes of the output: PNCC, offset, logits of masks, and the logarithm of the scale of PNCC's errors.
         landmarks: Number of landmarks that are predicted beside the planes, each with the scale of its error.
 
-    Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle); Wood et al. 2022 (landmarks with scales).
+    Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle); Lin et al. 2017 (answers of all levels); Wood et al. 2022 (landmarks with scales).
     """
 
     def __init__(self, widths: tuple[int, ...], planes: int = MAP_PLANES, landmarks: int = 0) -> None:
@@ -74,9 +75,12 @@ class ResidualUNet(nn.Module):
             ResidualBlock(width, width, convolutions) if convolutions else nn.Identity()
             for width, convolutions in zip(outwards[1:], DECODER_CONVOLUTIONS, strict=True)
         )
+        self.coarse_planes = nn.ModuleList(nn.Conv2d(width, planes, kernel_size=1) for width in outwards[1:-1])
         self.planes = nn.Conv2d(widths[0], 4 * planes, kernel_size=3, padding=1)
         self.landmarks = LandmarkHead(outwards[1], landmarks) if landmarks else None
         self.apply(_initialise)
+        for convolution in self.coarse_planes:
+            nn.init.zeros_(convolution.weight)
 
     def forward(
         self, image: Float[Tensor, "b 3 h w"]
@@ -93,14 +97,17 @@ class ResidualUNet(nn.Module):
             features = block(features)
         for block in self.inner:
             features = block(features)
-        landmarks = None
-        for narrow, block in zip(self.narrow, self.decoder, strict=True):
+        landmarks, coarse = None, None
+        for narrow, block, answer in zip(self.narrow, self.decoder, (*self.coarse_planes, None), strict=True):
             # Narrowed before it is enlarged: a quarter of the work, and the same result.
             enlarged = functional.interpolate(narrow(features), scale_factor=2.0, mode="nearest")
             features = block(enlarged + skips.pop())
             if landmarks is None and self.landmarks is not None:
                 landmarks = self.landmarks(features)
-        planes = functional.pixel_shuffle(self.planes(features), 2)
+            if answer is not None:
+                coarse = answer(features) if coarse is None else answer(features) + _enlarged(coarse, 2)
+        assert coarse is not None
+        planes = functional.pixel_shuffle(self.planes(features), 2) + _enlarged(coarse, 4)
         return planes if landmarks is None else (planes, landmarks)
 
 
@@ -226,6 +233,10 @@ def folded(network: ResidualUNet) -> ResidualUNet:
                 )
                 setattr(block, name, Bounds(norm) if isinstance(norm, BoundedBatchNorm) else nn.Identity())
     return network
+
+
+def _enlarged(planes: Tensor, factor: int) -> Tensor:
+    return functional.interpolate(planes, scale_factor=factor, mode="bilinear")
 
 
 def _clamped(features: Tensor, low: Tensor, high: Tensor) -> Tensor:

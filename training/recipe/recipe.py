@@ -34,6 +34,7 @@ class LossWeights:
     Attributes:
         pncc: Weight of the mean absolute error of PNCC, in units of its scale.
         offset: Weight of the mean absolute error of the offsets, in units of their scale.
+        linear: Weight of the linear part of both errors within each face: what a wrong camera would explain of them.
         mask: Weight of the cross entropy of the mask, if the network predicts it.
         seen: Weight of the cross entropy of the visible part of the mask, if the network predicts it.
         scale: Weight of the likelihood of the errors of PNCC, if the network predicts their scale. It changes nothing
@@ -43,6 +44,7 @@ class LossWeights:
 
     pncc: Annotated[float, tyro.conf.arg(name="weight-pncc")] = 1.0
     offset: Annotated[float, tyro.conf.arg(name="weight-offset")] = 1.0
+    linear: Annotated[float, tyro.conf.arg(name="weight-linear")] = 0.0
     mask: Annotated[float, tyro.conf.arg(name="weight-mask")] = 1.0
     seen: Annotated[float, tyro.conf.arg(name="weight-seen")] = 1.0
     scale: Annotated[float, tyro.conf.arg(name="weight-scale")] = 0.02

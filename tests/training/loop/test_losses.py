@@ -103,3 +103,27 @@ def test_landmarks_are_likeliest_at_the_truth_with_half_their_mean_distance_as_s
     assert loss(true, 0.05) < loss(off, 0.05)
     assert loss(off, 0.05) < min(loss(off, 0.04), loss(off, 0.06))
     assert loss(off, 0.05) == pytest.approx(2 + 2 * math.log(0.05), rel=1e-5)
+
+
+LARGE = random_batch(replace(PRESETS["tiny"], batch_size=3, size_px=64))
+
+
+def linear_part(planes: torch.Tensor) -> float:
+    return replace(PLAN, weights=LossWeights(linear=1)).parts(planes, LARGE)["linear"].item()
+
+
+@pytest.mark.parametrize(("is_made_up_by_offsets", "share"), [(False, 1.0), (True, 0.5)])
+def test_linear_errors_of_the_mean_face_and_of_this_face_are_measured_in_full(is_made_up_by_offsets, share):
+    truth = target_planes(LARGE, 8.0, 2.0)
+    error = 0.1 + 0.05 * truth[:, :3].roll(1, dims=1)
+    seen = (error.abs() * LARGE.mask[:, None])[..., ::2, ::2].sum(dim=(2, 3))
+    expected = (seen / LARGE.mask[:, None, ::2, ::2].sum(dim=(2, 3))).mean().item()
+    offset_error = -4 * error if is_made_up_by_offsets else torch.zeros_like(error)  # a fourth of PNCC's scale
+    off = truth + torch.cat((error, offset_error), dim=1)
+    assert linear_part(truth) == pytest.approx(0, abs=1e-5)
+    assert linear_part(off) == pytest.approx(share * expected, rel=0.002)
+
+
+def test_noise_has_hardly_a_linear_part():
+    noise = torch.randn(3, 6, 64, 64, generator=torch.Generator().manual_seed(1))
+    assert linear_part(target_planes(LARGE, 8.0, 2.0) + noise) < 0.1 * noise.abs().mean().item()
