@@ -4,8 +4,9 @@
 
 Each photograph of the folder goes through the network once, at its true box; then each variant fits the same maps. A
 row has the mean error of the 68 points by bin of yaw (of the model fitted to the true points) and the mean of the bins,
-in % of sqrt(w h); how many are above 10 %; the median of found over true extent of the landmarks, and the error that is
-left where size and place are put right; and milliseconds of processor time a face, one core.
+in % of sqrt(w h); how many are above 10 %; the median of found over true extent of the landmarks; the errors that are
+left where size and place are put right, and where the camera is (the one that projects the fitted landmarks closest to
+the true points); and milliseconds of processor time a face, one core.
 """
 
 import argparse
@@ -27,6 +28,7 @@ from threadpoolctl import threadpool_limits
 from pix2face.evaluation.benchmarks.benchmark_data import YAW_BINS, yaw_bin
 from pix2face.face_files.annotations import find_annotations
 from pix2face.files.images import read_photograph
+from pix2face.fitting.cameras.camera_fit import fit_weak_perspective_camera
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import FitOptions
 from pix2face.fitting.from_landmarks import fit_landmarks
@@ -91,16 +93,21 @@ def predicted_faces(folder: Path, predictor: Predictor, model: MorphableModel, e
 def row(faces: Sequence[PredictedFace], fit: Fit) -> dict[str, float]:
     """Fits all and measures."""
     fit(faces[0].maps)  # gathers what the model needs
-    errors, shapes, sizes, seconds = defaultdict(list), [], [], 0.0
+    errors, right_cameras = defaultdict(list), defaultdict(list)
+    shapes, sizes, seconds = [], [], 0.0
     for face in faces:
         began = process_time()
-        found = fit(face.maps).landmarks2d
+        fitted = fit(face.maps)
         seconds += process_time() - began
+        found = fitted.landmarks2d
         errors[face.yaw_bin].append(100 * nme(found, face.true2d, "box-sqrt"))
+        camera = fit_weak_perspective_camera(fitted.landmarks3d, face.true2d)
+        right_cameras[face.yaw_bin].append(100 * nme(camera.project(fitted.landmarks3d), face.true2d, "box-sqrt"))
         centred, true = (points - points.mean(axis=0) for points in (found, face.true2d))
         sizes.append(float(np.linalg.norm(centred) / np.linalg.norm(true)))
         shapes.append(100 * nme(centred / sizes[-1], true, "box-sqrt"))
     means = {name: float(np.mean(errors[name])) for name in YAW_BINS if errors[name]}
+    right = [float(np.mean(right_cameras[name])) for name in means]
     each = np.concatenate(list(errors.values()))
     return {
         **means,
@@ -108,6 +115,7 @@ def row(faces: Sequence[PredictedFace], fit: Fit) -> dict[str, float]:
         "above 10 %": 100 * float((each > 10).mean()),
         "found over true size": float(np.median(sizes)),
         "error with size and place put right": float(np.mean(shapes)),
+        "mean of bins with the camera put right": float(np.mean(right)),
         "ms": 1e3 * seconds / len(faces),
     }
 
