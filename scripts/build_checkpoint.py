@@ -23,7 +23,7 @@ PICTURE_PX, SHARD_SIZE = 160, 200
 REHEARSED_SHARE = 1 / 1000
 REHEARSED_VALIDATION = 0.2  # a hundredth of the few persons would be nobody
 # Crops that vary in size, place and turn, also at 128 px: options that have no names on the command line.
-LAST_TRAINING = Path(__file__).parent / "checkpoint" / "last_training.json"
+VARIED_CROPS = Path(__file__).parent / "checkpoint" / "varied_crops.json"
 TRAINING = ("--preset", "cpu", "--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask")
 # With all samples in memory, loading in the training process and computing with two threads is fastest on two cores.
 # When they do not fit, a separate process reads them from files.
@@ -41,7 +41,7 @@ class Pictures:
 
 
 FIRST, MORE = Pictures("shards", 40_200, 200), Pictures("shards-more", 100_000, 300)
-LAST = Pictures("shards-last", 22_000, 400)
+VARIED, LAST = Pictures("shards-varied", 22_000, 400), Pictures("shards-last", 15_600, 500)
 
 
 @final
@@ -58,7 +58,7 @@ class Stage:
     training: tuple[object, ...] = TRAINING  # options that are the same in several trainings
 
 
-# Only the last training measures its norms again at the end: the option did not exist before.
+# The first trainings did not measure their norms again at the end: the option did not exist then.
 _EARLIER = ("--norm-batches", 0)
 _LARGE = ("--size-px", 128, "--learning-rate", 1e-3, "--warm-up", 5_000)
 # Offsets need the preset's weight to move away from zero. After that, PNCC is learned better with a smaller weight.
@@ -74,7 +74,17 @@ STAGES = (
     Stage("128px-long", 700_000, (*_EARLIER, *_PNCC_FIRST)),
     Stage("128px-more", 560_000, _PNCC_FIRST, ((MORE, 0.75), (FIRST, 0.25)), FROM_FILES, validation=0.005),
     # New pictures, crops that vary as a detector's boxes do, landmarks, and scales of errors.
-    Stage("128px-last", 260_000, (), ((LAST, 1.0),), (), training=("--config", LAST_TRAINING)),
+    Stage("128px-varied", 260_000, (), ((VARIED, 1.0),), (), training=("--config", VARIED_CROPS)),
+    # Planes of all levels, and the linear part of the errors, which turns the fitted camera.
+    Stage(
+        "128px-linear",
+        92_000,
+        ("--weight-linear", 2, "--learning-rate", 8e-5, "--warm-up", 2_000),
+        ((LAST, 1.0),),
+        (),
+        validation=0.015,
+        training=("--config", VARIED_CROPS),
+    ),
 )
 
 
@@ -88,7 +98,7 @@ def main() -> int:
     share = REHEARSED_SHARE if options.rehearse else 1
     out: Path = options.out / "rehearsal" if options.rehearse else options.out
     out.mkdir(parents=True, exist_ok=True)
-    for pictures in (FIRST, MORE, LAST):
+    for pictures in (FIRST, MORE, VARIED, LAST):
         render(pictures, share, out)
     checkpoint: Path | None = None
     for stage in STAGES:
