@@ -21,7 +21,6 @@ from datagen.appearance.photograph.lens import defocused
 from datagen.appearance.scene import Scene
 from datagen.appearance.scene_making import SceneMaker
 from datagen.random_streams import generator_for
-from datagen.rendering.processor.layering import lay_over
 from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from pix2face.face_files.coefficients import Face
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
@@ -66,7 +65,8 @@ class Bystanders:
         if side / (1 + place.blur * width) <= HALVED_PX:
             rgba = cv2.resize(rgba, (HALVED_PX, HALVED_PX), interpolation=cv2.INTER_AREA)
         soft = defocused(_placed(rgba, place, side / len(rgba), (height, width)), place.blur * width)
-        lay_over(backdrop, soft[..., :3], soft[..., 3], white)
+        backdrop *= 1 - soft[..., 3:]
+        backdrop += soft[..., :3] * white
 
     def _drawn(self, number: int) -> Float32[ndarray, "s s 4"]:
         """One of the people: radiance multiplied by coverage, as where a white ball shows 1, and coverage."""

@@ -21,7 +21,6 @@ from datagen.appearance.scene_making import SceneMaker
 from datagen.appearance.skin.zones import head_paint
 from datagen.opengl.gl_context import GLContext
 from datagen.random_streams import generator_for
-from datagen.rendering.processor.layering import lay_over
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.scenes.scene_drawing import SceneDrawer
 from datagen.samples.baked_jitter import View
@@ -81,7 +80,8 @@ class ScenePictures:
             folder = self._config.backdrop.folder
             backdrop = backdrop_pixels(appearance.backdrop, face.camera, *size, folder)
             self._bystanders.draw(backdrop, appearance)
-            lay_over(backdrop, picture.radiance, picture.coverage, np.ones(3, dtype=np.float32))
+            backdrop *= 1 - picture.coverage[..., None]
+            backdrop += picture.radiance
         with times.stage("develop, encode"):
             shown = view.jittered_colours(develop(backdrop, appearance.photograph, picture.labels == HEAD))
             content = encode(shown, appearance.photograph)

@@ -121,9 +121,7 @@ def _white_balance(
 ) -> Float32[ndarray, "3"]:
     # Skin, foliage or a green wall, if taken for grey, would turn faces blue and purple.
     few, is_face = light[::4, ::4], face[::4, ::4]
-    red, green, blue = few[..., 0], few[..., 1], few[..., 2]
-    most, least = np.maximum(np.maximum(red, green), blue), np.minimum(np.minimum(red, green), blue)
-    is_grey = ~is_face & (most < LARGEST_RATIO_OF_GREY * least)
+    is_grey = ~is_face & (few.max(axis=2) < LARGEST_RATIO_OF_GREY * few.min(axis=2))
     balance = np.ones(3)
     if np.count_nonzero(is_grey) >= LEAST_GREY * is_grey.size:
         mean = np.maximum(few[is_grey].mean(axis=0), 1e-6)
@@ -131,8 +129,8 @@ def _white_balance(
         balance = np.clip((mean[1] / mean) ** sensor.white_balance, 0.5, 2.0)
     if is_face.any() and sensor.white_balance:
         # A camera with any white balance does not leave skin bluer than green.
-        _, own_green, own_blue = balance * few[is_face].mean(axis=0)
-        excess = np.sqrt(np.clip(own_blue / max(own_green, 1e-6), 1.0, LARGEST_EXCESS_OF_BLUE))
+        _, green, blue = balance * few[is_face].mean(axis=0)
+        excess = np.sqrt(np.clip(blue / max(green, 1e-6), 1.0, LARGEST_EXCESS_OF_BLUE))
         balance *= (1.0, excess, 1 / excess)
     return np.asarray(balance * np.asarray(sensor.gains), dtype=np.float32)
 

@@ -62,7 +62,7 @@ def draw_nearest(
             continue
         along_x, along_y = (uz * vy - vz * uy) / area, (vz * ux - uz * vx) / area
         # From top to bottom, so that two triangles compute a common edge alike and no sample lies between them.
-        high_x, high_y, middle_x, middle_y, low_x, low_y = by_row(ax, ay, bx, by, cx, cy)
+        high_x, high_y, middle_x, middle_y, low_x, low_y = _by_row(ax, ay, bx, by, cx, cy)
         long = (low_x - high_x) / (low_y - high_y)
         upper, lower = (middle_x - high_x) / (middle_y - high_y), (low_x - middle_x) / (low_y - middle_y)
         value = start + step * np.float32(t)
@@ -82,7 +82,7 @@ def draw_nearest(
 
 
 @compiled
-def by_row(
+def _by_row(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> tuple[float, float, float, float, float, float]:
     """Sorts three corners from top to bottom."""
@@ -93,28 +93,6 @@ def by_row(
         if by < ay:
             ax, ay, bx, by = bx, by, ax, ay
     return ax, ay, bx, by, cx, cy
-
-
-@compiled
-def placed(points: Float32[ndarray, "v 3"], rows: Float32[ndarray, "3 4"], is_affine: bool) -> Float32[ndarray, "v 3"]:
-    """Column, row and order of vertices; NaN where a pinhole does not see them.
-
-    Args:
-        points: Vertices.
-        rows: Of an affine camera, what gives column, row and order; of a pinhole, both times the depth, and the depth.
-        is_affine: Which of the two.
-    """
-    found = np.empty((len(points), 3), np.float32)
-    for v in range(len(points)):
-        x, y, z = points[v, 0], points[v, 1], points[v, 2]
-        column = rows[0, 0] * x + rows[0, 1] * y + rows[0, 2] * z + rows[0, 3]
-        row = rows[1, 0] * x + rows[1, 1] * y + rows[1, 2] * z + rows[1, 3]
-        order = rows[2, 0] * x + rows[2, 1] * y + rows[2, 2] * z + rows[2, 3]
-        if not is_affine:
-            share = np.float32(1) / order if order > 0 else np.float32(np.nan)
-            column, row, order = column * share, row * share, -share
-        found[v, 0], found[v, 1], found[v, 2] = column, row, order
-    return found
 
 
 @compiled

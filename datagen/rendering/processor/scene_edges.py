@@ -136,15 +136,15 @@ def resolve(
             label = over_labels[row, column]
             seen = samples[2 * row + 1, 2 * column + 1, 0]
             labels[row, column] = label if label > 0 else np.uint8(abs(min(seen, np.float32(1))))
-            past_near, past_far = 1 - over_near[row, column, 3], 1 - over_far[row, column, 3]
+            before, behind = over_near[row, column], over_far[row, column]
             if middle[row, column] == NO_EDGE:
                 for k in range(4):
-                    picture[row, column, k] = over_near[row, column, k] + colours[row, column, k] * past_near
+                    picture[row, column, k] = before[k] + colours[row, column, k] * (1 - before[3])
                 continue
             share = _gather(samples, colours, row, column, middle[row, column], nearer, farther)
             for k in range(4):
-                of_near = over_near[row, column, k] * share + nearer[k] * past_near
-                picture[row, column, k] = of_near + over_far[row, column, k] * (1 - share) + farther[k] * past_far
+                of_near = before[k] * share + nearer[k] * (1 - before[3])
+                picture[row, column, k] = of_near + behind[k] * (1 - share) + farther[k] * (1 - behind[3])
     return picture, labels
 
 

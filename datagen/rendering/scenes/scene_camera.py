@@ -1,9 +1,7 @@
 """The camera of a scene as the shaders need it."""
 
-from collections.abc import Sequence
-
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.appearance.scene import Scene, UniformValue
@@ -24,10 +22,7 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> dict[st
     Raises:
         DegenerateGeometryError: The camera flattens space.
     """
-    row = camera.matrix[2].astype(np.float32)
-    parts = [scene.head.vertices, *(mesh.vertices for mesh in scene.meshes if len(mesh.vertices))]
-    depths = [points @ row[:3] + row[3] for points in parts]
-    transform = clip_transform(camera, *depth_range(depths, camera), height, width)
+    transform = clip_transform(camera, *depth_range(scene, camera), height, width)
     rows = camera.matrix
     forward = rows[2, :3] / np.linalg.norm(rows[2, :3])
     # Pixels per mm across, where w is 1: the root of the area that a square mm takes.
@@ -38,7 +33,7 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> dict[st
         typical_w = 1.0
     else:
         place = np.append(-np.linalg.solve(rows[[0, 1, 3], :3], rows[[0, 1, 3], 3]), 1.0)
-        typical_w = 0.5 * float(depths[0].min() + depths[0].max())
+        typical_w = float(np.median(camera.depth(scene.head.vertices)))
     clip = transform.clip_from_model
     return {
         "camera_place": place,
@@ -51,8 +46,10 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> dict[st
     }
 
 
-def depth_range(depths: Sequence[Float32[ndarray, " _"]], camera: Camera) -> tuple[float, float]:
+def depth_range(scene: Scene, camera: Camera) -> tuple[float, float]:
     """Nearest depth and extent of everything that is drawn, mm. A pinhole counts only what is before it."""
+    parts = [scene.head.vertices, *(mesh.vertices for mesh in scene.meshes if len(mesh.vertices))]
+    depths = [camera.depth(points) for points in parts]
     low, high = min(float(depth.min()) for depth in depths), max(float(depth.max()) for depth in depths)
     if not camera.is_affine:
         low = max(low, NEAREST_MM)

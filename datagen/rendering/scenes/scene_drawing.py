@@ -11,7 +11,7 @@ a face are smaller than a pixel, and each triangle in a block of pixels would sh
 6. Opaque objects, once for each pixel.
 7. The picture: at an edge, each sample takes the colour of the pixel beside it that shows the same surface.
 
-Steps 1, 2, 3 and 7 are done without OpenGL.
+Steps 2, 3 and 7, and the opaque part of step 1, are done without OpenGL.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from typing import Any, final
 
 import moderngl
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
 from datagen.appearance.scene import SCENE_LABELS, Scene, ScenePicture, Texture, UniformValue
@@ -30,13 +30,13 @@ from datagen.rendering.processor.scene_edges import SceneEdges, find_edges, reso
 from datagen.rendering.scenes.scene_camera import view_scene
 from datagen.rendering.scenes.scene_head import SceneHead
 from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, Window
-from datagen.rendering.scenes.scene_opacity import Opacities
 from datagen.rendering.scenes.scene_openings import Openings
 from datagen.rendering.scenes.scene_program import (
     HEAD_KINDS,
     KINDS,
     PURPOSES,
     UNITS,
+    SceneProgram,
     SceneTextures,
     compile_head,
     compile_object,
@@ -79,7 +79,7 @@ class SceneDrawer:
         gl.make_current()
         self._gl = gl
         context = self._context = gl.context
-        self._textures, self._opacities = SceneTextures(textures, context), Opacities(textures)
+        self._textures = SceneTextures(textures, context)
         self._programs = {name: compile_head(context, name) for name in HEAD_KINDS}
         for kind in KINDS:
             for purpose in PURPOSES:
@@ -113,9 +113,10 @@ class SceneDrawer:
         self._objects.load(scene.meshes)
         self._textures.bind()
         target = self._targets(height, width)
-        programs = used_programs(self._programs, self._objects.kinds(scene.meshes))
+        used = used_programs(self._programs, self._objects.kinds(scene.meshes))
+        programs = list(used.values())
         set_uniforms(programs, scene.uniforms)
-        set_uniforms(programs, self._draw_shadows(scene))
+        set_uniforms(programs, self._draw_shadows(scene, used))
         set_uniforms(programs, uniforms)
         samples = self._see(scene, camera, height, width)
         edges = self._find_edges(samples, uniforms)
@@ -127,8 +128,9 @@ class SceneDrawer:
         self._gl.check()
         return ScenePicture(radiance=picture[..., :3], coverage=np.clip(picture[..., 3], 0, 1), labels=labels)
 
-    def _draw_shadows(self, scene: Scene) -> dict[str, UniformValue]:
+    def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1. Returns the uniforms of the shadow maps."""
+        shadowing = [program for name, program in used.items() if name.endswith(" object_shadow")]
         # What lies around the neck and lower takes the sky from little but itself.
         chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
         high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
@@ -142,8 +144,13 @@ class SceneDrawer:
             seen = [scene.meshes[place] for place in opaque if light != SKY or high[place]]
             return [head, *((mesh.vertices, mesh.triangles) for mesh in seen)]
 
-        casting = [scene.meshes[place] for place in self._objects.soft if place in casts]
-        soft = [(mesh, self._opacities.of(mesh)) for mesh in casting]
+        def soft(window: Window, towards_light: Float64[ndarray, "3"]) -> None:
+            place = np.append(towards_light, 0)
+            set_uniforms(shadowing, {"clip_from_model": window.clip_from_model, "camera_place": place})
+            self._context.enable_only(moderngl.DEPTH_TEST)
+            for run in self._objects.soft(window, casts):
+                self._draw_run(scene, run, "object_shadow")
+
         return self._shadows.draw(scene.head.vertices, scene.lights, solid, soft)
 
     def _see(self, scene: Scene, camera: Camera, height: int, width: int) -> Float32[ndarray, "H W 2"]:

@@ -1,12 +1,12 @@
 """The objects of a scene, all but the head, on the GPU."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
 import moderngl
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int32, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64
 from numpy import ndarray
 
 from datagen.appearance.scene import SceneMesh
@@ -59,7 +59,7 @@ class ObjectMeshes:
         self._arrays: dict[str, moderngl.VertexArray] = {}
 
     def load(self, meshes: Sequence[SceneMesh]) -> None:
-        """Uploads the meshes of a scene, without transparent triangles: `blended` uploads those."""
+        """Uploads the meshes of a scene, without transparent triangles: `soft` and `blended` upload those."""
         self.opaque, self._soft, self._n_opaque = [], [], 0
         if not meshes:
             return
@@ -83,6 +83,13 @@ class ObjectMeshes:
         self._points = vertices[:, :3]
         self._upload(vertices, parts)
 
+    def soft(self, window: Window, meshes: Collection[int]) -> list[Run]:
+        """Uploads the triangles of the given transparent meshes that may be seen, mesh by mesh."""
+        chosen = [(place, triangles) for place, triangles in self._soft if place in meshes]
+        seen = self._may_be_seen(window, [triangles for _, triangles in chosen])
+        parts = [triangles[kept] for (_, triangles), kept in zip(chosen, seen, strict=True)]
+        return self._upload_soft(parts, [(place, len(part)) for (place, _), part in zip(chosen, parts, strict=True)])
+
     def blended(self, window: Window, depth_row: Float[ndarray, "4"]) -> list[Run]:
         """Uploads the triangles of all transparent meshes that may be seen, from far to near.
 
@@ -90,35 +97,41 @@ class ObjectMeshes:
         """
         if not self._soft:
             return []
-        placed = in_window(self._points, window.clip_from_model, *window.farthest.shape)
         triangles = [each for _, each in self._soft]
-        seen = np.concatenate([may_be_seen(placed, each, window.farthest) for each in triangles])
+        seen = np.concatenate(self._may_be_seen(window, triangles))
         order, turns = far_to_near(triangles, self._points @ depth_row[:3].astype(np.float32))
         kept = seen[order]
-        assert self._corners is not None
-        self._corners.write(np.concatenate(triangles)[order[kept]], offset=4 * self._n_opaque)
         starts = np.cumsum([0, *(count for _, count in turns[:-1])])
         counts = np.add.reduceat(kept, starts, dtype=np.int64).tolist()
-        runs, first = [], self._n_opaque
-        for (own, _), count in zip(turns, counts, strict=True):
-            runs.append(Run(self._soft[own][0], first, 3 * count))
-            first += 3 * count
-        return [run for run in runs if run.count]
-
-    @property
-    def soft(self) -> list[int]:
-        """Numbers of the transparent meshes."""
-        return [place for place, _ in self._soft]
+        places = [self._soft[own][0] for own, _ in turns]
+        return self._upload_soft([np.concatenate(triangles)[order[kept]]], list(zip(places, counts, strict=True)))
 
     def kinds(self, meshes: Sequence[SceneMesh]) -> dict[str, set[MaterialKind]]:
         """Which kinds of objects the loaded scene draws, by ``PURPOSES``."""
         solid = {meshes[run.mesh].material.kind for run in self.opaque}
         soft = {meshes[place].material.kind for place, _ in self._soft}
-        return {"object": solid, "blended": soft}
+        return {"object": solid, "blended": soft, "object_shadow": soft}
 
     def draw(self, name: str, run: Run) -> None:
         """Draws a run with one of the programs."""
         self._arrays[name].render(moderngl.TRIANGLES, vertices=run.count, first=run.first)
+
+    def _may_be_seen(self, window: Window, triangles: Sequence[Int32[ndarray, "_ 3"]]) -> list[Bool[ndarray, " _"]]:
+        placed = in_window(self._points, window.clip_from_model, *window.farthest.shape)
+        return [may_be_seen(placed, each, window.farthest) for each in triangles]
+
+    def _upload_soft(self, parts: Sequence[Int32[ndarray, "_ 3"]], counts: Sequence[tuple[int, int]]) -> list[Run]:
+        """Uploads transparent triangles behind the opaque ones, given the number of each mesh and of its triangles."""
+        first = self._n_opaque
+        runs = []
+        for place, count in counts:
+            if count:
+                runs.append(Run(place, first, 3 * count))
+                first += 3 * count
+        if parts:
+            assert self._corners is not None
+            self._corners.write(np.concatenate(parts), offset=4 * self._n_opaque)
+        return runs
 
     def _upload(self, vertices: Float32[ndarray, "v 8"], opaque: Sequence[Int32[ndarray, "_ 3"]]) -> None:
         kept = self._vertices, self._corners

@@ -14,8 +14,8 @@ from pix2face.errors import UsageError
 
 MaterialKind = Literal["object", "hair", "glass"]
 KINDS: tuple[MaterialKind, ...] = ("object", "hair", "glass")
-# Each kind has a program for each purpose: opaque and transparent objects.
-PURPOSES = ("object", "blended")
+# Each kind has a program for each purpose: opaque objects, transparent objects, and their shadows.
+PURPOSES = ("object", "blended", "object_shadow")
 # How the head is painted; where one is seen, those before it are painted first, and painted over.
 HEAD_KINDS = ("OUTSIDE", "EYES", "MOUTH")
 
@@ -92,10 +92,12 @@ def set_uniforms(programs: Sequence[SceneProgram], values: Mapping[str, UniformV
                 found.write(content)
 
 
-def used_programs(programs: Mapping[str, SceneProgram], kinds: Mapping[str, set[MaterialKind]]) -> list[SceneProgram]:
+def used_programs(
+    programs: Mapping[str, SceneProgram], kinds: Mapping[str, set[MaterialKind]]
+) -> dict[str, SceneProgram]:
     """The programs that a scene uses: all but those for kinds of objects that it does not have."""
     idle = {f"{kind} {purpose}" for purpose in PURPOSES for kind in KINDS if kind not in kinds[purpose]}
-    return [program for name, program in programs.items() if name not in idle]
+    return {name: program for name, program in programs.items() if name not in idle}
 
 
 @final
@@ -129,11 +131,13 @@ def compile_head(context: moderngl.Context, kind: str) -> SceneProgram:
 
 
 def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) -> SceneProgram:
-    """A program for objects of one kind: ``object`` (opaque) or ``blended``."""
+    """A program for objects of one kind: ``object`` (opaque), ``blended`` or ``object_shadow``."""
     paint = ("object_inputs", "lamps", "light", _PAINT[kind], "object_surface", f"{purpose}_fragment")
     is_hair = kind == "hair"
     vertex = ("colour", "shadow", "lamps", "hair_vertex") if is_hair else ("scene_vertex",)
     defines = [kind.upper()]
+    if purpose == "object_shadow":
+        defines.append("SHADOW")
     if not is_hair:
         defines.append("NO_STRANDS")
     return SceneProgram(context, vertex, (*_BEFORE, *paint), defines)

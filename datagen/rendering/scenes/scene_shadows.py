@@ -1,6 +1,7 @@
 """Depth maps as each light sees a scene, side by side in one texture (``shaders/shadow.glsl``)."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import final
 
 import moderngl
@@ -8,9 +9,9 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numpy import ndarray
 
-from datagen.appearance.scene import SceneMesh, UniformValue
-from datagen.rendering.processor.nearest import NOWHERE, draw_nearest, placed
-from datagen.rendering.scenes.scene_opacity import Opacity
+from datagen.appearance.scene import UniformValue
+from datagen.rendering.processor.nearest import NOWHERE, draw_nearest
+from datagen.rendering.scenes.scene_meshes import Window
 
 MAX_SHADOWS = 3  # as in shadow.glsl
 MAP_PX = 256
@@ -21,9 +22,16 @@ REACH = 0.6
 TOWARDS_LIGHT = 3.0
 
 
-CASTS = 0.5  # what is more opaque than that casts a shadow
-
 Mesh = tuple[Float32[ndarray, "_ 3"], Int32[ndarray, "_ 3"]]  # vertices and triangles
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LightView:
+    """How a light sees the scene."""
+
+    clip_from_model: Float64[ndarray, "4 4"]  # for drawing its map
+    shadow_from_model: Float64[ndarray, "4 4"]  # for looking it up: x, y and depth from 0 to 1
 
 
 @final
@@ -36,13 +44,14 @@ class ShadowMaps:
         self._maps.compare_func = "<="
         self._maps.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self._maps.repeat_x = self._maps.repeat_y = False
+        self._framebuffer = context.framebuffer([], self._maps)
 
     def draw(
         self,
         vertices: Float32[ndarray, "v 3"],
         lights: Float32[ndarray, "n 3"],
         solid: Callable[[int], Sequence[Mesh]],
-        soft: Sequence[tuple[SceneMesh, Opacity]],
+        soft: Callable[[Window, Float64[ndarray, "3"]], None],
     ) -> dict[str, UniformValue]:
         """Draws a map for each light.
 
@@ -50,7 +59,7 @@ class ShadowMaps:
             vertices: The head, which is in the middle of the maps, mm.
             lights: Towards each light; zeros where there is none.
             solid: Which opaque meshes a light sees; the first of them is the head.
-            soft: The transparent meshes, which each light sees, and how opaque they are.
+            soft: Draws the transparent meshes, given what a light sees and the direction towards it.
 
         Returns:
             What ``shadow.glsl`` needs to know.
@@ -59,14 +68,18 @@ class ShadowMaps:
         axes = np.ascontiguousarray(vertices.T)  # along rows it is twenty times as fast
         low, high = axes.min(axis=1).astype(np.float64), axes.max(axis=1).astype(np.float64)
         centre, radius = 0.5 * (low + high), REACH * float(np.linalg.norm(high - low))
+        self._framebuffer.use()
         views = np.tile(np.eye(4), (MAX_SHADOWS, 1, 1))
         for place, direction in enumerate(np.asarray(lights, dtype=np.float64)):
             if not direction.any():
                 continue  # no such lamp: nothing asks for its shadow
             view = light_view(direction / np.linalg.norm(direction), centre, radius)
             side = SKY_PX if place == SKY else MAP_PX
-            self._maps.write(_depth(view, solid(place), soft, side), viewport=(place * MAP_PX, 0, side, side))
-            views[place] = view
+            self._framebuffer.viewport = (place * MAP_PX, 0, side, side)
+            depth = _solid_depth(view, solid(place), side)
+            self._maps.write(depth, viewport=self._framebuffer.viewport)
+            soft(Window(view.clip_from_model, depth), direction)
+            views[place] = view.shadow_from_model
         self._maps.use(self._unit)
         towards = np.zeros((MAX_SHADOWS, 3))
         towards[: len(lights)] = lights
@@ -81,34 +94,27 @@ class ShadowMaps:
         }
 
 
-def _depth(
-    view: Float64[ndarray, "4 4"], meshes: Sequence[Mesh], soft: Sequence[tuple[SceneMesh, Opacity]], side: int
-) -> Float32[ndarray, "s s"]:
-    """How deep what casts a shadow lies below each texel of a map, 0 to 1."""
+def _solid_depth(view: LightView, meshes: Sequence[Mesh], side: int) -> Float32[ndarray, "s s"]:
+    """How deep what is opaque lies below each texel of a map, 0 to 1."""
     depth, labels = np.ones((side, side), dtype=np.float32), np.empty((side, side), dtype=np.float32)
-    rows = (np.array([[side], [side], [1]]) * view[:3]).astype(np.float32)
+    rows = (np.array([[side], [side], [1]]) * view.shadow_from_model[:3]).astype(np.float32)
     for place, (vertices, triangles) in enumerate(meshes):
         # What of the head turns away from a light would only shade what turns away as well.
         front = 1.0 if place == 0 else 0.0
-        draw_nearest(placed(vertices, rows, True), triangles, front, NOWHERE, (0.0, 0.0), depth, labels)
-    for mesh, opacity in soft:
-        opacity.draw(placed(mesh.vertices, rows, True), mesh, CASTS, depth)
+        draw_nearest(vertices @ rows[:, :3].T + rows[:, 3], triangles, front, NOWHERE, (0.0, 0.0), depth, labels)
     return np.maximum(depth, 0, out=depth)
 
 
-def light_view(
-    direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], radius_mm: float
-) -> Float64[ndarray, "4 4"]:
-    """An orthographic view along a light, of a sphere and of what is between it and the light.
-
-    Returns:
-        A matrix that gives place in the map and depth, 0 to 1, of a point in the model frame.
-    """
+def light_view(direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], radius_mm: float) -> LightView:
+    """An orthographic view along a light, of a sphere and of what is between it and the light."""
     across = np.cross(np.eye(3)[np.abs(direction).argmin()], direction)
     across /= np.linalg.norm(across)
-    view = np.eye(4)
-    view[:2, :3] = np.stack([across, np.cross(direction, across)]) / (2 * radius_mm)
-    view[2, :3] = -direction / (radius_mm * (1 + TOWARDS_LIGHT))
-    view[:2, 3] = 0.5 - view[:2, :3] @ centre
-    view[2, 3] = 1 - view[2, :3] @ (centre - radius_mm * direction)  # the far end of the sphere is at 1
-    return view
+    axes = np.stack([across, np.cross(direction, across)]) / radius_mm
+    away = -2 * direction / (radius_mm * (1 + TOWARDS_LIGHT))
+    clip = np.eye(4)
+    clip[:2, :3], clip[:2, 3] = axes, -axes @ centre
+    clip[2, :3] = away
+    clip[2, 3] = 1 - away @ (centre - radius_mm * direction)  # the far end of the sphere is at 1
+    half = np.diag([0.5, 0.5, 0.5, 1.0])
+    half[:3, 3] = 0.5
+    return LightView(clip, half @ clip)

@@ -7,7 +7,7 @@ from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from datagen.appearance.scene import SCENE_LABELS, SceneMesh
-from datagen.rendering.processor.nearest import Box, draw_nearest, placed
+from datagen.rendering.processor.nearest import Box, draw_nearest
 from datagen.rendering.scenes.scene_camera import NEAREST_MM
 from pix2face.geometry.camera import Camera
 from pix2face.models.rasterise import handedness
@@ -53,9 +53,15 @@ def see_scene(
 
 def _on_samples(points: Float32[ndarray, "v 3"], camera: Camera) -> Float32[ndarray, "v 3"]:
     """Column and row in samples, and a number that is linear in the image and larger where a point is farther."""
-    rows = camera.matrix[:3].copy()
-    rows[:2] = 2 * rows[:2] + 0.5 * camera.matrix[3]
-    return placed(points, rows.astype(np.float32), camera.is_affine)
+    rows = camera.matrix.astype(np.float32)
+    placed = points @ rows[:3, :3].T + rows[:3, 3]
+    if camera.is_affine:
+        placed[:, :2] = 2 * placed[:, :2] + np.float32(0.5)
+        return placed
+    depth = np.where(placed[:, 2] > 0, placed[:, 2], np.nan).astype(np.float32)
+    placed[:, :2] = 2 * placed[:, :2] / depth[:, None] + np.float32(0.5)
+    placed[:, 2] = -1 / depth
+    return placed
 
 
 def before_camera(

@@ -21,11 +21,19 @@ vec3 strand_direction(vec3 position, vec2 uv, vec2 twice) {
 }
 
 Surface hair_material(Surface s, vec2 uv) {
+#ifdef SHADOW
+    vec4 texel = textureLod(material_texture, vec3(uv, float(material_layer)), 2.0);  // as coarse as the map
+#else
     vec4 texel = texture(material_texture, vec3(uv, float(material_layer)));
+#endif
     texel = has_texture ? texel : vec4(0.5, 1.0, 0.0, 0.5);
     bool is_hair = material_numbers.x < 0.5;
     float grey = texel.r;
+#ifdef SHADOW
+    float patch_noise = 0.5, streak_noise = 0.5;  // a shadow's edge is wider than a strand
+#else
     float patch_noise = at_waves.x, streak_noise = at_waves.y;
+#endif
 
     float tips = smoothstep(hair_reach.x, hair_reach.y, s.position.y + 30.0 * (streak_noise - 0.5));
     float roots = hair_mix.z * smoothstep(105.0, 140.0, s.position.y);

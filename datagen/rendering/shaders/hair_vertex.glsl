@@ -26,6 +26,10 @@ void main() {
     at_normal = normal;
     at_uv = uv;
     at_waves = vec2(waves(vertex * 0.21 + hair_reach.z), waves(vertex * vec3(0.31, 0.05, 0.31) + hair_reach.z + 40.0));
+#ifndef SHADOW
     vec3 seen_side = normal * (dot(normal, camera_place.xyz - camera_place.w * vertex) < 0.0 ? -1.0 : 1.0);
     at_reached = vec3(lamp_reaches(0, vertex, seen_side, 0.0), lamp_reaches(1, vertex, seen_side, 0.0), sky(vertex, seen_side));
+#else
+    at_reached = vec3(1.0);
+#endif
 }

@@ -80,7 +80,7 @@ def show(gl_session: GLContext) -> Show:
         defaults = {"albedo": (1.0, 1.0, 1.0), "tangent": (0.0, 0.0, 0.0), "view": (0.0, 0.0, 0.0), "is_mirror": False}
         numbers = {"roughness": 1.0, "reflectance": 0.0, "scatter": 0.0, "occlusion": 1.0}
         ball = (80 * fibonacci_sphere(50)).astype(np.float32)
-        of_shadows = shadows.draw(ball, shadow_lights(light, CAMERA), lambda which: [], [])
+        of_shadows = shadows.draw(ball, shadow_lights(light, CAMERA), lambda which: [], lambda view, towards: None)
         set_uniforms(program, {**light_uniforms(light, CAMERA), **of_shadows, **textures.units, "normals": 1})
         set_uniforms(program, {**defaults, **numbers, **surface})
         textures.bind()

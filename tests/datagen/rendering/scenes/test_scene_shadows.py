@@ -81,7 +81,7 @@ def test_transparent_parts_cast_no_shadow(gl: GLContext) -> None:
 
     def beside(alpha: float) -> ndarray:
         """A sheet at the subject's left, out of the picture, between head and light."""
-        mesh = sheet(120, alpha=alpha, kind="hair", numbers=(0, 1, -1000, 0))
+        mesh = sheet(120, alpha=alpha, kind="hair")
         turned = SceneMesh(**{**vars(mesh), "vertices": np.ascontiguousarray(mesh.vertices[:, ::-1])})
         return lit(gl, model, [(1, 0, 0.1)], [turned])
 
@@ -118,10 +118,10 @@ def test_a_view_along_a_light_holds_the_sphere_and_what_is_before_it() -> None:
         view = light_view(direction, centre, 150.0)
         sphere = rng.normal(size=(200, 3))
         sphere = centre + 150 * sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
-        place = sphere @ view[:3, :3].T + view[:3, 3]
+        place = sphere @ view.shadow_from_model[:3, :3].T + view.shadow_from_model[:3, 3]
         assert place.min() > -1e-9
         assert place.max() < 1 + 1e-9
-        nearer = (sphere + 40 * direction) @ view[:3, :3].T + view[:3, 3]
+        nearer = (sphere + 40 * direction) @ view.shadow_from_model[:3, :3].T + view.shadow_from_model[:3, 3]
         np.testing.assert_allclose(nearer[:, :2], place[:, :2], atol=1e-9)
         assert (nearer[:, 2] < place[:, 2]).all()
 
