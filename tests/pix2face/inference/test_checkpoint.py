@@ -202,3 +202,18 @@ def test_statistics_of_norms_do_not_overflow_in_a_checkpoint_of_half_the_size(tm
     network.stem_norm.running_var.fill_(1e5)  # float16 ends at 65,504
     save_checkpoint(tmp_path / "half.safetensors", header, network.eval(), torch.float16)
     assert (load_checkpoint(tmp_path / "half.safetensors")[1].stem_norm.running_var == 1e5).all()
+
+
+def test_residual_networks_of_the_third_schema_have_no_coarse_planes(tmp_path):
+    widths, path = residual_widths(2), tmp_path / "c.safetensors"
+    fields = asdict(replace(HEADER, architecture="residual", size_px=64, widths=widths)) | {"schema_version": 3}
+    network = ResidualUNet(widths).eval()
+    weights = {
+        name: own.contiguous() for name, own in network.state_dict().items() if not name.startswith("coarse_planes")
+    }
+    save_file(weights, path, metadata={METADATA_KEY: json.dumps(fields)})
+    picture = torch.rand(1, 3, 64, 64) - 0.5
+    torch.testing.assert_close(load_checkpoint(path)[1](picture), network(picture), rtol=0, atol=0)
+    save_file(weights, path, metadata={METADATA_KEY: json.dumps(fields | {"schema_version": SCHEMA_VERSION})})
+    with pytest.raises(InputFileError, match=r"coarse_planes.0.bias should be \(6,\) and is missing"):
+        load_checkpoint(path)
