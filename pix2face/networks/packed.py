@@ -29,9 +29,10 @@ def packed(network: nn.Module, precision: torch.dtype | None = None) -> nn.Modul
         return network
     ready = folded(network)
     _keep_channels(ready.planes, 4 * SCALE_PLANE)  # of each plane, four for 2 x 2 pixels
-    for coarse in ready.coarse_planes:
-        _keep_channels(coarse, SCALE_PLANE)
-    answers = {ready.planes, *ready.coarse_planes}
+    coarse = [own for own in ready.coarse_planes if isinstance(own, nn.Conv2d)]
+    for convolution in coarse:
+        _keep_channels(convolution, SCALE_PLANE)
+    answers = {ready.planes, *coarse}
     precision = precision or (torch.bfloat16 if _has_bfloat16() else torch.float32)
     for module in list(ready.modules()):
         for name, child in list(module.named_children()):

@@ -51,7 +51,8 @@ class ResidualUNet(nn.Module):
         planes: Planes of the output: PNCC, offset, logits of masks, and the logarithm of the scale of PNCC's errors.
         landmarks: Number of landmarks that are predicted beside the planes, each with the scale of its error.
 
-    Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle); Lin et al. 2017 (answers of all levels); Wood et al. 2022 (landmarks with scales).
+    Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle); Lin et al. 2017 (answers of all levels); Wood et
+    al. 2022 (landmarks with scales).
     """
 
     def __init__(self, widths: tuple[int, ...], planes: int = MAP_PLANES, landmarks: int = 0) -> None:
@@ -79,8 +80,8 @@ class ResidualUNet(nn.Module):
         self.planes = nn.Conv2d(widths[0], 4 * planes, kernel_size=3, padding=1)
         self.landmarks = LandmarkHead(outwards[1], landmarks) if landmarks else None
         self.apply(_initialise)
-        for convolution in self.coarse_planes:
-            nn.init.zeros_(convolution.weight)
+        for weights in self.coarse_planes.parameters():
+            nn.init.zeros_(weights)
 
     def forward(
         self, image: Float[Tensor, "b 3 h w"]
