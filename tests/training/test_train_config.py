@@ -78,6 +78,7 @@ def test_help_and_recipe_start_from_the_preset(capsys):
 def test_the_configuration_of_a_training_keeps_its_form():
     """A state that was written before is gone on from only where all of this is the same."""
     jitter = {"scale": [1.0, 1.8], "shift": 0.25, "rotation_deg": 20.0, "gamma": [0.8, 1.2], "gain": 0.8}
+    weights = {"pncc": 1.0, "offset": 1.0, "linear": 0.0, "mask": 2.0, "seen": 1.0, "scale": 0.02, "landmarks": 0.02}
     assert json.loads(json.dumps(asdict(recipe_of("--preset", "tiny", "--mirror", "yes", "--weight-mask", 2)))) == {
         "architecture": "paper",
         "size_px": 64,
@@ -92,7 +93,7 @@ def test_the_configuration_of_a_training_keeps_its_form():
         "schedule": "paper",
         "warm_up": 0,
         "precision": "bfloat16",
-        "weights": {"pncc": 1.0, "offset": 1.0, "mask": 2.0, "seen": 1.0, "scale": 0.02, "landmarks": 0.02},
+        "weights": weights,
         "loss_over": "all",
         "clip": 0.0,
         "ema": 0.0,

@@ -1,6 +1,7 @@
 """Everything around predictor and fit, with stand-ins for both."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_the_baseline_has_the_area_and_centre_of_the_box_and_one_scale():
 
 
 def test_a_model_without_landmarks_is_refused_by_name():
-    bare = type(MODEL)(**{**vars(MODEL), "landmarks": {}})
+    bare = replace(MODEL, landmarks={})
     with pytest.raises(UsageError, match=MODEL.name):
         mean_face_in_box(bare, TRUE_BOX)
 
