@@ -45,7 +45,7 @@ class Camera:
 
     @cached_property
     def weak_perspective(self) -> "WeakPerspective":
-        """The parameters of ``nearest_weak_perspective``, computed once because checks and poses of a face need them."""
+        """The parameters of ``nearest_weak_perspective``, computed once for checks and poses of a face."""
         affine = linearised(self).matrix
         u, singular_values, vt = np.linalg.svd(affine[:2, :3], full_matrices=False)
         rows = u @ vt
