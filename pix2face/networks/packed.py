@@ -33,7 +33,7 @@ def packed(network: nn.Module, precision: torch.dtype | None = None) -> nn.Modul
     for convolution in coarse:
         _keep_channels(convolution, SCALE_PLANE)
     answers = {ready.planes, *coarse}
-    precision = precision or (torch.bfloat16 if _has_bfloat16() else torch.float32)
+    precision = precision or (torch.bfloat16 if has_bfloat16() else torch.float32)
     for module in list(ready.modules()):
         for name, child in list(module.named_children()):
             if isinstance(child, nn.Conv2d):
@@ -76,7 +76,7 @@ def _keep_channels(convolution: nn.Conv2d, count: int) -> None:
         convolution.bias = nn.Parameter(convolution.bias[:count])
 
 
-def _has_bfloat16() -> bool:
+def has_bfloat16() -> bool:
     """Whether the processor has instructions for bfloat16; False if this version of PyTorch cannot tell."""
     capabilities: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)()
     return bool(capabilities.get("avx512_bf16"))

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import update_bn
 
 from pix2face.errors import Pix2FaceError
+from pix2face.networks.packed import has_bfloat16
 from training.data.batches import TrainingBatch, network_input
 from training.loop.processes import Processes
 from training.recipe.recipe import StepRecipe
@@ -93,6 +94,9 @@ class Learner:
         self.mean = RunningMean(self.network, recipe.ema) if recipe.ema else None
         self.steps_done = 0
         self._device = torch.device(device)
+        # Processors without instructions for bfloat16 take ten times as long with it.
+        is_able = self._device.type != "cpu" or has_bfloat16()
+        self._in_bfloat16 = recipe.precision == "bfloat16" and is_able
         self._passes = processes.joined(self.network)
         if is_compiled:
             self._passes = torch.compile(self._passes)  # type: ignore[assignment]
@@ -183,8 +187,7 @@ class Learner:
     def _backward(self, batch: TrainingBatch, of: int) -> dict[str, Tensor]:
         """Adds the gradient of a part of a batch of ``of`` pictures; returns its share of the losses."""
         batch = batch.to(self._device, non_blocking=True)
-        bfloat16 = self._recipe.precision == "bfloat16"
-        with torch.autocast(self._device.type, dtype=torch.bfloat16, enabled=bfloat16):
+        with torch.autocast(self._device.type, dtype=torch.bfloat16, enabled=self._in_bfloat16):
             answer = self._passes(network_input(batch))
         parts = self._plan.parts(answer, batch)
         share = len(batch) / of

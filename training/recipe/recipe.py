@@ -105,7 +105,8 @@ class Recipe:
         schedule: How the learning rate falls. paper: after each epoch, to 0.021 of its start. cosine, linear: after
             each step, to 0.
         warm_up: Number of pictures over which the learning rate first rises from 0 (cosine, linear).
-        precision: Arithmetic of the network's layers; weights and loss are always float32.
+        precision: Arithmetic of the network's layers; weights and loss are always float32. A CPU that has no
+            instructions for bfloat16 computes in float32.
         weights: Weights of the parts of the loss.
         loss_over: Pixels over which the errors of the maps are averaged: all pixels, the mask, or its visible part.
         clip: Largest norm of the gradient; larger gradients are scaled down to it. 0 for no limit.

@@ -6,7 +6,7 @@ from pix2face.networks.packed import packed
 from pix2face.networks.paper import UNet
 from pix2face.networks.residual import BoundedBatchNorm, ResidualUNet, residual_widths
 
-needs_bfloat16 = pytest.mark.skipif(not module._has_bfloat16(), reason="this processor does not compute in bfloat16")
+needs_bfloat16 = pytest.mark.skipif(not module.has_bfloat16(), reason="this processor does not compute in bfloat16")
 PICTURES = torch.rand(3, 3, 64, 128, generator=torch.Generator().manual_seed(0)) - 0.5
 
 

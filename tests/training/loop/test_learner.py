@@ -88,6 +88,15 @@ def test_the_seed_decides_everything(precision):
     assert not torch.equal(same[0], weights(trained(replace(recipe, seed=1))[0]))
 
 
+@pytest.mark.parametrize("has_bfloat16", [True, False])
+def test_bfloat16_is_used_only_where_the_processor_computes_in_it(has_bfloat16, monkeypatch):
+    monkeypatch.setattr("training.loop.learner.has_bfloat16", lambda: has_bfloat16)
+    rounded, exact = (
+        weights(trained(replace(RECIPE, precision=precision))[0]) for precision in ("bfloat16", "float32")
+    )
+    assert torch.equal(rounded, exact) != has_bfloat16
+
+
 def test_norms_are_measured_with_the_weights_that_the_checkpoint_holds():
     recipe = replace(
         RECIPE, architecture="residual", size_px=64, filters=4, ema=0.9, precision="bfloat16", learning_rate=0.1
