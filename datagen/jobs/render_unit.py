@@ -90,7 +90,7 @@ def _render_unit(unit: Unit) -> UnitReport:
     times = StageTimes()
     if not unit.out.is_dir():
         raise UsageError(f"{unit.out}: expected the worker to see the folder of the shards, found that it does not")
-    with worker_lock(unit.out):
+    with worker_lock(unit.out), threadpool_limits(1, user_api="blas"):
         with times.stage("open model and source"):
             worker = _worker(unit)
         order = {name: place for place, name in enumerate(unit.job.sample_ids_of(worker.source, unit.number))}
@@ -163,7 +163,6 @@ def _worker(unit: Unit) -> _Worker:
 
 def _open_worker(unit: Unit) -> _Worker:
     limit_threads()
-    threadpool_limits(1, user_api="blas")  # of libraries that are loaded by now
     cv2.setNumThreads(1)
     job = unit.job
     model = open_model(job.model)
