@@ -128,11 +128,7 @@ def load_header(path: Path) -> CheckpointHeader:
     Raises:
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
-    fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
-    try:
-        return CheckpointHeader.from_json(fields)
-    except ValueError as error:
-        raise _unusable(path, error) from error
+    return _header_of(path, read_header(path, METADATA_KEY, SCHEMA_VERSION))
 
 
 def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
@@ -141,10 +137,11 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
     Raises:
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
-    header, tensors = load_header(path), read_tensors(path)
+    fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
+    header, tensors = _header_of(path, fields), read_tensors(path)
     try:
         network = _without_weights(header)
-        if read_header(path, METADATA_KEY, SCHEMA_VERSION)["schema_version"] < FIRST_WITH_COARSE_PLANES:
+        if fields["schema_version"] < FIRST_WITH_COARSE_PLANES:
             tensors |= _zeros(network, "coarse_planes.")
         _check_shapes(network, tensors)
         weights = {name: _laid_out(tensors[name], wanted) for name, wanted in network.state_dict().items()}
@@ -152,6 +149,13 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise _unusable(path, error) from error
     return header, network.eval()
+
+
+def _header_of(path: Path, fields: Mapping[str, Any]) -> CheckpointHeader:
+    try:
+        return CheckpointHeader.from_json(fields)
+    except ValueError as error:
+        raise _unusable(path, error) from error
 
 
 def _without_weights(header: CheckpointHeader) -> nn.Module:
