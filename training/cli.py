@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 
 from pix2face.programs import Command, run_commands
-from training.train_config import DetectorConfig, ExportConfig, TrainConfig, defaults_of
+from training.train_config import CorrectionConfig, DetectorConfig, ExportConfig, TrainConfig, defaults_of
 
 DESCRIPTION = """Train the network on shards that `datagen render` wrote.
 
@@ -14,6 +14,7 @@ without the interruption. `torchrun --nproc-per-node N -m training.cli ...` trai
 
 COMMANDS = {
     "": Command(TrainConfig, "training.train_cli:train_network", default=defaults_of),
+    "correction": Command(CorrectionConfig, "training.correction.correction_cli:correction"),
     "detector": Command(DetectorConfig, "training.detection.detector_cli:detector"),
     "export": Command(ExportConfig, "training.release.release_cli:export"),
 }

@@ -14,6 +14,7 @@ from pix2face.command_line import choices, optional
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.json_text import JsonObject, read_json_file, typed
 from pix2face.inference import RUNS
+from training.recipe.correction_recipe import CorrectionRecipe
 from training.recipe.detector_recipe import DetectorRecipe
 from training.recipe.presets import PRESETS, PresetName
 from training.recipe.recipe import Recipe
@@ -203,6 +204,36 @@ class DetectorConfig:
     out: Path = RUNS / "detector"
     init: Annotated[Path | None, optional("PATH")] = None
     numbers: Annotated[DetectorRecipe, tyro.conf.arg(name="")] = field(default_factory=DetectorRecipe)
+    workers: int = 1
+    device: str = "cpu"
+    state_minutes: float = 10.0
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class CorrectionConfig:
+    """Train what corrects the fits of a network, on rendered faces. The network itself does not change.
+
+    The network is run on crops of the faces, and the model is fitted to its maps. The correction learns how the fits
+    differ from the true faces. After an interruption, run the same command again to continue.
+
+    Attributes:
+        shards: Folders of shards with the layers image and landmarks.
+        checkpoint: Network of the architecture residual. Default: the network that comes with the package.
+        model: Morphable model of the network: builtin, or a file of `datagen model`.
+        out: Folder for the network with its correction, the log, and the state from which an interrupted training
+            continues.
+        numbers: Length and optimisation.
+        workers: Number of processes that run the network and fit.
+        device: Torch device of the correction, such as cpu or cuda.
+        state_minutes: Minutes between two writings of the state from which an interrupted training continues.
+    """
+
+    shards: tuple[str, ...]
+    checkpoint: Annotated[Path | None, optional("PATH")] = None
+    model: str = "builtin"
+    out: Path = RUNS / "correction"
+    numbers: Annotated[CorrectionRecipe, tyro.conf.arg(name="")] = field(default_factory=CorrectionRecipe)
     workers: int = 1
     device: str = "cpu"
     state_minutes: float = 10.0

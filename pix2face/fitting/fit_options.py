@@ -40,6 +40,8 @@ class FitOptions:
         contour: Where the jaw landmarks lie: off puts them at fixed points of the skin, 2d on the visible outline,
             as in 300-W.
         silhouette: Keep the fitted face inside its mask (the silhouette). For weak-perspective cameras only.
+        correction: Let the network correct the fit, if it can. For fits with weak-perspective cameras that are held to
+            the silhouette only: it learned from these.
         reprojection_rounds: How often the camera is fitted again to the fitted mesh, and then the coefficients to that
             camera.
     """
@@ -48,6 +50,7 @@ class FitOptions:
     regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
     contour: Contour = "off"
     silhouette: bool = True
+    correction: bool = True
     reprojection_rounds: int = 0
 
     @property

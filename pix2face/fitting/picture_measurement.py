@@ -1,7 +1,7 @@
 """What the maps of one picture say: a camera, and the linear system of the coefficients."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, final
 
@@ -22,7 +22,7 @@ from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepar
 from pix2face.fitting.silhouette import FaceSurface, OutsideDistance, fit_camera_to_silhouette, with_silhouette
 from pix2face.fitting.surface_pixels import surface_rows
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.maps import FaceMaps
+from pix2face.geometry.maps import FaceMaps, FitCorrector
 from pix2face.models.morphable_model import MorphableModel
 
 Constraints = Literal["vertices", "surface"]
@@ -117,7 +117,9 @@ def measure_picture(
     measured = PictureMeasurement(camera, system, regularisation, system.solve(regularisation))
     if can_hold and camera.is_affine:
         silhouette = _Silhouette(OutsideDistance.of(whole), *correspondences(pixels, clear, width, SILHOUETTE_PIXELS))
-        return _inside_mask(measured, silhouette, prepared, found, basis, max(1, options.reprojection_rounds))
+        measured = _inside_mask(measured, silhouette, prepared, found, basis, max(1, options.reprojection_rounds))
+        corrects = options.correction and options.camera == "weak-perspective"
+        return _corrected(measured, whole.correct) if corrects and whole.correct else measured
     return _reprojected(measured, fit_camera, prepared.mean[found.places], found, basis, options.reprojection_rounds)
 
 
@@ -197,6 +199,14 @@ def _inside_mask(
         face = face_of(coefficients)
         camera = camera_of(camera, face)
     return PictureMeasurement(camera, system, regularisation, coefficients)
+
+
+def _corrected(measured: PictureMeasurement, correct: FitCorrector) -> PictureMeasurement:
+    """What the network makes of a fit: another camera, and a system whose solution is the corrected coefficients."""
+    camera, coefficients = correct(measured.camera, measured.coefficients)
+    system, change = measured.system, coefficients - measured.coefficients
+    right = system.right + system.normal @ change + measured.regularisation * change
+    return PictureMeasurement(camera, replace(system, right=right), measured.regularisation, coefficients)
 
 
 def _face_points(

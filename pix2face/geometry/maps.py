@@ -1,5 +1,6 @@
 """The maps that the network learns: PNCC (projected normalised coordinate code), offset, and their mask."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -8,8 +9,15 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int16, UInt8
 from numpy import ndarray
 
+from pix2face.geometry.camera import Camera
+
 # Fixed point: rounding to 1/128 mm is at most 0.004 mm off, and int16 reaches to 256 mm.
 FIXED_POINT_STEPS_PER_MM = 128
+
+
+# From the weak-perspective camera (pixels of the maps) and the coefficients (standard deviations) of a fit to those
+# that a network takes for nearer to the truth.
+FitCorrector = Callable[[Camera, Float64[ndarray, " c"]], tuple[Camera, Float64[ndarray, " c"]]]
 
 
 @final
@@ -37,6 +45,8 @@ class FaceMaps:
     in_photograph: Bool[ndarray, "h w"] | None = None
     #: The landmarks of the model in the picture; None if the network predicts maps only.
     landmarks: PredictedLandmarks | None = None
+    #: What the network says of a fit to these maps; None if it corrects none.
+    correct: FitCorrector | None = None
 
     @property
     def seen_share(self) -> float | None:

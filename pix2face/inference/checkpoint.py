@@ -29,7 +29,7 @@ Widths = Annotated[tuple[Side, ...], msgspec.Meta(max_length=16)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 LARGEST_FILE_BYTES, MOST_HEADER_VALUES = 1 << 33, 1_000_000
 METADATA_KEY = "pix2face-checkpoint"
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 # Residual networks of earlier schemas have planes of the finest level alone.
 FIRST_WITH_COARSE_PLANES = 4
 
@@ -65,6 +65,8 @@ class CheckpointHeader:
     planes: int = MAP_PLANES
     # Number of the model's own landmarks that the network predicts beside the planes.
     n_landmarks: Annotated[int, msgspec.Meta(ge=0, le=1024)] = 0
+    # Number of coefficients of the fits that the network corrects; 0 if it corrects none.
+    n_corrected: Annotated[int, msgspec.Meta(ge=0, le=1024)] = 0
     # Vertices of the schemes for which they were chosen on fits to this network's own maps.
     landmarks: Mapping[str, tuple[Integer, ...]] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
@@ -86,7 +88,7 @@ class CheckpointHeader:
             old: _FirstSchema = typed(known, _FirstSchema)
             known |= {"widths": paper_widths(old.size_px, old.filters), "schema_version": 2}
             del known["filters"]
-        if known.get("schema_version") in {2, 3}:  # 2: without landmarks
+        if known.get("schema_version") in {2, 3, 4}:  # 2: without landmarks; 4: without corrections
             known["schema_version"] = SCHEMA_VERSION
         unknown = known.keys() - cls.__dataclass_fields__.keys()
         if unknown:
@@ -161,7 +163,9 @@ def _header_of(path: Path, fields: Mapping[str, Any]) -> CheckpointHeader:
 def _without_weights(header: CheckpointHeader) -> nn.Module:
     """The network that the header describes, which takes neither memory for weights nor time to draw them."""
     with torch.device("meta"):
-        return build_network(header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks)
+        return build_network(
+            header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks, header.n_corrected
+        )
 
 
 def _zeros(network: nn.Module, prefix: str) -> dict[str, Tensor]:

@@ -7,17 +7,20 @@ from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
 from pix2face.errors import DegenerateGeometryError, UsageError
+from pix2face.geometry.camera import Camera, affine_camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
-from pix2face.geometry.maps import FaceMaps, PredictedLandmarks, eroded, valid_pixels
+from pix2face.geometry.maps import FaceMaps, FitCorrector, PredictedLandmarks, eroded, valid_pixels
 from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.networks import MAP_PLANES
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
+from pix2face.networks.correction import FitCorrection
 from pix2face.networks.packed import packed
+from pix2face.networks.residual import ResidualUNet
 
 # The network is no faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
@@ -112,17 +115,21 @@ class Predictor:
             return []
         crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
         pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
-        planes, numbers = self._answers(pictures.astype(np.float32) / 255 - 0.5)
+        planes, numbers, correctors = self._answers(pictures.astype(np.float32) / 255 - 0.5)
         landmarks = [read_landmarks(own, self.header.size_px) for own in numbers]
         found = [read_planes(own, self.header) for own in planes]
         return [
             Prediction(
-                replace(maps, in_photograph=pixels_in_image(crop, image.shape[:2]), landmarks=points),
+                replace(
+                    maps, in_photograph=pixels_in_image(crop, image.shape[:2]), landmarks=points, correct=corrector
+                ),
                 crop,
                 box,
                 n_undefined=n_undefined,
             )
-            for (maps, n_undefined), points, crop, (image, box) in zip(found, landmarks, crops, faces, strict=True)
+            for (maps, n_undefined), points, corrector, crop, (image, box) in zip(
+                found, landmarks, correctors, crops, faces, strict=True
+            )
         ]
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
@@ -132,14 +139,59 @@ class Predictor:
 
     def _answers(
         self, pictures: Float32[ndarray, "b s s 3"]
-    ) -> tuple[Float32[ndarray, "b s s planes"], Float32[ndarray, "b n 3"]]:
-        """Planes and landmarks; no landmarks where the network predicts none."""
+    ) -> tuple[Float32[ndarray, "b s s planes"], Float32[ndarray, "b n 3"], list[FitCorrector | None]]:
+        """Planes, landmarks (none where the network predicts none), and what corrects the fits."""
+        network = self._network
         with torch.inference_mode():
             batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(self._device)
-            answer = self._network(batch)
-            planes, landmarks = answer if isinstance(answer, tuple) else (answer, answer.new_zeros(len(batch), 0, 3))
+            correctors: list[FitCorrector | None] = [None] * len(batch)
+            if isinstance(network, ResidualUNet) and network.correction is not None:
+                planes, landmarks, levels = network.read(batch)
+                size_px = self.header.size_px
+                correctors = [_Corrector(network.correction, own, size_px) for own in zip(*levels, strict=True)]
+            else:
+                answer = network(batch)
+                planes, landmarks = answer if isinstance(answer, tuple) else (answer, None)
+            numbers = planes.new_zeros(len(batch), 0, 3) if landmarks is None else landmarks
             last = planes.float().permute(0, 2, 3, 1).cpu().numpy()
-            return np.ascontiguousarray(last), landmarks.float().cpu().numpy()
+            return np.ascontiguousarray(last), numbers.float().cpu().numpy(), correctors
+
+
+@final
+class _Corrector:
+    """A ``FitCorrector`` for one picture.
+
+    Args:
+        correction: The network's part that corrects fits.
+        levels: The features of the picture that it goes by.
+        size_px: Side of the picture.
+    """
+
+    def __init__(self, correction: FitCorrection, levels: Sequence[Tensor], size_px: int) -> None:
+        self._correction, self._levels, self._size_px = correction, levels, size_px
+
+    def __call__(self, camera: Camera, coefficients: Float64[ndarray, " c"]) -> tuple[Camera, Float64[ndarray, " c"]]:
+        """Returns the corrected camera and coefficients."""
+        with torch.inference_mode():
+            levels = [level[None].float() for level in self._levels]
+            rows = centred_rows(camera, self._size_px)
+            own, changed = (torch.from_numpy(values[None]).to(levels[0]) for values in (rows, coefficients))
+            nearer, better = (values[0].double().cpu().numpy() for values in self._correction(levels, own, changed))
+        return camera_of_rows(nearer, self._size_px), better
+
+
+def centred_rows(camera: Camera, size_px: int) -> Float64[ndarray, "2 4"]:
+    """The rows of an affine camera, in units of the picture's side from its middle: what ``FitCorrection`` takes."""
+    rows = camera.matrix[:2] / size_px
+    rows[:, 3] -= 0.5
+    return rows
+
+
+def camera_of_rows(rows: Float64[ndarray, "2 4"], size_px: int) -> Camera:
+    """The inverse of ``centred_rows``."""
+    rows = rows.copy()
+    rows[:, 3] += 0.5
+    return affine_camera(size_px * rows)
 
 
 def keep_networks_in_one_thread() -> None:

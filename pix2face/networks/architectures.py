@@ -21,19 +21,20 @@ class Architecture:
     """How to make networks of one kind."""
 
     widths: Callable[[int, int], tuple[int, ...]]  # filters of each level, from the side (px) and those of the first
-    # From the side (px), filters of each level, planes and landmarks.
-    build: Callable[[int, tuple[int, ...], int, int], nn.Module]
+    # From the side (px), filters of each level, planes, landmarks, and coefficients that are corrected.
+    build: Callable[[int, tuple[int, ...], int, int, int], nn.Module]
     check_size: Callable[[int], object]  # raises ValueError where the network cannot take a picture of a side
     is_any_size: bool  # whether the same weights take pictures of other sizes
 
 
 def build_network(
-    architecture: str, size_px: int, widths: tuple[int, ...], planes: int, landmarks: int = 0
+    architecture: str, size_px: int, widths: tuple[int, ...], planes: int, landmarks: int = 0, corrected: int = 0
 ) -> nn.Module:
     """Makes a network with new weights, drawn from torch's generator.
 
     Widths are the filters of each level. The planes of the output are 6 of the maps, up to two of masks, and one of
-    scales. Landmarks are those that the network predicts beside the planes; 0 for none.
+    scales. Landmarks are those that the network predicts beside the planes, and ``corrected`` is the number of
+    coefficients of the fits that it corrects; 0 for none.
 
     Raises:
         ValueError: There is no such architecture, or it cannot have these numbers.
@@ -44,12 +45,14 @@ def build_network(
         raise ValueError(f"expected {MAP_PLANES} to {MOST_PLANES} planes, found {planes}")
     chosen = ARCHITECTURES[architecture]
     chosen.check_size(size_px)
-    return chosen.build(size_px, widths, planes, landmarks)
+    return chosen.build(size_px, widths, planes, landmarks, corrected)
 
 
-def _paper(size_px: int, widths: tuple[int, ...], planes: int, landmarks: int) -> nn.Module:
-    if landmarks:
-        raise ValueError(f"expected no landmarks of the paper's network, found {landmarks}")
+def _paper(size_px: int, widths: tuple[int, ...], planes: int, landmarks: int, corrected: int) -> nn.Module:
+    if landmarks or corrected:
+        raise ValueError(
+            f"expected neither landmarks nor corrections of the paper's network, found {landmarks, corrected}"
+        )
     if not widths or widths != paper_widths(size_px, widths[0]):
         raise ValueError(f"expected the paper's widths for {size_px} px, found {widths}")
     return UNet(size_px, widths[0], planes)
@@ -65,7 +68,9 @@ ARCHITECTURES: Mapping[str, Architecture] = MappingProxyType(
         "paper": Architecture(widths=paper_widths, build=_paper, check_size=level_count, is_any_size=False),
         "residual": Architecture(
             widths=lambda size_px, filters: residual_widths(filters),
-            build=lambda size_px, widths, planes, landmarks: ResidualUNet(widths, planes, landmarks),
+            build=lambda size_px, widths, planes, landmarks, corrected: ResidualUNet(
+                widths, planes, landmarks, corrected
+            ),
             check_size=_check_divisible,
             is_any_size=True,
         ),

@@ -10,6 +10,9 @@ from torch.nn import functional
 from torch.nn.utils.fusion import fuse_conv_bn_weights
 
 from pix2face.networks import LANDMARK_NUMBERS, MAP_PLANES
+from pix2face.networks.blocks import BoundedBatchNorm, Bounds, ResidualBlock
+from pix2face.networks.correction import WIDTHS as CORRECTION_WIDTHS
+from pix2face.networks.correction import FitCorrection
 from pix2face.networks.paper import PLANES_IN
 
 # Filters of each level, as multiples of the first level's: 32-64-128-192-256-256 for 32.
@@ -22,10 +25,6 @@ ENCODER_CONVOLUTIONS = (1, 1, 2, 2, 2)
 DECODER_CONVOLUTIONS = (2, 2, 1, 1, 0)
 # Blocks more at the innermost level, which is so small that they cost next to nothing.
 INNER_BLOCKS = 3
-# Standard deviations: at 128 px a batch of 24 pictures has 96 values of a channel at the innermost level, of which none
-# can be farther than sqrt(95) = 9.7 from their mean, since it counts in their deviation. On the 600 renders that showed
-# what it is for, 4 and 8 did the same.
-FARTHEST = 8.0
 # Planes start near 0, where the background stays.
 OUTPUT_GAIN = 0.1
 # Landmarks are read from the features of the innermost level but one, averaged to so many places along each side.
@@ -50,12 +49,15 @@ class ResidualUNet(nn.Module):
         widths: Filters of each level.
         planes: Planes of the output: PNCC, offset, logits of masks, and the logarithm of the scale of PNCC's errors.
         landmarks: Number of landmarks that are predicted beside the planes, each with the scale of its error.
+        corrected: Number of coefficients of the fits that the network can correct (``correction``); 0 for none.
 
     Source: He et al. 2016 (blocks); Shi et al. 2016 (pixel shuffle); Lin et al. 2017 (answers of all levels); Wood et
     al. 2022 (landmarks with scales).
     """
 
-    def __init__(self, widths: tuple[int, ...], planes: int = MAP_PLANES, landmarks: int = 0) -> None:
+    def __init__(
+        self, widths: tuple[int, ...], planes: int = MAP_PLANES, landmarks: int = 0, corrected: int = 0
+    ) -> None:
         super().__init__()
         if len(widths) != len(WIDTH_MULTIPLES):
             raise ValueError(f"expected the filters of {len(WIDTH_MULTIPLES)} levels, found {len(widths)}")
@@ -79,6 +81,7 @@ class ResidualUNet(nn.Module):
         self.coarse_planes = nn.ModuleList(nn.Conv2d(width, planes, kernel_size=1) for width in outwards[1:-1])
         self.planes = nn.Conv2d(widths[0], 4 * planes, kernel_size=3, padding=1)
         self.landmarks = LandmarkHead(outwards[1], landmarks) if landmarks else None
+        self.correction = FitCorrection(correction_widths(widths), corrected) if corrected else None
         self.apply(_initialise)
         for weights in self.coarse_planes.parameters():
             nn.init.zeros_(weights)
@@ -91,6 +94,13 @@ class ResidualUNet(nn.Module):
         With landmarks, it returns the planes and, for each landmark, its place and the logarithm of its scale (see
         ``LANDMARK_NUMBERS``).
         """
+        planes, landmarks, _ = self.read(image)
+        return planes if landmarks is None else (planes, landmarks)
+
+    def read(
+        self, image: Float[Tensor, "b 3 h w"]
+    ) -> tuple[Float[Tensor, "b planes h w"], Float[Tensor, "b n 3"] | None, list[Float[Tensor, "b _ _ _"]]]:
+        """Returns planes, landmarks, and the features that ``correction`` goes by."""
         picture = image.contiguous(memory_format=torch.channels_last)
         features, skips = functional.relu(self.stem_norm(self.stem(picture)), inplace=True), []
         for block in self.encoder:
@@ -99,17 +109,19 @@ class ResidualUNet(nn.Module):
         for block in self.inner:
             features = block(features)
         landmarks, coarse = None, None
+        levels: list[Tensor] = []
         for narrow, block, answer in zip(self.narrow, self.decoder, (*self.coarse_planes, None), strict=True):
             # Narrowed before it is enlarged: a quarter of the work, and the same result.
             enlarged = functional.interpolate(narrow(features), scale_factor=2.0, mode="nearest")
             features = block(enlarged + skips.pop())
+            levels.insert(0, features)
             if landmarks is None and self.landmarks is not None:
                 landmarks = self.landmarks(features)
             if answer is not None:
                 coarse = answer(features) if coarse is None else answer(features) + _enlarged(coarse, 2)
         assert coarse is not None
         planes = functional.pixel_shuffle(self.planes(features), 2) + _enlarged(coarse, 4)
-        return planes if landmarks is None else (planes, landmarks)
+        return planes, landmarks, levels[-len(CORRECTION_WIDTHS) :]
 
 
 @final
@@ -136,79 +148,6 @@ class LandmarkHead(nn.Module):
         with torch.autocast(features.device.type, enabled=False):
             flat = self.pool(features.float()).flatten(1)
             return self.second(functional.relu(self.first(flat))).unflatten(1, (-1, LANDMARK_NUMBERS))
-
-
-@final
-class ResidualBlock(nn.Module):
-    """Convolutions with batch norm, added to their input.
-
-    Args:
-        before: Filters of the input.
-        after: Filters of the output.
-        convolutions: 1 or 2, of 3 x 3.
-        halves: Whether height and width are halved; if not, ``before`` and ``after`` are the same.
-        has_bounded_norms: Whether norms are bounded: where features only go round at the innermost size, and grow.
-    """
-
-    def __init__(
-        self, before: int, after: int, convolutions: int, *, halves: bool = False, has_bounded_norms: bool = False
-    ) -> None:
-        super().__init__()
-        new_norm = BoundedBatchNorm if has_bounded_norms else nn.BatchNorm2d
-        stride = 2 if halves else 1
-        self.first = nn.Conv2d(before, after, kernel_size=3, stride=stride, padding=1, bias=False)
-        self.first_norm = new_norm(after)
-        self.second = nn.Conv2d(after, after, kernel_size=3, padding=1, bias=False) if convolutions > 1 else None
-        self.second_norm = new_norm(after) if convolutions > 1 else None
-        self.shortcut = nn.Conv2d(before, after, kernel_size=1, bias=False) if halves else None
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Returns the features, changed."""
-        change = self.first_norm(self.first(features))
-        if self.second is not None and self.second_norm is not None:
-            change = self.second_norm(self.second(functional.relu(change, inplace=True)))
-        if self.shortcut is not None:
-            features = self.shortcut(functional.avg_pool2d(features, 2))
-        return functional.relu(change + features, inplace=True)
-
-
-@final
-class BoundedBatchNorm(nn.BatchNorm2d):
-    """Batch norm that in use lets nothing lie much farther from the mean than it can in training.
-
-    Where a level has few pixels, what a kind of picture alone has (a profile to one side) is a large part of its
-    batch's deviation, which hides how large it is: features may grow from block to block without any loss showing it.
-    In use they are measured by the deviation of all pictures, and would come out tens of deviations off
-    (docs/explanation/packaged_network_training.md has what came of it). Statistics and weights are those of
-    ``nn.BatchNorm2d``.
-    """
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Returns the features, normalised."""
-        normalised = super().forward(features)
-        return normalised if self.training else _clamped(normalised, *self.bounds())
-
-    def bounds(self) -> tuple[Float[Tensor, "c 1 1"], Float[Tensor, "c 1 1"]]:
-        """The lowest and the highest value of each feature in use."""
-        farthest = FARTHEST * self.weight.abs()
-        return (self.bias - farthest)[:, None, None], (self.bias + farthest)[:, None, None]
-
-
-@final
-class Bounds(nn.Module):
-    """Clamps normalised features to at most ``FARTHEST`` standard deviations from the mean.
-
-    Args:
-        norm: The norm whose weight and bias determine the bounds.
-    """
-
-    def __init__(self, norm: BoundedBatchNorm) -> None:
-        super().__init__()
-        self._low, self._high = norm.bounds()
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Returns the clamped features."""
-        return _clamped(features, self._low, self._high)
 
 
 def folded(network: ResidualUNet) -> ResidualUNet:
@@ -240,8 +179,9 @@ def _enlarged(planes: Tensor, factor: int) -> Tensor:
     return functional.interpolate(planes, scale_factor=factor, mode="bilinear")
 
 
-def _clamped(features: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    return torch.clamp(features, low.to(features.dtype), high.to(features.dtype))
+def correction_widths(widths: tuple[int, ...]) -> tuple[int, ...]:
+    """Filters of the features that the correction of fits goes by, from those of all levels."""
+    return widths[-len(CORRECTION_WIDTHS) - 1 : -1]
 
 
 def residual_widths(filters: int) -> tuple[int, ...]:

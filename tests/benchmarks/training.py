@@ -32,7 +32,7 @@ from pix2face.networks.architectures import build_network
 from tests.benchmarks.plain_unet import PlainUNet
 from tests.benchmarks.surroundings import surroundings
 from tests.fits import paper_fit
-from training.data.batches import Batch, network_input, target_planes
+from training.data.batches import Batch, as_input, target_planes
 from training.loop.learner import ADAM_BETAS, Learner
 from training.loop.losses import LossPlan
 from training.recipe.presets import PRESETS
@@ -76,7 +76,7 @@ class PlainTraining:
         self._optimiser = torch.optim.Adam(self._network.parameters(), lr=recipe.learning_rate, betas=ADAM_BETAS)
 
     def step(self, batch: Batch) -> float:
-        image, target = network_input(batch).contiguous(), target_planes(batch, *SCALES_MM).contiguous()
+        image, target = as_input(batch.image).contiguous(), target_planes(batch, *SCALES_MM).contiguous()
         loss = (self._network(image) - target).abs().mean()
         self._optimiser.zero_grad()
         loss.backward()

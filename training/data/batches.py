@@ -8,7 +8,7 @@ transposed on the way.
 from collections.abc import Callable
 from dataclasses import dataclass
 from mmap import mmap
-from typing import Protocol, final, runtime_checkable
+from typing import Any, Protocol, final, runtime_checkable
 
 import torch
 from jaxtyping import Float32, Int16, UInt8
@@ -38,6 +38,10 @@ class Batch:
     def __len__(self) -> int:
         return len(self.image)
 
+    def network_input(self) -> tuple[Float32[Tensor, "b 3 s s"]]:
+        """The pictures, as the network takes them."""
+        return (as_input(self.image),)
+
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "Batch":
         """Returns the batch on another device."""
         return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
@@ -65,11 +69,10 @@ class Batch:
 class TrainingBatch(Protocol):
     """What the trainer needs to know of a batch."""
 
-    @property
-    def image(self) -> UInt8[Tensor, "b 3 h w"]:
-        """RGB."""
-
     def __len__(self) -> int: ...
+
+    def network_input(self) -> tuple[Any, ...]:
+        """The arguments of the network."""
 
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "TrainingBatch":
         """Returns the batch on another device."""
@@ -81,9 +84,9 @@ class TrainingBatch(Protocol):
         """Some of the samples, not copied."""
 
 
-def network_input(batch: TrainingBatch) -> Float32[Tensor, "b 3 s s"]:
-    """The pictures as the network takes them, in [-0.5, 0.5]."""
-    return batch.image.float().div_(LARGEST_BYTE).sub_(0.5)
+def as_input(image: UInt8[Tensor, "b 3 h w"]) -> Float32[Tensor, "b 3 h w"]:
+    """Pictures as networks take them, in [-0.5, 0.5]."""
+    return image.float().div_(LARGEST_BYTE).sub_(0.5)
 
 
 def target_planes(batch: Batch, pncc_scale_mm: float, offset_scale_mm: float) -> Float32[Tensor, "b 6 s s"]:

@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pix2face.networks.centre import STRIDE
+from training.data.batches import as_input
 from training.detection.scenes import Scene, counted_boxes
 
 # Standard deviation of the heat around a centre, as a share of the box; at least so many cells.
@@ -37,6 +38,10 @@ class SceneBatch:
 
     def __len__(self) -> int:
         return len(self.image)
+
+    def network_input(self) -> tuple[Float32[Tensor, "b 3 h w"]]:
+        """The pictures, as the network takes them."""
+        return (as_input(self.image),)
 
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "SceneBatch":
         """Returns the batch on another device."""

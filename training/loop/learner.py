@@ -13,7 +13,7 @@ from torch.optim.swa_utils import update_bn
 
 from pix2face.errors import Pix2FaceError
 from pix2face.networks.packed import has_bfloat16
-from training.data.batches import TrainingBatch, network_input
+from training.data.batches import TrainingBatch
 from training.loop.processes import Processes
 from training.recipe.recipe import StepRecipe
 from training.recipe.schedule import learning_rate, smooth_rate
@@ -163,7 +163,7 @@ class Learner:
             return
         self.result.train()
         update_bn(
-            (network_input(batch.to(self._device, non_blocking=True)) for batch in chain([first], left)), self.result
+            (batch.to(self._device, non_blocking=True).network_input() for batch in chain([first], left)), self.result
         )
         self.result.eval()
         for norm in self._batch_norms():
@@ -188,7 +188,7 @@ class Learner:
         """Adds the gradient of a part of a batch of ``of`` pictures; returns its share of the losses."""
         batch = batch.to(self._device, non_blocking=True)
         with torch.autocast(self._device.type, dtype=torch.bfloat16, enabled=self._in_bfloat16):
-            answer = self._passes(network_input(batch))
+            answer = self._passes(*batch.network_input())
         parts = self._plan.parts(answer, batch)
         share = len(batch) / of
         total = self._plan.total(parts) * share

@@ -15,7 +15,7 @@ from pix2face.errors import UsageError
 from pix2face.files.writing import naming_failed_writes
 from pix2face.networks import MAP_PLANES
 from pix2face.networks.architectures import MASK_PLANE
-from training.data.batches import network_input, target_planes
+from training.data.batches import as_input, target_planes
 from training.loop.loss_log import STEPS_A_LINE, StepReport
 from training.loop.trainer import Observers
 from training.loop.validation import Scores, Validator
@@ -154,7 +154,7 @@ def prediction_pictures(network: nn.Module, validator: Validator) -> Float32[Ten
     was_training = network.training
     network.eval()
     with torch.inference_mode():
-        planes = network(network_input(batch.to(device))).float().cpu()
+        planes = network(as_input(batch.image.to(device))).float().cpu()
     network.train(was_training)
     truth = target_planes(batch, *validator.scales_mm)
     has_mask = planes.shape[1] > MASK_PLANE

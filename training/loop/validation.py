@@ -20,7 +20,7 @@ from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import read_landmarks, read_planes
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from pix2face.networks import MAP_PLANES
-from training.data.batches import Batch, batch_row, empty_batch, network_input
+from training.data.batches import Batch, as_input, batch_row, empty_batch
 from training.data.cropping import cut, resample
 from training.data.dataset import SampleStore, middle_corner
 from training.data.shard_index import ShardIndex
@@ -149,7 +149,7 @@ class Validator:
         network.eval()
         with torch.inference_mode():
             for batch in self._held_out.batches(BATCH_SIZE):
-                answer = network(network_input(batch.to(device)))
+                answer = network(as_input(batch.image.to(device)))
                 planes, landmarks = answer if isinstance(answer, tuple) else (answer, None)
                 for index, own in enumerate(planes.float().cpu()):
                     measured = self._measure(own, batch.rows(index, index + 1), len(rows))

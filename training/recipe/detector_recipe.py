@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, final
 
 from pix2face.errors import UsageError
-from training.recipe.recipe import Precision
+from training.recipe.recipe import Epochs, Precision
 from training.recipe.schedule import ScheduleName
 
 if TYPE_CHECKING:
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class DetectorRecipe:
+class DetectorRecipe(Epochs):
     """Everything that the detector's weights depend on, apart from the data.
 
     Attributes:
@@ -52,16 +52,6 @@ class DetectorRecipe:
     def parts(self) -> int:
         """Batches are computed whole."""
         return 1
-
-    @property
-    def epoch_steps(self) -> int:
-        """Steps an epoch."""
-        return math.ceil(self.epoch_size / self.batch_size)
-
-    @property
-    def steps(self) -> int:
-        """Steps of the whole training."""
-        return self.epochs * self.epoch_steps
 
     def new_network(self) -> "torch.nn.Module":
         """A network with random weights, in the memory layout in which convolutions are fastest."""

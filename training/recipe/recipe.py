@@ -84,9 +84,27 @@ class StepRecipe(Protocol):
     def new_network(self) -> "torch.nn.Module": ...  # noqa: D102
 
 
+class Epochs:
+    """Steps of a recipe with epochs of so many pictures."""
+
+    batch_size: int
+    epochs: int
+    epoch_size: int
+
+    @property
+    def epoch_steps(self) -> int:
+        """Steps an epoch: its pictures in whole batches, rounded up."""
+        return math.ceil(self.epoch_size / self.batch_size)
+
+    @property
+    def steps(self) -> int:
+        """Steps of the whole training."""
+        return self.epochs * self.epoch_steps
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
-class Recipe:
+class Recipe(Epochs):
     """Everything that the trained weights depend on, apart from the data.
 
     Attributes:
@@ -153,16 +171,6 @@ class Recipe:
     def widths(self) -> tuple[int, ...]:
         """Filters of each level of the network."""
         return _architecture(self.architecture).widths(self.size_px, self.filters)
-
-    @property
-    def epoch_steps(self) -> int:
-        """Steps an epoch: its pictures in whole batches, rounded up."""
-        return math.ceil(self.epoch_size / self.batch_size)
-
-    @property
-    def steps(self) -> int:
-        """Steps of the whole training."""
-        return self.epochs * self.epoch_steps
 
     def new_network(self) -> "torch.nn.Module":
         """A network with random weights."""

@@ -17,7 +17,7 @@ from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model
 from tests.training.conftest import PICTURE_PX, head_triplet, shard_header
 from training.data import dataset as dataset_module
-from training.data.batches import empty_batch, network_input, target_planes
+from training.data.batches import as_input, empty_batch, target_planes
 from training.data.dataset import DrawDataset
 from training.data.decoded_sample import decode_sample
 from training.data.shard_index import ShardIndex, index_shards
@@ -141,7 +141,7 @@ def test_values_are_in_the_networks_range(shards):
     dataset = DrawDataset(shards, RECIPE)
     for draw in range(20):
         batch = dataset[draw]
-        image, target = network_input(batch), target_planes(batch, shards.pncc_scale_mm, shards.offset_scale_mm)
+        image, target = as_input(batch.image), target_planes(batch, shards.pncc_scale_mm, shards.offset_scale_mm)
         assert image.shape == (1, 3, 32, 32)
         assert target.shape == (1, 6, 32, 32)
         assert image.dtype == target.dtype == torch.float32
@@ -154,7 +154,7 @@ def test_values_are_in_the_networks_range(shards):
 
 def test_batches_are_channels_last_in_memory(shards):
     batch = DrawDataset(shards, RECIPE).batch([0, 1])
-    for planes in (batch.image, batch.pncc, network_input(batch), target_planes(batch, 1.0, 1.0)):
+    for planes in (batch.image, batch.pncc, as_input(batch.image), target_planes(batch, 1.0, 1.0)):
         assert planes.is_contiguous(memory_format=torch.channels_last)
 
 

@@ -5,7 +5,7 @@ import torch
 
 from pix2face.errors import Pix2FaceError
 from tests.training.random_batches import random_batch
-from training.data.batches import network_input
+from training.data.batches import as_input
 from training.loop.learner import Learner
 from training.loop.losses import LossPlan
 from training.recipe.presets import PRESETS
@@ -107,7 +107,7 @@ def test_norms_are_measured_with_the_weights_that_the_checkpoint_holds():
     learner.measure_norms(iter(batches))
     after, norm = learner.result.state_dict(), learner.result.stem_norm
     with torch.no_grad():
-        planes = learner.result.stem(torch.cat([network_input(batch) for batch in batches]))
+        planes = learner.result.stem(torch.cat([as_input(batch.image) for batch in batches]))
     torch.testing.assert_close(norm.running_mean, planes.mean(dim=(0, 2, 3)), rtol=1e-4, atol=1e-5)
     assert not torch.allclose(norm.running_mean, before["stem_norm.running_mean"], rtol=1e-2)
     of_weights = [name for name in before if "running" not in name and "num_batches" not in name]
