@@ -44,17 +44,15 @@ class FitCorrection(nn.Module):
 
     def __init__(self, level_widths: Sequence[int], coefficients: int) -> None:
         super().__init__()
-        self.narrow = nn.ModuleList(
-            nn.Conv2d(before, after, kernel_size=1, bias=False)
-            for before, after in zip(level_widths, WIDTHS, strict=True)
-        )
+        self.narrow = nn.ModuleList(Narrow(before, after) for before, after in zip(level_widths, WIDTHS, strict=True))
         self.blocks = nn.ModuleList(ResidualBlock(before, after, 2, halves=True) for before, after in pairwise(WIDTHS))
         self.last = ResidualBlock(WIDTHS[-1], WIDTHS[-1], 2)
         self.pool = nn.AdaptiveAvgPool2d(PLACES)
         facts = CAMERA_FACTS + coefficients
         self.fact_norm = nn.BatchNorm1d(facts, affine=False)
         self.facts = nn.Linear(facts, PICTURE_FEATURES)
-        self.first = nn.Linear(WIDTHS[-1] * PLACES**2 + PICTURE_FEATURES, PICTURE_FEATURES)
+        self.first = nn.Linear(WIDTHS[-1] * PLACES**2 + PICTURE_FEATURES, PICTURE_FEATURES, bias=False)
+        self.first_norm = nn.BatchNorm1d(PICTURE_FEATURES)
         self.second = nn.Linear(PICTURE_FEATURES, CAMERA_CHANGES + coefficients)
         units = torch.full((CAMERA_CHANGES + coefficients,), CHANGE)
         units[:CAMERA_CHANGES] = torch.tensor([TURN, TURN, TURN, GROWTH, SHIFT, SHIFT])
@@ -95,12 +93,33 @@ class FitCorrection(nn.Module):
         facts = self.fact_norm(facts).clamp(-FARTHEST_FACT, FARTHEST_FACT)
         facts = functional.relu(self.facts(functional.dropout(facts, DROPPED_SHARE, self.training)))
         seen = functional.dropout(seen, DROPPED_SHARE, self.training)
-        changes = self.second(functional.relu(self.first(torch.cat((seen, facts), dim=1)))) * self.units
+        features = functional.relu(self.first_norm(self.first(torch.cat((seen, facts), dim=1))))
+        changes = self.second(features) * self.units
         turned = rotation_of(changes[:, :3]) @ rotation
         scale = scale * changes[:, 3].exp()
         middle = middle + changes[:, 4:CAMERA_CHANGES]
         corrected = torch.cat((scale[:, None, None] * turned[:, :2], middle[:, :, None]), dim=2)
         return corrected, coefficients + changes[:, CAMERA_CHANGES:]
+
+
+@final
+class Narrow(nn.Module):
+    """Features of fewer filters, normalised.
+
+    Args:
+        before: Filters of the input.
+        after: Filters of the output.
+    """
+
+    def __init__(self, before: int, after: int) -> None:
+        super().__init__()
+        self.change = nn.Conv2d(before, after, kernel_size=1, bias=False)
+        self.change_norm = nn.BatchNorm2d(after)
+
+    def forward(self, features: Float[Tensor, "b c y x"]) -> Float[Tensor, "b d y x"]:
+        """Returns the features, narrowed."""
+        narrowed: Tensor = self.change_norm(self.change(features))
+        return narrowed
 
 
 def rotation_and_scale(cameras: Float[Tensor, "b 2 4"]) -> tuple[Float[Tensor, "b 3 3"], Float[Tensor, " b"]]:

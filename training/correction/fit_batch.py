@@ -37,7 +37,7 @@ class FitShape:
 class FitBatch:
     """Fits to the maps of some crops, and the true faces. Places are in units of the crop's side, from its middle."""
 
-    levels: tuple[Float16[Tensor, "b y x c"], ...]  # features of the network
+    levels: tuple[Float16[Tensor, "b _ _ _"], ...]  # features of the network
     cameras: Float32[Tensor, "b 2 4"]  # rows of the fitted cameras, from mm
     coefficients: Float32[Tensor, "b c"]  # fitted, standard deviations
     is_fitted: Bool[Tensor, " b"]  # False where the maps held no face; such rows do not count

@@ -1,5 +1,6 @@
 """Runs a task that has a recipe of its own, with a progress bar: what `train detector` and `train correction` share."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -45,6 +46,11 @@ def run_task(task: Task, what: str, out: Path, surroundings: Surroundings) -> in
             path = train_task(task, out, surroundings, observers=stack.enter_context(watching))
         except TrainingStopped as stopped:
             say(console, str(stopped))
-            return exit_status_of(signals[0])
+            return exit_of(signals)
     say(console, str(path))
     return 0
+
+
+def exit_of(signals: Sequence[int]) -> int:
+    """The exit status of a training that was asked to stop."""
+    return exit_status_of(signals[0])

@@ -64,7 +64,7 @@ def test_the_residual_network_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     images = torch.rand(3, 3, 64, 64) - 0.5
     with torch.inference_mode():
         expected = load_checkpoint(tmp_path / "c.safetensors")[1](images)
-        monkeypatch.setattr("pix2face.networks.residual.FARTHEST", 1e6)
+        monkeypatch.setattr("pix2face.networks.blocks.FARTHEST", 1e6)
         unbounded = load_checkpoint(tmp_path / "c.safetensors")[1](images)
     assert (unbounded[0] - expected[0]).abs().max() > 0.01 * (expected[0].max() - expected[0].min())
     for found, wanted in zip(run(images), expected, strict=True):

@@ -2,9 +2,10 @@ import pytest
 import torch
 
 from pix2face.networks import packed as module
+from pix2face.networks.blocks import BoundedBatchNorm
 from pix2face.networks.packed import packed
 from pix2face.networks.paper import UNet
-from pix2face.networks.residual import BoundedBatchNorm, ResidualUNet, residual_widths
+from pix2face.networks.residual import ResidualUNet, residual_widths
 
 needs_bfloat16 = pytest.mark.skipif(not module.has_bfloat16(), reason="this processor does not compute in bfloat16")
 PICTURES = torch.rand(3, 3, 64, 128, generator=torch.Generator().manual_seed(0)) - 0.5
@@ -50,7 +51,7 @@ def test_a_packed_network_answers_the_same_without_the_plane_of_scales(planes):
 
 def test_the_test_above_reaches_the_bounds(monkeypatch):
     within = answers(network())[0]
-    monkeypatch.setattr("pix2face.networks.residual.FARTHEST", 1e6)
+    monkeypatch.setattr("pix2face.networks.blocks.FARTHEST", 1e6)
     assert difference(answers(network())[0], within) > 0.1
 
 

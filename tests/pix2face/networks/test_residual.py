@@ -2,7 +2,8 @@ import pytest
 import torch
 from torch import nn
 
-from pix2face.networks.residual import FARTHEST, BoundedBatchNorm, ResidualUNet, residual_widths
+from pix2face.networks.blocks import FARTHEST, BoundedBatchNorm
+from pix2face.networks.residual import ResidualUNet, residual_widths
 
 
 def test_the_filters_are_those_of_the_trial():

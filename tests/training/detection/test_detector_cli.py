@@ -8,7 +8,7 @@ import pytest
 from pix2face.detectors.centre_detector import CentreDetector
 from pix2face.inference.centre_files import load_centre_network
 from training.cli import main
-from training.detection import detector_cli
+from training.loop import task_run
 from training.loop.trainer import Observers, train_task
 
 
@@ -27,8 +27,8 @@ def test_a_training_goes_on_where_it_was_stopped(
         return train_task(task, out, surroundings, observers=Observers(should_stop=lambda: True))
 
     with monkeypatch.context() as patch:
-        patch.setattr(detector_cli, "train_task", stopped)
-        patch.setattr(detector_cli, "exit_of", lambda signals: 143)
+        patch.setattr(task_run, "train_task", stopped)
+        patch.setattr(task_run, "exit_of", lambda signals: 143)
         assert main(arguments(people_dir, backgrounds_dir, tmp_path / "parts")) == 143
     assert main(arguments(people_dir, backgrounds_dir, tmp_path / "parts")) == 0
     whole, parts = ((tmp_path / name / "checkpoint.safetensors") for name in ("whole", "parts"))

@@ -1,0 +1,152 @@
+"""``train correction``: what it is told is true, it goes on where it was interrupted, and its fits are better."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pix2face.fitting.face_fit import fit_face
+from pix2face.fitting.fit_options import FitOptions
+from pix2face.fitting.prepared_model import spread_vertices, vertex_basis
+from pix2face.geometry.crops import FaceBox
+from pix2face.inference.checkpoint import load_checkpoint
+from pix2face.inference.predictor import Predictor, camera_of_rows
+from pix2face.networks.residual import correction_widths
+from pix2face.shards.shard_reader import ShardReader, shard_paths
+from tests.model_files import write_small_head
+from tests.synthetic_models import small_head_model
+from training.cli import main
+from training.correction.correction_loss import CorrectionLosses
+from training.correction.fit_batch import FitBatch, FitShape
+from training.correction.fitted_crops import FittedCrops
+from training.data.shard_index import index_shards
+from training.loop import task_run
+from training.loop.trainer import Observers, train_task
+
+MODEL = small_head_model()
+VERTICES = spread_vertices(MODEL, 30)
+FACE = MODEL.mean[VERTICES], vertex_basis(MODEL, VERTICES)
+
+
+@pytest.fixture(scope="module")
+def batch(shards_dir: Path, network_path: Path) -> FitBatch:
+    header, _ = load_checkpoint(network_path)
+    shape = FitShape(
+        size_px=header.size_px,
+        level_widths=correction_widths(header.widths),
+        coefficients=MODEL.n_identity + MODEL.n_expression,
+        points=len(VERTICES),
+    )
+    return FittedCrops(index_shards([shards_dir]), network_path, MODEL, FACE, shape, seed=0).batch(range(20))
+
+
+def test_true_faces_project_to_the_true_places(batch: FitBatch) -> None:
+    """Also mirrored ones, whose coefficients are those of the mirrored face."""
+    mean, basis = FACE
+    for camera, coefficients, points2d in zip(batch.true_cameras, batch.true_coefficients, batch.points2d, strict=True):
+        points3d = mean + basis @ coefficients.numpy()
+        projected = camera_of_rows(camera.double().numpy(), 64).project(points3d)
+        np.testing.assert_allclose(projected, 64 * (points2d.numpy() + 0.5), atol=0.02)
+    # The nose is in the middle of each crop, which is 1.4 times as large as the face.
+    assert batch.points2d.abs().amax() < 0.6
+    assert (batch.points2d.amax(dim=1) - batch.points2d.amin(dim=1)).amin() > 0.4
+
+
+def test_the_loss_of_the_truth_is_zero(batch: FitBatch) -> None:
+    losses = CorrectionLosses(*FACE)
+    parts = losses.parts((batch.true_cameras, batch.true_coefficients), batch)
+    assert {name: round(float(part), 3) for name, part in parts.items() if name != "camera"} == {
+        "points": 0,
+        "turn": 0,
+        "shape": 0,
+    }
+    worse = losses.parts((batch.cameras, batch.coefficients), batch)
+    assert float(worse["points"]) > 0.02
+    assert float(losses.total(worse)) > float(losses.total(parts))
+
+
+def arguments(shards: Path, network: Path, model: Path, out: Path, *more: str) -> list[str]:
+    numbers = ["--batch-size", "4", "--epochs", "2", "--epoch-size", "8", "--workers", "0"]
+    sources = ["--shards", str(shards), "--checkpoint", str(network), "--model", str(model)]
+    return ["correction", *sources, "--out", str(out), *numbers, *more]
+
+
+def test_it_goes_on_where_it_was_stopped(
+    shards_dir: Path, network_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = write_small_head(tmp_path / "head.h5")
+    assert main(arguments(shards_dir, network_path, model, tmp_path / "whole")) == 0
+
+    def stopped(task, out, surroundings, observers):
+        return train_task(task, out, surroundings, observers=Observers(should_stop=lambda: True))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(task_run, "train_task", stopped)
+        patch.setattr(task_run, "exit_of", lambda signals: 143)
+        assert main(arguments(shards_dir, network_path, model, tmp_path / "parts")) == 143
+    assert main(arguments(shards_dir, network_path, model, tmp_path / "parts")) == 0
+    whole, parts = ((tmp_path / name / "checkpoint.safetensors") for name in ("whole", "parts"))
+    assert whole.read_bytes() == parts.read_bytes()
+    before, network = load_checkpoint(network_path)
+    header, corrected = load_checkpoint(whole)
+    assert header.n_corrected == MODEL.n_identity + MODEL.n_expression
+    assert json.loads(header.configuration)["correction"]["fits"] == 16
+    assert (header.samples, header.widths) == (before.samples, before.widths)
+    own = corrected.state_dict()
+    for name, weights in network.state_dict().items():
+        torch.testing.assert_close(own[name], weights, rtol=0, atol=0)
+
+
+def test_fits_become_better(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
+    """The maps of this network say nothing of the face, so what is right is what its features say, and the mean."""
+    model = write_small_head(tmp_path / "head.h5")
+    longer = "--epoch-size", "800", "--learning-rate", "0.003", "--warm-up", "40", "--ema", "0.9"
+    assert main(arguments(shards_dir, network_path, model, tmp_path / "out", *longer)) == 0
+    predictor = Predictor.load(tmp_path / "out" / "checkpoint.safetensors", "cpu")
+    errors = []
+    for path in shard_paths(shards_dir):
+        reader = ShardReader(path)
+        for sample in (reader.read(index) for index in range(len(reader))):
+            prediction = predictor.predict(sample.image, FaceBox.around(sample.landmarks2d))
+            fits = [fit_face(prediction.maps, MODEL, FitOptions(correction=own)) for own in (False, True)]
+            found = [fit.in_image(prediction.crop).landmarks2d for fit in fits]
+            errors.append([np.linalg.norm(points - sample.landmarks2d, axis=1).mean() for points in found])
+    before, after = np.mean(errors, axis=0)
+    assert after < 0.5 * before
+
+
+def test_networks_that_cannot_be_corrected_are_refused(shards_dir: Path, tmp_path: Path, capsys) -> None:
+    model, paper = write_small_head(tmp_path / "head.h5"), tmp_path / "paper"
+    small = [
+        "--preset",
+        "tiny",
+        "--size-px",
+        "32",
+        "--filters",
+        "4",
+        "--epochs",
+        "1",
+        "--epoch-size",
+        "4",
+        "--workers",
+        "0",
+        "--architecture",
+        "paper",
+    ]
+    assert main(["--shards", str(shards_dir), "--out", str(paper), *small]) == 0
+    assert main(arguments(shards_dir, paper / "checkpoint.safetensors", model, tmp_path / "out")) == 2
+    assert "expected a network of the architecture residual, found paper" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [("--ema", "1", "expected less than 1, found 1.0"), ("--epochs", "0", "expected 1 or more, found 0")],
+)
+def test_numbers_that_make_no_sense_are_refused(
+    shards_dir: Path, network_path: Path, tmp_path: Path, capsys, option: str, value: str, message: str
+) -> None:
+    model = write_small_head(tmp_path / "head.h5")
+    assert main(arguments(shards_dir, network_path, model, tmp_path / "out", option, value)) == 2
+    assert f"{option}: {message}" in capsys.readouterr().err
