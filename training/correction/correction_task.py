@@ -43,13 +43,14 @@ class CorrectionTask:
 
     Raises:
         UsageError: A number makes no sense, or the network is of another architecture than ``residual``.
-        ModelMismatchError: The network was trained for another model.
+        ModelMismatchError: The network was trained for another model than this one, or than that of the shards.
     """
 
     def __init__(self, shards: ShardIndex, checkpoint: Path, model: MorphableModel, recipe: CorrectionRecipe) -> None:
         recipe.check()
         self.header, network = load_checkpoint(checkpoint)
-        self.header.check_model(model.name, model.sha256)
+        for name, sha256 in ((model.name, model.sha256), (shards.model_name, shards.model_sha256)):
+            self.header.check_model(name, sha256)
         if not isinstance(network, ResidualUNet):
             raise UsageError(
                 f"{checkpoint}: expected a network of the architecture residual, found {self.header.architecture}"
@@ -68,6 +69,7 @@ class CorrectionTask:
             points=len(vertices),
         )
         data = {
+            "norm_batches": own.norm_batches,
             "checkpoint_sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest(),
             "samples": len(shards),
             "samples_sha256": shards.samples_sha256,

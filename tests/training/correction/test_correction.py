@@ -15,9 +15,9 @@ from pix2face.inference.checkpoint import load_checkpoint
 from pix2face.inference.predictor import Predictor, camera_of_rows
 from pix2face.networks.residual import correction_widths
 from pix2face.shards.shard_reader import ShardReader, shard_paths
-from tests.model_files import write_small_head
 from tests.synthetic_models import small_head_model
 from training.cli import main
+from training.correction import correction_cli
 from training.correction.correction_loss import CorrectionLosses
 from training.correction.fit_batch import FitBatch, FitShape
 from training.correction.fitted_crops import FittedCrops
@@ -28,6 +28,11 @@ from training.loop.trainer import Observers, train_task
 MODEL = small_head_model()
 VERTICES = spread_vertices(MODEL, 30)
 FACE = MODEL.mean[VERTICES], vertex_basis(MODEL, VERTICES)
+
+
+@pytest.fixture(autouse=True)
+def _small_head(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(correction_cli, "open_model", lambda name: MODEL)
 
 
 @pytest.fixture(scope="module")
@@ -67,17 +72,16 @@ def test_the_loss_of_the_truth_is_zero(batch: FitBatch) -> None:
     assert float(losses.total(worse)) > float(losses.total(parts))
 
 
-def arguments(shards: Path, network: Path, model: Path, out: Path, *more: str) -> list[str]:
+def arguments(shards: Path, network: Path, out: Path, *more: str) -> list[str]:
     numbers = ["--batch-size", "4", "--epochs", "2", "--epoch-size", "8", "--workers", "0"]
-    sources = ["--shards", str(shards), "--checkpoint", str(network), "--model", str(model)]
+    sources = ["--shards", str(shards), "--checkpoint", str(network)]
     return ["correction", *sources, "--out", str(out), *numbers, *more]
 
 
 def test_it_goes_on_where_it_was_stopped(
     shards_dir: Path, network_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = write_small_head(tmp_path / "head.h5")
-    assert main(arguments(shards_dir, network_path, model, tmp_path / "whole")) == 0
+    assert main(arguments(shards_dir, network_path, tmp_path / "whole")) == 0
 
     def stopped(task, out, surroundings, observers):
         return train_task(task, out, surroundings, observers=Observers(should_stop=lambda: True))
@@ -85,8 +89,8 @@ def test_it_goes_on_where_it_was_stopped(
     with monkeypatch.context() as patch:
         patch.setattr(task_run, "train_task", stopped)
         patch.setattr(task_run, "exit_of", lambda signals: 143)
-        assert main(arguments(shards_dir, network_path, model, tmp_path / "parts")) == 143
-    assert main(arguments(shards_dir, network_path, model, tmp_path / "parts")) == 0
+        assert main(arguments(shards_dir, network_path, tmp_path / "parts")) == 143
+    assert main(arguments(shards_dir, network_path, tmp_path / "parts")) == 0
     whole, parts = ((tmp_path / name / "checkpoint.safetensors") for name in ("whole", "parts"))
     assert whole.read_bytes() == parts.read_bytes()
     before, network = load_checkpoint(network_path)
@@ -101,9 +105,8 @@ def test_it_goes_on_where_it_was_stopped(
 
 def test_fits_become_better(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
     """The maps of this network say nothing of the face, so what is right is what its features say, and the mean."""
-    model = write_small_head(tmp_path / "head.h5")
     longer = "--epoch-size", "800", "--learning-rate", "0.003", "--warm-up", "40", "--ema", "0.9"
-    assert main(arguments(shards_dir, network_path, model, tmp_path / "out", *longer)) == 0
+    assert main(arguments(shards_dir, network_path, tmp_path / "out", *longer)) == 0
     predictor = Predictor.load(tmp_path / "out" / "checkpoint.safetensors", "cpu")
     errors = []
     for path in shard_paths(shards_dir):
@@ -118,25 +121,11 @@ def test_fits_become_better(shards_dir: Path, network_path: Path, tmp_path: Path
 
 
 def test_networks_that_cannot_be_corrected_are_refused(shards_dir: Path, tmp_path: Path, capsys) -> None:
-    model, paper = write_small_head(tmp_path / "head.h5"), tmp_path / "paper"
-    small = [
-        "--preset",
-        "tiny",
-        "--size-px",
-        "32",
-        "--filters",
-        "4",
-        "--epochs",
-        "1",
-        "--epoch-size",
-        "4",
-        "--workers",
-        "0",
-        "--architecture",
-        "paper",
-    ]
+    paper = tmp_path / "paper"
+    small = ["--preset", "tiny", "--size-px", "32", "--filters", "4", "--epochs", "1", "--epoch-size", "4"]
+    small += ["--workers", "0", "--architecture", "paper"]
     assert main(["--shards", str(shards_dir), "--out", str(paper), *small]) == 0
-    assert main(arguments(shards_dir, paper / "checkpoint.safetensors", model, tmp_path / "out")) == 2
+    assert main(arguments(shards_dir, paper / "checkpoint.safetensors", tmp_path / "out")) == 2
     assert "expected a network of the architecture residual, found paper" in capsys.readouterr().err
 
 
@@ -147,6 +136,5 @@ def test_networks_that_cannot_be_corrected_are_refused(shards_dir: Path, tmp_pat
 def test_numbers_that_make_no_sense_are_refused(
     shards_dir: Path, network_path: Path, tmp_path: Path, capsys, option: str, value: str, message: str
 ) -> None:
-    model = write_small_head(tmp_path / "head.h5")
-    assert main(arguments(shards_dir, network_path, model, tmp_path / "out", option, value)) == 2
+    assert main(arguments(shards_dir, network_path, tmp_path / "out", option, value)) == 2
     assert f"{option}: {message}" in capsys.readouterr().err
