@@ -3,7 +3,7 @@
 import json
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,8 @@ DESCRIPTION = (
 def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
     """Writes the network of a checkpoint as ONNX, with the checkpoint's header as JSON in its metadata.
 
-    The batch may have any size. An existing file is replaced in one step or not at all. The folder is created.
+    The batch may have any size. The correction of fits is not part of the file. An existing file is replaced in one step
+    or not at all. The folder is created.
 
     Raises:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
@@ -57,7 +58,7 @@ def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
             verbose=False,
         )
     assert program is not None
-    model = program.model_proto
+    model, header = program.model_proto, replace(header, n_corrected=0)
     onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(asdict(header), sort_keys=True)})
     model.doc_string = DESCRIPTION
     model.producer_name = "pix2face"

@@ -79,7 +79,8 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
         "input": f"RGB crop of a face, {header.size_px} x {header.size_px} px",
         "output": f"PNCC and offset (mm, frame of the morphable model), {masks}"
         + (", the expected error of PNCC" if header.planes > SCALE_PLANE else "")
-        + (f", {header.n_landmarks} landmarks with their expected errors" if header.n_landmarks else ""),
+        + (f", {header.n_landmarks} landmarks with their expected errors" if header.n_landmarks else "")
+        + (", a correction of fits to the maps" if header.n_corrected else ""),
         "architecture": f"{header.architecture}, filters {'-'.join(str(width) for width in header.widths)}",
         "morphable model": f"{header.model_name}, SHA-256 {header.model_sha256}",
         "scales": f"PNCC {header.pncc_scale_mm:g} mm, offset {header.offset_scale_mm:g} mm",

@@ -217,3 +217,17 @@ def test_residual_networks_of_the_third_schema_have_no_coarse_planes(tmp_path):
     save_file(weights, path, metadata={METADATA_KEY: json.dumps(fields | {"schema_version": SCHEMA_VERSION})})
     with pytest.raises(InputFileError, match=r"coarse_planes.0.bias should be \(6,\) and is missing"):
         load_checkpoint(path)
+
+
+def test_a_network_that_corrects_its_fits_comes_back(tmp_path):
+    torch.manual_seed(0)
+    widths = residual_widths(2)
+    header = replace(HEADER, architecture="residual", size_px=64, widths=widths, n_corrected=5)
+    network = ResidualUNet(widths, corrected=5)
+    save_checkpoint(tmp_path / "c.safetensors", header, network.eval())
+    found, loaded = load_checkpoint(tmp_path / "c.safetensors")
+    assert found == header
+    for own, other in zip(loaded.state_dict().values(), network.state_dict().values(), strict=True):
+        torch.testing.assert_close(own, other, rtol=0, atol=0)
+    fields = {name: value for name, value in asdict(header).items() if name != "n_corrected"}
+    assert CheckpointHeader.from_json(fields | {"schema_version": 4}) == replace(header, n_corrected=0)

@@ -7,10 +7,12 @@ import pytest
 import torch
 from torch import Tensor
 
+from pix2face.geometry.camera import affine_camera
 from pix2face.geometry.crops import FaceBox, crop_image, square_crop
 from pix2face.inference.checkpoint import CheckpointHeader, save_checkpoint
-from pix2face.inference.predictor import Predictor
+from pix2face.inference.predictor import Predictor, camera_of_rows, centred_rows
 from pix2face.networks.paper import UNet, paper_widths
+from pix2face.networks.residual import ResidualUNet, residual_widths
 
 HEADER = CheckpointHeader(
     model_name="small head",
@@ -130,3 +132,30 @@ def _loaded_by(module: str) -> set[str]:
     code = f"import sys, {module}; print(*sorted(name for name in sys.modules if '.' not in name))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return set(run.stdout.split())
+
+
+def test_rows_of_a_camera_are_in_units_of_the_crop_from_its_middle():
+    camera = affine_camera(np.array([[0.5, 0.1, 0.0, 40.0], [0.0, -0.5, 0.2, 10.0]]))
+    rows = centred_rows(camera, 80)
+    points = np.array([[1.0, 2.0, 3.0], [-30.0, 20.0, 0.0]])
+    np.testing.assert_allclose(points @ rows[:, :3].T + rows[:, 3], camera.project(points) / 80 - 0.5)
+    np.testing.assert_allclose(camera_of_rows(rows, 80).matrix, camera.matrix, atol=1e-12)
+
+
+def test_each_face_of_a_batch_has_its_own_correction():
+    torch.manual_seed(0)
+    widths = residual_widths(4)
+    network = ResidualUNet(widths, corrected=3).eval()
+    torch.nn.init.normal_(network.correction.second.weight)
+    header = replace(HEADER, architecture="residual", size_px=64, widths=widths, n_corrected=3)
+    predictor = Predictor(network, header)
+    camera, coefficients = affine_camera(np.array([[0.3, 0, 0, 30.0], [0, -0.3, 0, 34.0]])), np.array([0.5, -1, 2])
+    faces = [(picture(seed), BOX) for seed in range(2)]
+    together = [prediction.maps.correct(camera, coefficients) for prediction in predictor.predict_batch(faces)]
+    alone = [predictor.predict(*face).maps.correct(camera, coefficients) for face in faces]
+    for (found, changed), (expected, own) in zip(together, alone, strict=True):
+        np.testing.assert_allclose(found.matrix, expected.matrix, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(changed, own, rtol=1e-4, atol=1e-5)
+    assert np.abs(together[0][1] - together[1][1]).max() > 1e-3
+    assert np.abs(together[0][0].matrix - camera.matrix).max() > 1e-3
+    assert Predictor(disc_network, HEADER).predict(picture(), BOX).maps.correct is None
