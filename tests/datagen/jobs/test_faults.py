@@ -33,6 +33,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.usefixtures("measured_processes")
 def test_any_number_of_workers_gives_the_same_bytes(
     inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
