@@ -133,7 +133,7 @@ def checked_device(config: TrainConfig) -> str:
 
 def cores() -> int:
     """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | None]:

@@ -5,7 +5,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from tests.datagen.job_runs import (
 
 pytestmark = [
     pytest.mark.gl,
-    pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc"),
     pytest.mark.xdist_group("disturbed jobs"),  # the undisturbed one is run once
 ]
 
