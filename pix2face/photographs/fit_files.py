@@ -1,7 +1,6 @@
 """A fit as JSON, and back (layout: docs/reference/file_formats.md)."""
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, astuple
 from pathlib import Path
@@ -14,7 +13,6 @@ from numpy import ndarray
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.face_files.w300lp import pose_of_camera
 from pix2face.files.json_text import JsonObject, read_json_file
-from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera, head_pose, linearised, nearest_weak_perspective, pinhole_of
 from pix2face.geometry.crops import FaceBox
@@ -62,14 +60,8 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px
     )
 
 
-def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path, size_px: tuple[int, int]) -> None:
-    """Writes a fit; the photograph is named by its way from the file's folder, and has a height and width."""
-    way = os.path.relpath(photograph.absolute(), path.parent.absolute())
-    write_file(path, fit_to_json(fitted, model, way, size_px))
-
-
 def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
-    """Reads what ``write_fit`` wrote.
+    """Reads a file of ``fit_to_json``.
 
     Returns:
         The fit, in the pixels of the photograph, and where the photograph was.

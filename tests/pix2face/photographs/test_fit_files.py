@@ -20,7 +20,7 @@ from pix2face.geometry.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.photographs.fit_files import fit_to_json, read_fit, write_fit
+from pix2face.photographs.fit_files import fit_to_json, read_fit
 from tests.pix2face.photographs.seen_faces import HEIGHT_PX, photographed_face
 from tests.synthetic_models import small_head_model
 
@@ -47,7 +47,7 @@ def fitted() -> FaceFit:
 def write(folder: Path, photograph: str = "in/person.jpg") -> Path:
     path = folder / "out" / "person.json"
     path.parent.mkdir(exist_ok=True)
-    write_fit(path, fitted(), MODEL, folder / photograph, SIZE_PX)
+    path.write_text(fit_to_json(fitted(), MODEL, f"../{photograph}", SIZE_PX), encoding="ascii")
     return path
 
 
