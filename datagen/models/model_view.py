@@ -11,6 +11,7 @@ from numpy import ndarray
 from datagen.appearance.plain_appearance import PlainAppearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
+from pix2face.files.images import write_picture
 from pix2face.files.writing import write_file
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.other_cameras import M_PER_MM
@@ -84,7 +85,7 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         write_file(out, content)
     else:
         sheet = component_sheet(model, n_components)
-        write_file(out, cv2.imencode(suffix, sheet[..., ::-1])[1].tobytes())
+        write_picture(out, sheet)
 
 
 def mesh_of(model: MorphableModel) -> "trimesh.Trimesh":

@@ -20,11 +20,11 @@ from pix2face.commands.photograph_jobs import (
     located,
     look_at,
     write_maps_picture,
-    write_picture,
 )
 from pix2face.commands.pix2face_config import Colour, FitConfig
 from pix2face.commands.result_folder import ResultFolder
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from pix2face.files.images import write_picture
 from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import crop_image
