@@ -24,7 +24,7 @@ from pix2face.photographs.landmark_visibility import visible_landmarks
 LARGEST_FILE_BYTES = 32 << 20
 
 
-def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px: tuple[int, int]) -> str:
+def fit_to_json(fitted: FaceFit, photograph: str, size_px: tuple[int, int]) -> str:
     """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5).
 
     ``photograph`` is its path, from the folder of the file if it is relative, and ``size_px`` its height and width.
@@ -37,7 +37,7 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px
             "photograph": photograph,
             "box_px": None if fitted.box is None else astuple(fitted.box),
             "score": fitted.score,
-            "model": {"name": model.name, "sha256": model.sha256},
+            "model": {"name": fitted.model.name, "sha256": fitted.model.sha256},
             "camera_kind": camera_kind(fitted.camera),
             "camera_matrix": fitted.camera.matrix.tolist(),
             "opencv": opencv_camera(fitted.camera),
