@@ -17,7 +17,6 @@ from datagen.jobs.render_job import RenderJob
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import UsageError
 from pix2face.face_files.coefficients import load_coefficients, save_coefficients
-from pix2face.files.images import decode_image
 from pix2face.models.morphable_model import load_model
 from pix2face.models.rasterise import render_maps
 from pix2face.shards.layers import DEFAULT_LAYERS
@@ -176,13 +175,6 @@ def test_bad_samples_are_listed_and_nothing_else_is_lost(inputs: Path, tmp_path:
         reader.read(0, ()).landmarks2d, np.asarray(mat_fields()["pt3d_68"])[:2].T - 0.5, atol=0.2
     )
     assert main([*arguments, "--workers", "1", "--max-rejected", "5"]) == 0
-
-
-def test_pictures_keep_their_own_bytes_and_decode(rendered: Path) -> None:
-    reader = ShardReader(shard_paths(rendered)[0])
-    image = decode_image(reader.read(0).image_bytes, "test")
-    assert image.shape == (64, 64, 3)
-    assert image.std() > 10
 
 
 @pytest.mark.parametrize(
