@@ -15,7 +15,7 @@ DATAGEN_MODULES = sorted(
 )
 TRAINING_NEEDS_NO = {"moderngl", "glcontext", "datagen"}
 HELP_NEEDS_NO = {"torch", "scipy", "skimage", "matplotlib", "h5py", "trimesh", "PIL", "moderngl", "OpenEXR", "numba"}
-INFERENCE_NEEDS_NO = {"h5py", "moderngl", "glcontext", "datagen", "training"}
+INFERENCE_NEEDS_NO = {"h5py", "moderngl", "glcontext", "datagen", "training", "matplotlib", "skimage"}
 
 
 def loaded_by(*steps: str) -> list[set[str]]:

@@ -56,7 +56,8 @@ def train_network(config: TrainConfig) -> int:
         done = steps_done(out / RESUME_NAME, training_configuration(shards, recipe, config.init)) * recipe.batch_size
         if processes.is_first:
             write_file(out / CONFIGURATION_NAME, config.as_json())
-        console.print(Panel(summary(shards, recipe, config.preset, out, done), title="train", expand=False))
+        panel = summary(shards, recipe, config.preset, surroundings.device, out, done)
+        console.print(Panel(panel, title="train", expand=False))
         advance = stack.enter_context(progress_bar(console, "training", recipe.steps * recipe.batch_size))
         advance(done, already_done=True)
         logs: list[RunLog] = [TensorboardLog(out / "tensorboard", validator)] if config.tensorboard else []
@@ -132,7 +133,7 @@ def checked_device(config: TrainConfig) -> str:
 
 def cores() -> int:
     """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | None]:

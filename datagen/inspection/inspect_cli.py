@@ -2,7 +2,6 @@
 
 from json import dumps
 
-import cv2
 from rich.console import Console
 
 from datagen.datagen_config import CardConfig, ExportConfig, PreviewConfig, StatsConfig
@@ -20,6 +19,7 @@ from datagen.inspection.statistics_tables import (
 )
 from pix2face.command_line import check_output_file, counted, prepare_output_folder, printable, progress_bar, say
 from pix2face.errors import UsageError
+from pix2face.files.images import write_picture
 from pix2face.files.writing import write_file
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 
@@ -40,7 +40,7 @@ def preview(config: PreviewConfig) -> int:
         say(console, f"page ({len(page) / 1e6:.1f} MB) -> {out}")
         return 0
     sheet = contact_sheet(shards, n or N_ON_A_SHEET)
-    write_file(out, cv2.imencode(out.suffix, sheet[..., ::-1])[1].tobytes())
+    write_picture(out, sheet)
     say(console, f"contact sheet -> {out}")
     return 0
 

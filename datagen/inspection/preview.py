@@ -12,9 +12,8 @@ from PIL import Image, ImageDraw, ImageFont
 from datagen.inspection.layer_pictures import GREY, LEGENDS, layer_picture, layer_title
 from pix2face.errors import UsageError
 from pix2face.files.images import decode_image
-from pix2face.photographs.landmark_visibility import uncovered_points
 from pix2face.shards.layers import LANDMARKS, LAYERS, SEEN
-from pix2face.shards.sample import Sample
+from pix2face.shards.sample import MASK, Sample
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 
 TILE_PX, HEADING_PX = 180, 40
@@ -66,11 +65,7 @@ def landmark_legend(layers: Collection[str]) -> str:
 
 def landmarks_in_sight(sample: Sample) -> Bool[ndarray, " m"]:
     """Which landmarks neither the head hides nor, as far as the layer ``seen`` says it, something in front of it."""
-    visible = np.asarray(sample.visible, dtype=bool)
-    if SEEN not in sample.layers or "mask" not in sample.layers:
-        return visible
-    mask, seen = (np.asarray(sample.layers[name], dtype=bool) for name in ("mask", SEEN))
-    return visible & uncovered_points(sample.landmarks2d, mask, seen)
+    return sample.seen_landmarks if {MASK, SEEN} <= sample.layers.keys() else sample.visible
 
 
 def sample_picture(sample: Sample) -> UInt8[ndarray, "h w 3"]:

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import encode_exr, encode_image, srgb_to_linear
-from pix2face.files.writing import write_file, written_in_one_step
+from pix2face.files.writing import write_file
 from pix2face.shards.layers import LAYERS
 from pix2face.shards.sample import Sample
 from pix2face.shards.shard_reader import ShardReader, shard_paths
@@ -62,8 +62,7 @@ def export_samples(folder: Path, out: Path, file_format: str, on_sample: Callabl
             else:
                 sample = reader.read(index)
                 EXPORTS[file_format](out, name, sample)
-                with written_in_one_step(description, is_synced=False) as temporary:
-                    temporary.write_text(json.dumps({**key, **_described(sample)}, indent=1), encoding="utf-8")
+                write_file(description, json.dumps({**key, **_described(sample)}, indent=1))
             number += 1
             on_sample(is_done)
     return number

@@ -6,7 +6,6 @@ nor their order matters, and a unit that is tried again writes the same bytes.
 
 import os
 import resource
-import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -183,11 +182,10 @@ def _check_same(what: str, place: str, found: str, expected: str) -> None:
 
 
 def _peak_memory_bytes() -> int:
-    """The largest memory of this process: from /proc where it exists, because getrusage begins with the parent's."""
+    """The largest memory of this process: from /proc where it says so, because getrusage begins with the parent's."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
         kilobytes = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
     except (OSError, StopIteration):
         kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return kilobytes if sys.platform == "darwin" else kilobytes * 1024
     return kilobytes * 1024

@@ -11,10 +11,12 @@ from numpy import ndarray
 from datagen.appearance.plain_appearance import PlainAppearance
 from datagen.opengl.gl_context import create_gl_context
 from datagen.rendering.renderer import Renderer
+from pix2face.files.images import write_picture
 from pix2face.files.writing import write_file
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.other_cameras import M_PER_MM
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.mesh_files import GLTF_UNITS_PER_MM, material_stem, split_at_seams
+from pix2face.photographs.mesh_files import material_stem, split_at_seams
 
 if TYPE_CHECKING:
     import trimesh
@@ -71,7 +73,7 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         if isinstance(mesh.visual, trimesh.visual.TextureVisuals):
             mesh.visual.material.name = material_stem(out.stem)  # so that each .obj refers to files of its own
         if suffix == ".glb":
-            mesh.vertices = mesh.vertices * GLTF_UNITS_PER_MM
+            mesh.vertices = mesh.vertices * M_PER_MM
         beside: dict[str, bytes] = {}
         if suffix == ".obj":
             material = f"{material_stem(out.stem)}.mtl"
@@ -83,7 +85,7 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
         write_file(out, content)
     else:
         sheet = component_sheet(model, n_components)
-        write_file(out, cv2.imencode(suffix, sheet[..., ::-1])[1].tobytes())
+        write_picture(out, sheet)
 
 
 def mesh_of(model: MorphableModel) -> "trimesh.Trimesh":

@@ -63,8 +63,6 @@ class OSMesaContext:
         """Address of an OpenGL function, 0 where there is none."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
-    load_opengl_function = load  # its name before moderngl 5.12
-
     def __enter__(self) -> "OSMesaContext":
         if not self._library.OSMesaMakeCurrent(self._handle, self._window, _GL_UNSIGNED_BYTE, 1, 1):
             raise OSError("OSMesaMakeCurrent refused its context")

@@ -20,16 +20,15 @@ from pix2face.commands.photograph_jobs import (
     located,
     look_at,
     write_maps_picture,
-    write_picture,
 )
 from pix2face.commands.pix2face_config import Colour, FitConfig
 from pix2face.commands.result_folder import ResultFolder
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
+from pix2face.files.images import write_picture
 from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import crop_image
 from pix2face.geometry.other_cameras import gltf_camera
-from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.fit_files import fit_to_json
 from pix2face.photographs.fit_pictures import draw_overlay, write_point_cloud
 from pix2face.photographs.landmark_visibility import landmarks_in_sight
@@ -54,7 +53,7 @@ def fit(config: FitConfig) -> int:
             f"expected texture coordinates in the model {model.name!r} for --colour texture, found none; "
             "take --colour vertex"
         )
-    writer = _Writer(config, formats, finder.pix2face.model, ResultFolder(config.out, "fit"))
+    writer = _Writer(config, formats, ResultFolder(config.out, "fit"))
     tally = Tally()
     if config.joint:
         _fit_jointly(look_at(images, finder.only_largest(), console, tally), tally, finder.pix2face, writer)
@@ -104,32 +103,26 @@ class _Writer:
 
     config: FitConfig
     formats: tuple[str, ...]  # of the mesh
-    model: MorphableModel
     results: ResultFolder
 
     def write(self, folder: Path, face: SeenFace, fitted: FaceFit) -> None:
         """Writes a face to a folder, from which its files are moved to the results."""
         in_sight = landmarks_in_sight(fitted, face.prediction.maps, face.prediction.crop)
-        overlay = draw_overlay(
-            face.image, fitted, self.model, in_sight=in_sight
-        )  # may fail: before anything is written
-        mesh = replace(
-            _coloured(self.config.colour, self.formats, face.image, fitted, self.model),
-            camera=gltf_camera(fitted.camera, face.size_px),
-        )
+        overlay = draw_overlay(face.image, fitted, in_sight=in_sight)  # may fail: before anything is written
+        mesh = _coloured(self.config.colour, self.formats, face.image, fitted)
+        mesh = replace(mesh, camera=gltf_camera(fitted.camera, face.size_px))
         for name in self.formats:
             write_mesh(folder / f"{face.name}.{name}", mesh)
         way = os.path.relpath(face.path.absolute(), self.results.path.absolute())
-        write_file(folder / f"{face.name}.json", fit_to_json(fitted, self.model, way, face.size_px))
+        write_file(folder / f"{face.name}.json", fit_to_json(fitted, way, face.size_px))
         crop = crop_image(face.image, face.prediction.crop)
         write_point_cloud(folder / f"{face.name}-points.ply", face.prediction.maps, crop)
         write_maps_picture(folder, face)
         write_picture(folder / f"{face.name}-overlay.jpg", overlay)
 
 
-def _coloured(
-    colour: Colour, formats: tuple[str, ...], image: Photograph, fitted: FaceFit, model: MorphableModel
-) -> FaceMesh:
+def _coloured(colour: Colour, formats: tuple[str, ...], image: Photograph, fitted: FaceFit) -> FaceMesh:
+    model = fitted.model
     wants_texture = colour == "texture" or (colour == "auto" and model.uv is not None)
     wants_vertices = not wants_texture or "ply" in formats
     if not formats or colour == "none":

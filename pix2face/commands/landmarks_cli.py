@@ -12,12 +12,11 @@ from rich.table import Table
 
 from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, progress_bar, say
 from pix2face.commands.face_finder import open_network_model, open_predictor
-from pix2face.commands.photograph_jobs import write_picture
 from pix2face.commands.pix2face_config import LandmarksCommand, LandmarksSelectConfig, LandmarksShowConfig
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.face_files.annotations import AnnotatedFace, Annotation, find_annotations
 from pix2face.face_files.coefficients import load_coefficients
-from pix2face.files.images import read_photograph
+from pix2face.files.images import read_photograph, write_picture
 from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import FaceBox

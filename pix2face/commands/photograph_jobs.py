@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
-import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
@@ -16,8 +15,7 @@ from rich.console import Console
 from pix2face.command_line import EXIT_REJECTED, progress_bar, say
 from pix2face.commands.face_finder import FaceFinder
 from pix2face.errors import DegenerateGeometryError, InputFileError
-from pix2face.files.images import read_photograph
-from pix2face.files.writing import write_file
+from pix2face.files.images import read_photograph, write_picture
 from pix2face.geometry.crops import crop_image
 from pix2face.inference.predictor import Prediction
 from pix2face.photographs.fit_pictures import draw_maps
@@ -110,11 +108,6 @@ def write_maps_picture(out: Path, face: SeenFace) -> None:
     """Writes ``NAME-maps.png``: crop, PNCC and offset side by side."""
     crop = crop_image(face.image, face.prediction.crop)
     write_picture(out / f"{face.name}-maps.png", draw_maps(crop, face.prediction.maps))
-
-
-def write_picture(path: Path, picture: Photograph) -> None:
-    """Writes a picture; unlike OpenCV's own function it takes every name and says when it fails."""
-    write_file(path, cv2.imencode(path.suffix, picture[..., ::-1])[1].tobytes())
 
 
 def _faces(name: str, path: Path, image: Photograph, finder: FaceFinder, tally: Tally) -> list[SeenFace]:

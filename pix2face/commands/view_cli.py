@@ -47,7 +47,7 @@ def view(config: ViewConfig) -> int:
     for path in fits:
         try:
             assert model is not None
-            pages.add(face_data(_stored_face(path, model), model))
+            pages.add(face_data(_stored_face(path, model)))
             tally.n_faces += 1
         except (InputFileError, DegenerateGeometryError) as error:
             tally.problems.append(located(error, path))
@@ -70,7 +70,7 @@ def _fit_photographs(
             with tally.face(face.path):
                 fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
                 points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
-                show(face_data(ViewedFace(face.name, face.image, fitted, points, colours), pix2face.model))
+                show(face_data(ViewedFace(face.name, face.image, fitted, points, colours)))
     return tally
 
 

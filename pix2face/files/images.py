@@ -15,6 +15,7 @@ from pix2face.files.heif import decode_heic, heic_size_px, is_heic
 from pix2face.files.opening import open_regular, read_regular
 from pix2face.files.orientation import JPEG_START, ON_ITS_SIDE, UPRIGHT, orientation_tag
 from pix2face.files.picture_size import TIFF_STARTS, declared_size_px
+from pix2face.files.writing import write_file
 
 PHOTOGRAPH_QUALITY = 95
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
@@ -146,6 +147,17 @@ def encode_photograph(
     sampling = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420 if is_colour_halved else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
     flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
     return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), flags)[1])
+
+
+def write_picture(path: Path, image: UInt8[ndarray, "h w 3"]) -> None:
+    """Writes an RGB picture in the format of the file's ending.
+
+    Unlike OpenCV's own function it takes every name and says when it fails.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    write_file(path, cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
 def encode_exr(channels: Mapping[str, Shaped[ndarray, "h w"]], attributes: Mapping[str, Any]) -> bytes:

@@ -44,14 +44,16 @@ class Camera:
         return np.asarray(points @ self.matrix[2, :3] + self.matrix[2, 3], dtype=np.float64)
 
     @cached_property
-    def weak_perspective(self) -> "WeakPerspective":
-        """The parameters of ``nearest_weak_perspective``, computed once for checks and poses of a face."""
+    def _nearest_weak_perspective(self) -> "WeakPerspective":
+        """Computed once for the checks and poses of a face, which share its arrays: they cannot be written to."""
         affine = linearised(self).matrix
         u, singular_values, vt = np.linalg.svd(affine[:2, :3], full_matrices=False)
         rows = u @ vt
         third = rows[0, [1, 2, 0]] * rows[1, [2, 0, 1]] - rows[0, [2, 0, 1]] * rows[1, [1, 2, 0]]  # the cross product
         rotation = np.stack([rows[0], rows[1], third])
-        return WeakPerspective(float(singular_values.mean()), rotation, affine[:2, 3].copy())
+        translation = affine[:2, 3].copy()
+        rotation.flags.writeable = translation.flags.writeable = False
+        return WeakPerspective(float(singular_values.mean()), rotation, translation)
 
     def transformed(self, image_from_image: Float[ndarray, "3 3"]) -> "Camera":
         """The camera of a picture that was cropped, scaled or turned by an affine map of pixels."""
@@ -129,9 +131,10 @@ def pinhole_camera(parameters: Pinhole) -> Camera:
 def nearest_weak_perspective(camera: Camera) -> WeakPerspective:
     """The scaled orthographic camera nearest to an affine one (exact if it is one); a pinhole is linearised first.
 
-    The 2x3 part is replaced by the nearest matrix with orthogonal rows of equal length (Frobenius norm).
+    The 2x3 part is replaced by the nearest matrix with orthogonal rows of equal length (Frobenius norm). The arrays
+    cannot be written to.
     """
-    return camera.weak_perspective
+    return camera._nearest_weak_perspective
 
 
 def pinhole_of(camera: Camera) -> Pinhole:

@@ -6,13 +6,15 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int16, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int16, UInt8
 from numpy import ndarray
 
 from pix2face.geometry.camera import Camera
 
 # Fixed point: rounding to 1/128 mm is at most 0.004 mm off, and int16 reaches to 256 mm.
 FIXED_POINT_STEPS_PER_MM = 128
+# How far from the face, in pixels of the maps, a point is still taken for one of its border.
+REACH_PX = 4
 
 
 # From the weak-perspective camera (pixels of the maps) and the coefficients (standard deviations) of a fit to those
@@ -82,6 +84,29 @@ def eroded(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
     """
     kernel = np.ones((3, 3), dtype=np.uint8)
     return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)
+
+
+def uncovered_points(
+    points: Float[ndarray, "m 2"], mask: Bool[ndarray, "h w"], seen: Bool[ndarray, "h w"]
+) -> Bool[ndarray, " m"]:
+    """Which points of a picture (pixels) nothing covers that is in front of the face, such as a cloth mask or a hand.
+
+    ``mask`` is where the face is and ``seen`` its part that the picture shows (``FaceMaps``). A
+    point is covered where the nearest pixels of the face are not seen: points of the jaw lie on the border of the face
+    and a little beyond a predicted mask. Farther from the face nothing is known, and points count as uncovered.
+    """
+    return np.array([_is_uncovered(point, mask, seen) for point in points], dtype=bool)
+
+
+def _is_uncovered(point: Float[ndarray, "2"], mask: Bool[ndarray, "h w"], seen: Bool[ndarray, "h w"]) -> bool:
+    if not (np.abs(point) < max(mask.shape) + REACH_PX).all():  # also NaN
+        return True
+    column, row = (int(value) for value in np.floor(point))
+    for reach in range(1, REACH_PX + 1):
+        rows, columns = (slice(max(at - reach, 0), max(at + reach + 1, 0)) for at in (row, column))
+        if mask[rows, columns].any():
+            return bool(seen[rows, columns].any())
+    return True
 
 
 def point_cloud(

@@ -33,8 +33,8 @@ DESCRIPTION = (
 def export_onnx(checkpoint: Path, out: Path) -> CheckpointHeader:
     """Writes the network of a checkpoint as ONNX, with the checkpoint's header as JSON in its metadata.
 
-    The batch may have any size. The correction of fits is not part of the file. An existing file is replaced in one step
-    or not at all. The folder is created.
+    The batch may have any size. The correction of fits is not part of the file. An existing file is replaced in one
+    step or not at all. The folder is created.
 
     Raises:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.

@@ -24,39 +24,31 @@ LARGEST_FILE_BYTES = 1 << 20
 
 @final
 @dataclass(frozen=True)
-class _ModelName:
+class ModelName:
+    """The model of the vertices: those of one mesh mean nothing on another."""
+
     name: str
     sha256: str
 
 
 @final
 @dataclass(frozen=True)
-class _Content:
-    """What is read of the file."""
+class LandmarkChoice:
+    """What is read of a file: which vertices of which model are the landmarks of a scheme.
+
+    Attributes:
+        format: Tells the file from other JSON.
+        schema_version: Of the file.
+        scheme: One of ``landmarks.SCHEMES``.
+        vertices: One for each landmark.
+        model: The model.
+    """
 
     format: Literal["pix2face-landmarks"]
     schema_version: Integer
     scheme: str
     vertices: tuple[Integer, ...]
-    model: _ModelName
-
-
-@final
-@dataclass(frozen=True)
-class LandmarkChoice:
-    """Which vertices of which model are the landmarks of a scheme.
-
-    Attributes:
-        scheme: One of ``landmarks.SCHEMES``.
-        vertices: One for each landmark.
-        model_name: The model.
-        model_sha256: Its hash. Vertices of one mesh mean nothing on another.
-    """
-
-    scheme: str
-    vertices: tuple[int, ...]
-    model_name: str
-    model_sha256: str
+    model: ModelName
 
 
 def save_landmarks(
@@ -85,16 +77,15 @@ def load_landmarks(path: Path) -> LandmarkChoice:
         InputFileError: The file is missing, of another format or a newer schema, or has another number of landmarks.
     """
     expected = "landmarks as `pix2face landmarks select` writes them"
-    content: _Content = read_json_file(path, _Content, expected, LARGEST_FILE_BYTES)
-    if content.schema_version > SCHEMA_VERSION:
+    choice: LandmarkChoice = read_json_file(path, LandmarkChoice, expected, LARGEST_FILE_BYTES)
+    if choice.schema_version > SCHEMA_VERSION:
         raise InputFileError(
-            f"{path}: schema {content.schema_version} is newer than {SCHEMA_VERSION}, which this version reads; "
+            f"{path}: schema {choice.schema_version} is newer than {SCHEMA_VERSION}, which this version reads; "
             "upgrade pix2face"
         )
-    scheme, vertices, model = content.scheme, content.vertices, content.model
-    choice = LandmarkChoice(scheme, vertices, model.name, model.sha256)
-    if len(vertices) != SCHEMES.get(scheme):
-        raise InputFileError(f"{path}: expected the {SCHEMES.get(scheme)} vertices of {scheme}, found {len(vertices)}")
+    n_expected, n_found = SCHEMES.get(choice.scheme), len(choice.vertices)
+    if n_found != n_expected:
+        raise InputFileError(f"{path}: expected the {n_expected} vertices of {choice.scheme}, found {n_found}")
     return choice
 
 
@@ -116,9 +107,9 @@ def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
         ModelMismatchError: The file was made for another model.
     """
     choice = load_landmarks(path)
-    if choice.model_sha256 != model.sha256:
+    if choice.model.sha256 != model.sha256:
         raise ModelMismatchError(
-            f"{path}: landmarks of the model {choice.model_name} ({choice.model_sha256[:12]}), found "
+            f"{path}: landmarks of the model {choice.model.name} ({choice.model.sha256[:12]}), found "
             f"{model.name} ({model.sha256[:12]}); choose them again with `pix2face landmarks select`"
         )
     try:

@@ -1,7 +1,6 @@
 """A fit as JSON, and back (layout: docs/reference/file_formats.md)."""
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, astuple
 from pathlib import Path
@@ -14,7 +13,6 @@ from numpy import ndarray
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.face_files.w300lp import pose_of_camera
 from pix2face.files.json_text import JsonObject, read_json_file
-from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera, head_pose, linearised, nearest_weak_perspective, pinhole_of
 from pix2face.geometry.crops import FaceBox
@@ -26,7 +24,7 @@ from pix2face.photographs.landmark_visibility import visible_landmarks
 LARGEST_FILE_BYTES = 32 << 20
 
 
-def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px: tuple[int, int]) -> str:
+def fit_to_json(fitted: FaceFit, photograph: str, size_px: tuple[int, int]) -> str:
     """A fit as JSON: camera, pose, coefficients and landmarks in pixels of the photograph (centres at +0.5).
 
     ``photograph`` is its path, from the folder of the file if it is relative, and ``size_px`` its height and width.
@@ -39,7 +37,7 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px
             "photograph": photograph,
             "box_px": None if fitted.box is None else astuple(fitted.box),
             "score": fitted.score,
-            "model": {"name": model.name, "sha256": model.sha256},
+            "model": {"name": fitted.model.name, "sha256": fitted.model.sha256},
             "camera_kind": camera_kind(fitted.camera),
             "camera_matrix": fitted.camera.matrix.tolist(),
             "opencv": opencv_camera(fitted.camera),
@@ -62,14 +60,8 @@ def fit_to_json(fitted: FaceFit, model: MorphableModel, photograph: str, size_px
     )
 
 
-def write_fit(path: Path, fitted: FaceFit, model: MorphableModel, photograph: Path, size_px: tuple[int, int]) -> None:
-    """Writes a fit; the photograph is named by its way from the file's folder, and has a height and width."""
-    way = os.path.relpath(photograph.absolute(), path.parent.absolute())
-    write_file(path, fit_to_json(fitted, model, way, size_px))
-
-
 def read_fit(path: Path, model: MorphableModel) -> tuple[FaceFit, Path]:
-    """Reads what ``write_fit`` wrote.
+    """Reads a file of ``fit_to_json``.
 
     Returns:
         The fit, in the pixels of the photograph, and where the photograph was.

@@ -58,7 +58,6 @@ def draw_box(
 def draw_overlay(
     image: UInt8[ndarray, "h w 3"],
     fit: FaceFit,
-    model: MorphableModel,
     size_px: int = OVERLAY_PX,
     in_sight: Bool[ndarray, " m"] | None = None,
 ) -> UInt8[ndarray, "s s 3"]:
@@ -71,7 +70,7 @@ def draw_overlay(
     """
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, size_px)
     camera, background = crop_camera(fit.camera, crop), crop_image(image, crop)
-    blend = shaded_face(background, fit.vertices, model, camera)
+    blend = shaded_face(background, fit.vertices, fit.model, camera)
     overlay = draw_landmarks(blend, crop.to_crop(fit.landmarks2d), in_sight=in_sight)
     if fit.box is not None:
         left, top, right, bottom = astuple(fit.box)

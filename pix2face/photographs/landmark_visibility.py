@@ -11,10 +11,7 @@ from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import Crop
 from pix2face.geometry.landmarks import IBUG68, LANDMARK_TOLERANCE_MM
-from pix2face.geometry.maps import FaceMaps
-
-# How far from the face, in pixels of the maps, a point is still taken for one of its border.
-REACH_PX = 4
+from pix2face.geometry.maps import FaceMaps, uncovered_points
 
 
 def visible_landmarks(fit: FaceFit, scheme: str = IBUG68) -> Bool[ndarray, " m"]:
@@ -31,29 +28,6 @@ def landmarks_in_sight(fit: FaceFit, maps: FaceMaps, crop: Crop) -> Bool[ndarray
     if maps.seen is None:
         return visible
     return visible & uncovered_points(crop.to_crop(fit.landmarks2d), maps.mask, maps.seen)
-
-
-def uncovered_points(
-    points: Float[ndarray, "m 2"], mask: Bool[ndarray, "h w"], seen: Bool[ndarray, "h w"]
-) -> Bool[ndarray, " m"]:
-    """Which points of a picture (pixels) nothing covers that is in front of the face, such as a cloth mask or a hand.
-
-    ``mask`` is where the face is and ``seen`` its part that the picture shows (``pix2face.geometry.maps.FaceMaps``). A
-    point is covered where the nearest pixels of the face are not seen: points of the jaw lie on the border of the face
-    and a little beyond a predicted mask. Farther from the face nothing is known, and points count as uncovered.
-    """
-    return np.array([_is_uncovered(point, mask, seen) for point in points], dtype=bool)
-
-
-def _is_uncovered(point: Float[ndarray, "2"], mask: Bool[ndarray, "h w"], seen: Bool[ndarray, "h w"]) -> bool:
-    if not (np.abs(point) < max(mask.shape) + REACH_PX).all():  # also NaN
-        return True
-    column, row = (int(value) for value in np.floor(point))
-    for reach in range(1, REACH_PX + 1):
-        rows, columns = (slice(max(at - reach, 0), max(at + reach + 1, 0)) for at in (row, column))
-        if mask[rows, columns].any():
-            return bool(seen[rows, columns].any())
-    return True
 
 
 def visible_vertices(

@@ -19,6 +19,7 @@ from PIL import Image
 from pix2face.errors import UsageError
 from pix2face.files.images import encode_image, srgb_to_linear
 from pix2face.files.writing import write_file
+from pix2face.geometry.other_cameras import M_PER_MM
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.usd_files import usd_module, write_face_usdz
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 MeshFormat = Literal["obj", "ply", "glb", "usdz"]
 
-GLTF_UNITS_PER_MM = 1e-3
 # Of the stem of an .obj that its material cannot have. With what is added, any file system takes the name.
 READABLE_LETTERS = 40
 
@@ -151,7 +151,7 @@ def _write_ply(path: Path, mesh: FaceMesh) -> None:
 def _write_glb(path: Path, mesh: FaceMesh) -> None:
     import trimesh
 
-    vertices = mesh.vertices * GLTF_UNITS_PER_MM
+    vertices = mesh.vertices * M_PER_MM
     if mesh.texture is not None:
         vertex, uv, triangles = split_at_seams(mesh.model)
         material = trimesh.visual.material.PBRMaterial(  # type: ignore[no-untyped-call]

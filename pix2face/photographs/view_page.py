@@ -27,7 +27,6 @@ from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
-from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.surface_attributes import vertex_normals
 from pix2face.photographs.mesh_files import linear_colours, split_at_seams
 from pix2face.photographs.texture import face_texture, vertex_colours
@@ -50,7 +49,7 @@ class ViewedFace:
     point_colours: UInt8[ndarray, "n 3"]  # RGB
 
 
-def face_data(face: ViewedFace, model: MorphableModel) -> str:
+def face_data(face: ViewedFace) -> str:
     """What the page needs of one face, some megabytes of JSON.
 
     Raises:
@@ -70,7 +69,7 @@ def face_data(face: ViewedFace, model: MorphableModel) -> str:
         "translation_px": camera.translation_px.tolist(),
         "points": _base64(face.points, "<f4"),
         "point_colours": _base64(linear_colours(face.point_colours), "u1"),
-        **_mesh_fields(face, model),
+        **_mesh_fields(face),
     }
     return json.dumps(fields)
 
@@ -149,8 +148,8 @@ def view_page(faces: Sequence[str], title: str, navigation: str = "") -> str:
     return _MARK + _PAGE.format(data=data, script=script, **shown)
 
 
-def _mesh_fields(face: ViewedFace, model: MorphableModel) -> dict[str, Any]:
-    fit = face.fit
+def _mesh_fields(face: ViewedFace) -> dict[str, Any]:
+    fit, model = face.fit, face.fit.model
     normals = vertex_normals(fit.vertices, model.triangles)
     if model.uv is None:
         return {

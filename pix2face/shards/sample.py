@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import final
 
-import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray
 
@@ -13,7 +12,7 @@ from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import decode_image
 from pix2face.files.picture_size import declared_size_px
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.maps import FaceMaps
+from pix2face.geometry.maps import FaceMaps, uncovered_points
 from pix2face.shards.layers import SEEN
 
 MASK = "mask"
@@ -84,7 +83,7 @@ class Sample:
             )
         sizes = {values.shape[:2] for values in self.layers.values()}
         declared = declared_size_px(self.image_bytes, where)
-        if sizes and declared is not None and declared not in sizes:
+        if sizes and declared not in sizes:
             raise InputFileError(f"{where}: expected a picture like its layers, {sizes.pop()}, found one of {declared}")
         return decode_image(self.image_bytes, where)
 
@@ -107,18 +106,7 @@ class Sample:
             UsageError: The layer ``mask`` or ``seen`` is missing.
         """
         check_has_layers(self.layers, (MASK, SEEN), self.sample_id)
-        mask, seen = (np.pad(self.layers[name], 1) for name in (MASK, SEEN))
-        height, width = self.layers[MASK].shape
-        column, row = np.floor(self.landmarks2d).astype(np.int64).T
-        # Between the lips and at the silhouette a landmark's own pixel may miss the face, so its neighbours count too.
-        places = [
-            (np.clip(row, 0, height - 1) + down, np.clip(column, 0, width - 1) + right)
-            for down in range(3)
-            for right in range(3)
-        ]
-        is_near_face = np.any([mask[place] for place in places], axis=0)
-        is_near_seen = np.any([seen[place] for place in places], axis=0)
-        return np.asarray(self.visible & (is_near_seen | ~is_near_face))
+        return self.visible & uncovered_points(self.landmarks2d, self.layers[MASK], self.layers[SEEN])
 
 
 def check_has_layers(found: Container[str], wanted: Sequence[str], where: str) -> None:

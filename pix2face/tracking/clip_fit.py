@@ -66,21 +66,15 @@ class FrameFitter:
     options: FitOptions = DEFAULT_FIT  # how each frame is fitted
     refine: bool = True  # whether a first prediction refines each box
 
-    def measure(self, faces: Sequence[tuple[Photograph, FaceBox]]) -> list[MeasuredFace | None]:
-        """Predicts and measures faces of one frame or of several; None where the maps hold no face.
-
-        Raises:
-            DegenerateGeometryError: The network's output is not finite.
-        """
-        ((_, measured),) = self.measure_each([(None, faces)])
-        return measured
-
     def measure_each(
         self, groups: Iterable[tuple[Key, Sequence[tuple[Photograph, FaceBox]]]]
     ) -> Iterator[tuple[Key, list[MeasuredFace | None]]]:
-        """The same for groups of faces, each with a key to know it by.
+        """Predicts and measures groups of faces, each with a key to know it by; None where the maps hold no face.
 
         While one group is measured, a thread refines the boxes of the next.
+
+        Raises:
+            DegenerateGeometryError: The network's output is not finite.
         """
         for key, faces in ahead(((key, self._refined(faces)) for key, faces in groups), 1):
             predictions = self.predictor.predict_many(faces)

@@ -9,8 +9,6 @@ fit for the second box, as after a detector. Faces that would be taken for false
 """
 
 import argparse
-import json
-import sys
 from pathlib import Path
 
 import cv2
@@ -25,7 +23,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmark_metrics import landmark_errors
 from pix2face.geometry.landmarks import IBUG68, INNER51
 from pix2face.photographs.refined_detection import refined_box
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 OVERLAY_PX = 320
 
@@ -76,7 +74,7 @@ def main() -> None:
         "each": {name: round(100 * error, 2) for name, error in sorted(errors.items(), key=lambda item: -item[1])},
         "surroundings": surroundings(),
     }
-    sys.stdout.write(json.dumps(report, indent=1) + "\n")
+    write_report(report)
 
 
 def _rough(box: FaceBox) -> FaceBox:

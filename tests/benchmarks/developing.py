@@ -4,8 +4,6 @@ python -m tests.benchmarks.developing [--size 256] [--n 400]
 """
 
 import argparse
-import json
-import sys
 import time
 from collections import defaultdict
 
@@ -15,6 +13,7 @@ import numpy as np
 from datagen.appearance.photograph.faults import draw_photograph
 from datagen.appearance.photograph.photograph import develop, encode
 from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, PhotographConfig
+from tests.benchmarks.surroundings import write_report
 
 
 def main() -> None:
@@ -25,7 +24,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     presets = {"default": PhotographConfig(), "hard": HARD_PHOTOGRAPH}
     report = {name: measure(config, options.size, options.n) for name, config in presets.items()}
-    sys.stdout.write(json.dumps({"size_px": options.size, "n": options.n, **report}, indent=2) + "\n")
+    write_report({"size_px": options.size, "n": options.n, **report})
 
 
 def measure(config: PhotographConfig, size_px: int, n: int) -> dict[str, object]:

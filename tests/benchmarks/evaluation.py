@@ -6,8 +6,6 @@ Pictures are noise and the weights are random: neither changes the time. One thr
 rounds that take turns.
 """
 
-import json
-import sys
 import time
 
 import numpy as np
@@ -18,7 +16,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
 from pix2face.networks.paper import UNet, paper_widths
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 N_FACES, ROUNDS = 16, 4
 BATCHES = (1, 4, 16)
@@ -33,7 +31,7 @@ def main() -> None:
         "network_ms_a_face_by_batch": figures,
         "bootstrap_ms": bootstrap_ms(),
     }
-    sys.stdout.write(json.dumps(result, indent=1) + "\n")
+    write_report(result)
 
 
 def network_ms(size_px: int, filters: int) -> dict[str, float]:

@@ -6,8 +6,6 @@ pinholes and affine cameras. The tests hold the same figures to their limits.
 """
 
 import argparse
-import json
-import sys
 from pathlib import Path
 
 import cv2
@@ -25,7 +23,7 @@ from pix2face.geometry.maps import FaceMaps, fixed_point_to_maps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from pix2face.models.rasterise import render_maps
 from pix2face.shards.layers import LAYERS, to_stored
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 # Side of the picture, and faces in it.
 RENDERED = ((64, 12), (200, 6), (256, 6), (450, 3))
@@ -133,11 +131,7 @@ def main() -> None:
             },
             "measured_on": surroundings(),
         }
-    text = json.dumps(result, indent=1)
-    sys.stdout.write(f"{text}\n")
-    if options.out is not None:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(text + "\n")
+    write_report(result, options.out)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,6 @@ left out, and pictures without colour from the figures of colour.
 """
 
 import argparse
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ from numpy import ndarray
 
 from pix2face.shards.sample_filter import SampleFilter
 from pix2face.shards.shard_reader import ShardReader, shard_paths
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 
 LEAST_PIXELS = 200
 # Bytes by which a channel must lead.
@@ -77,10 +75,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     measured = {str(folder): summarise(face_colours(folder, options.where, options.most)) for folder in options.shards}
-    text = json.dumps({"quantiles": QUANTILES, "sets": measured, **surroundings()}, indent=1)
-    sys.stdout.write(text + "\n")
-    if options.out:
-        options.out.write_text(text + "\n", encoding="utf-8")
+    write_report({"quantiles": QUANTILES, "sets": measured, **surroundings()}, options.out)
 
 
 if __name__ == "__main__":

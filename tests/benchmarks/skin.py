@@ -4,8 +4,6 @@ python -m tests.benchmarks.skin [--people 60]
 """
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Callable
 
@@ -19,7 +17,7 @@ from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
 from datagen.opengl.gl_context import create_gl_context
 from pix2face.models.morphable_model import builtin_model
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from tests.datagen.appearance.skin.painted_skin import ALBEDO, PaintedSkin, painted_skin
 
 RUNS = 20
@@ -30,8 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--people", type=int, default=60)
     options = parser.parse_args()
-    found = {"surroundings": surroundings(), "melanin": _sweep(), **_drawn(options.people)}
-    sys.stdout.write(json.dumps(found, indent=1) + "\n")
+    write_report({"surroundings": surroundings(), "melanin": _sweep(), **_drawn(options.people)})
 
 
 def individual_typology_angle_deg(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:

@@ -21,7 +21,7 @@ def surroundings() -> dict[str, object]:
     }
 
 
-def write_report(report: object, out: Path | None) -> None:
+def write_report(report: object, out: Path | None = None) -> None:
     """Prints figures as JSON, and writes them to a file where one is given."""
     text = json.dumps(report, indent=2, ensure_ascii=False) + "\n"
     sys.stdout.write(text)

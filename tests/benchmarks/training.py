@@ -7,8 +7,6 @@ the residual network, and inference on one core. Times are of the processor, sum
 disturb them least; ``wall`` is what a clock on the wall says.
 """
 
-import json
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,7 +28,7 @@ from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
 from pix2face.networks.architectures import build_network
 from tests.benchmarks.plain_unet import PlainUNet
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.surroundings import surroundings, write_report
 from tests.fits import paper_fit
 from training.data.batches import Batch, as_input, target_planes
 from training.loop.learner import ADAM_BETAS, Learner
@@ -260,7 +258,7 @@ def main(options: Options) -> None:
         result["preset_cpu"] = residual_steps(options)
     if options.inference:
         result["inference_ms"] = inference(options)
-    sys.stdout.write(json.dumps(result, indent=1) + "\n")
+    write_report(result)
 
 
 if __name__ == "__main__":

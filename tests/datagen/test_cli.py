@@ -139,18 +139,6 @@ def test_fewer_than_no_rejected_samples_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_single_problem_is_no_problems(shards: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = shards / "shard-00001.h5"
-    path.write_bytes(path.read_bytes()[:1000])
-    assert call("verify", shards) == 2
-    assert "\n1 problem; delete" in capsys.readouterr().out
-
-
-def test_verified_shards_are_counted(shards: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("verify", shards) == 0
-    assert capsys.readouterr().out == "2 shards, 3 samples: no problem found\n"
-
-
 @pytest.mark.parametrize(("n", "rows"), [(1, 1), (2, 1), (3, 2), (99, 2)])
 def test_a_contact_sheet_has_two_columns_of_samples(shards: Path, n: int, rows: int) -> None:
     assert call("preview", shards, "--n", n, "--out", shards / "deep" / "sheet.png") == 0

@@ -17,12 +17,13 @@ from time import perf_counter
 import numpy as np
 
 from tests.fuzz.binary_grammars import BINARY_GRAMMARS
+from tests.fuzz.damaged_grammars import DAMAGED_GRAMMARS
 from tests.fuzz.grammar import Grammar
 from tests.fuzz.limits import Outcome, run_cases
 from tests.fuzz.no_files import no_files
 from tests.fuzz.text_grammars import TEXT_GRAMMARS
 
-GRAMMARS: dict[str, Grammar] = {**TEXT_GRAMMARS, **BINARY_GRAMMARS}
+GRAMMARS: dict[str, Grammar] = {**TEXT_GRAMMARS, **BINARY_GRAMMARS, **DAMAGED_GRAMMARS}
 NO_FILES = "no files"
 BATCH = 500  # files that stand on the disk at the same time
 

@@ -18,11 +18,13 @@ DTYPES = ("<f4", "<f8", "<f2", ">i4", "u1", "<i8", "S4", "<c8", "?")
 
 
 @cache
-def original(write: Callable[[Path], object], name: str) -> bytes:
-    """A file without fault, written once."""
-    with TemporaryDirectory() as folder:
-        write(Path(folder))
-        return (Path(folder) / name).read_bytes()
+def originals(write: Callable[[Path], object]) -> dict[str, bytes]:
+    """Files without fault by their names in a folder, written once."""
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        write(folder)
+        files = (path for path in folder.rglob("*") if path.is_file())
+        return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 @cache
@@ -35,7 +37,7 @@ def hdf5_of(write_original: Callable[[Path], object], name: str) -> Callable[[Pa
     """A grammar of HDF5 files around one that is right."""
 
     def write(path: Path, rng: Rng) -> None:
-        path.write_bytes(original(write_original, name))
+        path.write_bytes(originals(write_original)[name])
         _change(path, rng)
 
     return write

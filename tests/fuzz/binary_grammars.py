@@ -19,18 +19,18 @@ from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint, sav
 from pix2face.model_formats import read_model
 from pix2face.models.model_file import read_stored_model, write_stored_model
 from pix2face.networks.paper import UNet, paper_widths
-from tests.fuzz.array_grammars import hdf5_of, npz_of, original
+from tests.fuzz.array_grammars import hdf5_of, npz_of, originals
 from tests.fuzz.grammar import Grammar
 from tests.fuzz.picture_grammars import picture
+from tests.fuzz.shard_originals import read_shard, write_small_shard, write_table
 from tests.fuzz.values import LENGTHS, NUMBERS, Rng, mutated, one, several, written
-from tests.fuzz_shards import read_shard, write_small_shard, write_table
 from tests.model_files import stored_small_head
 from tests.published_models import tiny_solid, write_flame, write_gnm, write_statismo, write_surrey
 
 
 def flame_pickle(path: Path, rng: Rng) -> None:
     """The right fields among what other pickles hold; or operations in a row."""
-    content = original(lambda folder: write_flame(folder / "a.pkl", tiny_solid(), chumpy=False), "a.pkl")
+    content = originals(lambda folder: write_flame(folder / "a.pkl", tiny_solid(), chumpy=False))["a.pkl"]
     if rng.random() < 0.6:
         pieces = b"".join(_operation(rng) for _ in range(int(one(rng, (1, 5, 40, 300)))))
         key = one(rng, (b"X\x01\0\0\0f", b"X\x09\0\0\0shapedirs", b"N", b"K\x01", b"X\x0a\0\0\0v_template"))
@@ -137,7 +137,7 @@ def mat(path: Path, rng: Rng) -> None:
 
 
 def surrey(path: Path, rng: Rng) -> None:
-    content = bytearray(original(lambda folder: write_surrey(folder, tiny_solid()), "model.bin"))
+    content = bytearray(originals(lambda folder: write_surrey(folder, tiny_solid()))["model.bin"])
     for _ in range(int(rng.integers(1, 4))):
         place, layout = int(one(rng, range(0, len(content) - 8, 4))), one(rng, ("<I", "<Q", "<f"))
         value = (
@@ -165,7 +165,7 @@ def checkpoint(path: Path, rng: Rng) -> None:
         )
         save_checkpoint(folder / "a", header, UNet(16, 4))
 
-    content = original(save, "a")
+    content = originals(save)["a"]
     n_bytes = struct.unpack("<Q", content[:8])[0]
     fields = json.loads(content[8 : 8 + n_bytes])
     if rng.random() < 0.7:
@@ -181,7 +181,7 @@ def checkpoint(path: Path, rng: Rng) -> None:
 GNM = {
     name: np.asarray(array)
     for name, array in np.load(
-        io.BytesIO(original(lambda folder: write_gnm(folder / "a.npz", tiny_solid()), "a.npz"))
+        io.BytesIO(originals(lambda folder: write_gnm(folder / "a.npz", tiny_solid()))["a.npz"])
     ).items()
 }
 PREDICTIONS = {

@@ -1,7 +1,9 @@
 """Shards of a synthetic head, rendered by the NumPy rasteriser."""
 
+import shutil
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -54,6 +56,18 @@ def shard_header(model: MorphableModel, **changes: str) -> ShardHeader:
         "generator": "tests",
     }
     return ShardHeader(**(fields | changes))
+
+
+def copy_with_a_damaged_sample(shards_dir: Path, folder: Path) -> Path:
+    """Copies a folder of shards and changes a byte of the maps of the sample head-004; returns its shard."""
+    shutil.copytree(shards_dir, folder)
+    path = folder / "shard-000001.h5"
+    with h5py.File(path, "r") as file:
+        offset = file["pncc_coded"].id.get_chunk_info(1).byte_offset
+    content = bytearray(path.read_bytes())
+    content[offset + 40] ^= 0xFF
+    path.write_bytes(content)
+    return path
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,8 @@ from tests.synthetic_models import small_head_model
 from tests.training.conftest import head_triplet, shard_header
 from training.cli import main
 from training.data.shard_index import index_shards
-from training.loop.plan_report import duration_in_words
+from training.loop.plan_report import duration_in_words, summary
+from training.recipe.presets import PRESETS
 from training.train_cli import next_command
 
 SMALL = [
@@ -59,6 +60,16 @@ def test_the_next_command_is_the_benchmark_of_the_faces_trained_on(shards_dir, t
     assert next_command(of_renders, checkpoint).startswith(command)
     for shards in (of_head, of_photographs):
         assert next_command(shards, checkpoint).startswith("evaluate --help")
+
+
+@pytest.mark.parametrize(
+    ("has_bfloat16", "device", "computed"),
+    [(True, "cpu", "bfloat16"), (False, "cpu", "float32"), (False, "cuda:1", "bfloat16")],
+)
+def test_the_summary_names_the_arithmetic_that_is_computed(has_bfloat16, device, computed, shards_dir, monkeypatch):
+    monkeypatch.setattr("training.loop.learner.has_bfloat16", lambda: has_bfloat16)
+    said = summary(index_shards([shards_dir]), PRESETS["tiny"], "tiny", device, shards_dir / "run", 0).plain
+    assert f"batches of {PRESETS['tiny'].batch_size}, {computed}\n" in said
 
 
 def test_restart_replaces_a_training(shards_dir, tmp_path, capsys):

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,12 +11,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-import h5py
 import pytest
 from safetensors import safe_open
 
 from tests.full_disk import FULL, files_of_at_most
 from tests.mounts import with_mount
+from tests.training.conftest import copy_with_a_damaged_sample
 from training.cli import main
 from training.loop.resume import METADATA_KEY
 
@@ -78,13 +77,7 @@ def children_of(process: subprocess.Popen[str]) -> list[int]:
 
 
 def test_a_damaged_sample_ends_it_with_workers(shards_dir: Path, tmp_path: Path) -> None:
-    shutil.copytree(shards_dir, tmp_path / "shards")
-    path = tmp_path / "shards" / "shard-000001.h5"
-    with h5py.File(path, "r") as file:
-        offset = file["pncc_coded"].id.get_chunk_info(1).byte_offset
-    content = bytearray(path.read_bytes())
-    content[offset + 40] ^= 0xFF
-    path.write_bytes(content)
+    path = copy_with_a_damaged_sample(shards_dir, tmp_path / "shards")
     status, lines = end_of(start(options(tmp_path / "shards", tmp_path / "run", "--workers", "1")))
     assert status == 2
     assert lines[-1].startswith(f"train: error: {path}: sample 'head-004' is damaged")

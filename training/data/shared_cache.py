@@ -5,7 +5,6 @@ Nothing is ever evicted: training passes over all samples ask for each equally o
 
 import mmap
 import os
-import tempfile
 from multiprocessing.context import assert_spawning
 from multiprocessing.reduction import DupFd
 from types import TracebackType
@@ -109,10 +108,6 @@ def anonymous_file(n_bytes: int) -> int:
 
     It is not in /dev/shm, whose size containers limit: writing beyond the limit ends a process without a message.
     """
-    if hasattr(os, "memfd_create"):
-        descriptor = os.memfd_create("pix2face-samples")
-    else:
-        with tempfile.TemporaryFile() as file:
-            descriptor = os.dup(file.fileno())
+    descriptor = os.memfd_create("pix2face-samples")
     os.ftruncate(descriptor, n_bytes)
     return descriptor

@@ -15,7 +15,7 @@ from pix2face.errors import Pix2FaceError
 from pix2face.networks.packed import has_bfloat16
 from training.data.batches import TrainingBatch
 from training.loop.processes import Processes
-from training.recipe.recipe import StepRecipe
+from training.recipe.recipe import Precision, StepRecipe
 from training.recipe.schedule import learning_rate, smooth_rate
 
 # Source: Crispell and Bazik 2017, Sec. 3.2.
@@ -94,9 +94,7 @@ class Learner:
         self.mean = RunningMean(self.network, recipe.ema) if recipe.ema else None
         self.steps_done = 0
         self._device = torch.device(device)
-        # Processors without instructions for bfloat16 take ten times as long with it.
-        is_able = self._device.type != "cpu" or has_bfloat16()
-        self._in_bfloat16 = recipe.precision == "bfloat16" and is_able
+        self._in_bfloat16 = computed_precision(recipe.precision, device) == "bfloat16"
         self._passes = processes.joined(self.network)
         if is_compiled:
             self._passes = torch.compile(self._passes)  # type: ignore[assignment]
@@ -212,6 +210,11 @@ class Learner:
             f"epoch {epoch + 1}, step {step + 1}: {what}. The checkpoint written last is kept, where there is one. Try "
             "a lower --learning-rate or --precision float32; `datagen verify` checks the shards"
         )
+
+
+def computed_precision(wanted: Precision, device: str) -> Precision:
+    """The arithmetic of a training: float32 where bfloat16 would take ten times as long, on CPUs without it."""
+    return wanted if torch.device(device).type != "cpu" or has_bfloat16() else "float32"
 
 
 def _new_network(recipe: StepRecipe) -> nn.Module:

@@ -2,7 +2,6 @@
 
 import json
 import resource
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -81,8 +80,7 @@ class LossLog:
 
 def memory_mb() -> float:
     """The most memory that this process has had at a time, MB."""
-    unit = 1e6 if sys.platform == "darwin" else 1e3  # bytes there, kilobytes elsewhere
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
 def _lines_until(path: Path, samples: int) -> list[str]:

@@ -10,6 +10,7 @@ from rich.text import Text
 from pix2face.command_line import counted, printable
 from pix2face.inference import CHECKPOINT_NAME
 from training.data.shard_index import ShardIndex
+from training.loop.learner import computed_precision
 from training.loop.loss_log import memory_mb
 from training.loop.tasks import Surroundings, check_plan, new_learner, new_loader
 from training.recipe.recipe import Recipe
@@ -18,7 +19,7 @@ from training.recipe.recipe import Recipe
 STEPS = 4
 
 
-def summary(shards: ShardIndex, recipe: Recipe, preset: str, out: Path, done: int) -> Text:
+def summary(shards: ShardIndex, recipe: Recipe, preset: str, device: str, out: Path, done: int) -> Text:
     """Samples, model, plan and output. ``done`` is the number of samples that an interrupted run has seen."""
     lines = {
         "samples": shards.description,
@@ -26,7 +27,7 @@ def summary(shards: ShardIndex, recipe: Recipe, preset: str, out: Path, done: in
         "terms": shards.licence,
         "scales": f"PNCC {shards.pncc_scale_mm:.0f} mm, offset {shards.offset_scale_mm:.0f} mm",
         "preset": f"{preset}: {recipe.architecture}, {recipe.size_px} px, {counted(recipe.filters, 'filter')}, "
-        f"{recipe.planes} planes, batches of {recipe.batch_size}, {recipe.precision}",
+        f"{recipe.planes} planes, batches of {recipe.batch_size}, {computed_precision(recipe.precision, device)}",
         "plan": f"{counted(recipe.epochs, 'epoch')} of {counted(recipe.epoch_size, 'picture')}"
         + (f", {done // (recipe.epoch_steps * recipe.batch_size)} done" if done else ""),
         "writes": str(out / CHECKPOINT_NAME),

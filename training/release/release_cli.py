@@ -22,7 +22,7 @@ def export(config: ExportConfig) -> int:
     header, network = load_checkpoint(config.checkpoint)
     if config.landmarks is not None:
         choice = load_landmarks(config.landmarks)
-        header.check_model(choice.model_name, choice.model_sha256)
+        header.check_model(choice.model.name, choice.model.sha256)
         header = replace(header, landmarks={**header.landmarks, choice.scheme: choice.vertices})
     prepare_output_folder(config.out)
     weights = config.out / WEIGHTS_NAME

@@ -10,7 +10,6 @@ from datagen.appearance.scene import Colour
 from datagen.random_streams import rounded
 
 SHAPES = ("round", "rectangle", "aviator", "cat-eye", "square", "oval")
-RIMS = ("full", "half", "none", "goggles")
 
 
 @final
@@ -19,7 +18,7 @@ class Glasses:
     """A pair of glasses."""
 
     shape: str  # one of `SHAPES`
-    rim: str  # one of `RIMS`
+    rim: str  # full, half, none or goggles
     width_mm: float  # of one lens
     height_mm: float  # of one lens
     bridge_mm: float  # between the lenses

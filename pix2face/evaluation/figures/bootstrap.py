@@ -62,11 +62,11 @@ def intervals(
     return {name: _percentiles(np.concatenate(values)) for name, values in drawn.items()}
 
 
-def mean_of(errors: Float64[ndarray, " n"]) -> Statistic:
-    """Mean over the finite errors of a draw."""
-    finite = np.isfinite(errors)
-    values, counted = np.where(finite, errors, 0.0), finite.astype(np.float64)
-    return lambda draws: _divide(draws @ values, draws @ counted)
+def mean_of(values: Float64[ndarray, " n"]) -> Statistic:
+    """Mean over the finite values of a draw."""
+    finite = np.isfinite(values)
+    summands, counted = np.where(finite, values, 0.0), finite.astype(np.float64)
+    return lambda draws: _divide(draws @ summands, draws @ counted)
 
 
 def median_of(errors: Float64[ndarray, " n"]) -> Statistic:
@@ -83,11 +83,6 @@ def median_of(errors: Float64[ndarray, " n"]) -> Statistic:
         return np.where(total[:, 0] > 0, (values[places[0]] + values[places[1]]) / 2, np.nan)
 
     return median
-
-
-def weighted_mean_of(values: Float64[ndarray, " n"]) -> Statistic:
-    """Mean over all faces of a draw, for values that every face has, such as its share of the area under the curve."""
-    return lambda draws: _divide(draws @ values, draws.sum(axis=1))
 
 
 def mean_of_statistics(statistics: Sequence[Statistic]) -> Statistic:

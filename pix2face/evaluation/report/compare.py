@@ -17,7 +17,6 @@ from pix2face.evaluation.figures.bootstrap import (
     cluster_indices,
     intervals,
     mean_of,
-    weighted_mean_of,
 )
 from pix2face.evaluation.report.report_files import FORMAT, SCHEMA_VERSION
 from pix2face.files.json_text import JsonObject, read_json_file, typed
@@ -182,8 +181,8 @@ def _compare(
     failures = (b > threshold).astype(np.float64) - (a > threshold)
     statistics: dict[str, Statistic] = {
         "difference": mean_of(difference),
-        "difference_of_area": weighted_mean_of(area),
-        "difference_of_failure_rate": weighted_mean_of(failures),
+        "difference_of_area": mean_of(area),
+        "difference_of_failure_rate": mean_of(failures),
     }
     n_both = int(both.sum())
     return PointComparison(

@@ -22,7 +22,6 @@ from pix2face.evaluation.figures.bootstrap import (
     mean_of,
     mean_of_statistics,
     median_of,
-    weighted_mean_of,
 )
 from pix2face.evaluation.figures.detection_summary import DetectionSummary, summarise_detections
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
@@ -252,8 +251,8 @@ def _statistics(
         statistics["mean_of_groups"] = mean_of_statistics(list(means.values()))
     statistics["mean"] = mean_of(errors)
     statistics["median"] = median_of(errors)
-    statistics["area_under_curve"] = weighted_mean_of(np.clip(1 - errors / threshold, 0, None))
-    statistics["failure_rate"] = weighted_mean_of((errors > threshold).astype(np.float64))
+    statistics["area_under_curve"] = mean_of(np.clip(1 - errors / threshold, 0, None))
+    statistics["failure_rate"] = mean_of((errors > threshold).astype(np.float64))
     return statistics
 
 

@@ -5,7 +5,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -28,11 +27,11 @@ from tests.datagen.job_runs import (
 
 pytestmark = [
     pytest.mark.gl,
-    pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc"),
     pytest.mark.xdist_group("disturbed jobs"),  # the undisturbed one is run once
 ]
 
 
+@pytest.mark.usefixtures("measured_processes")
 def test_any_number_of_workers_gives_the_same_bytes(
     inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:

@@ -11,14 +11,12 @@ import pytest
 import scipy.io
 
 from datagen.cli import main
-from datagen.inspection.preview import HEADING_PX
 from datagen.jobs.executors import ProcessPool
 from datagen.jobs.pipeline import JobSummary, Listener, open_job, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.sampling.faces import sample_faces
 from pix2face.errors import UsageError
 from pix2face.face_files.coefficients import load_coefficients, save_coefficients
-from pix2face.files.images import decode_image
 from pix2face.models.morphable_model import load_model
 from pix2face.models.rasterise import render_maps
 from pix2face.shards.layers import DEFAULT_LAYERS
@@ -80,13 +78,6 @@ def test_shards_hold_what_the_oracle_renders(rendered: Path, inputs: Path) -> No
     )
 
 
-@pytest.mark.usefixtures("measured_processes")
-def test_more_workers_give_the_same_bytes(rendered: Path, inputs: Path, tmp_path: Path) -> None:
-    run(inputs, tmp_path, workers=2)
-    for path in shard_paths(rendered):
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-
-
 def test_a_second_run_does_what_is_missing(rendered: Path, inputs: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(rendered, out)
@@ -130,14 +121,6 @@ def test_a_summary_says_where_the_time_went(inputs: Path, tmp_path: Path) -> Non
     assert all(10e6 < peak < 4e9 for peak in summary.peaks_bytes)
     again = run(inputs, tmp_path)
     assert (again.times.seconds, again.peaks_bytes) == ({}, ())
-
-
-def test_a_folder_of_another_configuration_is_refused(rendered: Path, inputs: Path) -> None:
-    job = RenderJob(
-        inputs / "faces.h5", str(inputs / "model.h5"), seed=1, shard_size=4, layers=(*DEFAULT_LAYERS, "depth")
-    )
-    with pytest.raises(UsageError, match=r"\(seed 0 -> 1\); delete it or choose another"):
-        run_job(open_job(job), rendered, ProcessPool(1))
 
 
 def mat_fields(**changes: object) -> dict[str, object]:
@@ -194,13 +177,6 @@ def test_bad_samples_are_listed_and_nothing_else_is_lost(inputs: Path, tmp_path:
     assert main([*arguments, "--workers", "1", "--max-rejected", "5"]) == 0
 
 
-def test_pictures_keep_their_own_bytes_and_decode(rendered: Path) -> None:
-    reader = ShardReader(shard_paths(rendered)[0])
-    image = decode_image(reader.read(0).image_bytes, "test")
-    assert image.shape == (64, 64, 3)
-    assert image.std() > 10
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -228,26 +204,3 @@ def test_wrong_calls_are_one_clear_line(
     error = capfd.readouterr().err.splitlines()[-1]
     assert error.startswith("datagen: error: ")
     assert message in error
-
-
-def test_preview_draws_a_sheet(rendered: Path, tmp_path: Path) -> None:
-    assert main(["preview", str(rendered), "--out", str(tmp_path / "sheet.png"), "--n", "4"]) == 0
-    sheet = cv2.imread(str(tmp_path / "sheet.png"))
-    assert sheet.shape == (HEADING_PX + 360, 1800, 3)
-    assert sheet.std() > 20
-
-
-def test_verify_finds_damage_by_name(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "out"
-    shutil.copytree(rendered, out)
-    assert main(["verify", str(out)]) == 0
-    content = (out / "shard-00002.h5").read_bytes()
-    (out / "shard-00002.h5").write_bytes(content[: len(content) // 2])
-    shutil.copy(out / "shard-00000.h5", out / "shard-00001.h5")
-    assert main(["verify", str(out)]) == 2
-    printed = capsys.readouterr().out
-    assert "shard-00002.h5" in printed
-    assert "occurs twice" in printed
-    (out / "shard-00002.h5").unlink()  # the last one: only the job's configuration says that it is missing
-    assert main(["verify", str(out)]) == 2
-    assert "1 missing: shard-00002.h5" in capsys.readouterr().out

@@ -61,6 +61,14 @@ def test_faces_equal_those_of_the_oracle(gl: GLContext | None, rasteriser: str, 
     assert mask_differs == 0
 
 
+def test_the_comparison_notices_a_twentieth_of_a_pixel() -> None:
+    model, shift = builtin_model(), np.array([[1.0, 0, 0.05], [0, 1, 0], [0, 0, 1]])
+    ((vertices, camera),) = faces(model, 1, 200)
+    found, expected = (render_maps(model, vertices, own, 200, 200) for own in (camera.transformed(shift), camera))
+    assert errors_mm(found, expected).max() > LIMIT_MM
+    assert (found["mask"] != expected["mask"]).any()
+
+
 @lru_cache
 def cast_rays(is_affine: bool) -> tuple[Camera, ndarray, ndarray, ndarray]:
     """A camera, a face, and what rays through the pixel centres hit of it."""

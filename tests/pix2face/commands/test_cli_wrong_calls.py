@@ -65,12 +65,6 @@ def test_a_bad_box_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_box_of_three_numbers_is_refused_by_the_parser(photograph: Path) -> None:
-    with pytest.raises(SystemExit) as caught:
-        call("predict", photograph, "--box", "1", "2", "3")
-    assert caught.value.code == 2
-
-
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "inf"])
 def test_a_bad_regularisation_is_one_line(value: str, photograph: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("fit", photograph, "--checkpoint", "any", "--regularisation", value) == 2
@@ -88,13 +82,6 @@ def test_a_missing_checkpoint_says_how_to_train(
     monkeypatch.chdir(tmp_path)
     assert call("fit", photograph, "--checkpoint", "runs/none.safetensors") == 2
     assert_one_line(capsys, "runs/none.safetensors: no such file; `train --shards")
-
-
-def test_an_output_folder_that_is_a_file_is_one_line(
-    untrained: Path, photograph: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call("predict", photograph, "--no-refine", "--checkpoint", untrained, "--out", photograph) == 2
-    assert_one_line(capsys, str(photograph))
 
 
 @pytest.fixture

@@ -246,20 +246,6 @@ def test_checkpoint_of_another_model_names_both(tmp_path, small_model, capsys):
     assert MODEL.name in error
 
 
-def test_truncated_checkpoint_is_named(tmp_path, small_model, capsys):
-    write_ibug(tmp_path)
-    checkpoint = write_checkpoint(tmp_path / "checkpoint.safetensors")
-    checkpoint.write_bytes(checkpoint.read_bytes()[:200])
-    assert run(tmp_path, "--data", tmp_path) == 2
-    assert "checkpoint.safetensors" in capsys.readouterr().err
-
-
-def test_unknown_split_is_refused_by_the_parser(capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["--split", "cofw"])
-    assert caught.value.code == 2
-
-
 class FixedDetector:
     """Finds the same faces in every picture."""
 

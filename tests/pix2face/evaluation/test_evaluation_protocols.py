@@ -45,30 +45,35 @@ def figures(dev, reannotated, normaliser, threshold):
     return rows
 
 
-@pytest.mark.parametrize(("normaliser", "threshold"), [(name, None) for name in LENGTHS] + [("box-sqrt", 0.04)])
-def test_the_two_truths_of_aflw_differ_by_what_numpy_says(shared_dir, tmp_path, normaliser, threshold):
+def truths(shared_dir):
+    """The names, the original landmarks and the re-annotated ones of the faces at hand, (n, 2, 68) each."""
     data = shared_dir / "data" / "aflw2000_3d"
     with (data / "dev_reannotated_pts68.npy").open("rb") as file:
         reannotated = np.lib.format.read_array(file).astype(np.float64)
-    names = sorted(path.stem for path in (data / "dev").glob("*.mat"))
-    np.savez(tmp_path / "p.npz", names=names, landmarks=np.swapaxes(reannotated, 1, 2))
-    call = [
-        "--split",
-        "aflw2000-3d",
-        "--data",
-        str(data),
-        "--predictions",
-        str(tmp_path / "p.npz"),
-        "--frame",
-        "1-based",
-        "--allow-missing",
-    ]
-    call += ["--normaliser", normaliser, "--out", str(tmp_path / "out"), "--resamples", "20"]
-    assert main(call + (["--threshold", str(threshold)] if threshold else [])) == 0
-    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    mats = sorted((data / "dev").glob("*.mat"))
+    original = np.stack([scipy.io.loadmat(path)["pt3d_68"][:2] for path in mats]).astype(np.float64)
+    return [path.stem for path in mats], original, reannotated
+
+
+def evaluated(shared_dir, folder, landmarks, *more):
+    """The report of some landmarks in place of predictions."""
+    names, _, _ = truths(shared_dir)
+    np.savez(folder / "p.npz", names=names, landmarks=np.swapaxes(landmarks, 1, 2))
+    call = ["--split", "aflw2000-3d", "--data", str(shared_dir / "data" / "aflw2000_3d"), "--allow-missing"]
+    call += ["--predictions", str(folder / "p.npz"), "--frame", "1-based", "--out", str(folder / "out")]
+    assert main([*call, *more]) == 0
+    return json.loads((folder / "out" / "report.json").read_text())
+
+
+@pytest.mark.parametrize(("normaliser", "threshold"), [(name, None) for name in LENGTHS] + [("box-sqrt", 0.04)])
+def test_the_two_truths_of_aflw_differ_by_what_numpy_says(shared_dir, tmp_path, normaliser, threshold):
+    _, _, reannotated = truths(shared_dir)
+    more = ["--threshold", str(threshold)] if threshold else []
+    report = evaluated(shared_dir, tmp_path, reannotated, "--normaliser", normaliser, "--resamples", "20", *more)
     assert report["benchmark"]["normaliser"] == normaliser
     assert report["benchmark"]["threshold"] == (threshold or 0.1)
-    for points, expected in figures(data / "dev", reannotated, normaliser, threshold or 0.1).items():
+    dev = shared_dir / "data" / "aflw2000_3d" / "dev"
+    for points, expected in figures(dev, reannotated, normaliser, threshold or 0.1).items():
         (row,) = [row for row in report["table"] if (row["method"], row["points"]) == ("predictions", points)]
         of_bins, mean_of_bins, mean, median, area, failures = expected
         np.testing.assert_allclose([own["mean"] for own in row["groups"].values()], of_bins, rtol=1e-5)
@@ -81,25 +86,8 @@ def test_the_two_truths_of_aflw_differ_by_what_numpy_says(shared_dir, tmp_path, 
 
 def test_the_roles_of_the_two_truths_may_be_swapped(shared_dir, tmp_path):
     """The original landmarks as predictions against the re-annotated ones: the same distances, other boxes."""
-    data = shared_dir / "data" / "aflw2000_3d"
-    with (data / "dev_reannotated_pts68.npy").open("rb") as file:
-        reannotated = np.lib.format.read_array(file).astype(np.float64)
-    mats = sorted((data / "dev").glob("*.mat"))
-    original = np.stack([scipy.io.loadmat(path)["pt3d_68"][:2] for path in mats]).astype(np.float64)
-    np.savez(tmp_path / "p.npz", names=[path.stem for path in mats], landmarks=np.swapaxes(original, 1, 2))
-    call = [
-        "--split",
-        "aflw2000-3d",
-        "--data",
-        str(data),
-        "--predictions",
-        str(tmp_path / "p.npz"),
-        "--frame",
-        "1-based",
-        "--allow-missing",
-    ]
-    assert main([*call, "--truth", "reannotated", "--out", str(tmp_path / "out"), "--resamples", "0"]) == 0
-    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    _, original, reannotated = truths(shared_dir)
+    report = evaluated(shared_dir, tmp_path, original, "--truth", "reannotated", "--resamples", "0")
     distances = np.sqrt(((original - reannotated) ** 2).sum(1)).mean(1)
     lengths = [LENGTHS["box-sqrt"](points) for points in reannotated]
     assert report["table"][0]["all_images"]["mean"] == pytest.approx((distances / lengths).mean(), rel=1e-5)

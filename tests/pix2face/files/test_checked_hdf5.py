@@ -116,7 +116,7 @@ def test_text_of_fixed_length_comes_back(tmp_path: Path) -> None:
 
 
 def test_text_of_variable_length_is_refused(tmp_path: Path) -> None:
-    """Its length is believed by the library: damaged, it ends the process (tests/fuzz_model_formats.py found one)."""
+    """Its length is believed by the library: damaged, it ends the process (`python -m tests.fuzz` found one)."""
     path = write_small_head(tmp_path / "a.h5")
     with h5py.File(path, "r+") as file:
         file.attrs["licence"] = "of variable length"

@@ -86,6 +86,13 @@ def test_weak_perspective_comes_back(vector: tuple[float, ...], scale: float, sh
     np.testing.assert_allclose([found.scale, *found.translation_px], [scale, shift, 3.0], atol=1e-9)
 
 
+def test_the_parameters_that_users_of_a_camera_share_cannot_be_written_to() -> None:
+    found = nearest_weak_perspective(weak_perspective_camera(WeakPerspective(2.0, np.eye(3), np.zeros(2))))
+    for shared in (found.rotation, found.translation_px):
+        with pytest.raises(ValueError, match="read-only"):
+            shared[0] = 1
+
+
 @given(rotation_vectors, st.floats(50, 5000), st.floats(200, 3000))
 def test_pinhole_comes_back(vector: tuple[float, ...], focal: float, distance: float) -> None:
     given_pinhole = Pinhole(focal, np.array([120.0, 90.0]), rotation_of(vector), np.array([10.0, -20.0, distance]))

@@ -12,6 +12,7 @@ from pix2face.geometry.maps import (
     fixed_point_to_maps,
     map_picture,
     point_cloud,
+    uncovered_points,
     valid_pixels,
 )
 from pix2face.shards.layers import LAYERS, to_stored
@@ -104,3 +105,24 @@ def test_a_map_picture_shows_x_y_z_as_red_green_blue_and_grey_outside() -> None:
     values = np.array([[[-20, 0, 20], [-99, 99, 10], [20, 20, 20]]], dtype=np.float32)
     picture = map_picture(values, np.array([[True, True, False]]), 20.0)
     np.testing.assert_array_equal(picture, [[[0, 127, 255], [0, 255, 191], [128, 128, 128]]])
+
+
+def test_points_are_covered_where_the_face_around_them_is_not_seen() -> None:
+    mask, seen = np.zeros((2, 20, 30), dtype=bool)
+    mask[5:15, 5:25] = True
+    seen[5:10, 5:25] = True
+    points = {
+        (10.5, 7.5): True,  # on the face
+        (10.5, 12.5): False,  # under the cloth
+        (10.5, 10.5): True,  # at its edge
+        (10.5, 15.5): False,  # a pixel outside the face, beside what is covered
+        (10.5, 18.5): False,
+        (10.5, 2.5): True,  # beside what is seen
+        (10.5, 19.5): True,  # too far to be known
+        (-3.0, 12.5): True,  # beside the picture
+        (np.nan, 12.5): True,
+        (1e30, 12.5): True,
+        (29.9, 19.9): True,
+    }
+    found = uncovered_points(np.array(list(points)), mask, seen)
+    assert found.tolist() == list(points.values())

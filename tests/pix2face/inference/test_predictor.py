@@ -1,9 +1,6 @@
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import torch
 from torch import Tensor
 
@@ -117,21 +114,6 @@ def test_a_checkpoint_becomes_a_predictor(tmp_path):
     assert loaded.header == HEADER
     expected = Predictor(network.eval(), HEADER).predict(picture(), BOX)
     np.testing.assert_array_equal(loaded.predict(picture(), BOX).maps.pncc, expected.maps.pncc)
-
-
-@pytest.mark.parametrize("module", ["pix2face.inference.predictor"])
-def test_inference_loads_no_hdf5_no_gl_and_no_training(module):
-    assert not _loaded_by(module) & {"h5py", "moderngl", "glcontext", "datagen", "training", "matplotlib", "skimage"}
-
-
-def test_the_test_above_can_fail():
-    assert "h5py" in _loaded_by("pix2face.shards.shard_reader")
-
-
-def _loaded_by(module: str) -> set[str]:
-    code = f"import sys, {module}; print(*sorted(name for name in sys.modules if '.' not in name))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return set(run.stdout.split())
 
 
 def test_rows_of_a_camera_are_in_units_of_the_crop_from_its_middle():

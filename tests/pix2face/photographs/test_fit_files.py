@@ -20,7 +20,7 @@ from pix2face.geometry.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
-from pix2face.photographs.fit_files import fit_to_json, read_fit, write_fit
+from pix2face.photographs.fit_files import fit_to_json, read_fit
 from tests.pix2face.photographs.seen_faces import HEIGHT_PX, photographed_face
 from tests.synthetic_models import small_head_model
 
@@ -47,7 +47,7 @@ def fitted() -> FaceFit:
 def write(folder: Path, photograph: str = "in/person.jpg") -> Path:
     path = folder / "out" / "person.json"
     path.parent.mkdir(exist_ok=True)
-    write_fit(path, fitted(), MODEL, folder / photograph, SIZE_PX)
+    path.write_text(fit_to_json(fitted(), f"../{photograph}", SIZE_PX), encoding="ascii")
     return path
 
 
@@ -126,13 +126,13 @@ def test_the_file_says_what_the_camera_is() -> None:
     stretched = replace(fitted(), camera=Camera(np.diag([1.1, 1, 1, 1]) @ fitted().camera.matrix))
     kinds = {"weak-perspective": fitted(), "affine": stretched, "pinhole": replace(fitted(), camera=near)}
     for kind, fit in kinds.items():
-        fields = json.loads(fit_to_json(fit, MODEL, "person.jpg", SIZE_PX))
+        fields = json.loads(fit_to_json(fit, "person.jpg", SIZE_PX))
         assert fields["camera_kind"] == kind
         assert fields["focal_px"] == (pytest.approx(800) if kind == "pinhole" else None)
 
 
 def test_the_published_pose_leads_back_to_the_camera() -> None:
-    pitch, yaw, roll, tx, ty, tz, scale = json.loads(fit_to_json(fitted(), MODEL, "x.jpg", SIZE_PX))["pose_para"]
+    pitch, yaw, roll, tx, ty, tz, scale = json.loads(fit_to_json(fitted(), "x.jpg", SIZE_PX))["pose_para"]
     head = HeadPose(*np.degrees([pitch, yaw, roll]))
     camera = camera_of_pose(PoseParameters(head=head, translation_px=np.array([tx, ty, tz]), scale=scale), HEIGHT_PX)
     np.testing.assert_allclose(camera.project(fitted().landmarks3d), fitted().landmarks2d, atol=1e-6)
@@ -142,7 +142,7 @@ def test_beyond_a_profile_each_pose_has_its_own_range() -> None:
     """``pose_deg`` says how far the head is turned; ``pose_para`` is what tools of 300W-LP compute."""
     rotation = rotation_of_pose(HeadPose(12, 100, -5))
     turned = replace(fitted(), camera=weak_perspective_camera(WeakPerspective(1.5, rotation, np.full(2, 90.0))))
-    fields = json.loads(fit_to_json(turned, MODEL, "x.jpg", SIZE_PX))
+    fields = json.loads(fit_to_json(turned, "x.jpg", SIZE_PX))
     stated = [fields["pose_deg"][name] for name in ("pitch", "yaw", "roll")]
     np.testing.assert_allclose(stated, [12, 100, -5], atol=1e-6)
     published = np.degrees(fields["pose_para"][:3])

@@ -65,7 +65,7 @@ def grey_picture() -> ndarray:
 @pytest.mark.parametrize("camera", [weak(), weak(60), weak(-30, (20.0, 40.0)), near_pinhole()])
 def test_the_overlay_covers_the_face_where_the_camera_puts_it(camera: Camera) -> None:
     fit = fitted(camera, seed=1)
-    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX)
+    shown = draw_overlay(grey_picture(), fit, SIZE_PX)
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
     own_camera, background = crop_camera(fit.camera, crop), crop_image(grey_picture(), crop)
     face = render_maps(MODEL, fit.vertices, own_camera, SIZE_PX, SIZE_PX)["mask"]
@@ -95,7 +95,7 @@ def outside_box(points: ndarray) -> ndarray:
 
 def test_a_landmark_has_its_dot_in_the_overlay() -> None:
     fit = fitted(weak(15))
-    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX)
+    shown = draw_overlay(grey_picture(), fit, SIZE_PX)
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
     for x, y in np.floor(crop.to_crop(fit.landmarks2d)).astype(int):
         np.testing.assert_array_equal(shown[y, x], LANDMARK_COLOUR)
@@ -115,7 +115,7 @@ def test_landmarks_that_are_not_in_sight_are_red() -> None:
     assert not in_sight[48:60].any()  # the outer lips
     assert unknown[48:60].any()
     np.testing.assert_array_equal(in_sight[36:48], unknown[36:48])  # the eyes
-    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX, in_sight)
+    shown = draw_overlay(grey_picture(), fit, SIZE_PX, in_sight)
     apart = [k for k in range(68) if np.sort(np.linalg.norm(places - places[k], axis=1))[1] > 4]
     assert {bool(in_sight[k]) for k in apart} == {True, False}
     for k in apart:
@@ -125,7 +125,7 @@ def test_landmarks_that_are_not_in_sight_are_red() -> None:
 
 def test_what_faces_the_viewer_is_brighter() -> None:
     fit = fitted(weak())
-    shown = draw_overlay(grey_picture(), fit, MODEL, SIZE_PX).astype(int)
+    shown = draw_overlay(grey_picture(), fit, SIZE_PX).astype(int)
     crop = square_crop(FaceBox.around(fit.landmarks2d), OVERLAY_SCALE, SIZE_PX)
     nose_bridge, temple = crop.to_crop(fit.camera.project(np.array([[0.0, 60.0, 85.0], [68.0, 20.0, 40.0]])))
     brightness = [patch(shown, point).mean() for point in (nose_bridge, temple)]
@@ -142,7 +142,7 @@ def test_a_face_larger_than_the_picture_and_a_tiny_picture_are_drawn() -> None:
         weak_perspective_camera(WeakPerspective(9.0, rotation_of_pose(HeadPose(0, 0, 0)), np.array([5.0, 5.0])))
     )
     for shape in ((8, 10, 3), (1, 1, 3)):
-        assert draw_overlay(np.zeros(shape, np.uint8), fit, MODEL, 64).shape == (64, 64, 3)
+        assert draw_overlay(np.zeros(shape, np.uint8), fit, 64).shape == (64, 64, 3)
 
 
 def test_undefined_and_far_landmarks_do_not_stop_a_drawing() -> None:
@@ -155,14 +155,14 @@ def test_undefined_and_far_landmarks_do_not_stop_a_drawing() -> None:
     landmarks3d = fit.landmarks3d.copy()
     landmarks3d[0], landmarks3d[1] = np.nan, 1e200
     replaced = replace(fit, landmarks3d=landmarks3d)
-    assert draw_overlay(grey_picture(), replaced, MODEL, SIZE_PX).std() > 10
+    assert draw_overlay(grey_picture(), replaced, SIZE_PX).std() > 10
 
 
 @pytest.mark.parametrize("value", [np.nan, 7.0])
 def test_landmarks_without_extent_are_refused(value: float) -> None:
     fit = replace(fitted(weak()), landmarks2d=np.full((68, 2), value))
     with pytest.raises(DegenerateGeometryError, match="face box"):
-        draw_overlay(grey_picture(), fit, MODEL)
+        draw_overlay(grey_picture(), fit)
 
 
 def test_drawing_leaves_the_picture_alone_and_marks_the_pixel_that_holds_the_landmark() -> None:

@@ -5,7 +5,7 @@ from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
-from pix2face.photographs.landmark_visibility import uncovered_points, visible_vertices
+from pix2face.photographs.landmark_visibility import visible_vertices
 
 SIZE_PX = 200
 
@@ -61,24 +61,3 @@ def test_a_triangle_in_front_hides_and_one_behind_does_not():
     assert not visible_vertices(vertices, triangles, camera, np.array([0]))[0]
     vertices[1:, 2] = -5
     assert visible_vertices(vertices, triangles, camera, np.array([0]))[0]
-
-
-def test_points_are_covered_where_the_face_around_them_is_not_seen() -> None:
-    mask, seen = np.zeros((2, 20, 30), dtype=bool)
-    mask[5:15, 5:25] = True
-    seen[5:10, 5:25] = True
-    points = {
-        (10.5, 7.5): True,  # on the face
-        (10.5, 12.5): False,  # under the cloth
-        (10.5, 10.5): True,  # at its edge
-        (10.5, 15.5): False,  # a pixel outside the face, beside what is covered
-        (10.5, 18.5): False,
-        (10.5, 2.5): True,  # beside what is seen
-        (10.5, 19.5): True,  # too far to be known
-        (-3.0, 12.5): True,  # beside the picture
-        (np.nan, 12.5): True,
-        (1e30, 12.5): True,
-        (29.9, 19.9): True,
-    }
-    found = uncovered_points(np.array(list(points)), mask, seen)
-    assert found.tolist() == list(points.values())

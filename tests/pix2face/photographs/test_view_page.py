@@ -82,7 +82,7 @@ def numbers(text: str, dtype: str) -> ndarray:
 @pytest.mark.parametrize("model", [PLAIN, TEXTURED])
 def test_the_page_holds_the_mesh_of_the_fit(model: MorphableModel) -> None:
     face = viewed(model)
-    elements = Elements(view_page([face_data(face, model)], "faces"))
+    elements = Elements(view_page([face_data(face)], "faces"))
     (data,) = json.loads(elements.scripts[0])
     positions = numbers(data["positions"], "<f4").reshape(-1, 3)
     triangles = numbers(data["triangles"], "<u4").reshape(-1, 3)
@@ -97,8 +97,8 @@ def test_the_page_holds_the_mesh_of_the_fit(model: MorphableModel) -> None:
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_are_text_and_nothing_else(name: str) -> None:
-    plain = Elements(view_page([face_data(viewed(PLAIN), PLAIN)], "title"))
-    page = view_page([face_data(viewed(PLAIN, name), PLAIN)], name)
+    plain = Elements(view_page([face_data(viewed(PLAIN))], "title"))
+    page = view_page([face_data(viewed(PLAIN, name))], name)
     elements = Elements(page.encode("utf-8", "backslashreplace").decode())
     assert [tag for tag, _ in elements.tags] == [tag for tag, _ in plain.tags]
     assert len(elements.scripts) == 2
@@ -108,7 +108,7 @@ def test_names_are_text_and_nothing_else(name: str) -> None:
 
 
 def test_nothing_comes_from_elsewhere_and_only_the_viewer_runs() -> None:
-    elements = Elements(view_page([face_data(viewed(PLAIN), PLAIN)], "faces"))
+    elements = Elements(view_page([face_data(viewed(PLAIN))], "faces"))
     for tag, attributes in elements.tags:
         assert tag not in ("link", "iframe", "base")
         assert not {"src", "href"} & set(attributes)
@@ -158,7 +158,7 @@ def test_pages_of_a_longer_run_go_and_other_files_stay(tmp_path: Path) -> None:
 def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None:
     page = tmp_path / "view.html"
     names = ["</script><img src=x onerror=alert(1)>", "second"]
-    text = view_page([face_data(viewed(model, name), model) for name in names], names[0])
+    text = view_page([face_data(viewed(model, name)) for name in names], names[0])
     page.write_text(text.replace('<img id="behind"', '<img hidden id="behind"'))  # the mesh alone
     seen = visit(page, tmp_path)
     assert seen.console == []
@@ -185,7 +185,7 @@ def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None
 def test_the_mesh_lies_over_the_photograph(tmp_path: Path) -> None:
     """Its landmarks are drawn where the photograph beside it has its own, to some pixels."""
     page = tmp_path / "view.html"
-    text = view_page([face_data(viewed(PLAIN), PLAIN)], "over")
+    text = view_page([face_data(viewed(PLAIN))], "over")
     page.write_text(text.replace('id="show-landmarks"', 'id="show-landmarks" checked'))
     picture = visit(page, tmp_path, 1400, 800).picture.astype(int)
     is_dot = (picture[..., 1] > 200) & (picture[..., 0] < 120) & (picture[..., 2] < 120)
@@ -197,7 +197,7 @@ def test_the_mesh_lies_over_the_photograph(tmp_path: Path) -> None:
 
 def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
     face = viewed(PLAIN)
-    text = view_page([face_data(face, PLAIN)], "points")
+    text = view_page([face_data(face)], "points")
     text = text.replace('id="show-mesh" checked', 'id="show-mesh"').replace('id="behind"', 'hidden id="behind"')
     for name in ("show-points", "show-landmarks"):
         text = text.replace(f'id="{name}"', f'id="{name}" checked')
@@ -219,7 +219,7 @@ def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
 def test_a_page_that_fails_says_so(tmp_path: Path) -> None:
     """That the test above can fail: data without a mesh are told on the page, in its state, and on the console."""
     page = tmp_path / "view.html"
-    text = view_page([face_data(viewed(PLAIN), PLAIN)], "broken")
+    text = view_page([face_data(viewed(PLAIN))], "broken")
     page.write_text(text.replace('"positions"', '"no positions"'))
     seen = visit(page, tmp_path)
     assert 'data-state="failed"' in seen.document

@@ -84,7 +84,7 @@ def unknown(model: MorphableModel) -> ClipIdentity:
 
 
 def settled(fitter: FrameFitter, image: np.ndarray, box: FaceBox) -> SettledFace:
-    (seen,) = fitter.measure([(image, box)])
+    ((_, (seen,)),) = fitter.measure_each([(None, [(image, box)])])
     assert seen is not None
     return fitter.settled(seen, np.zeros(fitter.model.n_identity))
 
@@ -185,7 +185,8 @@ def test_maps_without_a_face_carry_the_last_fit_along_with_the_box(clip):
 
 def test_a_clip_whose_maps_never_hold_a_face_has_the_mean_face_in_its_boxes(clip):
     fitter = FrameFitter(colour_predictor(clip.model), clip.model)
-    assert fitter.measure([(np.zeros((50, 50, 3), np.uint8), FaceBox(10, 10, 30, 30))]) == [None]
+    nothing = (np.zeros((50, 50, 3), np.uint8), FaceBox(10, 10, 30, 30))
+    assert list(fitter.measure_each([(None, [nothing])])) == [(None, [None])]
     follower = FaceFollower(fitter, unknown(clip.model), open_smoother("none", 25))
     box = next(iter(_detections(clip)))
     (face,) = follower.push(box, None)

@@ -1,12 +1,11 @@
-import shutil
 import time
 from dataclasses import replace
 
-import h5py
 import pytest
 import torch
 
 from pix2face.errors import InputFileError, UsageError
+from tests.training.conftest import copy_with_a_damaged_sample
 from tests.training.data.test_dataset import RECIPE, assert_same
 from training.data.batches import Batch
 from training.data.loader import BatchLoader
@@ -66,13 +65,7 @@ def test_the_time_that_the_trainer_waits_is_counted_and_its_own_is_not(shards):
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_damaged_sample_is_named_in_one_line(shards_dir, tmp_path, workers):
-    shutil.copytree(shards_dir, tmp_path / "shards")
-    path = tmp_path / "shards" / "shard-000001.h5"
-    with h5py.File(path, "r") as file:
-        offset = file["pncc_coded"].id.get_chunk_info(1).byte_offset
-    content = bytearray(path.read_bytes())
-    content[offset + 40] ^= 0xFF
-    path.write_bytes(content)
+    copy_with_a_damaged_sample(shards_dir, tmp_path / "shards")
     loader = BatchLoader(index_shards([tmp_path / "shards"]), RECIPE, workers=workers, cache_bytes=0)
     with pytest.raises(
         InputFileError, match=r"^[^\n]*shard-000001\.h5: sample 'head-004' is damaged \([^\n]*`datagen v[^\n]*$"

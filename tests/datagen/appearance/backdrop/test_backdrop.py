@@ -275,11 +275,8 @@ def test_what_is_behind_fits_the_light() -> None:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"plain_weight": -0.1}, "plain_weight"),
         ({f"{kind}_weight": 0.0 for kind in ("same_environment", "other_environment", "pattern", "plain")}, "above 0"),
-        ({"folder_share": 2.0}, "folder_share"),
         ({"blur": (0.0, 0.1)}, "blur"),
-        ({"brightness": (2.0, 1.0)}, "brightness"),
         ({"widest_view_deg": 200.0}, "widest_view_deg"),
         ({"most_people": 9}, "most_people"),
     ],

@@ -1,7 +1,6 @@
 """Which hair people get, its colours, and what becomes of it: aside, cut, under a hat, as JSON."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from datagen.appearance.hair.shape import FREE_AT_MM, FREE_MM, CrownPlane, comb_
 from datagen.appearance.hair.styles import STYLES, UNCUT_MM, WITHOUT_MESH, Hairdo
 from datagen.appearance.person import Person, draw_person
 from datagen.appearance.scene import SCENE_LABELS, PosedHead, Surface
-from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 SOMEBODY = Person(age_years=30, femininity=0.5, african=0.3, asian=0.3, caucasian=0.4, melanin=0.4)
@@ -47,32 +45,11 @@ def _many(config: HairConfig, n: int, **traits: float) -> list[Hair]:
 
 
 @pytest.mark.parametrize("config", [HairConfig(), HARD_HAIR])
-def test_presets_are_valid_and_what_is_drawn_is_json(config: HairConfig) -> None:
-    config.check()
+def test_colours_are_within_0_and_1(config: HairConfig) -> None:
     for hair in _many(config, 40):
-        assert json.loads(json.dumps(asdict(hair))) == json.loads(json.dumps(asdict(hair), allow_nan=False))
         colours = np.array([hair.colour.base, hair.colour.tips, hair.colour.highlight, hair.brows.colour])
         assert (colours >= 0).all()
         assert (colours <= 1).all()
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
-        ("cap_share", 1.5, r"hair\.cap_share: expected a number from 0 to 1, found 1\.5"),
-        ("length", (1.0, 0.5), r"hair\.length: expected 2 ascending numbers above 0, found \[1\.0, 0\.5\]"),
-        ("sway_mm", -1.0, r"hair\.sway_mm: expected a number from 0, found -1\.0"),
-    ],
-)
-def test_a_wrong_field_is_named(field: str, value: object, message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        replace(HairConfig(), **{field: value}).check()  # type: ignore[arg-type]
-
-
-def test_the_same_stream_gives_the_same_hair() -> None:
-    first, second = (draw_hair(np.random.default_rng(5), HairConfig(), SOMEBODY) for _ in range(2))
-    assert first == second
-    assert first != draw_hair(np.random.default_rng(6), HairConfig(), SOMEBODY)
 
 
 def test_everybody_may_have_every_style_but_not_as_often() -> None:

@@ -1,7 +1,6 @@
 """Photographs: the same bytes for the same light, each step doing what it says, decent ones most of the time."""
 
-import json
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 
 import cv2
 import numpy as np
@@ -53,13 +52,6 @@ def test_a_photograph_alone_decides_the_bytes() -> None:
         np.testing.assert_array_equal(image, develop(light, photograph, face_of(light)))
         assert encode(image, photograph) == encode(image, photograph)
     np.testing.assert_array_equal(light, scene())  # what was given is not written to
-
-
-def test_photographs_survive_json() -> None:
-    for photograph in drawn(40, HARD_PHOTOGRAPH):
-        text = json.dumps(asdict(photograph))
-        assert len(text) < 2000
-        assert json.loads(text)["faults"] == photograph.faults
 
 
 def test_one_picture_in_five_is_bad_and_every_fault_occurs() -> None:
@@ -287,13 +279,10 @@ def test_night_and_glare_are_developed_without_warning(value: float) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"bad_share": 2.0}, "bad_share: expected a number from 0 to 1, found 2.0"),
-        ({"noise": -1.0}, "noise: expected a number from 0, found -1.0"),
         (
             {"jpeg_quality": (0.0, 90.0)},
             r"jpeg_quality: expected 2 ascending numbers from 1 to 100, found \[0.0, 90.0\]",
         ),
-        ({"jpeg_quality": (90.0, 60.0)}, "jpeg_quality: expected 2 ascending numbers"),
         ({"largest_border": 0.6}, "largest_border: expected a number from 0 to 0.45"),
         (
             {"border_share": 0.8, "letterbox_share": 0.3},
@@ -307,9 +296,7 @@ def test_configurations_that_cannot_be_drawn_are_refused(changes: dict[str, obje
         replace(DEFAULT, **changes).check()  # type: ignore[arg-type]
 
 
-def test_presets_are_sound() -> None:
-    for config in (DEFAULT, HARD_PHOTOGRAPH):
-        config.check()
+def test_every_number_is_a_float() -> None:
     assert all(isinstance(field.default, float | tuple) for field in fields(PhotographConfig))
 
 

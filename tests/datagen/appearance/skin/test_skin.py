@@ -1,7 +1,6 @@
 """What skins are drawn from, and that they are those of people."""
 
-import json
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from datagen.appearance.skin.skin import draw_skin
 from datagen.appearance.skin.skin_config import HARD_SKIN, SkinConfig
 from datagen.appearance.skin.skin_textures import IRISES, SKINS
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
-from pix2face.errors import UsageError
 from tests.benchmarks.skin import individual_typology_angle_deg
 
 PERSON = Person(age_years=30.0, femininity=0.0, african=0.2, asian=0.2, caucasian=0.6, melanin=0.3)
@@ -26,23 +24,6 @@ HUMAN_AB = np.array([[2.0, 24.0], [4.0, 27.0]])
 def _skins(n: int, config: SkinConfig = SkinConfig(), **person: float):  # noqa: B008 - frozen
     rng = np.random.default_rng(7)
     return [draw_skin(rng, config, replace(draw_person(rng), **person)) for _ in range(n)]
-
-
-def test_the_same_seed_draws_the_same_skin():
-    first, second = (draw_skin(np.random.default_rng(5), SkinConfig(), PERSON) for _ in range(2))
-    other = draw_skin(np.random.default_rng(6), SkinConfig(), PERSON)
-    assert first == second
-    assert first != other
-
-
-@pytest.mark.parametrize("config", [SkinConfig(), HARD_SKIN])
-def test_a_skin_survives_json(config):
-    for skin in _skins(20, config):
-        stored = asdict(skin)
-        assert json.loads(json.dumps(stored)) == json.loads(json.dumps(asdict(skin)))
-        read = json.loads(json.dumps(stored))
-        assert read["melanin"] == skin.melanin
-        assert [tuple(mark["place"]) for mark in read["marks"]] == [mark.place for mark in skin.marks]
 
 
 @pytest.mark.parametrize("config", [SkinConfig(), HARD_SKIN])
@@ -113,16 +94,6 @@ def test_blood_reddens_without_darkening_much():
     assert flushed[1] < 0.8 * pale[1]
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(SkinConfig)])
-def test_a_configuration_that_makes_no_sense_is_refused_by_its_field(name):
-    value = getattr(SkinConfig(), name)
-    wrong = (value[1], value[0] - 0.01) if isinstance(value, tuple) else -0.1
-    with pytest.raises(UsageError, match=f"skin.{name}"):
-        replace(SkinConfig(), **{name: wrong}).check()
-
-
-def test_both_presets_hold_together():
-    SkinConfig().check()
-    HARD_SKIN.check()
+def test_what_is_rare_is_less_rare_in_the_hard_preset():
     rare = [field.name for field in fields(SkinConfig) if field.name.endswith("_share")]
     assert all(getattr(HARD_SKIN, name) >= getattr(SkinConfig(), name) for name in rare)

@@ -13,7 +13,6 @@ from pix2face.evaluation.figures.bootstrap import (
     mean_of,
     mean_of_statistics,
     median_of,
-    weighted_mean_of,
 )
 
 ERRORS = st.lists(st.one_of(st.floats(0, 0.5), st.just(np.inf)), min_size=2, max_size=12)
@@ -33,7 +32,7 @@ def test_figures_of_a_draw_are_those_of_the_faces_drawn(errors, seed):
         assert np.isnan(mean)
         assert np.isnan(median)
     failed = (values > 0.1).astype(np.float64)
-    assert weighted_mean_of(failed)(draws)[0] == pytest.approx(failed[drawn].mean())
+    assert mean_of(failed)(draws)[0] == pytest.approx(failed[drawn].mean())
 
 
 def test_the_mean_of_groups_lacks_draws_without_one_of_them():
