@@ -42,6 +42,7 @@ class Pictures:
 
 FIRST, MORE = Pictures("shards", 40_200, 200), Pictures("shards-more", 100_000, 300)
 VARIED, LAST = Pictures("shards-varied", 22_000, 400), Pictures("shards-last", 15_600, 500)
+CORRECTED = Pictures("shards-correction", 20_000, 600)
 
 
 @final
@@ -97,11 +98,12 @@ def main() -> int:
     share = REHEARSED_SHARE if options.rehearse else 1
     out: Path = options.out / "rehearsal" if options.rehearse else options.out
     out.mkdir(parents=True, exist_ok=True)
-    for pictures in (FIRST, MORE, VARIED, LAST):
+    for pictures in (FIRST, MORE, VARIED, LAST, CORRECTED):
         render(pictures, share, out)
     checkpoint: Path | None = None
     for stage in STAGES:
         checkpoint = train(stage, share, checkpoint, out)
+    checkpoint = correct(share, checkpoint, out)
     chosen: tuple[object, ...] = ()
     if options.landmarks_from:
         landmarks = out / "landmarks.json"
@@ -131,6 +133,14 @@ def train(stage: Stage, share: float, before: Path | None, out: Path) -> Path:
     options = (*stage.training, *stage.loading, *stage.options, *amounts, *start)
     run("train", "--shards", *shards, *options, "--out", out / stage.name)
     return out / stage.name / "checkpoint.safetensors"
+
+
+def correct(share: float, before: Path | None, out: Path) -> Path:
+    """Trains the correction of the network's fits, and returns the checkpoint's path."""
+    amounts = ("--epochs", 6, "--epoch-size", round(6_400 * share) or 1)
+    sources = ("--shards", out / CORRECTED.name, "--checkpoint", before)
+    run("train", "correction", *sources, *amounts, "--workers", 2, "--out", out / "correction")
+    return out / "correction" / "checkpoint.safetensors"
 
 
 def run(program: str, *arguments: object) -> None:

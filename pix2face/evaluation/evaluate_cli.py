@@ -124,6 +124,7 @@ def _check_of_networks_alone(config: EvaluateConfig) -> None:
     given = {
         "--regularisation": config.how.regularisation != DEFAULT_FIT.regularisation,
         "--no-silhouette": not config.how.silhouette,
+        "--no-correction": not config.how.correction,
         "--reprojection-rounds": config.how.reprojection_rounds > 0,
         "--crop-scale": config.crop_scale is not None,
     }

@@ -58,6 +58,11 @@ class FitOptions:
         """Whether the fit is held to the silhouette."""
         return self.silhouette and self.camera in HELD_CAMERAS
 
+    @property
+    def is_corrected(self) -> bool:
+        """Whether a network that can correct the fit does."""
+        return self.correction and self.silhouette and self.camera == "weak-perspective"
+
     def check(self) -> None:
         """Refuses values that no fit can use.
 

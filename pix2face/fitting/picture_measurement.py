@@ -118,8 +118,7 @@ def measure_picture(
     if can_hold and camera.is_affine:
         silhouette = _Silhouette(OutsideDistance.of(whole), *correspondences(pixels, clear, width, SILHOUETTE_PIXELS))
         measured = _inside_mask(measured, silhouette, prepared, found, basis, max(1, options.reprojection_rounds))
-        corrects = options.correction and options.camera == "weak-perspective"
-        return _corrected(measured, whole.correct) if corrects and whole.correct else measured
+        return _corrected(measured, whole.correct) if options.is_corrected and whole.correct else measured
     return _reprojected(measured, fit_camera, prepared.mean[found.places], found, basis, options.reprojection_rounds)
 
 

@@ -116,12 +116,16 @@ def save_checkpoint(
 ) -> None:
     """Writes a checkpoint; a file of that name is replaced at once or not at all.
 
-    Weights in float16 halve the file, and are converted to float32 when it is read. Norms and biases stay float32:
-    they are few, and variances of norms overflow float16.
+    Weights in float16 halve the file, and are converted to float32 when it is read. Statistics of norms stay float32,
+    since variances overflow float16, and so do the few biases of what is answered.
     """
     tensors = network.state_dict()
-    vectors = {name: tensor for name, tensor in tensors.items() if tensor.ndim <= 1}
-    write_tensors(path, METADATA_KEY, asdict(header), _in_precision(tensors, precision) | vectors)
+    exact = {
+        name: tensor
+        for name, tensor in tensors.items()
+        if tensor.ndim <= 1 and not name.endswith(("_norm.weight", "_norm.bias"))
+    }
+    write_tensors(path, METADATA_KEY, asdict(header), _in_precision(tensors, precision) | exact)
 
 
 def load_header(path: Path) -> CheckpointHeader:

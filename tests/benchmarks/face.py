@@ -74,6 +74,7 @@ STEPS: dict[str, Sequence[tuple[Any, str]]] = {
         (picture_measurement, "with_silhouette"),
     ],
     "camera held to the silhouette, twice": [(picture_measurement, "fit_camera_to_silhouette")],
+    "correction": [(picture_measurement, "_corrected")],
     "landmarks": [(face_fit, "face_of_coefficients")],
 }
 

@@ -64,7 +64,8 @@ def variants(model: MorphableModel) -> dict[str, Fit]:
         return fit_face(maps, model, FitOptions(**changes), n_vertices=n_vertices)
 
     return {
-        "held to the silhouette (the default)": fit,
+        "held to the silhouette and corrected (the default)": fit,
+        "held, not corrected": lambda maps: fit(maps, correction=False),
         "not held": lambda maps: fit(maps, silhouette=False),
         "not held, camera by all pixels of the mask": lambda maps: fit(replace(maps, seen=None), silhouette=False),
         "held, camera by all pixels of the mask": lambda maps: fit(replace(maps, seen=None)),

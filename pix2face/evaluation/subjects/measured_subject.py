@@ -98,7 +98,8 @@ def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) 
         "crop": f"{predictor.header.crop_scale:g} of the box's longer side",
         "fit": f"{how.camera} camera, regularisation {regularisation}, "
         f"{how.reprojection_rounds} rounds of reprojection asked for, "
-        f"{'' if how.is_held else 'not '}held to the silhouette",
+        f"{'' if how.is_held else 'not '}held to the silhouette"
+        f"{', corrected by the network' if how.is_corrected and predictor.header.n_corrected else ''}",
         "landmarks": "vertices that the checkpoint brings along"
         if predictor.header.landmarks and takes_own
         else _landmarks_of_model(config),
