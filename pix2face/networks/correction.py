@@ -54,9 +54,6 @@ class FitCorrection(nn.Module):
         self.first = nn.Linear(WIDTHS[-1] * PLACES**2 + PICTURE_FEATURES, PICTURE_FEATURES, bias=False)
         self.first_norm = nn.BatchNorm1d(PICTURE_FEATURES)
         self.second = nn.Linear(PICTURE_FEATURES, CAMERA_CHANGES + coefficients)
-        units = torch.full((CAMERA_CHANGES + coefficients,), CHANGE)
-        units[:CAMERA_CHANGES] = torch.tensor([TURN, TURN, TURN, GROWTH, SHIFT, SHIFT])
-        self.register_buffer("units", units, persistent=False)
         for module in self.modules():
             if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
@@ -94,12 +91,12 @@ class FitCorrection(nn.Module):
         facts = functional.relu(self.facts(functional.dropout(facts, DROPPED_SHARE, self.training)))
         seen = functional.dropout(seen, DROPPED_SHARE, self.training)
         features = functional.relu(self.first_norm(self.first(torch.cat((seen, facts), dim=1))))
-        changes = self.second(features) * self.units
-        turned = rotation_of(changes[:, :3]) @ rotation
-        scale = scale * changes[:, 3].exp()
-        middle = middle + changes[:, 4:CAMERA_CHANGES]
+        changes = self.second(features)
+        turned = rotation_of(TURN * changes[:, :3]) @ rotation
+        scale = scale * (GROWTH * changes[:, 3]).exp()
+        middle = middle + SHIFT * changes[:, 4:CAMERA_CHANGES]
         corrected = torch.cat((scale[:, None, None] * turned[:, :2], middle[:, :, None]), dim=2)
-        return corrected, coefficients + changes[:, CAMERA_CHANGES:]
+        return corrected, coefficients + CHANGE * changes[:, CAMERA_CHANGES:]
 
 
 @final

@@ -186,5 +186,13 @@ MISTAKES = (
     # Evaluation.
     Mistake("predictions: 0- for 1-based", "pix2face/evaluation",
             '"0-based": 0.5, "1-based": -0.5', '"0-based": -0.5, "1-based": 0.5', EVALUATION + "/subjects/test_predictions_file.py"),
+    # Corrections of fits.
+    Mistake("correction: a mirrored face keeps its camera", "training/correction",
+            "camera.matrix * [-1, 1, 1, 1]", "camera.matrix * [1, 1, 1, 1]", TRAINING + "/correction"),
+    Mistake("correction: places are counted from the corner of the crop", "pix2face/inference",
+            "rows[:, 3] -= 0.5", "rows[:, 3] -= 0.0", "tests/pix2face/inference"),
+    Mistake("correction: the system keeps its solution", "pix2face/fitting",
+            "replace(system, right=right)", "system", FITTING),
+    Mistake("correction: turns are those of the inverse rotation", "pix2face/networks",
+            "rotation_of(TURN * changes[:, :3]) @ rotation", "rotation_of(TURN * changes[:, :3]).mT @ rotation", "tests/pix2face/networks"),
 )
-# fmt: on

@@ -122,6 +122,8 @@ class Learner:
             Pix2FaceError: The loss, or the norm of a gradient that is clipped, is not finite.
         """
         self.network.train()
+        # What a step draws (dropout) depends on its number alone, so an interrupted training goes on exactly.
+        torch.manual_seed(self._recipe.seed + self.steps_done)
         rate = self._rate()
         for group in self.optimiser.param_groups:
             group["lr"] = rate
