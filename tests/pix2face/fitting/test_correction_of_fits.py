@@ -40,7 +40,7 @@ def test_camera_and_coefficients_are_the_corrected_ones(maps: FaceMaps) -> None:
 def test_fits_of_one_and_of_several_pictures_are_corrected(maps: FaceMaps) -> None:
     corrected = replace(maps, correct=correct)
     one = fit_face(corrected, MODEL)
-    several = fit_joint([corrected, corrected], MODEL)
+    several, _ = fit_joint([corrected, corrected], MODEL)
     expected = fit_face(maps, MODEL).identity + CHANGE[: MODEL.n_identity]
     np.testing.assert_allclose(one.identity, expected)
     assert np.corrcoef(several.identity, expected)[0, 1] > 0.99
