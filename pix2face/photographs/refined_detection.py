@@ -26,7 +26,7 @@ from pix2face.models.morphable_model import MorphableModel
 
 # Error that the network expects (``FaceFit.expected_error``). It was chosen on AFLW2000-3D's 400 photographs and dlib's
 # nine: the network expects more for five of 440 faces, and less for no false box that does not show a face.
-PLAUSIBLE_ERROR = 0.09
+PLAUSIBLE_ERROR = 0.087
 # For networks that expect no errors, how well the maps of a crop fit a face: the median distance between a pixel and
 # the projection of its own point, at the scale of the face. A good network leaves 2 mm on most faces, and one that has
 # hardly been trained leaves 10 mm and more.
