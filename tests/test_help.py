@@ -44,6 +44,7 @@ PAGES = [
     "datagen coeffs retarget",
     "datagen fit",
     "train",
+    "train correction",
     "train detector",
     "train export",
     "evaluate",

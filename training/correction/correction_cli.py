@@ -9,8 +9,8 @@ from pix2face.shards.layers import IMAGE, LANDMARKS
 from training.correction.correction_task import CorrectionTask
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import index_shards
-from training.loop.task_run import run_task
 from training.loop.tasks import Surroundings
+from training.task_run import run_task
 from training.train_config import CorrectionConfig
 
 

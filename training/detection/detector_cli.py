@@ -7,8 +7,8 @@ from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import index_shards
 from training.detection.detector_task import DetectorTask
 from training.detection.people import PEOPLE_LAYERS
-from training.loop.task_run import run_task
 from training.loop.tasks import Surroundings
+from training.task_run import run_task
 from training.train_config import DetectorConfig
 
 

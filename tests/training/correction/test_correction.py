@@ -16,13 +16,13 @@ from pix2face.inference.predictor import Predictor, camera_of_rows
 from pix2face.networks.residual import correction_widths
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.synthetic_models import small_head_model
+from training import task_run
 from training.cli import main
 from training.correction import correction_cli
 from training.correction.correction_loss import CorrectionLosses
 from training.correction.fit_batch import FitBatch, FitShape
 from training.correction.fitted_crops import FittedCrops
 from training.data.shard_index import index_shards
-from training.loop import task_run
 from training.loop.trainer import Observers, train_task
 
 MODEL = small_head_model()

@@ -7,8 +7,8 @@ import pytest
 
 from pix2face.detectors.centre_detector import CentreDetector
 from pix2face.inference.centre_files import load_centre_network
+from training import task_run
 from training.cli import main
-from training.loop import task_run
 from training.loop.trainer import Observers, train_task
 
 
