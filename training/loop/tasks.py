@@ -10,6 +10,7 @@ from torch import nn
 from pix2face.errors import UsageError
 from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.networks.architectures import SEEN_PLANE
+from pix2face.networks.residual import ResidualUNet
 from training.data.loader import BatchLoader
 from training.data.shard_index import ShardIndex
 from training.loop.learner import ALONE, Learner
@@ -75,6 +76,8 @@ class MapTask:
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, initial: Path | None = None) -> None:
         start = load_checkpoint(initial) if initial else None
+        if start and isinstance(start[1], ResidualUNet):
+            start[1].correction = None  # it is of the fits to maps that this training changes
         self.recipe: StepRecipe = recipe
         self.initial = start[1] if start else None
         self._own_recipe = recipe

@@ -109,6 +109,18 @@ def test_it_goes_on_where_it_was_stopped(
         torch.testing.assert_close(own[name], weights, rtol=0, atol=0)
 
 
+def test_a_corrected_network_can_be_trained_further(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
+    """Its maps change, so what corrected their fits is left behind."""
+    assert main(arguments(shards_dir, network_path, tmp_path / "corrected")) == 0
+    network = ["--preset", "tiny", "--architecture", "residual", "--size-px", "64", "--filters", "4", "--planes", "7"]
+    amount = ["--epochs", "1", "--epoch-size", "4", "--workers", "0"]
+    start = ["--init", str(tmp_path / "corrected" / "checkpoint.safetensors")]
+    assert main(["--shards", str(shards_dir), "--out", str(tmp_path / "further"), *network, *amount, *start]) == 0
+    header, further = load_checkpoint(tmp_path / "further" / "checkpoint.safetensors")
+    assert header.n_corrected == 0
+    assert not [name for name in further.state_dict() if name.startswith("correction.")]
+
+
 def test_fits_become_better(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
     """The maps of this network say nothing of the face, so what is right is what its features say, and the mean."""
     longer = "--epoch-size", "200", "--learning-rate", "0.003", "--warm-up", "40", "--ema", "0.9"
