@@ -14,7 +14,6 @@ from pix2face.fitting.prepared_model import spread_vertices, vertex_basis
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.networks.architectures import build_network
 from pix2face.networks.correction import FitCorrection
 from pix2face.networks.residual import ResidualUNet, correction_widths
 from training.correction.correction_loss import CorrectionLosses
@@ -23,7 +22,7 @@ from training.correction.fitted_crops import FittedCrops
 from training.data.loader import DrawLoader
 from training.data.shard_index import ShardIndex
 from training.loop.learner import Learner
-from training.loop.tasks import Surroundings
+from training.loop.tasks import Surroundings, draw_loader
 from training.recipe.correction_recipe import CorrectionRecipe
 from training.recipe.recipe import StepRecipe
 
@@ -69,7 +68,6 @@ class CorrectionTask:
             points=len(vertices),
         )
         data = {
-            "norm_batches": own.norm_batches,
             "checkpoint_sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest(),
             "samples": len(shards),
             "samples_sha256": shards.samples_sha256,
@@ -84,14 +82,8 @@ class CorrectionTask:
 
     def new_loader(self, surroundings: Surroundings) -> DrawLoader[FitBatch]:
         """What makes the fits."""
-        return DrawLoader(
-            FittedCrops(self._shards, self._checkpoint, self._model, self._face, self._shape, self.recipe.seed),
-            self.recipe.batch_size,
-            workers=surroundings.workers,
-            pin_memory=surroundings.device.startswith("cuda"),
-            rank=surroundings.processes.rank,
-            n_ranks=surroundings.processes.count,
-        )
+        draws = FittedCrops(self._shards, self._checkpoint, self._model, self._face, self._shape, self.recipe.seed)
+        return draw_loader(draws, self.recipe.batch_size, surroundings)
 
     def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:
         """Writes the network with its correction. Epochs and samples of its header are those of the network."""
@@ -106,10 +98,5 @@ class CorrectionTask:
             licence="; ".join(licences),
             n_corrected=self._shape.coefficients,
         )
-        whole = build_network(
-            header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks, header.n_corrected
-        )
-        weights = {name: own for name, own in self._network.state_dict().items() if not name.startswith("correction.")}
-        weights |= {f"correction.{name}": own for name, own in network.state_dict().items()}
-        whole.load_state_dict(weights)
-        save_checkpoint(path, header, whole)
+        self._network.correction = network
+        save_checkpoint(path, header, self._network)

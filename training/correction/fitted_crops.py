@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64
+from jaxtyping import Bool, Float32, Float64
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
@@ -41,7 +41,7 @@ class KnownCrop:
     """A crop of a face that is known."""
 
     picture: Float32[ndarray, "s s 3"]  # RGB in [-0.5, 0.5]
-    in_photograph: ndarray | None  # which pixels show the photograph; None if all do
+    in_photograph: Bool[ndarray, "s s"] | None  # which pixels show the photograph; None if all do
     camera: Camera  # from the model frame to the pixels of the crop
     coefficients: Float64[ndarray, " c"]  # standard deviations, identity before expression
 
@@ -138,7 +138,9 @@ class FittedCrops:
         for place, (crop, answer) in enumerate(zip(crops, answers, strict=True)):
             self._fill_row(rows.rows(place, place + 1), crop, answer, header)
 
-    def _fill_row(self, row: FitBatch, crop: KnownCrop, answer: ndarray, header: CheckpointHeader) -> None:
+    def _fill_row(
+        self, row: FitBatch, crop: KnownCrop, answer: Float32[ndarray, "s s planes"], header: CheckpointHeader
+    ) -> None:
         size_px, true_camera = self._shape.size_px, linearised(crop.camera)
         maps, _ = read_planes(answer, header)
         try:

@@ -21,7 +21,7 @@ from training.detection.decoys import Things
 from training.detection.people import People
 from training.detection.scenes import SceneMaker
 from training.loop.learner import Learner
-from training.loop.tasks import Surroundings
+from training.loop.tasks import Surroundings, draw_loader
 from training.recipe.detector_recipe import DetectorRecipe
 from training.recipe.recipe import StepRecipe
 
@@ -103,14 +103,8 @@ class DetectorTask:
 
     def new_loader(self, surroundings: Surroundings) -> DrawLoader[SceneBatch]:
         """What composes the scenes."""
-        return DrawLoader(
-            SceneDraws(self._shards, self._backgrounds, self._things, self._own_recipe.size_px, self.recipe.seed),
-            self.recipe.batch_size,
-            workers=surroundings.workers,
-            pin_memory=surroundings.device.startswith("cuda"),
-            rank=surroundings.processes.rank,
-            n_ranks=surroundings.processes.count,
-        )
+        draws = SceneDraws(self._shards, self._backgrounds, self._things, self._own_recipe.size_px, self.recipe.seed)
+        return draw_loader(draws, self.recipe.batch_size, surroundings)
 
     def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:
         """Writes the detector."""

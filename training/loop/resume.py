@@ -145,7 +145,7 @@ def _in_layout_of(parameter: Tensor, value: Tensor) -> Tensor:
 
 
 def _check_same_configuration(path: Path, stored: dict[str, Any], present: dict[str, Any]) -> None:
-    stored = _ADDED_LATER | stored
+    stored, present = _ADDED_LATER | stored, _ADDED_LATER | present
     differing = [key for key in sorted(stored.keys() | present.keys()) if stored.get(key) != present.get(key)]
     if not differing:
         return

@@ -11,7 +11,8 @@ from pix2face.errors import UsageError
 from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.networks.architectures import SEEN_PLANE
 from pix2face.networks.residual import ResidualUNet
-from training.data.loader import BatchLoader
+from training.data.loader import BatchLoader, DrawLoader
+from training.data.loading_processes import B, Draws
 from training.data.shard_index import ShardIndex
 from training.loop.learner import ALONE, Learner
 from training.loop.losses import LossPlan
@@ -116,6 +117,18 @@ def new_loader(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -
         recipe,
         workers=surroundings.workers,
         cache_bytes=surroundings.cache_bytes,
+        pin_memory=surroundings.device.startswith("cuda"),
+        rank=surroundings.processes.rank,
+        n_ranks=surroundings.processes.count,
+    )
+
+
+def draw_loader(draws: Draws[B], batch_size: int, surroundings: Surroundings) -> DrawLoader[B]:
+    """What brings batches of the draws of a task."""
+    return DrawLoader(
+        draws,
+        batch_size,
+        workers=surroundings.workers,
         pin_memory=surroundings.device.startswith("cuda"),
         rank=surroundings.processes.rank,
         n_ranks=surroundings.processes.count,
