@@ -91,9 +91,9 @@ def uncovered_points(
 ) -> Bool[ndarray, " m"]:
     """Which points of a picture (pixels) nothing covers that is in front of the face, such as a cloth mask or a hand.
 
-    ``mask`` is where the face is and ``seen`` its part that the picture shows (``FaceMaps``). A
-    point is covered where the nearest pixels of the face are not seen: points of the jaw lie on the border of the face
-    and a little beyond a predicted mask. Farther from the face nothing is known, and points count as uncovered.
+    ``mask`` is where the face is and ``seen`` its part that the picture shows (``FaceMaps``). A point is covered where
+    the nearest pixels of the face are not seen: points of the jaw lie on the border of the face and a little beyond a
+    predicted mask. Farther from the face nothing is known, and points count as uncovered.
     """
     return np.array([_is_uncovered(point, mask, seen) for point in points], dtype=bool)
 
