@@ -212,20 +212,22 @@ class DetectorConfig:
 @final
 @dataclass(frozen=True, kw_only=True)
 class CorrectionConfig:
-    """Train what corrects the fits of a network, on rendered faces. The network itself does not change.
+    """Train what corrects the fits of a network, together with the network, on rendered faces.
 
     The network is run on crops of the faces, and the model is fitted to its maps. The correction learns how the fits
-    differ from the true faces. After an interruption, run the same command again to continue.
+    differ from the true faces; the network continues to learn the maps. After an interruption, run the same command
+    again to continue.
 
     Attributes:
-        shards: Folders of shards with the layers image and landmarks.
-        checkpoint: Network of the architecture residual. Default: the network that comes with the package.
+        shards: Folders of shards.
+        checkpoint: Network of the architecture residual. If it corrects its fits already, the training starts from
+            that. Default: the network that comes with the package.
         model: Morphable model of the network: builtin, or a file of `datagen model`.
         out: Folder for the network with its correction, the log, and the state from which an interrupted training
             continues.
         numbers: Length and optimisation.
-        workers: Number of processes that run the network and fit.
-        device: Torch device of the correction, such as cpu or cuda.
+        workers: Number of processes that load samples.
+        device: Torch device of the network, such as cpu or cuda.
         state_minutes: Minutes between two writings of the state from which an interrupted training continues.
     """
 

@@ -205,7 +205,7 @@ def new_learner(recipe: Recipe) -> Learner:
     plan = LossPlan(
         pncc_scale_mm=SCALES_MM[0], offset_scale_mm=SCALES_MM[1], weights=recipe.weights, over=recipe.loss_over
     )
-    return Learner(recipe, plan, "cpu")
+    return Learner(recipe, recipe.new_network, plan, "cpu")
 
 
 def timed_in_turns(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, dict[str, float]]:

@@ -102,7 +102,7 @@ def batch_bytes(n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: in
 
 
 def empty_batch(
-    n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0, memory: mmap | None = None
+    n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0, memory: mmap | memoryview | None = None
 ) -> Batch:
     """A batch full of 0, channels last in memory.
 

@@ -21,7 +21,7 @@ from training.detection.decoys import Things
 from training.detection.people import People
 from training.detection.scenes import SceneMaker
 from training.loop.learner import Learner
-from training.loop.tasks import Surroundings, draw_loader
+from training.loop.tasks import Surroundings, draw_loader, learner_on
 from training.recipe.detector_recipe import DetectorRecipe
 from training.recipe.recipe import StepRecipe
 
@@ -98,8 +98,9 @@ class DetectorTask:
 
     def new_learner(self, surroundings: Surroundings) -> Learner:
         """The network before its first step."""
-        losses = CentreLosses(self._own_recipe.box_weight)
-        return Learner(self.recipe, losses, surroundings.device, surroundings.processes, surroundings.is_compiled)
+        recipe = self._own_recipe
+        losses = CentreLosses(recipe.box_weight)
+        return learner_on(surroundings, recipe, recipe.new_network, losses)
 
     def new_loader(self, surroundings: Surroundings) -> DrawLoader[SceneBatch]:
         """What composes the scenes."""

@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Protocol, final, runtime_checkable
@@ -78,16 +78,30 @@ class Losses(Protocol):
 
 @final
 class Learner:
-    """Network, optimiser and running mean. Before the first step they depend only on the recipe.
+    """Network, optimiser and running mean.
 
-    With ``is_compiled``, torch.compile makes the passes through the network faster, which first takes a minute.
+    Args:
+        recipe: How long and how fast.
+        new_network: Makes the network; what it draws depends on the recipe's seed alone.
+        plan: The losses.
+        device: Name of a torch device.
+        processes: All that share the work.
+        is_compiled: Whether torch.compile makes the passes through the network faster, which first takes a minute.
     """
 
     def __init__(
-        self, recipe: StepRecipe, plan: Losses, device: str, processes: Processes = ALONE, is_compiled: bool = False
+        self,
+        recipe: StepRecipe,
+        new_network: Callable[[], nn.Module],
+        plan: Losses,
+        device: str,
+        processes: Processes = ALONE,
+        is_compiled: bool = False,
     ) -> None:
         self._recipe, self._plan, self._processes = recipe, plan, processes
-        self.network = _new_network(recipe).to(device)
+        with torch.random.fork_rng():
+            torch.manual_seed(recipe.seed)
+            self.network = new_network().to(device)
         self.optimiser = torch.optim.Adam(
             self.network.parameters(), lr=recipe.learning_rate, betas=ADAM_BETAS, fused=True
         )
@@ -217,9 +231,3 @@ class Learner:
 def computed_precision(wanted: Precision, device: str) -> Precision:
     """The arithmetic of a training: float32 where bfloat16 would take ten times as long, on CPUs without it."""
     return wanted if torch.device(device).type != "cpu" or has_bfloat16() else "float32"
-
-
-def _new_network(recipe: StepRecipe) -> nn.Module:
-    with torch.random.fork_rng():
-        torch.manual_seed(recipe.seed)
-        return recipe.new_network()

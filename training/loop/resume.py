@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, final
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.json_text import Count, JsonObject, parse_json, typed
@@ -47,7 +47,7 @@ def save_state(path: Path, learner: Learner, configuration: str, best: float = m
         best: Lowest validation error so far.
     """
     tensors = dict(_own_tensors(learner))
-    for name, parameter in learner.network.named_parameters():
+    for name, parameter in _learning(learner):
         for key in _ADAM_STATE:
             tensors[f"{key}/{name}"] = learner.optimiser.state[parameter][key]
     header = {
@@ -99,7 +99,7 @@ def load_state(path: Path, learner: Learner) -> float:
         with torch.no_grad():
             for name, own in _own_tensors(learner):
                 own.copy_(tensors[name])
-        for name, parameter in learner.network.named_parameters():
+        for name, parameter in _learning(learner):
             learner.optimiser.state[parameter] = {
                 # Moments keep the memory layout of their parameter: Adam's fused kernel walks both side by side.
                 key: _in_layout_of(parameter, tensors[f"{key}/{name}"])
@@ -138,6 +138,10 @@ def _own_tensors(learner: Learner) -> Iterator[tuple[str, Tensor]]:
     if learner.mean:
         for name, tensor in learner.mean.network.state_dict().items():
             yield f"mean/{name}", tensor
+
+
+def _learning(learner: Learner) -> list[tuple[str, nn.Parameter]]:
+    return [named for named in learner.network.named_parameters() if named[1].requires_grad]
 
 
 def _in_layout_of(parameter: Tensor, value: Tensor) -> Tensor:

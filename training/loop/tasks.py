@@ -1,6 +1,6 @@
 """What can be trained: a task brings a network, batches, losses and checkpoints; the trainer does the rest."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, final, runtime_checkable
@@ -14,7 +14,7 @@ from pix2face.networks.residual import ResidualUNet
 from training.data.loader import BatchLoader, DrawLoader
 from training.data.loading_processes import B, Draws
 from training.data.shard_index import ShardIndex
-from training.loop.learner import ALONE, Learner
+from training.loop.learner import ALONE, Learner, Losses
 from training.loop.losses import LossPlan
 from training.loop.processes import Processes
 from training.loop.run_configuration import checkpoint_header, training_configuration, with_scales_of
@@ -107,7 +107,14 @@ def new_learner(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) 
         weights=recipe.weights,
         over=recipe.loss_over,
     )
-    return Learner(recipe, plan, surroundings.device, surroundings.processes, surroundings.is_compiled)
+    return learner_on(surroundings, recipe, recipe.new_network, plan)
+
+
+def learner_on(
+    surroundings: Surroundings, recipe: StepRecipe, new_network: Callable[[], nn.Module], losses: Losses
+) -> Learner:
+    """A network before its first step, where it is trained."""
+    return Learner(recipe, new_network, losses, surroundings.device, surroundings.processes, surroundings.is_compiled)
 
 
 def new_loader(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> BatchLoader:
@@ -135,17 +142,26 @@ def draw_loader(draws: Draws[B], batch_size: int, surroundings: Surroundings) ->
     )
 
 
+def check_seen(shards: ShardIndex, is_needed: bool) -> None:
+    """Makes sure that the samples know which part of the mask is seen, if a training needs it.
+
+    Raises:
+        UsageError: They do not.
+    """
+    if is_needed and not shards.knows_seen:
+        raise UsageError(
+            "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
+            "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
+        )
+
+
 def check_plan(shards: ShardIndex, recipe: Recipe, processes: Processes) -> None:
     """Makes sure that the samples know what is to be learned, and that batches can be divided.
 
     Raises:
         UsageError: They do not, or they cannot.
     """
-    if (recipe.planes > SEEN_PLANE or recipe.loss_over == "seen") and not shards.knows_seen:
-        raise UsageError(
-            "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
-            "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
-        )
+    check_seen(shards, recipe.planes > SEEN_PLANE or recipe.loss_over == "seen")
     if recipe.n_landmarks:
         counts = {reader.column("landmarks2d").shape[1] for reader in shards.readers}
         if counts != {recipe.n_landmarks}:

@@ -2,16 +2,13 @@
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import tyro
 
 from pix2face.errors import UsageError
 from training.recipe.recipe import Epochs, Precision
 from training.recipe.schedule import ScheduleName
-
-if TYPE_CHECKING:
-    import torch
 
 
 @final
@@ -26,23 +23,23 @@ class CorrectionRecipe(Epochs):
         learning_rate: Largest learning rate of Adam.
         schedule: How the learning rate falls, as for `train`.
         warm_up: Number of fits over which the learning rate first rises from 0.
+        clip: Largest norm of the gradient; larger gradients are scaled down to it. 0 for no limit.
         ema: Decay per step of the running mean of the weights. The checkpoint contains this mean; 0 for no running
             mean.
         seed: Seed of the initial weights, the order of the samples and their jitter.
-        level_widths: Filters of the features of the network.
-        coefficients: Number of coefficients of the morphable model.
+        frozen: Train the correction alone; the network does not change. By default, both learn.
     """
 
-    batch_size: int = 64
-    epochs: int = 20
-    epoch_size: int = 6_400
-    learning_rate: float = 1e-3
+    batch_size: int = 24
+    epochs: int = 12
+    epoch_size: int = 6_000
+    learning_rate: float = 1.2e-4
     schedule: ScheduleName = "cosine"
-    warm_up: int = 4_000
+    warm_up: int = 2_400
+    clip: float = 1.0
     ema: float = 0.998
     seed: int = 0
-    level_widths: tyro.conf.Suppress[tuple[int, ...]] = ()
-    coefficients: tyro.conf.Suppress[int] = 0
+    frozen: tyro.conf.FlagCreatePairsOff[bool] = False
 
     @property
     def parts(self) -> int:
@@ -51,24 +48,13 @@ class CorrectionRecipe(Epochs):
 
     @property
     def precision(self) -> Precision:
-        """The correction is small, and needs the digits."""
+        """The fit needs the digits."""
         return "float32"
-
-    @property
-    def clip(self) -> float:
-        """Gradients are not clipped."""
-        return 0.0
 
     @property
     def norm_batches(self) -> int:
         """Norms keep their running statistics."""
         return 0
-
-    def new_network(self) -> "torch.nn.Module":
-        """A correction that changes nothing yet."""
-        from pix2face.networks.correction import FitCorrection
-
-        return FitCorrection(self.level_widths, self.coefficients)
 
     def check(self) -> None:
         """Makes sure that the numbers make sense.

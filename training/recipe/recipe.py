@@ -81,7 +81,6 @@ class StepRecipe(Protocol):
     def norm_batches(self) -> int: ...  # noqa: D102
     @property
     def seed(self) -> int: ...  # noqa: D102
-    def new_network(self) -> "torch.nn.Module": ...  # noqa: D102
 
 
 class Epochs:

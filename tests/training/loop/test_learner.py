@@ -9,9 +9,14 @@ from training.data.batches import as_input
 from training.loop.learner import Learner
 from training.loop.losses import LossPlan
 from training.recipe.presets import PRESETS
+from training.recipe.recipe import Recipe
 
 RECIPE = replace(PRESETS["tiny"], size_px=16, filters=4, batch_size=4, precision="float32", epochs=2, epoch_size=16)
 PLAN = LossPlan(pncc_scale_mm=8.0, offset_scale_mm=8.0, weights=RECIPE.weights, over="all")
+
+
+def new_learner(recipe: Recipe) -> Learner:
+    return Learner(recipe, recipe.new_network, PLAN, "cpu")
 
 
 def weights(learner: Learner) -> torch.Tensor:
@@ -19,7 +24,7 @@ def weights(learner: Learner) -> torch.Tensor:
 
 
 def trained(recipe, steps: int = 3) -> tuple[Learner, list[float]]:
-    learner = Learner(recipe, PLAN, "cpu")
+    learner = new_learner(recipe)
     return learner, [learner.step(random_batch(recipe, seed)).total for seed in range(steps)]
 
 
@@ -50,7 +55,7 @@ def test_a_long_gradient_is_shortened_and_a_short_one_left():
 
 
 def test_the_rate_is_the_schedules():
-    steps = [Learner(RECIPE, PLAN, "cpu").step(random_batch(RECIPE)).learning_rate]
+    steps = [new_learner(RECIPE).step(random_batch(RECIPE)).learning_rate]
     assert steps == [1e-3]
     learner, recipe = trained(replace(RECIPE, schedule="linear", warm_up=8), 0)[0], RECIPE
     rates = [learner.step(random_batch(recipe)).learning_rate for _ in range(8)]
@@ -60,7 +65,7 @@ def test_the_rate_is_the_schedules():
 
 
 def test_a_gradient_that_is_not_finite_is_told_where_it_is_looked_at():
-    learner = Learner(replace(RECIPE, clip=1.0), PLAN, "cpu")
+    learner = new_learner(replace(RECIPE, clip=1.0))
     next(learner.network.parameters()).register_hook(lambda gradient: gradient * float("nan"))
     with pytest.raises(Pix2FaceError, match=r"epoch 1, step 1: the gradient's norm is nan\..*--learning-rate"):
         learner.step(random_batch(RECIPE))
@@ -68,7 +73,7 @@ def test_a_gradient_that_is_not_finite_is_told_where_it_is_looked_at():
 
 def test_a_start_takes_over_weights_and_their_mean():
     source = trained(replace(RECIPE, ema=0.9), 5)[0]
-    learner = Learner(replace(RECIPE, ema=0.9), PLAN, "cpu")
+    learner = new_learner(replace(RECIPE, ema=0.9))
     learner.start_from(source.result)
     for found in (learner.network, learner.result):
         for own, expected in zip(found.state_dict().values(), source.result.state_dict().values(), strict=True):
@@ -119,5 +124,5 @@ def test_norms_are_measured_with_the_weights_that_the_checkpoint_holds():
 
 
 def test_only_batch_norms_have_anything_to_measure():
-    assert not Learner(RECIPE, PLAN, "cpu").has_batch_norms
-    assert Learner(replace(RECIPE, architecture="residual", size_px=64), PLAN, "cpu").has_batch_norms
+    assert not new_learner(RECIPE).has_batch_norms
+    assert new_learner(replace(RECIPE, architecture="residual", size_px=64)).has_batch_norms

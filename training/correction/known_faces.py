@@ -1,0 +1,218 @@
+"""Crops of rendered faces whose maps, camera and coefficients are known."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from mmap import mmap
+from typing import Any, final
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from pix2face.geometry.camera import Camera, linearised
+from pix2face.geometry.crops import FaceBox, pixels_in_image
+from pix2face.geometry.jitter import JitterRange, draw_jitter, jitter_crop
+from pix2face.inference.predictor import centred_rows
+from pix2face.models.mirroring import mirrored_coefficients
+from pix2face.models.morphable_model import MorphableModel
+from training.data import batches
+from training.data.batches import Batch, batch_row
+from training.data.cropping import resample, vary_colours
+from training.data.decoded_sample import decode_sample
+from training.data.draw_order import JITTER_STREAM, DrawOrder
+from training.data.shard_index import ShardIndex
+
+# Crops are those of boxes that are a few per cent off, in the colours of all kinds of photographs.
+SCALE_SPREAD = 0.1
+SHIFT, ROTATION_DEG = 0.06, 8.0
+GAMMA, GAIN, CONTRAST = (0.65, 1.5), 0.75, (0.75, 1.8)
+# Of so many crops, the picture is made worse in one way: blurred, small, compressed, grey or noisy.
+WORSE_SHARE, NOISY_SHARE = 0.35, 0.3
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class KnownShape:
+    """The numbers of which a batch of known faces consists."""
+
+    size_px: int  # side of the crops
+    coefficients: int  # number of coefficients
+    points: int  # number of points of the face that are compared
+    landmarks: int  # number of landmarks that the network predicts
+    has_seen: bool  # whether the shards know which part of the mask is seen
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KnownFaces:
+    """Some crops. Places are in units of the crop's side, from its middle."""
+
+    maps: Batch
+    in_photograph: UInt8[Tensor, "b s s"]  # 1 where the crop shows the photograph, 0 beyond its border
+    cameras: Float32[Tensor, "b 2 4"]  # rows of the cameras, from mm; affine, also where the face is in perspective
+    coefficients: Float32[Tensor, "b c"]  # standard deviations, identity before expression
+    points2d: Float32[Tensor, "b p 2"]  # places of some points of the face
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def network_input(self) -> tuple[Tensor, Tensor]:
+        """What ``FittingNetwork`` takes."""
+        return *self.maps.network_input(), self.in_photograph
+
+    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "KnownFaces":
+        """Returns the batch on another device."""
+        return self._each(lambda part: part.to(device, non_blocking=non_blocking))
+
+    def pin_memory(self) -> "KnownFaces":
+        """Returns the batch in pinned memory, from which a GPU copies by itself."""
+        return self._each(lambda part: part.pin_memory())
+
+    def rows(self, first: int, end: int) -> "KnownFaces":
+        """Some of the faces, not copied."""
+        own = {name: part[first:end] for name, part in vars(self).items() if name != "maps"}
+        return KnownFaces(maps=self.maps.rows(first, end), **own)
+
+    def _each(self, change: Callable[[Any], Any]) -> "KnownFaces":
+        return KnownFaces(**{name: change(part) for name, part in vars(self).items()})
+
+
+@final
+class KnownCrops:
+    """Numbered crops of rendered faces, a batch at a time.
+
+    Args:
+        shards: Rendered faces.
+        model: Their morphable model.
+        face: Points of the mean face whose places are compared (mm), and how coefficients move them.
+        shape: Of the batches.
+        crop_scale: Mean side of the crops, in units of the longer side of the face's box.
+        seed: Of the order of samples and of their crops.
+    """
+
+    def __init__(
+        self,
+        shards: ShardIndex,
+        model: MorphableModel,
+        face: tuple[Float32[ndarray, "p 3"], Float32[ndarray, "p 3 c"]],
+        shape: KnownShape,
+        crop_scale: float,
+        seed: int,
+    ) -> None:
+        self._shards, self._shape, self._seed = shards, shape, seed
+        self._mean, self._basis = face
+        self._order = DrawOrder(shards.sets, seed)
+        self._mirrors = None if shards.mirror_obstacle else mirrored_coefficients(model)
+        self._limits = JitterRange(
+            scale=(crop_scale * (1 - SCALE_SPREAD), crop_scale * (1 + SCALE_SPREAD)),
+            shift=SHIFT,
+            rotation_deg=ROTATION_DEG,
+            gamma=GAMMA,
+            gain=GAIN,
+            contrast=CONTRAST,
+            mirror=self._mirrors is not None,
+        )
+
+    def batch(self, draws: Sequence[int]) -> KnownFaces:
+        """Some faces, by their numbers from 0 without end."""
+        batch = self.empty_batch(len(draws))
+        self.fill(batch, draws)
+        return batch
+
+    def batch_bytes(self, n_samples: int) -> int:
+        """The memory that a batch takes."""
+        return sum(_sizes(n_samples, self._shape)) + _map_bytes(n_samples, self._shape)
+
+    def empty_batch(self, n_samples: int, memory: mmap | None = None) -> KnownFaces:
+        """A batch for ``fill``."""
+        shape, sizes = self._shape, _sizes(n_samples, self._shape)
+        whole = memoryview(bytearray(self.batch_bytes(n_samples)) if memory is None else memory)
+        own = torch.frombuffer(whole[: sum(sizes)], dtype=torch.uint8)
+        cameras, coefficients, points2d, inside = torch.split_with_sizes(own, sizes)
+        return KnownFaces(
+            maps=batches.empty_batch(
+                n_samples,
+                shape.size_px,
+                has_seen=shape.has_seen,
+                n_landmarks=shape.landmarks,
+                memory=whole[sum(sizes) :],
+            ),
+            in_photograph=inside.view(n_samples, shape.size_px, shape.size_px),
+            cameras=cameras.view(torch.float32).view(n_samples, 2, 4),
+            coefficients=coefficients.view(torch.float32).view(n_samples, shape.coefficients),
+            points2d=points2d.view(torch.float32).view(n_samples, shape.points, 2),
+        )
+
+    def fill(self, batch: KnownFaces, draws: Sequence[int]) -> None:
+        """Fills a batch.
+
+        Raises:
+            InputFileError: A sample is damaged.
+        """
+        for place, draw in enumerate(draws):
+            self._fill_row(batch.rows(place, place + 1), draw)
+
+    def _fill_row(self, row: KnownFaces, draw: int) -> None:
+        """The crop of a draw. It depends only on the seed and on the number of the draw."""
+        number, size_px = self._order.sample_of(draw), self._shape.size_px
+        reader, position = self._shards.readers[self._shards.shard[number]], int(self._shards.position[number])
+        sample, known = decode_sample(reader, position, is_checked=False), reader.read(position, [])
+        rng = np.random.default_rng([JITTER_STREAM, self._seed, draw])
+        jitter = draw_jitter(rng, self._limits)
+        crop = jitter_crop(FaceBox.around(sample.landmarks2d), jitter, size_px)
+        pixels = batch_row(row.maps, 0)
+        resample(sample, crop, pixels)
+        vary_colours(pixels.image, jitter)
+        make_worse(pixels.image, rng)
+        identity, expression = known.identity, known.expression
+        camera = known.camera.transformed(crop.crop_from_image)
+        if jitter.mirror and self._mirrors is not None:
+            identity, expression = identity @ self._mirrors.identity, expression @ self._mirrors.expression
+            camera = Camera(camera.matrix * [-1, 1, 1, 1])
+        coefficients = np.concatenate([identity, expression])
+        inside = pixels_in_image(crop, sample.image.shape[:2])
+        values = (
+            (row.cameras, centred_rows(linearised(camera), size_px)),
+            (row.coefficients, coefficients),
+            (row.points2d, camera.project(self._mean + self._basis @ coefficients) / size_px - 0.5),
+            (row.in_photograph, np.ones((size_px, size_px), bool) if inside is None else inside),
+        )
+        for stored, value in values:
+            stored[0] = torch.from_numpy(np.asarray(value))
+
+
+def make_worse(image: UInt8[ndarray, "s s 3"], rng: np.random.Generator) -> None:
+    """Blurs, shrinks, compresses or greys some pictures and adds noise to some, in place."""
+    if rng.random() > WORSE_SHARE:
+        return
+    worse, side, kind = image, len(image), rng.integers(5)
+    if kind == 0:
+        worse = cv2.GaussianBlur(worse, (5, 5), rng.uniform(0.4, 1.4))
+    elif kind == 1:
+        smaller = round(side * rng.uniform(0.3, 0.7))
+        enlarged_by = cv2.INTER_LINEAR if rng.random() < 0.5 else cv2.INTER_CUBIC
+        worse = cv2.resize(
+            cv2.resize(worse, (smaller, smaller), interpolation=cv2.INTER_AREA), (side, side), interpolation=enlarged_by
+        )
+    elif kind == 2:
+        _, content = cv2.imencode(".jpg", worse, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(8, 60))])
+        worse = cv2.imdecode(content, cv2.IMREAD_COLOR)
+    elif kind == 3:
+        worse = cv2.cvtColor(cv2.cvtColor(worse, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+    if kind == 4 or rng.random() < NOISY_SHARE:
+        planes = 3 if rng.random() < 0.5 else 1
+        worse = np.clip(worse + rng.normal(0, rng.uniform(2, 14), (side, side, planes)), 0, 255).astype(np.uint8)
+    image[:] = worse
+
+
+def _sizes(n_faces: int, shape: KnownShape) -> list[int]:
+    """Bytes of each part but the maps, numbers of four bytes first."""
+    numbers = [8, shape.coefficients, 2 * shape.points]
+    return [4 * n_faces * count for count in numbers] + [n_faces * shape.size_px**2]
+
+
+def _map_bytes(n_faces: int, shape: KnownShape) -> int:
+    return batches.batch_bytes(n_faces, shape.size_px, has_seen=shape.has_seen, n_landmarks=shape.landmarks)
