@@ -106,8 +106,10 @@ class FittingNetwork(nn.Module):
             if fit is not None:
                 cameras[place], coefficients[place] = centred_rows(fit[0], self._header.size_px), fit[1]
         is_fitted = torch.tensor([fit is not None for fit in found], device=planes.device)
-        own = (torch.from_numpy(values).to(planes.device, torch.float32) for values in (cameras, coefficients))
-        return (*own, is_fitted)
+        own_cameras, own = (
+            torch.from_numpy(values).to(planes.device, torch.float32) for values in (cameras, coefficients)
+        )
+        return own_cameras, own, is_fitted
 
 
 def fit_of(model: MorphableModel) -> Fit:

@@ -199,7 +199,7 @@ def make_worse(image: UInt8[ndarray, "s s 3"], rng: np.random.Generator) -> None
         )
     elif kind == 2:
         _, content = cv2.imencode(".jpg", worse, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(8, 60))])
-        worse = cv2.imdecode(content, cv2.IMREAD_COLOR)
+        worse = np.asarray(cv2.imdecode(content, cv2.IMREAD_COLOR))
     elif kind == 3:
         worse = cv2.cvtColor(cv2.cvtColor(worse, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
     if kind == 4 or rng.random() < NOISY_SHARE:
