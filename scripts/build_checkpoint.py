@@ -136,11 +136,15 @@ def train(stage: Stage, share: float, before: Path | None, out: Path) -> Path:
 
 
 def correct(share: float, before: Path | None, out: Path) -> Path:
-    """Trains the correction of the network's fits, and returns the checkpoint's path."""
-    amounts = ("--epochs", 6, "--epoch-size", round(6_400 * share) or 1)
-    sources = ("--shards", out / CORRECTED.name, "--checkpoint", before)
-    run("train", "correction", *sources, *amounts, "--workers", 2, "--out", out / "correction")
-    return out / "correction" / "checkpoint.safetensors"
+    """Trains the correction of the network's fits alone, then with the network; returns the checkpoint's path."""
+    alone = ("--frozen", "--batch-size", 64, "--learning-rate", 1e-3, "--warm-up", 4_000, "--clip", 0)
+    for name, epochs, epoch_size, options in (("correction", 6, 6_400, alone), ("together", 12, 6_000, ())):
+        amounts = ("--epochs", epochs, "--epoch-size", round(epoch_size * share) or 1)
+        sources = ("--shards", out / CORRECTED.name, "--checkpoint", before)
+        run("train", "correction", *sources, *amounts, *options, "--out", out / name)
+        before = out / name / "checkpoint.safetensors"
+    assert before is not None
+    return before
 
 
 def run(program: str, *arguments: object) -> None:

@@ -2,7 +2,6 @@
 
 import math
 import os
-import signal
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,13 +9,12 @@ import torch
 from rich.console import Console
 from rich.panel import Panel
 
-from pix2face.command_line import prepare_output_folder, progress_bar, say
+from pix2face.command_line import progress_bar, say
 from pix2face.errors import Pix2FaceError, UsageError
 from pix2face.files.writing import write_file
-from pix2face.inference import CHECKPOINT_NAME
 from pix2face.inference.checkpoint import load_header
 from pix2face.models.morphable_model import builtin_model
-from pix2face.stop_signals import exit_status_of, first_signal
+from pix2face.stop_signals import first_signal
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import ShardIndex, index_shards, split_off
 from training.loop.observers import RunLog, TensorboardLog, observers_of
@@ -26,13 +24,11 @@ from training.loop.resume import steps_done
 from training.loop.run_configuration import training_configuration, with_scales_of
 from training.loop.tasks import Surroundings
 from training.loop.tracker_log import TrackerLog
-from training.loop.trainer import BEST_NAME, LOG_NAME, RESUME_NAME, TrainingStopped, train
+from training.loop.trainer import RESUME_NAME, TrainingStopped, train
 from training.loop.validation import Validator, validator_of
 from training.recipe.recipe import Recipe
+from training.task_run import exit_of, prepare_training_folder
 from training.train_config import CONFIGURATION_NAME, TrainConfig
-
-# Exit status of a process that stops because another one was asked to.
-EXIT_STOPPED = exit_status_of(signal.SIGTERM)
 
 
 def train_network(config: TrainConfig) -> int:
@@ -51,7 +47,7 @@ def train_network(config: TrainConfig) -> int:
                 say(console, line)
             return 0
         out = config.out
-        _prepare(out, config.restart and processes.is_first)
+        prepare_training_folder(out, config.restart and processes.is_first)
         processes.wait_for_all()
         done = steps_done(out / RESUME_NAME, training_configuration(shards, recipe, config.init)) * recipe.batch_size
         if processes.is_first:
@@ -71,7 +67,7 @@ def train_network(config: TrainConfig) -> int:
             )
         except TrainingStopped as stopped:
             say(console, str(stopped))
-            return exit_status_of(signals[0]) if signals else EXIT_STOPPED
+            return exit_of(signals)
         except RuntimeError as error:  # torch has no narrower one for a partner that is gone
             if processes.count == 1:
                 raise
@@ -154,13 +150,6 @@ def _data(config: TrainConfig, recipe: Recipe) -> tuple[ShardIndex, Validator | 
         return shards, None
     shards, held_out = split_off(shards, config.validation)
     return shards, validator_of(held_out, recipe, config.validation_samples, config.validate_every)
-
-
-def _prepare(out: Path, is_restarted: bool) -> None:
-    prepare_output_folder(out)
-    if is_restarted:
-        for name in (CHECKPOINT_NAME, BEST_NAME, RESUME_NAME, LOG_NAME):
-            (out / name).unlink(missing_ok=True)
 
 
 def _limit_threads(surroundings: Surroundings) -> None:

@@ -196,6 +196,7 @@ class DetectorConfig:
         workers: Number of processes that compose scenes.
         device: Torch device, such as cpu or cuda.
         state_minutes: Minutes between two writings of the state from which an interrupted training continues.
+        restart: Replace the training in the output folder.
     """
 
     shards: tuple[str, ...]
@@ -207,6 +208,7 @@ class DetectorConfig:
     workers: int = 1
     device: str = "cpu"
     state_minutes: float = 10.0
+    restart: bool = False
 
 
 @final
@@ -229,6 +231,7 @@ class CorrectionConfig:
         workers: Number of processes that load samples.
         device: Torch device of the network, such as cpu or cuda.
         state_minutes: Minutes between two writings of the state from which an interrupted training continues.
+        restart: Replace the training in the output folder.
     """
 
     shards: tuple[str, ...]
@@ -239,6 +242,7 @@ class CorrectionConfig:
     workers: int = 1
     device: str = "cpu"
     state_minutes: float = 10.0
+    restart: bool = False
 
 
 @final

@@ -1,13 +1,9 @@
 """The command ``train detector``: people and pictures without people in, a detector of faces out."""
 
-from rich.console import Console
-
-from pix2face.command_line import say
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import index_shards
 from training.detection.detector_task import DetectorTask
 from training.detection.people import PEOPLE_LAYERS
-from training.loop.tasks import Surroundings
 from training.task_run import run_task
 from training.train_config import DetectorConfig
 
@@ -16,8 +12,4 @@ def detector(config: DetectorConfig) -> int:
     """Runs ``train detector``."""
     shards = index_shards(parse_shard_folders(config.shards), layers=PEOPLE_LAYERS)
     task = DetectorTask(shards, config.backgrounds, config.things, config.numbers, config.init)
-    say(Console(stderr=True), f"people: {shards.description}")
-    surroundings = Surroundings(
-        device=config.device, workers=config.workers, cache_bytes=0, state_minutes=config.state_minutes
-    )
-    return run_task(task, "scene", config.out, surroundings)
+    return run_task(task, "scene", f"people: {shards.description}", config)

@@ -33,7 +33,7 @@ class CorrectionRecipe(Epochs):
     batch_size: int = 24
     epochs: int = 12
     epoch_size: int = 6_000
-    learning_rate: float = 1.2e-4
+    learning_rate: float = 1e-4
     schedule: ScheduleName = "cosine"
     warm_up: int = 2_400
     clip: float = 1.0

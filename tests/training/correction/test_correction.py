@@ -1,6 +1,9 @@
 """``train correction``: what it is told is true, it goes on where it was interrupted, and its fits are better."""
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,7 +103,7 @@ def arguments(shards: Path, network: Path, out: Path, *more: str) -> list[str]:
 
 
 def test_it_goes_on_where_it_was_stopped(
-    shards_dir: Path, network_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    shards_dir: Path, network_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     assert main(arguments(shards_dir, network_path, tmp_path / "whole")) == 0
 
@@ -109,16 +112,37 @@ def test_it_goes_on_where_it_was_stopped(
 
     with monkeypatch.context() as patch:
         patch.setattr(task_run, "train_task", stopped)
-        patch.setattr(task_run, "exit_of", lambda signals: 143)
         assert main(arguments(shards_dir, network_path, tmp_path / "parts")) == 143
+    assert main(arguments(shards_dir, network_path, tmp_path / "parts", "--seed", "1")) == 2
+    assert "seed 0 -> 1" in capsys.readouterr().err
     assert main(arguments(shards_dir, network_path, tmp_path / "parts")) == 0
     whole, parts = ((tmp_path / name / "checkpoint.safetensors") for name in ("whole", "parts"))
     assert whole.read_bytes() == parts.read_bytes()
+    assert main(arguments(shards_dir, network_path, tmp_path / "parts", "--seed", "1", "--restart")) == 0
     before, _ = load_checkpoint(network_path)
     header, _ = load_checkpoint(whole)
     assert header.n_corrected == MODEL.n_identity + MODEL.n_expression
     assert json.loads(header.configuration)["correction"]["fits"] == 16
     assert (header.samples, header.widths) == (before.samples, before.widths)
+
+
+def test_two_processes_share_the_work(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import sys\n"
+        "from tests.synthetic_models import small_head_model\n"
+        "from training.cli import main\n"
+        "from training.correction import correction_cli\n"
+        "correction_cli.open_model = lambda name: small_head_model()\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    started = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(program)]
+    out = tmp_path / "out"
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3]), "OMP_NUM_THREADS": "1"}
+    subprocess.run([*started, *arguments(shards_dir, network_path, out)], env=environment, check=True, timeout=120)
+    lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    assert [line["samples"] for line in lines] == [8, 16]
+    assert load_checkpoint(out / "checkpoint.safetensors")[0].n_corrected
 
 
 @pytest.mark.parametrize("frozen", [True, False])
