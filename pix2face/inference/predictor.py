@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import final
 
@@ -147,8 +148,10 @@ class Predictor:
             correctors: list[FitCorrector | None] = [None] * len(batch)
             if isinstance(network, ResidualUNet) and network.correction is not None:
                 planes, landmarks, levels = network.read(batch)
-                size_px = self.header.size_px
-                correctors = [_Corrector(network.correction, own, size_px) for own in zip(*levels, strict=True)]
+                correction = network.correction
+                # Of all pictures at once, when the first fit needs it: maps alone do not.
+                seen = cache(lambda: correction.seen([level.float() for level in levels]))
+                correctors = [_Corrector(correction, seen, place, self.header.size_px) for place in range(len(batch))]
             else:
                 answer = network(batch)
                 planes, landmarks = answer if isinstance(answer, tuple) else (answer, None)
@@ -163,20 +166,21 @@ class _Corrector:
 
     Args:
         correction: The network's part that corrects fits.
-        levels: The features of the picture that it goes by.
+        seen: Returns what it goes by of the pictures of a batch, ``b n``.
+        place: Of the picture in its batch.
         size_px: Side of the picture.
     """
 
-    def __init__(self, correction: FitCorrection, levels: Sequence[Tensor], size_px: int) -> None:
-        self._correction, self._levels, self._size_px = correction, levels, size_px
+    def __init__(self, correction: FitCorrection, seen: Callable[[], Tensor], place: int, size_px: int) -> None:
+        self._correction, self._seen, self._place, self._size_px = correction, seen, place, size_px
 
     def __call__(self, camera: Camera, coefficients: Float64[ndarray, " c"]) -> tuple[Camera, Float64[ndarray, " c"]]:
         """Returns the corrected camera and coefficients."""
         with torch.inference_mode():
-            levels = [level[None].float() for level in self._levels]
-            rows = centred_rows(camera, self._size_px)
-            own, changed = (torch.from_numpy(values[None]).to(levels[0]) for values in (rows, coefficients))
-            nearer, better = (values[0].double().cpu().numpy() for values in self._correction(levels, own, changed))
+            seen, rows = self._seen()[self._place, None], centred_rows(camera, self._size_px)
+            fitted = (torch.from_numpy(values[None]).to(seen) for values in (rows, coefficients))
+            answer = self._correction.corrected(seen, *fitted)
+            nearer, better = (values[0].double().cpu().numpy() for values in answer)
         return camera_of_rows(nearer, self._size_px), better
 
 

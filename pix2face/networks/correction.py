@@ -66,20 +66,34 @@ class FitCorrection(nn.Module):
         cameras: Float[Tensor, "b 2 4"],
         coefficients: Float[Tensor, "b c"],
     ) -> tuple[Float[Tensor, "b 2 4"], Float[Tensor, "b c"]]:
-        """Returns cameras and coefficients that are nearer to the true ones.
+        """Returns cameras and coefficients that are nearer to the true ones: ``corrected`` by what is ``seen``."""
+        return self.corrected(self.seen(levels), cameras, coefficients)
+
+    def seen(self, levels: Sequence[Float[Tensor, "b _ _ _"]]) -> Float[Tensor, "b n"]:
+        """What the correction goes by of each picture, whatever its fit.
 
         Args:
             levels: Features of the network, from the outermost of the three levels inwards.
-            cameras: Rows of the fitted weak-perspective cameras, from mm to the picture's side (its middle is 0).
-            coefficients: Fitted, standard deviations, identity before expression.
         """
         first, *others = (narrow(level) for narrow, level in zip(self.narrow, levels, strict=True))
         features = functional.relu(first)
         for block, level in zip(self.blocks, others, strict=True):
             features = functional.relu(block(features) + level)
-        features = self.last(features)
-        with torch.autocast(features.device.type, enabled=False):
-            return self._corrected(self.pool(features.float()).flatten(1), cameras, coefficients)
+        seen: Tensor = self.pool(self.last(features).float()).flatten(1)
+        return seen
+
+    def corrected(
+        self, seen: Float[Tensor, "b n"], cameras: Float[Tensor, "b 2 4"], coefficients: Float[Tensor, "b c"]
+    ) -> tuple[Float[Tensor, "b 2 4"], Float[Tensor, "b c"]]:
+        """Returns cameras and coefficients that are nearer to the true ones.
+
+        Args:
+            seen: Of each picture.
+            cameras: Rows of the fitted weak-perspective cameras, from mm to the picture's side (its middle is 0).
+            coefficients: Fitted, standard deviations, identity before expression.
+        """
+        with torch.autocast(seen.device.type, enabled=False):
+            return self._corrected(seen, cameras, coefficients)
 
     def _corrected(
         self, seen: Float[Tensor, "b n"], cameras: Float[Tensor, "b 2 4"], coefficients: Float[Tensor, "b c"]
