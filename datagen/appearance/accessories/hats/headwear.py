@@ -26,7 +26,6 @@ _WEIGHTS = {
     "crown": (0.01, 0.02),
     "party": (0.01, 0.01),
 }
-HATS = tuple(_WEIGHTS)
 
 
 @final
@@ -34,7 +33,7 @@ HATS = tuple(_WEIGHTS)
 class Headwear:
     """Something on a head."""
 
-    kind: str  # one of `HATS`
+    kind: str  # one of `_WEIGHTS`
     weave: str
     colour: Colour  # linear
     second: Colour  # linear colour of the pattern, ribbon or band
