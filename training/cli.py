@@ -14,8 +14,8 @@ without the interruption. `torchrun --nproc-per-node N -m training.cli ...` trai
 
 COMMANDS = {
     "": Command(TrainConfig, "training.train_cli:train_network", default=defaults_of),
-    "correction": Command(CorrectionConfig, "training.correction.correction_cli:correction"),
-    "detector": Command(DetectorConfig, "training.detection.detector_cli:detector"),
+    "correction": Command(CorrectionConfig, "training.task_cli:correction"),
+    "detector": Command(DetectorConfig, "training.task_cli:detector"),
     "export": Command(ExportConfig, "training.release.release_cli:export"),
 }
 

@@ -21,9 +21,8 @@ from pix2face.inference.predictor import Predictor, camera_of_rows
 from pix2face.networks.correction import rotation_and_scale
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.synthetic_models import small_head_model
-from training import task_run
+from training import task_cli, task_run
 from training.cli import main
-from training.correction import correction_cli
 from training.correction.correction_loss import WEIGHTS, CorrectionLosses
 from training.correction.fitting_network import ReadFaces
 from training.correction.known_faces import KnownCrops, KnownFaces, KnownShape
@@ -40,7 +39,7 @@ FACE = MODEL.mean[VERTICES], vertex_basis(MODEL, VERTICES)
 
 @pytest.fixture(autouse=True)
 def _small_head(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(correction_cli, "open_model", lambda name: MODEL)
+    monkeypatch.setattr(task_cli, "open_model", lambda name: MODEL)
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +131,8 @@ def test_two_processes_share_the_work(shards_dir: Path, network_path: Path, tmp_
         "import sys\n"
         "from tests.synthetic_models import small_head_model\n"
         "from training.cli import main\n"
-        "from training.correction import correction_cli\n"
-        "correction_cli.open_model = lambda name: small_head_model()\n"
+        "from training import task_cli\n"
+        "task_cli.open_model = lambda name: small_head_model()\n"
         "sys.exit(main(sys.argv[1:]))\n"
     )
     started = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(program)]
