@@ -23,7 +23,7 @@ from pix2face.models.morphable_model import MorphableModel
 MEAN_OF_SCALE = 2.0
 # Error of fitted landmarks in units of that of the landmarks that the network predicts itself, over the photographs of
 # aflw2000-3d-dev (docs/explanation/fitting.md).
-ERROR_OF_FIT = 0.91
+ERROR_OF_FIT = 0.94
 # Angle between the estimated and the true head for each per cent of the expected error, likewise.
 DEGREES_PER_PERCENT = 1.87
 
