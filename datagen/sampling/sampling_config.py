@@ -79,6 +79,7 @@ class GeometryConfig:
         check_parts("geometry", self, "shut_share", "wink_share", "half_shut_share")
 
 
+DEFAULT_GEOMETRY = GeometryConfig()
 PLAIN_GEOMETRY = GeometryConfig(is_plain=True)
 # Rarer things more often, extremes wider.
 HARD_GEOMETRY = GeometryConfig(

@@ -15,6 +15,7 @@ from datagen.random_streams import rounded, weighted_choice
 # How often each thing is held, relative to the others.
 _WEIGHTS = {"phone at ear": 0.16, "phone before face": 0.12, "microphone": 0.18, "cup": 0.16, "bottle": 0.06}
 _WEIGHTS |= {"cigarette": 0.08, "straw": 0.06, "apple": 0.07, "sandwich": 0.06, "spoon": 0.05}
+HELD = tuple(_WEIGHTS)
 # On the mean head: both ears and the lips, mm.
 _EARS_AND_LIPS = ((80.0, 8.0, 12.0), (-80.0, 8.0, 12.0), (0.0, -43.0, 106.0))
 
@@ -26,7 +27,7 @@ Piece = tuple[Solid, Material]
 class Held:
     """Something held to the mouth or the ear."""
 
-    kind: str  # one of `_WEIGHTS`
+    kind: str  # one of `HELD`
     is_left: bool  # on which side, or from which side it comes
     colour: Colour  # linear
     second: Colour  # colour of the lid, head or filling, linear

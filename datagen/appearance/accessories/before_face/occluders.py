@@ -24,6 +24,7 @@ from datagen.random_streams import rounded, triple, weighted_choice
 # How often each thing is drawn, relative to the others.
 _WEIGHTS = {"box": 0.12, "ball": 0.08, "pole": 0.10, "leaves": 0.10, "paper": 0.12, "panel": 0.16, "lattice": 0.05}
 _WEIGHTS |= {"person": 0.15, "cloth": 0.12}
+THINGS = tuple(_WEIGHTS)
 CENTRE = np.array([0.0, 10.0, 30.0])
 _PANEL_WEAVES = ("jersey", "wood", "print", "paper", "plaid", "flowers", "leather", "check", "brushed", "camouflage")
 
@@ -33,7 +34,7 @@ _PANEL_WEAVES = ("jersey", "wood", "print", "paper", "plaid", "flowers", "leathe
 class Thing:
     """Something between the camera and the face."""
 
-    kind: str  # one of `_WEIGHTS`
+    kind: str  # one of `THINGS`
     azimuth_deg: float  # direction from the head: 0 straight ahead, positive towards the subject's left
     elevation_deg: float
     distance_mm: float  # from the middle of the head

@@ -26,6 +26,7 @@ _WEIGHTS = {
     "crown": (0.01, 0.02),
     "party": (0.01, 0.01),
 }
+HATS = tuple(_WEIGHTS)
 
 
 @final
@@ -33,7 +34,7 @@ _WEIGHTS = {
 class Headwear:
     """Something on a head."""
 
-    kind: str  # one of `_WEIGHTS`
+    kind: str  # one of `HATS`
     weave: str
     colour: Colour  # linear
     second: Colour  # linear colour of the pattern, ribbon or band
