@@ -12,7 +12,7 @@ from pix2face.shards.layers import LAYERS
 
 pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("drawn_back_ends")]  # the pictures are drawn once
 
-SIZE, N = 96, 16
+SIZE, N = 96, 10
 # Light as it falls, before noise could hide differences, and the bytes that it becomes before they are a file.
 DRAW = """
 import sys

@@ -173,7 +173,7 @@ def test_a_corrected_network_can_be_trained_further(shards_dir: Path, network_pa
 
 def test_fits_become_better(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
     """The maps of this network say nothing of the face, so what is right is what its features say, and the mean."""
-    longer = "--frozen", "--epoch-size", "200", "--learning-rate", "0.003", "--warm-up", "40", "--ema", "0.9"
+    longer = "--frozen", "--epoch-size", "120", "--learning-rate", "0.003", "--warm-up", "40", "--ema", "0.9"
     assert main(arguments(shards_dir, network_path, tmp_path / "out", *longer)) == 0
     predictor = Predictor.load(tmp_path / "out" / "checkpoint.safetensors", "cpu")
     errors = []
