@@ -19,12 +19,12 @@ from pix2face.networks.correction import FitCorrection
 from pix2face.networks.residual import ResidualUNet, correction_widths
 from training.correction.correction_loss import CorrectionLosses
 from training.correction.fitting_network import FittingNetwork, fit_of
-from training.correction.known_faces import KnownCrops, KnownFaces, KnownShape
+from training.correction.known_faces import KnownCrops, KnownFaces
 from training.data.loader import DrawLoader
 from training.data.shard_index import ShardIndex
 from training.loop.learner import Learner
 from training.loop.losses import LossPlan
-from training.loop.tasks import Surroundings, check_seen, draw_loader, learner_on
+from training.loop.tasks import Surroundings, check_landmarks, draw_loader, learner_on
 from training.recipe.correction_recipe import CorrectionRecipe
 from training.recipe.recipe import LossWeights, StepRecipe
 
@@ -59,8 +59,12 @@ class CorrectionTask:
             raise UsageError(
                 f"{checkpoint}: expected a network of the architecture residual, found {header.architecture}"
             )
-        if not recipe.frozen:
-            check_seen(shards, header.planes > SEEN_PLANE)
+        if not recipe.frozen and header.planes > SEEN_PLANE and not shards.knows_seen:
+            raise UsageError(
+                "--shards: expected the layer seen, which the network predicts, found shards without it; render "
+                "synthetic photographs, or give --frozen, which trains the correction alone"
+            )
+        check_landmarks(shards, header.n_landmarks, "--shards", "render faces of the model of the network")
         self.header = replace(header, n_corrected=model.n_identity + model.n_expression)
         self.recipe: StepRecipe = recipe
         self.initial: nn.Module | None = None
@@ -91,15 +95,7 @@ class CorrectionTask:
 
     def new_loader(self, surroundings: Surroundings) -> DrawLoader[KnownFaces]:
         """What brings the crops."""
-        header = self.header
-        shape = KnownShape(
-            size_px=header.size_px,
-            coefficients=header.n_corrected,
-            points=len(self._face[0]),
-            landmarks=header.n_landmarks,
-            has_seen=self._shards.knows_seen,
-        )
-        draws = KnownCrops(self._shards, self._model, self._face, shape, header.crop_scale, self.recipe.seed)
+        draws = KnownCrops(self._shards, self._model, self._face, self.header, self.recipe.seed)
         return draw_loader(draws, self.recipe.batch_size, surroundings)
 
     def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:

@@ -15,6 +15,7 @@ from torch import Tensor
 from pix2face.geometry.camera import Camera, linearised
 from pix2face.geometry.crops import FaceBox, pixels_in_image
 from pix2face.geometry.jitter import JitterRange, draw_jitter, jitter_crop
+from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import centred_rows
 from pix2face.models.mirroring import mirrored_coefficients
 from pix2face.models.morphable_model import MorphableModel
@@ -31,18 +32,6 @@ SHIFT, ROTATION_DEG = 0.06, 8.0
 GAMMA, GAIN, CONTRAST = (0.65, 1.5), 0.75, (0.75, 1.8)
 # Of so many crops, the picture is made worse in one way: blurred, small, compressed, grey or noisy.
 WORSE_SHARE, NOISY_SHARE = 0.35, 0.3
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class KnownShape:
-    """The numbers of which a batch of known faces consists."""
-
-    size_px: int  # side of the crops
-    coefficients: int  # number of coefficients
-    points: int  # number of points of the face that are compared
-    landmarks: int  # number of landmarks that the network predicts
-    has_seen: bool  # whether the shards know which part of the mask is seen
 
 
 @final
@@ -88,8 +77,7 @@ class KnownCrops:
         shards: Rendered faces.
         model: Their morphable model.
         face: Points of the mean face whose places are compared (mm), and how coefficients move them.
-        shape: Of the batches.
-        crop_scale: Mean side of the crops, in units of the longer side of the face's box.
+        header: Of the network's checkpoint, which says how large crops are and how many landmarks it predicts.
         seed: Of the order of samples and of their crops.
     """
 
@@ -98,16 +86,16 @@ class KnownCrops:
         shards: ShardIndex,
         model: MorphableModel,
         face: tuple[Float32[ndarray, "p 3"], Float32[ndarray, "p 3 c"]],
-        shape: KnownShape,
-        crop_scale: float,
+        header: CheckpointHeader,
         seed: int,
     ) -> None:
-        self._shards, self._shape, self._seed = shards, shape, seed
+        self._shards, self._header, self._seed = shards, header, seed
         self._mean, self._basis = face
+        self._checked: set[int] = set()
         self._order = DrawOrder(shards.sets, seed)
         self._mirrors = None if shards.mirror_obstacle else mirrored_coefficients(model)
         self._limits = JitterRange(
-            scale=(crop_scale * (1 - SCALE_SPREAD), crop_scale * (1 + SCALE_SPREAD)),
+            scale=(header.crop_scale * (1 - SCALE_SPREAD), header.crop_scale * (1 + SCALE_SPREAD)),
             shift=SHIFT,
             rotation_deg=ROTATION_DEG,
             gamma=GAMMA,
@@ -124,26 +112,21 @@ class KnownCrops:
 
     def batch_bytes(self, n_samples: int) -> int:
         """The memory that a batch takes."""
-        return sum(_sizes(n_samples, self._shape)) + _map_bytes(n_samples, self._shape)
+        maps = batches.batch_bytes(n_samples, self._header.size_px, **self._of_maps)
+        return sum(self._sizes(n_samples)) + maps
 
     def empty_batch(self, n_samples: int, memory: mmap | None = None) -> KnownFaces:
         """A batch for ``fill``."""
-        shape, sizes = self._shape, _sizes(n_samples, self._shape)
+        size_px, sizes = self._header.size_px, self._sizes(n_samples)
         whole = memoryview(bytearray(self.batch_bytes(n_samples)) if memory is None else memory)
         own = torch.frombuffer(whole[: sum(sizes)], dtype=torch.uint8)
         cameras, coefficients, points2d, inside = torch.split_with_sizes(own, sizes)
         return KnownFaces(
-            maps=batches.empty_batch(
-                n_samples,
-                shape.size_px,
-                has_seen=shape.has_seen,
-                n_landmarks=shape.landmarks,
-                memory=whole[sum(sizes) :],
-            ),
-            in_photograph=inside.view(n_samples, shape.size_px, shape.size_px),
+            maps=batches.empty_batch(n_samples, size_px, memory=whole[sum(sizes) :], **self._of_maps),
+            in_photograph=inside.view(n_samples, size_px, size_px),
             cameras=cameras.view(torch.float32).view(n_samples, 2, 4),
-            coefficients=coefficients.view(torch.float32).view(n_samples, shape.coefficients),
-            points2d=points2d.view(torch.float32).view(n_samples, shape.points, 2),
+            coefficients=coefficients.view(torch.float32).view(n_samples, -1),
+            points2d=points2d.view(torch.float32).view(n_samples, -1, 2),
         )
 
     def fill(self, batch: KnownFaces, draws: Sequence[int]) -> None:
@@ -155,11 +138,25 @@ class KnownCrops:
         for place, draw in enumerate(draws):
             self._fill_row(batch.rows(place, place + 1), draw)
 
+    @property
+    def _of_maps(self) -> dict[str, Any]:
+        return {"has_seen": self._shards.knows_seen, "n_landmarks": self._header.n_landmarks}
+
+    def _sizes(self, n_faces: int) -> list[int]:
+        """Bytes of each part but the maps, numbers of four bytes first."""
+        n_points, _, n_coefficients = self._basis.shape
+        return [4 * n_faces * count for count in (8, n_coefficients, 2 * n_points)] + [
+            n_faces * self._header.size_px**2
+        ]
+
     def _fill_row(self, row: KnownFaces, draw: int) -> None:
         """The crop of a draw. It depends only on the seed and on the number of the draw."""
-        number, size_px = self._order.sample_of(draw), self._shape.size_px
+        number, size_px = self._order.sample_of(draw), self._header.size_px
         reader, position = self._shards.readers[self._shards.shard[number]], int(self._shards.position[number])
-        sample, known = decode_sample(reader, position, is_checked=False), reader.read(position, [])
+        # The checksum is compared when a sample is read for the first time.
+        sample = decode_sample(reader, position, is_checked=number not in self._checked)
+        self._checked.add(number)
+        known = reader.read(position, [])
         rng = np.random.default_rng([JITTER_STREAM, self._seed, draw])
         jitter = draw_jitter(rng, self._limits)
         crop = jitter_crop(FaceBox.around(sample.landmarks2d), jitter, size_px)
@@ -206,13 +203,3 @@ def make_worse(image: UInt8[ndarray, "s s 3"], rng: np.random.Generator) -> None
         planes = 3 if rng.random() < 0.5 else 1
         worse = np.clip(worse + rng.normal(0, rng.uniform(2, 14), (side, side, planes)), 0, 255).astype(np.uint8)
     image[:] = worse
-
-
-def _sizes(n_faces: int, shape: KnownShape) -> list[int]:
-    """Bytes of each part but the maps, numbers of four bytes first."""
-    numbers = [8, shape.coefficients, 2 * shape.points]
-    return [4 * n_faces * count for count in numbers] + [n_faces * shape.size_px**2]
-
-
-def _map_bytes(n_faces: int, shape: KnownShape) -> int:
-    return batches.batch_bytes(n_faces, shape.size_px, has_seen=shape.has_seen, n_landmarks=shape.landmarks)

@@ -142,17 +142,16 @@ def draw_loader(draws: Draws[B], batch_size: int, surroundings: Surroundings) ->
     )
 
 
-def check_seen(shards: ShardIndex, is_needed: bool) -> None:
-    """Makes sure that the samples know which part of the mask is seen, if a training needs it.
+def check_landmarks(shards: ShardIndex, count: int, option: str, advice: str) -> None:
+    """Makes sure that the samples have as many landmarks as a network predicts, if it predicts any.
 
     Raises:
-        UsageError: They do not.
+        UsageError: They do not. The message names the option and ends with the advice.
     """
-    if is_needed and not shards.knows_seen:
-        raise UsageError(
-            "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
-            "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
-        )
+    counts = {reader.column("landmarks2d").shape[1] for reader in shards.readers}
+    if count and counts != {count}:
+        found = ", ".join(str(own) for own in sorted(counts))
+        raise UsageError(f"{option}: expected shards with {count} landmarks a sample, found {found}; {advice}")
 
 
 def check_plan(shards: ShardIndex, recipe: Recipe, processes: Processes) -> None:
@@ -161,14 +160,12 @@ def check_plan(shards: ShardIndex, recipe: Recipe, processes: Processes) -> None
     Raises:
         UsageError: They do not, or they cannot.
     """
-    check_seen(shards, recipe.planes > SEEN_PLANE or recipe.loss_over == "seen")
-    if recipe.n_landmarks:
-        counts = {reader.column("landmarks2d").shape[1] for reader in shards.readers}
-        if counts != {recipe.n_landmarks}:
-            found = ", ".join(str(count) for count in sorted(counts))
-            raise UsageError(
-                f"--n-landmarks: expected shards with {recipe.n_landmarks} landmarks a sample, found {found}; give 0"
-            )
+    if (recipe.planes > SEEN_PLANE or recipe.loss_over == "seen") and not shards.knows_seen:
+        raise UsageError(
+            "--planes 8, --loss-over seen: expected shards with the layer seen, found some without it; render "
+            "synthetic photographs, or train with --planes 7 (or 6) and --loss-over all (or mask)"
+        )
+    check_landmarks(shards, recipe.n_landmarks, "--n-landmarks", "give 0")
     shares = processes.count * recipe.parts
     if recipe.batch_size % shares:
         raise UsageError(

@@ -121,17 +121,15 @@ def _without_this_package(header: CheckpointHeader, weights: str, onnx: str | No
 def _data(header: CheckpointHeader, configuration: Mapping[str, Any]) -> str:
     n_samples = configuration.get("samples", "an unknown number of")
     sha256 = configuration.get("samples_sha256", "unknown")
-    correction = configuration.get("correction", {})
-    last = (
-        f"The last training, with the correction of fits, took {correction['fits']} draws of {correction['samples']} "
-        f"others (hash: {correction['samples_sha256']}). "
-        if correction
-        else ""
-    )
-    return (
-        f"{n_samples} samples of the morphable model {header.model_name} (hash of their ids and contents: {sha256}). "
-        f"{last}Their terms: {header.licence}."
-    )
+    facts = [
+        f"{n_samples} samples of the morphable model {header.model_name} (hash of their ids and contents: {sha256})."
+    ]
+    match configuration.get("correction"):
+        case {"fits": fits, "samples": samples, "samples_sha256": own}:
+            facts.append(
+                f"The last training, with the correction of fits, took {fits} draws of {samples} others (hash: {own})."
+            )
+    return " ".join([*facts, f"Their terms: {header.licence}."])
 
 
 def _measured(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,16 +17,18 @@ from pix2face.fitting.fit_options import FitOptions
 from pix2face.fitting.prepared_model import spread_vertices, vertex_basis
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
-from pix2face.inference.checkpoint import load_checkpoint
+from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
 from pix2face.inference.predictor import Predictor, camera_of_rows
 from pix2face.networks.correction import rotation_and_scale
+from pix2face.networks.residual import ResidualUNet
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.synthetic_models import small_head_model
+from tests.training.conftest import copy_with_a_damaged_sample
 from training import task_cli, task_run
 from training.cli import main
 from training.correction.correction_loss import WEIGHTS, CorrectionLosses
 from training.correction.fitting_network import ReadFaces
-from training.correction.known_faces import KnownCrops, KnownFaces, KnownShape
+from training.correction.known_faces import KnownCrops, KnownFaces
 from training.data.batches import target_planes
 from training.data.shard_index import index_shards
 from training.loop.losses import LossPlan
@@ -43,11 +46,10 @@ def _small_head(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def batch(shards_dir: Path) -> KnownFaces:
-    coefficients = MODEL.n_identity + MODEL.n_expression
-    shape = KnownShape(size_px=64, coefficients=coefficients, points=len(VERTICES), landmarks=0, has_seen=False)
+def batch(shards_dir: Path, network_path: Path) -> KnownFaces:
+    header, _ = load_checkpoint(network_path)
     shards = replace(index_shards([shards_dir]), mirror_obstacle="")  # the small head is symmetric
-    return KnownCrops(shards, MODEL, FACE, shape, crop_scale=1.4, seed=0).batch(range(20))
+    return KnownCrops(shards, MODEL, FACE, header, seed=0).batch(range(20))
 
 
 def test_true_faces_project_to_the_true_places(batch: KnownFaces) -> None:
@@ -195,6 +197,40 @@ def test_networks_that_cannot_be_corrected_are_refused(shards_dir: Path, tmp_pat
     assert main(["--shards", str(shards_dir), "--out", str(paper), *small]) == 0
     assert main(arguments(shards_dir, paper / "checkpoint.safetensors", tmp_path / "out")) == 2
     assert "expected a network of the architecture residual, found paper" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("planes", "landmarks", "message"),
+    [
+        (8, 0, "expected the layer seen, which the network predicts, found shards without it; .* or give --frozen"),
+        (7, 51, "expected shards with 51 landmarks a sample, found 68; render faces of the model"),
+    ],
+)
+def test_what_the_shards_lack_is_told(
+    shards_dir: Path, network_path: Path, tmp_path: Path, capsys, planes: int, landmarks: int, message: str
+) -> None:
+    header, _ = load_checkpoint(network_path)
+    save_checkpoint(
+        tmp_path / "network.safetensors",
+        replace(header, planes=planes, n_landmarks=landmarks),
+        ResidualUNet(header.widths, planes, landmarks).eval(),
+    )
+    assert main(arguments(shards_dir, tmp_path / "network.safetensors", tmp_path / "out")) == 2
+    assert re.search(message, " ".join(capsys.readouterr().err.split()))
+
+
+def test_a_damaged_sample_is_told(shards_dir: Path, network_path: Path, tmp_path: Path, capsys) -> None:
+    copy_with_a_damaged_sample(shards_dir, tmp_path / "shards")
+    assert main(arguments(tmp_path / "shards", network_path, tmp_path / "out")) == 2
+    assert "shard-000001.h5" in capsys.readouterr().err
+
+
+def test_the_card_tells_of_the_training(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
+    assert main(arguments(shards_dir, network_path, tmp_path / "out")) == 0
+    checkpoint = str(tmp_path / "out" / "checkpoint.safetensors")
+    assert main(["export", checkpoint, "--out", str(tmp_path / "release"), "--no-onnx"]) == 0
+    card = (tmp_path / "release" / "README.md").read_text()
+    assert "The last training, with the correction of fits, took 16 draws of 5 others (hash: " in card
 
 
 @pytest.mark.parametrize(
