@@ -26,7 +26,7 @@ from numpy import ndarray
 
 from datagen.opengl.gl_context import GLContext, create_gl_context
 from datagen.rendering.processor.interpolation import draw_maps
-from datagen.rendering.processor.processor_maps import ROUNDING, ProcessorMaps, _empty_maps, _way_back
+from datagen.rendering.processor.processor_maps import ROUNDING, ProcessorMaps, _way_back
 from datagen.rendering.processor.visibility import Mesh, Seen, see
 from datagen.rendering.renderer import Renderer
 from datagen.rendering.screen_projection import project_to_screen
@@ -93,7 +93,7 @@ def stages(model: MorphableModel, vertices: ndarray, size_px: int, repeats: int)
     projection = project_to_screen(camera, vertices, *size)
     mesh = Mesh(projection.screen, maps._triangles)
     seen = Seen(np.empty(size, np.float32), np.empty(size, np.int32))
-    drawn, way = _empty_maps(size, np.float32, with_weights=False), _way_back(projection)
+    drawn, way = maps._empty_maps(size, np.float32, with_weights=False), _way_back(projection)
     margin = ROUNDING * max(map(abs, projection.order_range_mm))
     steps = {
         "project": lambda: project_to_screen(camera, vertices, *size),

@@ -6,6 +6,7 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.rendering.processor.compiling import compiled
+from datagen.rendering.processor.transposing import transpose
 from datagen.rendering.processor.visibility import QUEUE, STRIDE, Mesh
 
 f32 = np.float32
@@ -13,9 +14,8 @@ f32 = np.float32
 # column of the pixel centre. One array holds all, at distances that the compiler knows, or it would not use vector
 # instructions.
 AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, A_MEAN, _, _, B_MEAN, _, _, C_MEAN, _, _, X, GIVEN = range(0, 20 * STRIDE, STRIDE)
-# Of the results: weights of the corners, depth relative to order 0, PNCC, offset, above 0 where the outside shows.
-A_WEIGHT, B_WEIGHT, C_WEIGHT, DEPTH, PNCC, _, _, OFFSET, _, _, OUTSIDE, FOUND = range(0, 12 * STRIDE, STRIDE)
-MAGNITUDE = np.int32(0x7FFFFFFF)  # all bits of a float32 but its sign; as integers they order by magnitude
+# Of the results: weights of the corners, depth relative to order 0, PNCC, offset.
+A_WEIGHT, B_WEIGHT, C_WEIGHT, DEPTH, PNCC, _, _, OFFSET, _, _, FOUND = range(0, 11 * STRIDE, STRIDE)
 
 
 class WayBack(NamedTuple):
@@ -34,7 +34,7 @@ class WayBack(NamedTuple):
 class Surface(NamedTuple):
     """What is known of a model's mesh."""
 
-    mean: ndarray  # (v, 3) float32, mm
+    mean: ndarray  # (v, 4) float32, mm; the fourth number is not read
     is_face: ndarray  # of each triangle, (t,) bool
 
 
@@ -59,32 +59,37 @@ class Pixels(NamedTuple):
 
 
 @compiled
-def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, steps_per_mm: float, maps: Maps) -> float:
+def draw_maps(seen: ndarray, mesh: Mesh, surface: Surface, way: WayBack, steps_per_mm: float, maps: Maps) -> None:
     """Draws the maps from the triangle that each pixel sees, (h, w) int32.
 
-    PNCC and offset are in steps, rounded to whole numbers; with 0 steps per mm they are in mm.
-
-    Returns:
-        The largest magnitude among them. Where it is beyond what the arrays can hold, they are undefined.
+    PNCC and offset are in steps, rounded to whole numbers, which the arrays must be able to hold; with 0 steps per mm
+    they are in mm.
     """
     height, width = seen.shape
     given, found, shown = np.empty(GIVEN, f32), np.empty(FOUND, f32), np.empty(STRIDE, np.int32)
-    largest, steps = np.int32(0), f32(steps_per_mm)
+    # Slices of flat arrays are consecutive to the compiler, and cost less: a sixth of this function.
+    flat_mesh = Mesh(mesh.screen.reshape(-1), mesh.triangles.reshape(-1))
+    flat_surface = Surface(surface.mean.reshape(-1), surface.is_face)
+    flat = Maps(
+        maps.pncc.reshape(-1),
+        maps.offset.reshape(-1),
+        maps.mask.reshape(-1),
+        maps.depth.reshape(-1),
+        maps.surface_depth.reshape(-1),
+        maps.weights.reshape(-1),
+    )
+    triangle = seen.reshape(-1)
     for row in range(height):
-        first, end = _ends(seen[row])
-        _clear(maps, row, 0, first)
-        _clear(maps, row, end, width)
+        start = row * width
+        first, end = _ends(triangle[start : start + width])
+        _clear(flat, start, start + first)
+        _clear(flat, start + end, start + width)
         for column in range(first, end, QUEUE):
-            pixels = Pixels(row, column, seen[row, column : min(column + QUEUE, end)], shown)
-            _gather(pixels, mesh, surface, given)
+            pixels = Pixels(row, column, triangle[start + column : start + min(column + QUEUE, end)], shown)
+            _gather(pixels, flat_mesh, flat_surface, given)
             _weigh(given, pixels, way, found)
-            _place(given, pixels, way, found)
-            if steps > 0:
-                for k in range(PNCC, OUTSIDE):
-                    found[k] = np.rint(found[k] * steps)
-            largest = max(largest, _cut(pixels, found.view(np.int32), found))
-            _write(pixels, found, way.reference_mm, maps)
-    return np.array([largest], np.int32).view(f32)[0]
+            _place(given, pixels, way, f32(steps_per_mm), found)
+            _write(pixels, start + column, found, way.reference_mm, flat)
 
 
 @compiled
@@ -99,41 +104,35 @@ def _ends(seen: ndarray) -> tuple[int, int]:
 
 
 @compiled
-def _clear(maps: Maps, row: int, first: int, end: int) -> None:
-    """Fills pixels of a row that see nothing."""
-    maps.pncc[row, first:end], maps.offset[row, first:end], maps.mask[row, first:end] = 0, 0, False
-    maps.depth[row, first:end], maps.surface_depth[row, first:end] = f32(0), f32(np.inf)
+def _clear(maps: Maps, first: int, end: int) -> None:
+    """Fills pixels of flat maps that see nothing, by their numbers."""
+    maps.pncc[3 * first : 3 * end] = 0
+    maps.offset[3 * first : 3 * end] = 0
+    maps.mask[first:end] = False
+    maps.depth[first:end] = f32(0)
+    maps.surface_depth[first:end] = f32(np.inf)
 
 
 @compiled
 def _gather(pixels: Pixels, mesh: Mesh, surface: Surface, given: ndarray) -> None:
-    """Collects the corners of the triangles that some pixels see; of triangle 0 where they see none."""
-    screen, triangles = mesh
-    mean = surface.mean
-    for k in range(len(pixels.seen)):
-        triangle = np.uint32(max(pixels.seen[k], 0))
-        a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
-        given[AX + k], given[AY + k], given[AZ + k] = screen[a, 0], screen[a, 1], screen[a, 2]
-        given[BX + k], given[BY + k], given[BZ + k] = screen[b, 0], screen[b, 1], screen[b, 2]
-        given[CX + k], given[CY + k], given[CZ + k] = screen[c, 0], screen[c, 1], screen[c, 2]
-        given[A_MEAN + k], given[A_MEAN + STRIDE + k], given[A_MEAN + 2 * STRIDE + k] = (
-            mean[a, 0],
-            mean[a, 1],
-            mean[a, 2],
-        )
-        given[B_MEAN + k], given[B_MEAN + STRIDE + k], given[B_MEAN + 2 * STRIDE + k] = (
-            mean[b, 0],
-            mean[b, 1],
-            mean[b, 2],
-        )
-        given[C_MEAN + k], given[C_MEAN + STRIDE + k], given[C_MEAN + 2 * STRIDE + k] = (
-            mean[c, 0],
-            mean[c, 1],
-            mean[c, 2],
-        )
-        pixels.shown[k] = -np.int32(surface.is_face[triangle] & (pixels.seen[k] >= 0))
-    for k in range(len(pixels.seen)):
+    """Collects the corners of the triangles that some pixels see; of triangle 0 where they see none.
+
+    Mesh and surface are flat. Pixels are collected by fours: the last one several times, if need be.
+    """
+    screen, triangles, mean = mesh.screen, mesh.triangles, surface.mean
+    seen, last = pixels.seen, len(pixels.seen) - 1
+    for k in range(0, len(seen), 4):
+        p, q = 3 * np.int64(max(seen[k], 0)), 3 * np.int64(max(seen[min(k + 1, last)], 0))
+        r, s = 3 * np.int64(max(seen[min(k + 2, last)], 0)), 3 * np.int64(max(seen[min(k + 3, last)], 0))
+        for corner in range(3):
+            a, b = 4 * np.int64(triangles[p + corner]), 4 * np.int64(triangles[q + corner])
+            c, d = 4 * np.int64(triangles[r + corner]), 4 * np.int64(triangles[s + corner])
+            transpose(screen, a, b, c, d, given, AX + 3 * STRIDE * corner + k, STRIDE)
+            transpose(mean, a, b, c, d, given, A_MEAN + 3 * STRIDE * corner + k, STRIDE)
+    for k in range(len(seen)):
         given[X + k] = f32(np.int32(pixels.column + k)) + f32(0.5)
+    for k in range(len(seen)):
+        pixels.shown[k] = -np.int32(surface.is_face[np.uint32(max(seen[k], 0))] & (seen[k] >= 0))
 
 
 @compiled
@@ -155,13 +154,13 @@ def _weigh(given: ndarray, pixels: Pixels, way: WayBack, found: ndarray) -> None
         share = one / (a + b + c)
         found[A_WEIGHT + k], found[B_WEIGHT + k], found[C_WEIGHT + k] = a * share, b * share, c * share
         found[DEPTH + k] = order / (one - order * inverse)
-        found[OUTSIDE + k] = area * outside
+        pixels.shown[k] &= -np.int32(area * outside > 0)
 
 
 @compiled
-def _place(given: ndarray, pixels: Pixels, way: WayBack, found: ndarray) -> None:
-    """PNCC, and the offset from it to where the ray through the pixel centre meets the depth."""
-    y = f32(pixels.row) + f32(0.5)
+def _place(given: ndarray, pixels: Pixels, way: WayBack, steps: float, found: ndarray) -> None:
+    """PNCC, and the offset from it to where the ray through the pixel centre meets the depth; 0 outside the mask."""
+    y, scale = f32(pixels.row) + f32(0.5), steps if steps > 0 else f32(1)
     for axis in range(3):
         at = axis * STRIDE
         start, along_column, along_row = way.middle_point[axis], way.along_column[axis], way.along_row[axis]
@@ -174,48 +173,35 @@ def _place(given: ndarray, pixels: Pixels, way: WayBack, found: ndarray) -> None
                 + found[B_WEIGHT + k] * given[B_MEAN + at + k]
                 + found[C_WEIGHT + k] * given[C_MEAN + at + k]
             )
-            found[PNCC + at + k] = mean
-            found[OFFSET + at + k] = point - mean
+            found[PNCC + at + k] = mean * scale if pixels.shown[k] != 0 else f32(0)
+            found[OFFSET + at + k] = (point - mean) * scale if pixels.shown[k] != 0 else f32(0)
+    if steps > 0:
+        for k in range(PNCC, FOUND):
+            found[k] = np.rint(found[k])
 
 
 @compiled
-def _cut(pixels: Pixels, bits: ndarray, found: ndarray) -> int:
-    """Sets PNCC and offset to 0 outside the mask, and returns their largest magnitude as bits.
-
-    ``bits`` is ``found`` seen as int32: the compiler finds a maximum with vector instructions only for integers.
-    """
-    shown, largest = pixels.shown, np.int32(0)
-    for k in range(len(pixels.seen)):
-        shown[k] &= -np.int32(found[OUTSIDE + k] > 0)
-    for part in range(PNCC, OUTSIDE, STRIDE):
-        for k in range(len(pixels.seen)):
-            value = bits[part + k] & shown[k]
-            bits[part + k] = value
-            largest = max(largest, value & MAGNITUDE)
-    return largest
-
-
-@compiled
-def _write(pixels: Pixels, found: ndarray, reference_mm: float, maps: Maps) -> None:
-    """Writes the results of some pixels into the maps."""
-    row, column, n, shown = pixels.row, pixels.column, len(pixels.seen), pixels.shown
-    pncc, offset = maps.pncc[row, column:].reshape(-1), maps.offset[row, column:].reshape(-1)
+def _write(pixels: Pixels, first: int, found: ndarray, reference_mm: float, maps: Maps) -> None:
+    """Writes the results of some pixels, of which the first has this number, into flat maps."""
+    n, shown, seen = len(pixels.seen), pixels.shown, pixels.seen
+    pncc, offset = maps.pncc[3 * first :], maps.offset[3 * first :]
     for k in range(n):
         x, y, z = found[PNCC + k], found[PNCC + STRIDE + k], found[PNCC + 2 * STRIDE + k]
         pncc[3 * k], pncc[3 * k + 1], pncc[3 * k + 2] = x, y, z
     for k in range(n):
         x, y, z = found[OFFSET + k], found[OFFSET + STRIDE + k], found[OFFSET + 2 * STRIDE + k]
         offset[3 * k], offset[3 * k + 1], offset[3 * k + 2] = x, y, z
-    mask, depth, surface_depth = maps.mask[row, column:], maps.depth[row, column:], maps.surface_depth[row, column:]
+    mask, depth, surface_depth = maps.mask[first:], maps.depth[first:], maps.surface_depth[first:]
     for k in range(n):
         mask[k] = shown[k] != 0
         distance = found[DEPTH + k] + reference_mm
         depth[k] = distance if shown[k] != 0 else f32(0)
-        surface_depth[k] = distance if pixels.seen[k] >= 0 else f32(np.inf)
+        surface_depth[k] = distance if seen[k] >= 0 else f32(np.inf)
     if maps.weights.size > 0:
+        weights = maps.weights[3 * first :]
         for k in range(n):
             for corner in range(3):
-                maps.weights[row, column + k, corner] = found[A_WEIGHT + corner * STRIDE + k]
+                weights[3 * k + corner] = found[A_WEIGHT + corner * STRIDE + k]
 
 
 @compiled

@@ -1,6 +1,8 @@
 """Draws maps and layers of one model on the processor."""
 
+import math
 import threading
+import weakref
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import final
@@ -10,6 +12,7 @@ from jaxtyping import Float32, UInt32
 from numpy import ndarray
 
 from datagen.rendering.processor.interpolation import Maps, Surface, WayBack, draw_maps, interpolate
+from datagen.rendering.processor.projection import largest_difference
 from datagen.rendering.processor.visibility import Mesh, Seen, see
 from datagen.rendering.screen_projection import ScreenProjection, project_to_screen
 from pix2face.geometry.camera import Camera, WeakPerspective, weak_perspective_camera
@@ -20,6 +23,8 @@ from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
 # Photographs come in several sizes: the memory of so many is kept.
 SIZES_KEPT = 2
+# Of each size in bytes: PNCC and offset of the last two faces, or their two depths.
+ARRAYS_KEPT = 4
 # Compiled functions are loaded in less; compiling them takes longer.
 LOADED_WITHIN_S = 1.5
 # What is interpolated in float32 is wrong by at most this part of the largest number.
@@ -33,10 +38,12 @@ class ProcessorMaps:
     def __init__(self, model: MorphableModel) -> None:
         self._model = model
         self._triangles: UInt32[ndarray, "t 3"] = np.ascontiguousarray(model.triangles, dtype=np.uint32)
-        self._surface = Surface(np.ascontiguousarray(model.mean), model.is_face_triangle)
+        self._surface = Surface(np.pad(model.mean, ((0, 0), (0, 1))), model.is_face_triangle)
+        self._largest_mean_mm = float(np.abs(model.mean).max(initial=0))
         # Written to again and again: new memory costs as much as what is done with it.
         self._screen: Float32[ndarray, "v 4"] = np.empty((len(model.mean), 4), np.float32)
         self._seen = lru_cache(SIZES_KEPT)(lambda size: Seen(np.empty(size, np.float32), np.empty(size, np.int32)))
+        self._memory = lru_cache(SIZES_KEPT)(lambda size: _Memory())
         # By the number of the triangle; -1, the background, takes the last.
         self._regions = np.append(model.triangle_regions + np.uint8(1), np.uint8(0))
 
@@ -56,11 +63,9 @@ class ProcessorMaps:
         seen = self._seen(size)
         see(mesh, ROUNDING * max(map(abs, projection.order_range_mm)), seen)
         way = _way_back(projection)
-        maps = _empty_maps(size, np.int16 if in_steps else np.float32, with_weights=bool(attributes))
-        largest = draw_maps(seen.triangle, mesh, self._surface, way, FIXED_POINT_STEPS_PER_MM * in_steps, maps)
-        if in_steps and not largest < np.iinfo(np.int16).max:  # whoever stores them says what is wrong
-            maps = _empty_maps(size, np.float32, with_weights=bool(attributes))
-            draw_maps(seen.triangle, mesh, self._surface, way, 0, maps)
+        in_steps = in_steps and self._fits_in_steps(vertices)  # if not, whoever stores them says what is wrong
+        maps = self._empty_maps(size, np.int16 if in_steps else np.float32, with_weights=bool(attributes))
+        draw_maps(seen.triangle, mesh, self._surface, way, FIXED_POINT_STEPS_PER_MM * in_steps, maps)
         rendered = {
             "pncc": maps.pncc,
             "offset": maps.offset,
@@ -71,6 +76,22 @@ class ProcessorMaps:
         for name in attributes:
             rendered[name] = self._attribute(name, vertices, camera, seen.triangle, maps)
         return rendered | {REGIONS: self._regions[seen.triangle]} if REGIONS in layers else rendered
+
+    def _fits_in_steps(self, vertices: Float32[ndarray, "v 3"]) -> bool:
+        """Whether PNCC and offsets, which lie between those of the vertices, can be stored in steps."""
+        largest_mm = max(self._largest_mean_mm, float(largest_difference(vertices, self._surface.mean)))
+        return (largest_mm + 1) * FIXED_POINT_STEPS_PER_MM < np.iinfo(np.int16).max
+
+    def _empty_maps(self, size: tuple[int, int], dtype: type, *, with_weights: bool) -> Maps:
+        empty = self._memory(size).empty
+        return Maps(
+            empty((*size, 3), dtype),
+            empty((*size, 3), dtype),
+            empty(size, bool),
+            empty(size, np.float32),
+            empty(size, np.float32),
+            np.empty((*size, 3) if with_weights else (0, 0, 0), np.float32),
+        )
 
     def _attribute(
         self, name: str, vertices: Float32[ndarray, "v 3"], camera: Camera, seen: ndarray, maps: Maps
@@ -98,12 +119,32 @@ def prepare(model: MorphableModel, layers: Sequence[str], on_wait: Callable[[], 
         timer.cancel()
 
 
-def _empty_maps(size: tuple[int, int], dtype: type, *, with_weights: bool) -> Maps:
-    pncc: ndarray = np.empty((*size, 3), dtype)
-    offset: ndarray = np.empty((*size, 3), dtype)
-    depth, surface_depth = (np.empty(size, np.float32) for _ in range(2))
-    weights = np.empty((*size, 3) if with_weights else (0, 0, 0), np.float32)
-    return Maps(pncc, offset, np.empty(size, bool), depth, surface_depth, weights)
+@final
+class _Memory:
+    """Memory of arrays, which is used again when nobody sees them any more.
+
+    The system hands out new memory page by page and fills it with 0: at 450 px that takes a quarter of a call.
+    """
+
+    def __init__(self) -> None:
+        self._free: dict[int, list[bytearray]] = {}  # by its size
+
+    def empty(self, shape: tuple[int, ...], dtype: type) -> ndarray:
+        """An array with any numbers in it."""
+        n_bytes = math.prod(shape) * np.dtype(dtype).itemsize
+        free = self._free.setdefault(n_bytes, [])
+        try:
+            memory = free.pop()
+        except IndexError:
+            memory = bytearray(n_bytes)
+        flat: ndarray = np.frombuffer(memory, dtype)  # lives as long as any array that shows a part of it
+
+        def give_back() -> None:
+            if len(free) < ARRAYS_KEPT:
+                free.append(memory)
+
+        weakref.finalize(flat, give_back).atexit = False
+        return flat.reshape(shape)
 
 
 def _way_back(projection: ScreenProjection) -> WayBack:

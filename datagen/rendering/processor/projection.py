@@ -58,6 +58,17 @@ def smallest_depth(vertices: ndarray, row: ndarray) -> float:
 
 
 @compiled
+def largest_difference(vertices: ndarray, mean: ndarray) -> float:
+    """The largest difference of a coordinate between finite vertices, (v, 3) float32, and the mean face, (v, 4)."""
+    points, means, largest = vertices.reshape(-1), mean.reshape(-1), f32(0)
+    for i in range(len(vertices)):
+        for k in range(3):
+            difference = abs(points[3 * i + k] - means[4 * i + k])
+            largest = difference if difference > largest else largest
+    return largest
+
+
+@compiled
 def extremes(screen: ndarray) -> ndarray:
     """Smallest and largest column, row and order of (v, 4) float32 seen as int32; NaN counts as beyond infinity."""
     found, numbers = np.empty((2, 3), np.int32), screen.reshape(-1)

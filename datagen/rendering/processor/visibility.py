@@ -13,6 +13,7 @@ import numpy as np
 from numpy import ndarray
 
 from datagen.rendering.processor.compiling import compiled
+from datagen.rendering.processor.transposing import transpose
 
 f32 = np.float32
 LOWER_HALF, HALF = np.uint32(0xFFFF), np.uint32(16)
@@ -185,13 +186,15 @@ def _test(queues: Queues, size: int, mesh: Mesh, depth_error_mm: float, seen: Se
 
 @compiled
 def _collect(triangle: ndarray, first: ndarray, mesh: Mesh, numbers: ndarray) -> None:
-    """Collects the corners of some triangles, and the first centres of their boxes."""
-    screen, triangles = mesh
-    for i in range(len(triangle)):
-        a, b, c = triangles[triangle[i], 0], triangles[triangle[i], 1], triangles[triangle[i], 2]
-        numbers[AX + i], numbers[AY + i], numbers[AZ + i] = screen[a, 0], screen[a, 1], screen[a, 2]
-        numbers[BX + i], numbers[BY + i], numbers[BZ + i] = screen[b, 0], screen[b, 1], screen[b, 2]
-        numbers[CX + i], numbers[CY + i], numbers[CZ + i] = screen[c, 0], screen[c, 1], screen[c, 2]
+    """Collects the corners of some triangles, by fours, and the first centres of their boxes."""
+    screen, triangles, last = mesh.screen.reshape(-1), mesh.triangles.reshape(-1), len(triangle) - 1
+    for i in range(0, len(triangle), 4):
+        p, q = 3 * np.int64(triangle[i]), 3 * np.int64(triangle[min(i + 1, last)])
+        r, s = 3 * np.int64(triangle[min(i + 2, last)]), 3 * np.int64(triangle[min(i + 3, last)])
+        for corner in range(3):
+            a, b = 4 * np.int64(triangles[p + corner]), 4 * np.int64(triangles[q + corner])
+            c, d = 4 * np.int64(triangles[r + corner]), 4 * np.int64(triangles[s + corner])
+            transpose(screen, a, b, c, d, numbers, AX + 3 * STRIDE * corner + i, STRIDE)
     for i in range(len(triangle)):
         numbers[X + i] = f32(np.int32(first[i] & LOWER_HALF)) + f32(0.5)
         numbers[Y + i] = f32(np.int32(first[i] >> HALF)) + f32(0.5)
