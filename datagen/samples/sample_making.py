@@ -100,11 +100,17 @@ class SampleMaker:
             except (DegenerateGeometryError, InputFileError, UsageError) as error:
                 yield SampleRejectedError(f"{view.face.sample_id}: {error}")
 
-    def _geometry(self, faces: Sequence[Face]) -> Float32[ndarray, "n v 3"]:
+    def _geometry(self, faces: Sequence[Face]) -> list[Float32[ndarray, "v 3"]]:
+        """The vertices of each face. Variants of a face, and its photographs from several sides, share them."""
+        coefficients = [(face.identity.tobytes(), face.expression.tobytes()) for face in faces]
+        different = dict(zip(coefficients, faces, strict=True))
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is rejected when it is drawn
-            return self._model.vertices(
-                np.stack([face.identity for face in faces]), np.stack([face.expression for face in faces])
+            vertices = self._model.vertices(
+                np.stack([face.identity for face in different.values()]),
+                np.stack([face.expression for face in different.values()]),
             )
+        of_coefficients = dict(zip(different, vertices, strict=True))
+        return [of_coefficients[own] for own in coefficients]
 
     def _make(self, view: View, vertices: Float32[ndarray, "v 3"], times: StageTimes, *, in_steps: bool) -> Sample:
         face = view.face
