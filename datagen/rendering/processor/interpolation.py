@@ -127,8 +127,8 @@ def _gather(pixels: Pixels, mesh: Mesh, surface: Surface, given: ndarray) -> Non
         for corner in range(3):
             a, b = 4 * np.int64(triangles[p + corner]), 4 * np.int64(triangles[q + corner])
             c, d = 4 * np.int64(triangles[r + corner]), 4 * np.int64(triangles[s + corner])
-            transpose(screen, a, b, c, d, given, AX + 3 * STRIDE * corner + k, STRIDE)
-            transpose(mean, a, b, c, d, given, A_MEAN + 3 * STRIDE * corner + k, STRIDE)
+            transpose(screen, (a, b, c, d), given, AX + 3 * STRIDE * corner + k, STRIDE)
+            transpose(mean, (a, b, c, d), given, A_MEAN + 3 * STRIDE * corner + k, STRIDE)
     for k in range(len(seen)):
         given[X + k] = f32(np.int32(pixels.column + k)) + f32(0.5)
     for k in range(len(seen)):

@@ -23,8 +23,8 @@ from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
 # Photographs come in several sizes: the memory of so many is kept.
 SIZES_KEPT = 2
-# Of each size in bytes: PNCC and offset of the last two faces, or their two depths.
-ARRAYS_KEPT = 4
+# Of each size in bytes: PNCC and offset of one face, or its two depths.
+ARRAYS_KEPT = 2
 # Compiled functions are loaded in less; compiling them takes longer.
 LOADED_WITHIN_S = 1.5
 # What is interpolated in float32 is wrong by at most this part of the largest number.

@@ -194,7 +194,7 @@ def _collect(triangle: ndarray, first: ndarray, mesh: Mesh, numbers: ndarray) ->
         for corner in range(3):
             a, b = 4 * np.int64(triangles[p + corner]), 4 * np.int64(triangles[q + corner])
             c, d = 4 * np.int64(triangles[r + corner]), 4 * np.int64(triangles[s + corner])
-            transpose(screen, a, b, c, d, numbers, AX + 3 * STRIDE * corner + i, STRIDE)
+            transpose(screen, (a, b, c, d), numbers, AX + 3 * STRIDE * corner + i, STRIDE)
     for i in range(len(triangle)):
         numbers[X + i] = f32(np.int32(first[i] & LOWER_HALF)) + f32(0.5)
         numbers[Y + i] = f32(np.int32(first[i] >> HALF)) + f32(0.5)

@@ -17,7 +17,7 @@ CAMERA = weak_perspective_camera(WeakPerspective(0.2, np.diag([1.0, -1.0, -1.0])
 
 @compiled
 def _transposed(points: ndarray, out: ndarray) -> None:
-    transpose(points, 4, 12, 0, 20, out, 1, 6)
+    transpose(points, (4, 12, 0, 20), out, 1, 6)
 
 
 def test_four_points_are_transposed_and_nothing_else_is_written() -> None:
