@@ -53,12 +53,13 @@ gl:
 chromium:
 	@sh scripts/install_chromium.sh
 
+# Python compiles what it imports. To compile everything takes nearly as long as to install it.
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "expected Python 3.11 or newer, found $$($(PYTHON) --version); say PYTHON=... to make" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	@echo "installing the package and what it needs into $(VENV): some minutes without a word"
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
 clean:

@@ -29,9 +29,10 @@ def test_profiles_to_either_side_have_the_same_mask(gl_session: GLContext, tmp_p
     maker = SampleMaker(builtin_model(), gl_session, SEED, (*DEFAULT_LAYERS, *SCENE_LAYERS), PRESETS[DEFAULT])
     ratios = {}
     for index in range(N):
-        sample = maker.make(table.face(index, tmp_path))
-        if abs(head_pose(sample.camera).yaw_deg) < 65:
+        face = table.face(index, tmp_path)
+        if abs(head_pose(face.camera).yaw_deg) < 65:
             continue
+        sample = maker.make(face)
         image, box = decode_image(sample.image_bytes, sample.sample_id), FaceBox.around(sample.landmarks2d)
         mirrored = FaceBox(image.shape[1] - box.right, box.top, image.shape[1] - box.left, box.bottom)
         one, other = predictor.predict_batch([(image, box), (np.ascontiguousarray(image[:, ::-1]), mirrored)])

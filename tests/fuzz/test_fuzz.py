@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize(
-    ("readers", "cases"), [((*TEXT_GRAMMARS, *BINARY_GRAMMARS, NO_FILES), 150), (tuple(DAMAGED_GRAMMARS), 30)]
+    ("readers", "cases"), [((*TEXT_GRAMMARS, *BINARY_GRAMMARS, NO_FILES), 75), (tuple(DAMAGED_GRAMMARS), 20)]
 )
 def test_files_drawn_from_grammars_are_read_or_refused(readers: tuple[str, ...], cases: int) -> None:
     """In processes of their own, with limits on time, memory and open files."""

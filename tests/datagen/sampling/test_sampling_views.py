@@ -139,9 +139,9 @@ def test_configured_faces_are_the_same_for_longer_draws_and_say_how_they_were_dr
 
 
 def test_identities_have_far_ones_but_are_else_normal() -> None:
-    table = sample_faces(builtin_model(), 400, 0, 128, replace(DEFAULT_GEOMETRY, extreme_identity_share=0.5))
+    table = sample_faces(builtin_model(), 200, 0, 128, replace(DEFAULT_GEOMETRY, extreme_identity_share=0.5))
     far = (np.abs(table.identity[:, :10]) > 1.79).any(axis=1).mean()
-    usual = sample_faces(builtin_model(), 400, 0, 128, replace(DEFAULT_GEOMETRY, extreme_identity_share=0.0))
+    usual = sample_faces(builtin_model(), 200, 0, 128, replace(DEFAULT_GEOMETRY, extreme_identity_share=0.0))
     assert far > (np.abs(usual.identity[:, :10]) > 1.79).any(axis=1).mean() + 0.1
     assert np.abs(table.identity).max() <= 2.7
     assert abs(float(usual.identity.std()) - 1) < 0.03

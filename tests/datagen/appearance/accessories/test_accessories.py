@@ -63,7 +63,7 @@ def test_the_same_seed_gives_the_same() -> None:
 def test_shares_are_those_of_the_configuration() -> None:
     config = AccessoriesConfig(least_visible=0.0)
     count: Counter[str] = Counter()
-    n, men = 1500, 0
+    n, men = 800, 0
     for seed in range(n):
         rng = np.random.default_rng(seed)
         person = draw_person(rng)
