@@ -10,7 +10,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 help:
 	@echo "make demo   renders, trains, evaluates and writes demo/report.html (under 8 minutes on two cores)"
-	@echo "make test   formatter, linter, types, layer contracts, tests (under 8 minutes on two idle cores)"
+	@echo "make test   formatter, linter, types, layer contracts, tests (some 20 minutes on two old cores)"
 	@echo "make coverage  the tests, and which lines they run (a third longer)"
 	@echo "make docs   builds the documentation into build/docs (open build/docs/index.html)"
 	@echo "make format rewrites the code in the project's format"

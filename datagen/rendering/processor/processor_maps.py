@@ -80,6 +80,7 @@ class ProcessorMaps:
     def _fits_in_steps(self, vertices: Float32[ndarray, "v 3"]) -> bool:
         """Whether PNCC and offsets, which lie between those of the vertices, can be stored in steps."""
         largest_mm = max(self._largest_mean_mm, float(largest_difference(vertices, self._surface.mean)))
+        # Rounding takes interpolated values a little beyond those of the vertices: a millimetre is far more.
         return (largest_mm + 1) * FIXED_POINT_STEPS_PER_MM < np.iinfo(np.int16).max
 
     def _empty_maps(self, size: tuple[int, int], dtype: type, *, with_weights: bool) -> Maps:
