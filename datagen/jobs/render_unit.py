@@ -30,7 +30,7 @@ from pix2face.shards.shard_writing import ShardWriter
 
 # The vertices of at most so many views come from one matrix product: it reads the basis once for all of them (a face of
 # BFM's size takes 2.9 ms of 8, 1.9 of 16, 1.2 of 64), and they take 41 MB.
-VIEWS_AT_A_TIME = 64
+VIEWS_AT_A_TIME = 128
 
 
 @final

@@ -16,7 +16,6 @@ from pix2face.command_line import EXIT_REJECTED, progress_bar, say
 from pix2face.commands.face_finder import FaceFinder
 from pix2face.errors import DegenerateGeometryError, InputFileError
 from pix2face.files.images import read_photograph, write_picture
-from pix2face.geometry.crops import crop_image
 from pix2face.inference.predictor import Prediction
 from pix2face.photographs.fit_pictures import draw_maps
 
@@ -106,8 +105,7 @@ def look_at(images: Sequence[Path], finder: FaceFinder, console: Console, tally:
 
 def write_maps_picture(out: Path, face: SeenFace) -> None:
     """Writes ``NAME-maps.png``: crop, PNCC and offset side by side."""
-    crop = crop_image(face.image, face.prediction.crop)
-    write_picture(out / f"{face.name}-maps.png", draw_maps(crop, face.prediction.maps))
+    write_picture(out / f"{face.name}-maps.png", draw_maps(face.image, face.prediction.crop, face.prediction.maps))
 
 
 def _faces(name: str, path: Path, image: Photograph, finder: FaceFinder, tally: Tally) -> list[SeenFace]:

@@ -110,12 +110,15 @@ class PredictConfig:
         faces: Network, model and face boxes.
         out: Folder for the maps.
         format: Formats of the maps, separated by commas: npz, png16 (16-bit PNG), exr (32-bit OpenEXR).
+        resolution: That of the network, whose maps are written as they are; or that of the photograph (at most 4,096
+            pixels a side), for which they are smoothed and enlarged.
     """
 
     images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="(required)")]
     faces: Annotated[PhotographOptions, tyro.conf.arg(name="")] = PhotographOptions()
     out: Path = Path("out/predict")
     format: str = "npz"
+    resolution: Literal["network", "photograph"] = "network"
 
 
 @final

@@ -10,6 +10,9 @@ from pix2face.commands.pix2face_config import PredictConfig
 from pix2face.commands.result_folder import ResultFolder
 from pix2face.photographs.map_files import MAP_FORMATS, parse_formats
 
+# PNCC and offset of this size take 0.4 GB.
+LARGEST_MAPS_PX = 4096
+
 
 def predict(config: PredictConfig) -> int:
     """Runs ``pix2face predict``."""
@@ -22,8 +25,11 @@ def predict(config: PredictConfig) -> int:
     for photograph in look_at(images, finder, console, tally):
         with results.of_photograph(photograph.name, photograph.path) as folder:
             for face in photograph.faces:
+                prediction = face.prediction
+                if config.resolution == "photograph":
+                    prediction = prediction.smooth(min(prediction.crop.finest_size_px, LARGEST_MAPS_PX))
                 with tally.face(face.path):
                     for name in formats:
-                        MAP_FORMATS[name](folder, face.name, face.prediction)
+                        MAP_FORMATS[name](folder, face.name, prediction)
                     write_maps_picture(folder, face)
     return tally.report(console, config.out)

@@ -22,7 +22,7 @@ from pix2face.fitting.least_squares.linear_system import ImageSystem
 from pix2face.fitting.least_squares.moments import Moments, stacked
 from pix2face.fitting.least_squares.similarity import Similarity
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
-from pix2face.geometry.maps import FaceMaps, face_box
+from pix2face.geometry.maps import FaceMaps, face_box, without_holes
 
 # A vertex on the silhouette lies up to a pixel beyond the centre of the last pixel that shows the face. Predicted masks
 # lack one pixel more; to allow for that as well made photographs slightly worse.
@@ -75,9 +75,7 @@ class OutsideDistance:
 
         Holes, such as an open mouth, belong to it. What the end of the photograph or of the crop cuts off goes on.
         """
-        whole = np.zeros(maps.mask.shape, np.uint8)
-        outlines, _ = cv2.findContours(maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(whole, outlines, -1, 1, cv2.FILLED)
+        whole = without_holes(maps.mask)
         height, width = maps.mask.shape
         side_px = max(height, width)
         reach_px = max(1, round(REACH_SHARE * side_px))

@@ -80,6 +80,17 @@ class Crop:
         """Whether the crop shows the image with left and right exchanged."""
         return bool(np.linalg.det(self.image_from_crop[:2, :2]) < 0)
 
+    @property
+    def finest_size_px(self) -> int:
+        """The side at which the crop has the resolution of the image, and at least its own side."""
+        image_pixels = np.sqrt(abs(np.linalg.det(self.image_from_crop[:2, :2]))) * self.size_px
+        return max(self.size_px, round(float(image_pixels)))
+
+    def with_size(self, size_px: int) -> "Crop":
+        """The same part of the image in another size."""
+        ratio = self.size_px / size_px
+        return Crop(self.image_from_crop @ np.diag([ratio, ratio, 1.0]), size_px)
+
     def to_image(self, points: Float[ndarray, "*n 2"]) -> Float64[ndarray, "*n 2"]:
         """Crop pixels to image pixels."""
         return _transform(self.image_from_crop, points)

@@ -15,6 +15,9 @@ from pix2face.geometry.camera import Camera
 FIXED_POINT_STEPS_PER_MM = 128
 # How far from the face, in pixels of the maps, a point is still taken for one of its border.
 REACH_PX = 4
+# What a network answers is rough from pixel to pixel, and offsets come in blocks of four. Means over so many pixels
+# (standard deviation) are smooth, and nearer to the truth (docs/explanation/packaged_network.md).
+SMOOTH_PNCC_PX, SMOOTH_OFFSET_PX, SMOOTH_EDGE_PX = 1.5, 3.0, 1.0
 
 
 # From the weak-perspective camera (pixels of the maps) and the coefficients (standard deviations) of a fit to those
@@ -84,6 +87,47 @@ def eroded(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
     """
     kernel = np.ones((3, 3), dtype=np.uint8)
     return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)
+
+
+def without_holes(mask: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w"]:
+    """A mask with its holes, such as an open mouth: 1 inside its outlines, 0 outside."""
+    whole = np.zeros(mask.shape, np.uint8)
+    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(cv2.drawContours(whole, outlines, -1, 1, cv2.FILLED))
+
+
+def smooth_maps(maps: FaceMaps, size_px: int, *, has_holes: bool = True) -> FaceMaps:
+    """Predicted maps of a square in another size, without the roughness and the blocks of a network's answers.
+
+    Means are taken over pixels inside the mask alone, and enlarged by cubic interpolation.
+
+    Args:
+        maps: As a network predicted them.
+        size_px: Side of the maps that are returned.
+        has_holes: Keep holes of the mask, such as an open mouth.
+
+    Returns:
+        PNCC, offset and mask.
+    """
+    inside = maps.mask if has_holes else without_holes(maps.mask)
+    mask = _enlarged(cv2.GaussianBlur(inside.astype(np.float32), (0, 0), SMOOTH_EDGE_PX), size_px) > 0.5
+    pncc, offset = (
+        _enlarged(_mean_inside(values, maps.mask, blur_px), size_px) * mask[..., None]
+        for values, blur_px in ((maps.pncc, SMOOTH_PNCC_PX), (maps.offset, SMOOTH_OFFSET_PX))
+    )
+    return FaceMaps(pncc, offset, mask)
+
+
+def _mean_inside(
+    values: Float32[ndarray, "h w 3"], mask: Bool[ndarray, "h w"], blur_px: float
+) -> Float32[ndarray, "h w 3"]:
+    """Gaussian means of what is inside a mask, also of pixels beside it."""
+    weight = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), blur_px)[..., None]
+    return cv2.GaussianBlur(values * mask[..., None], (0, 0), blur_px) / np.maximum(weight, np.float32(1e-6))
+
+
+def _enlarged(values: Float32[ndarray, "h w *c"], size_px: int) -> Float32[ndarray, "s s *c"]:
+    return np.asarray(cv2.resize(values, (size_px, size_px), interpolation=cv2.INTER_CUBIC))
 
 
 def uncovered_points(

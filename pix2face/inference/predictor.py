@@ -15,7 +15,7 @@ from torch import Tensor
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.geometry.camera import Camera, affine_camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
-from pix2face.geometry.maps import FaceMaps, FitCorrector, PredictedLandmarks, eroded, valid_pixels
+from pix2face.geometry.maps import FaceMaps, FitCorrector, PredictedLandmarks, eroded, smooth_maps, valid_pixels
 from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
 from pix2face.networks import MAP_PLANES
 from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
@@ -37,6 +37,16 @@ class Prediction:
     box: FaceBox  #: where the network looked, pixels of the picture
     score: float | None = None  #: score of the detection; None if the box was given
     n_undefined: int = 0  #: pixels where the network's output is not finite; they are outside the mask
+
+    def smooth(self, size_px: int) -> "Prediction":
+        """The prediction in another size, without roughness and blocks (``smooth_maps``): for pictures, other programs.
+
+        Fits are better to the maps as the network answered them.
+
+        Args:
+            size_px: Side of the maps. That of the picture's own resolution is ``crop.finest_size_px``.
+        """
+        return replace(self, maps=smooth_maps(self.maps, size_px), crop=self.crop.with_size(size_px))
 
     def check_finite(self) -> None:
         """Checks that the network's output was finite.

@@ -10,8 +10,8 @@ from numpy import ndarray
 
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
-from pix2face.geometry.maps import FaceMaps, map_picture, point_cloud
+from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
+from pix2face.geometry.maps import FaceMaps, map_picture, point_cloud, smooth_maps
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import interpolate, rasterise
 from pix2face.photographs.texture import facing
@@ -23,6 +23,8 @@ LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.
 OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
+MAPS_PX = 512  # side of a picture of maps at most
+FADED = 0.25  # contrast of the photograph behind them
 LETTER_SCALE, LETTER_PX = 0.36, 10  # of OpenCV's font, and the height of its letters at this scale
 
 
@@ -92,13 +94,23 @@ def shaded_face(
     return np.where(covered, 0.5 * background + 0.5 * painted, background).astype(np.uint8)
 
 
-def draw_maps(image: UInt8[ndarray, "h w 3"], maps: FaceMaps) -> UInt8[ndarray, "h w3 3"]:
-    """Crop, PNCC and offset side by side; x, y, z as red, green, blue."""
-    pncc, offset = (
-        map_picture(values, maps.mask, limit)
-        for values, limit in zip((maps.pncc, maps.offset), PICTURE_LIMITS_MM, strict=True)
-    )
-    return np.hstack([image, pncc, offset])
+def draw_maps(image: UInt8[ndarray, "h w 3"], crop: Crop, maps: FaceMaps) -> UInt8[ndarray, "s s3 3"]:
+    """The crop that predicted maps belong to, PNCC and offset side by side, at the resolution of the picture."""
+    photograph = crop_image(image, crop.with_size(min(crop.finest_size_px, MAPS_PX)))
+    return np.hstack([photograph, *maps_over(photograph, maps)])
+
+
+def maps_over(photograph: UInt8[ndarray, "s s 3"], maps: FaceMaps) -> list[UInt8[ndarray, "s s 3"]]:
+    """Predicted PNCC and offset over a crop, faded; x, y, z as red, green, blue. Holes of the mask are closed."""
+    smooth = smooth_maps(maps, len(photograph), has_holes=False)
+    # Fades out within the mask, since there are no values beyond it.
+    edge = np.clip(2 * cv2.GaussianBlur(smooth.mask.astype(np.float32), (0, 0), 1.0) - 1, 0, 1)[..., None]
+    faded = 255 - FADED * (255 - photograph.mean(axis=2, keepdims=True))
+    everywhere = np.ones(smooth.mask.shape, dtype=bool)
+    return [
+        (edge * map_picture(values, everywhere, limit) + (1 - edge) * faded).astype(np.uint8)
+        for values, limit in zip((smooth.pncc, smooth.offset), PICTURE_LIMITS_MM, strict=True)
+    ]
 
 
 def write_point_cloud(path: Path, maps: FaceMaps, image: UInt8[ndarray, "h w 3"]) -> None:

@@ -4,8 +4,10 @@ import json
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -121,8 +123,30 @@ def test_predicted_maps_are_what_the_documentation_says(
     crop = square_crop(box, INFERENCE_SCALE, SIZE_PX)
     np.testing.assert_array_equal(arrays["image_from_crop"], crop.image_from_crop)
     picture = read_photograph(out / "person-0-maps.png")
-    assert picture.shape == (SIZE_PX, 3 * SIZE_PX, 3)
-    np.testing.assert_array_equal(picture[:, :SIZE_PX], crop_image(face.photograph(), crop))
+    side_px = crop.finest_size_px
+    assert picture.shape == (side_px, 3 * side_px, 3)
+    np.testing.assert_array_equal(picture[:, :side_px], crop_image(face.photograph(), crop.with_size(side_px)))
+
+
+def test_maps_are_enlarged_to_the_resolution_of_the_photograph(
+    model: MorphableModel, face: PhotographedFace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    near = replace(face, camera=face.camera.transformed(np.diag([2.0, 2.0, 1.0])))
+    use(exact_predictor(model, [near.maps()]), monkeypatch)
+    photograph = write_picture(tmp_path / "person.png", np.zeros((2 * HEIGHT_PX, 2 * WIDTH_PX, 3), np.uint8))
+    where = ("--box", near.box.left, near.box.top, near.box.right, near.box.bottom)
+    assert (
+        call("predict", photograph, *where, "--resolution", "photograph", "--checkpoint", "any", "--out", tmp_path) == 0
+    )
+    with np.load(tmp_path / "person-0.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+    size_px = len(arrays["mask"])
+    assert size_px == round(INFERENCE_SCALE * near.box.longer_side) > 1.5 * SIZE_PX
+    np.testing.assert_allclose(arrays["image_from_crop"][:2, :2], np.eye(2), atol=0.01)
+    true = near.maps(size_px)
+    deep = cv2.erode((true.mask & arrays["mask"]).astype(np.uint8), np.ones((25, 25))).astype(bool)
+    assert deep.sum() > 0.2 * true.mask.sum() > 2000
+    assert np.linalg.norm(arrays["pncc"] - true.pncc, axis=2)[deep].mean() < 1.5
 
 
 def test_a_fit_is_what_the_documentation_says(

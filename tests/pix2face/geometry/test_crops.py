@@ -143,3 +143,13 @@ def test_pixels_right_of_a_wide_image_are_outside_and_those_within_it_are_not() 
     inside = pixels_in_image(square_crop(FaceBox(250, 0, 350, 100), 1.0, 10), (100, 300))
     assert inside is not None
     np.testing.assert_array_equal(inside, np.tile(np.arange(10) < 5, (10, 1)))
+
+
+@pytest.mark.parametrize(("longer_side", "finest"), [(30.0, 64), (300.0, 390)])
+def test_a_crop_of_another_size_shows_the_same_part(longer_side: float, finest: int) -> None:
+    crop = square_crop(FaceBox(10, 20, 10 + longer_side, 40), 1.3, 64, rotation=0.3, mirror=True)
+    assert crop.finest_size_px == finest
+    other = crop.with_size(finest)
+    np.testing.assert_allclose(
+        other.to_image(np.array([[0, 0], [finest, 5.0]])), crop.to_image(np.array([[0, 0], [64, 5 * 64 / finest]]))
+    )

@@ -12,6 +12,7 @@ from pix2face.geometry.maps import (
     fixed_point_to_maps,
     map_picture,
     point_cloud,
+    smooth_maps,
     uncovered_points,
     valid_pixels,
 )
@@ -126,3 +127,48 @@ def test_points_are_covered_where_the_face_around_them_is_not_seen() -> None:
     }
     found = uncovered_points(np.array(list(points)), mask, seen)
     assert found.tolist() == list(points.values())
+
+
+def disc(size_px: int, radius_px: float) -> np.ndarray:
+    """The pixels whose centre is near that of the square."""
+    rows, columns = np.mgrid[:size_px, :size_px] + 0.5 - size_px / 2
+    return np.asarray(np.hypot(rows, columns) < radius_px)
+
+
+def ramp(size_px: int, mask: np.ndarray) -> np.ndarray:
+    """Smooth values by the place in the square, which ends at -60 and 60 mm, whatever its size."""
+    y, x = (np.mgrid[:size_px, :size_px] + 0.5) / size_px * 120 - 60
+    return np.stack([x, y, x - y], axis=2).astype(np.float32) * mask[..., None]
+
+
+@pytest.mark.parametrize("size_px", [64, 100, 256])
+def test_smooth_maps_are_the_same_function_of_the_place_in_any_size(size_px: int) -> None:
+    mask = disc(64, 25)
+    found = smooth_maps(FaceMaps(ramp(64, mask), 0.1 * ramp(64, mask), mask), size_px)
+    assert np.mean(found.mask != disc(size_px, 25 * size_px / 64)) < 0.01
+    inside, everywhere = disc(size_px, 14 * size_px / 64), np.ones((size_px, size_px), dtype=bool)
+    for values, expected in ((found.pncc, 1.0), (found.offset, 0.1)):
+        assert (values.dtype, values.shape) == (np.float32, (size_px, size_px, 3))
+        assert np.abs(values - expected * ramp(size_px, everywhere))[inside].max() < 0.2 * expected
+        assert not values[~found.mask].any()
+
+
+def test_smooth_maps_are_nearer_to_the_truth_than_blocks_and_noise() -> None:
+    mask, rng = disc(64, 25), np.random.default_rng(0)
+    truth = 0.2 * ramp(64, mask)
+    noise = rng.normal(0, 2, (2, 64, 64, 3))
+    blocks = np.repeat(np.repeat(rng.normal(0, 2, (16, 16, 3)), 4, axis=0), 4, axis=1)
+    rough = [(truth + own).astype(np.float32) * mask[..., None] for own in (noise[0], blocks)]
+    found = smooth_maps(FaceMaps(rough[0], rough[1], mask), 64)
+    for before, after in ((rough[0], found.pncc), (rough[1], found.offset)):
+        assert np.abs(after - truth)[mask].mean() < 0.6 * np.abs(before - truth)[mask].mean()
+
+
+@pytest.mark.parametrize("has_holes", [True, False])
+def test_holes_of_a_mask_are_kept_or_closed_with_values_from_around_them(has_holes: bool) -> None:
+    mask = disc(64, 25) & ~disc(64, 4)
+    maps = FaceMaps(ramp(64, mask), ramp(64, mask), mask)
+    found = smooth_maps(maps, 128, has_holes=has_holes)
+    assert found.mask[disc(128, 5)].any() != has_holes
+    if not has_holes:
+        assert np.abs(found.offset - ramp(128, np.ones((128, 128), dtype=bool)))[disc(128, 8)].max() < 5

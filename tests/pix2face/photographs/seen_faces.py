@@ -54,10 +54,10 @@ class PhotographedFace:
         image[seen["mask"]] = (150 - seen["depth"][seen["mask"]])[:, None] + np.array([40, 10, 0])
         return np.clip(image, 0, 255).astype(np.uint8)
 
-    def maps(self) -> FaceMaps:
-        """What an exact network predicts in the crop of the face."""
-        camera = crop_camera(self.camera, square_crop(self.box, INFERENCE_SCALE, SIZE_PX))
-        maps = render_maps(self.model, self.vertices, camera, SIZE_PX, SIZE_PX)
+    def maps(self, size_px: int = SIZE_PX) -> FaceMaps:
+        """What an exact network of this size predicts in the crop of the face."""
+        camera = crop_camera(self.camera, square_crop(self.box, INFERENCE_SCALE, size_px))
+        maps = render_maps(self.model, self.vertices, camera, size_px, size_px)
         return FaceMaps(maps["pncc"], maps["offset"], maps["mask"])
 
 

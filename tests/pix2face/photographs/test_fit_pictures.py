@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -25,6 +26,7 @@ from pix2face.models.rasterise import render_maps
 from pix2face.photographs.fit_pictures import (
     HIDDEN_COLOUR,
     LANDMARK_COLOUR,
+    MAPS_PX,
     OVERLAY_SCALE,
     draw_landmarks,
     draw_maps,
@@ -183,18 +185,24 @@ def test_dots_are_small_beside_the_face_whatever_the_size_of_the_picture() -> No
     assert 4 * 80 < larger.any(axis=2).sum() < 4 * 250
 
 
-def test_maps_are_shown_beside_the_crop() -> None:
-    rng = np.random.default_rng(0)
+@pytest.mark.parametrize(("side_px", "tile_px"), [(20, 32), (160, 160), (4000, MAPS_PX)])
+def test_maps_are_shown_beside_the_crop_at_the_resolution_of_the_photograph(side_px: int, tile_px: int) -> None:
     mask = np.zeros((32, 32), dtype=bool)
-    mask[5:20, 8:30] = True
-    pncc, offset = rng.normal(0, 50, (2, 32, 32, 3)).astype(np.float32) * mask[..., None]
-    image = rng.integers(0, 256, (32, 32, 3)).astype(np.uint8)
-    crop, *pictures = np.split(draw_maps(image, FaceMaps(pncc, offset, mask)), 3, axis=1)
-    np.testing.assert_array_equal(crop, image)
+    mask[4:28, 8:30] = True
+    pncc, offset = (np.full((32, 32, 3), values, np.float32) * mask[..., None] for values in ((60, 0, -60), (3, -3, 6)))
+    image = np.random.default_rng(0).integers(0, 256, (300, 200, 3)).astype(np.uint8)
+    crop = square_crop(FaceBox(50, 60, 50 + side_px, 90), 1.0, 32)
+    shown, *pictures = np.split(draw_maps(image, crop, FaceMaps(pncc, offset, mask)), 3, axis=1)
+    assert len(shown) == tile_px
+    np.testing.assert_array_equal(shown, crop_image(image, crop.with_size(tile_px)))
+    inside = cv2.resize(mask.astype(np.float32), (tile_px, tile_px), interpolation=cv2.INTER_LINEAR)
+    deep = cv2.erode(inside, np.ones((9 * tile_px // 32, 9 * tile_px // 32))) == 1
+    beyond = cv2.dilate(inside, np.ones((9 * tile_px // 32, 9 * tile_px // 32))) == 0
     for picture, values, limit in zip(pictures, (pncc, offset), (120, 15), strict=True):
-        assert (picture[~mask] == 128).all()
-        expected = np.clip(values[mask] / (2 * limit) + 0.5, 0, 1) * 255
-        assert np.abs(picture[mask] - expected).max() <= 1
+        expected = (values[16, 16] / (2 * limit) + 0.5) * 255
+        assert np.abs(picture[deep] - expected).max() <= 1.5
+        faded = 255 - 0.25 * (255 - shown[beyond].mean(axis=1))
+        assert np.abs(picture[beyond] - faded[:, None]).max() <= 1
 
 
 def test_the_cloud_has_a_point_for_every_valid_pixel_in_its_colour(tmp_path: Path) -> None:
