@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import tests.type_checker  # noqa: F401 (pyproject names it as the checker of all signatures)
 
@@ -12,6 +13,10 @@ import tests.type_checker  # noqa: F401 (pyproject names it as the checker of al
 # waits for the thread that is not running: a test of 3 seconds takes 60. Before anything loads torch.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+# How long an example takes depends on what else runs.
+settings.register_profile("without deadlines", deadline=None)
+settings.load_profile("without deadlines")
 
 
 @pytest.fixture(scope="session", autouse=True)
