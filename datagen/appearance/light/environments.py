@@ -42,7 +42,6 @@ class Lamp:
 class Environment:
     """An environment, split into lamps and the rest."""
 
-    name: str
     lamps: tuple[Lamp, ...]  # the brightest first; black ones where there are fewer
     rest: Float32[ndarray, "h w 3"]  # the panorama without its lamps
     harmonics: Float64[ndarray, "9 3"]  # of the rest
@@ -72,7 +71,7 @@ def environment(name: str) -> Environment:
     flat = directions.reshape(-1, 3), rest.reshape(-1, 3), solid_angles.reshape(-1)
     mean = np.tensordot(solid_angles, panorama, 2) / (4 * np.pi)
     lamps.sort(key=lambda lamp: -float(LUMINANCE @ lamp.colour))
-    return Environment(name, tuple(lamps), rest.astype(np.float32), project_radiance(*flat), mean)
+    return Environment(tuple(lamps), rest.astype(np.float32), project_radiance(*flat), mean)
 
 
 @lru_cache(maxsize=18)

@@ -53,7 +53,8 @@ def process(
         size = (max(round(width * scale), 1), max(round(height * scale), 1))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if processing.sharpening:
-        image = _sharpened(image, processing.sharpening, processing.sharpening_px)
+        blurred = cv2.GaussianBlur(image, (0, 0), processing.sharpening_px)
+        image = cv2.addWeighted(image, 1 + processing.sharpening, blurred, -processing.sharpening, 0)
     if processing.first_quality:
         image = _through_jpeg(image, processing.first_quality)
     if is_small:
@@ -82,10 +83,6 @@ def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, 
     for first, shift in ((0, -half), (1, half)):
         moved[first::2] = image[first::2, np.clip(columns - shift, 0, len(columns) - 1)]
     return moved
-
-
-def _sharpened(image: UInt8[ndarray, "h w 3"], strength: float, radius_px: float) -> UInt8[ndarray, "h w 3"]:
-    return cv2.addWeighted(image, 1 + strength, cv2.GaussianBlur(image, (0, 0), radius_px), -strength, 0)
 
 
 def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator) -> UInt8[ndarray, "h w 3"]:

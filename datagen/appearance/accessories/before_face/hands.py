@@ -208,7 +208,7 @@ def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, 
     wrist = place - 52 * size * along
     elbow = unit(-0.75 * along + np.array([-0.30, -0.75, 0.10]) - 0.35 * palm).astype(np.float64)
     s = np.linspace(0, 1, 7)[:, None]
-    path = wrist - 260 * size * (s * (1 - s) * 0.5 * along) + 260 * size * s * (elbow + 0.0 * along)
+    path = wrist - 260 * size * (s * (1 - s) * 0.5 * along) + 260 * size * s * elbow
     radii = size * np.stack([np.linspace(27, 42, 7), np.linspace(18, 38, 7)], axis=1)
     arm = tube(path, radii, palm, 10)
     cuff = tube(path[2:], radii[2:] + 6.0 + 6.0 * np.linspace(0, 1, 5)[:, None], palm, 12)

@@ -79,7 +79,7 @@ def _peak(skull: Skull, fit: Fit, look: Headwear) -> Solid:
 def _cap(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(11)
     front = np.exp(-((_AROUND - np.deg2rad(np.mod(fit.turn_deg + 180, 360) - 180)) ** 2))
-    above = 7 + 9 * np.sin(np.pi * share) ** 1.0 * (0.5 + front) - 2 * share
+    above = 7 + 9 * np.sin(np.pi * share) * (0.5 + front) - 2 * share
     above = above * (1 + 0.02 * np.cos(6 * _AROUND))
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _peak(skull, fit, look))]
     crown = skull.at(np.array([np.pi / 2]), np.array([0.0]), 9.0)[0]
@@ -112,12 +112,11 @@ def _brimmed(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     tall = 26 + 20 * (1 - look.size)
     dent = 14 * np.exp(-((_AROUND / 0.9) ** 2)) + 6
     above = 7 + tall * np.clip((1 - share) / 0.35, 0, 1) ** 0.7 - dent * np.clip(1 - share / 0.3, 0, 1)
-    around = _AROUND
-    edge = skull.at(fit.rim(around), around, 7.0)
-    outward = np.stack([np.sin(around), 0 * around, np.cos(around)], axis=-1)
+    edge = skull.at(fit.rim(_AROUND), _AROUND, 7.0)
+    outward = np.stack([np.sin(_AROUND), 0 * _AROUND, np.cos(_AROUND)], axis=-1)
     wide = 38 + 75 * look.size
     t = np.array([0.0, 0.25, 0.6, 1.0, 1.0, 0.6, 0.0])[:, None]
-    curl = 0.28 * wide * t**2 * np.sin(around) ** 2 - 0.18 * wide * t * np.cos(around) ** 2
+    curl = 0.28 * wide * t**2 * np.sin(_AROUND) ** 2 - 0.18 * wide * t * np.cos(_AROUND) ** 2
     lift = curl + np.array([0, 0, 0, 0, -1.5, -1.5, -1.5])[:, None]
     brim = edge + t[..., None] * wide * outward + lift[..., None] * np.array([0.0, 1.0, 0.0])
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", sheet(brim, (16.0, 2.0), is_closed=True))]
@@ -145,8 +144,7 @@ def _helmet(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
 
 def _turban(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     share = _shares(22)
-    around = _AROUND
-    slant = 0.22 * np.abs(around) / np.pi
+    slant = 0.22 * np.abs(_AROUND) / np.pi
     layers = 5 + int(look.seed % 3)
     ridge = np.abs(np.sin(np.pi * layers * (share + slant))) ** 0.6
     above = 6 + (16 + 16 * look.size) * np.sin(np.pi * np.clip(share * 0.85 + 0.1, 0, 1)) + 6 * ridge * (share > 0.12)
