@@ -17,12 +17,9 @@ from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, solid, tube
 from pix2face.models.morphable_model import MorphableModel
 
-FRONT_REGIONS = ("skin", "brows", "eyes", "iris", "pupil")
 OUTLINE = 28  # points around a lens
-_CLEAR_MM = 1.5  # between frame and skin
 _CELL_MM, _CELLS, _LOW = 4.0, 54, np.array([-108.0, -76.0])  # cells over the front of the face
 _TEMPLE_MM = 2.2  # from the middle of a temple to the skin
-_LENS_BEFORE_EYE_MM = 11.0
 
 # On the mean head: bridge of the nose, left pupil, groove above the left ear, behind that ear high and low.
 _PLACES = ((0.0, 20.0, 104.0), (33, 27, 94), (76.5, 37, 4), (75, 26, -19), (71.5, 12, -18))
@@ -132,10 +129,10 @@ def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) ->
     eyes = 0.5 * (marks[1][1] + marks[-1][1])
     rotation = Rotation.from_euler("xz", [worn.tilt_deg - 22 * worn.lift, worn.skew_deg], degrees=True).as_matrix()
     y = 0.5 * (eyes[1] + bridge[1]) - 1.0 - worn.slip_mm + worn.lift * (68.0 + 0.3 * worn.height_mm)
-    place = np.array([bridge[0], y, eyes[2] + _LENS_BEFORE_EYE_MM if worn.lift == 0 else -100.0])
+    place = np.array([bridge[0], y, eyes[2] + 11.0 if worn.lift == 0 else -100.0])
     points = front[::2] @ rotation.T + place
-    clear = _CLEAR_MM + (7.0 if worn.lift > 0 else 0.0)  # hair
-    place[2] += max(0.0, clear - float(_in_front(head, points).min()))
+    clear_mm = 1.5 if worn.lift == 0 else 8.5  # between the frame and the skin, or over hair
+    place[2] += max(0.0, clear_mm - float(_in_front(head, points).min()))
     hinge = np.array([0.5 * worn.bridge_mm + worn.width_mm + 1.0, 0.22 * worn.height_mm, 0.0])
     hinge[2] = -0.0016 * hinge[0] ** 2
     hinges = {side: rotation @ (hinge * [side, 1, 1]) + place for side in (1, -1)}
@@ -223,7 +220,7 @@ def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> 
 
 @lru_cache(maxsize=4)
 def _front_vertices(model: MorphableModel) -> Int64[ndarray, " n"]:
-    found = model.vertices_of(*FRONT_REGIONS, "scalp")
+    found = model.vertices_of("skin", "brows", "eyes", "iris", "pupil", "scalp")
     place = model.mean[found]
     chosen = (np.abs(place[:, 0]) < 76) & (place[:, 1] > -58) & (place[:, 2] > 25)
     return found[chosen].astype(np.int64)

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.hair.bound_meshes import bound_mesh, check_model, read_picture
+from datagen.appearance.asset_files import read_picture
+from datagen.appearance.hair.bound_meshes import bound_mesh, check_model
 from datagen.appearance.hair.brows_and_lashes import (
     LASH_STYLES,
     Brows,
@@ -105,13 +106,14 @@ def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
 def hair_textures() -> Mapping[str, Texture]:
     """Strands of hair, brows and lashes, and the felt of a hat, by the names of their samplers."""
     strands, lashes = (
-        np.stack([_with_direction(read_picture(f"{name}.webp")) for name in names]) for names in (LAYERS, LASH_STYLES)
+        np.stack([_with_direction(read_picture(f"hair/{name}.webp")) for name in names])
+        for names in (LAYERS, LASH_STYLES)
     )
     return {
         "hair_strands": Texture(pixels=strands),
         "hair_lashes": Texture(pixels=lashes),
         "hair_brows": Texture(pixels=brow_pictures()),
-        "hair_fedora": Texture(pixels=_felt(read_picture("fedora.webp"))[None]),
+        "hair_fedora": Texture(pixels=_felt(read_picture("hair/fedora.webp"))[None]),
     }
 
 
@@ -145,7 +147,7 @@ def _parting(style: str, is_mirrored: bool) -> Parting:
     if is_mirrored:
         other = _parting(style, False)
         return Parting(-other.left, -other.right)
-    return find_parting(bound_mesh(style), read_picture(f"{style}.webp"))
+    return find_parting(bound_mesh(style), read_picture(f"hair/{style}.webp"))
 
 
 @cache

@@ -31,7 +31,6 @@ TOP_MM, SIDE_MM, NARROWEST_MM, FARTHEST_MM = 88.0, 70.0, 6.0, 80.0
 # Strands that were moved stay this far before the skin, where its depth is well known.
 CLEARANCE_MM, STEADY_MM = 2.0, 66.0
 OPAQUE = 0.35
-MIDDLE_REGIONS = ("skin", "brows", "lips", "eyes", "iris", "pupil", "scalp", "neck")
 
 
 @final
@@ -139,7 +138,8 @@ def _depth_at(x: Float[ndarray, " n"], y: Float[ndarray, " n"]) -> Float32[ndarr
 def _depths() -> Float32[ndarray, "rows columns"]:
     """Depth (z) of the mean's front over the cells, smooth."""
     model = builtin_model()
-    front = model.mean[model.vertices_of(*MIDDLE_REGIONS)].astype(np.float64)
+    regions = ("skin", "brows", "lips", "eyes", "iris", "pupil", "scalp", "neck")
+    front = model.mean[model.vertices_of(*regions)].astype(np.float64)
     front = front[front[:, 2] > -20]
     x, y = np.meshgrid(np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-6, CELL_MM), row_heights())
     from scipy.interpolate import LinearNDInterpolator  # a third of a second, which plain pictures save

@@ -8,7 +8,7 @@ from datagen.appearance.scene import Scene, UniformValue
 from datagen.rendering.clip_space import clip_transform
 from pix2face.geometry.camera import Camera
 
-# Of a pinhole: what is nearer is cut off, mm.
+# The near plane of a pinhole, mm: what is nearer is cut off.
 NEAREST_MM = 10.0
 # Two surfaces in a pixel are told apart where their depths differ by this, mm and pixels.
 EDGE_MM, EDGE_PX = 3.0, 3.0

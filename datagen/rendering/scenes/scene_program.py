@@ -154,9 +154,9 @@ class _Slot:
     def __init__(self, name: str, found: Any) -> None:
         self._name, self._uniform = name, found
         kind = found.fmt[-1]
-        self._kind = {"f": np.float32, "i": np.int32, "u": np.uint32}[kind]
+        self._kind = {"f": np.float32, "i": np.int32}[kind]
         self._size = found.array_length * found.dimension
-        self._pack = struct.Struct(f"{self._size}{'I' if kind == 'u' else kind}").pack
+        self._pack = struct.Struct(f"{self._size}{kind}").pack
         self._written = b""
         self.form = found.fmt, found.array_length
 
