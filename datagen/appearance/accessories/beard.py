@@ -188,8 +188,7 @@ def _growth(style: str) -> tuple[Float32[ndarray, " v"], Float32[ndarray, " v"]]
 @lru_cache(maxsize=16)
 def _grown_triangles(style: str) -> Int32[ndarray, "t 3"]:
     """Triangles where anything grows."""
-    wide = cv2.dilate(style_densities()[style], np.ones((3, 3)))
-    most = cv2.dilate(wide, np.ones((2 * (wide.shape[0] // ROWS) + 1, 2 * (wide.shape[1] // COLUMNS) + 1)))
+    most = cv2.dilate(style_densities()[style], np.ones((2 * (HEIGHT // ROWS) + 3, 2 * (WIDTH // COLUMNS) + 3)))
     grows = cv2.resize(most, (COLUMNS, ROWS), interpolation=cv2.INTER_NEAREST).reshape(-1) > 0.02
     triangles = grid_triangles(ROWS, COLUMNS)
     return np.ascontiguousarray(triangles[grows[triangles].any(axis=1)])

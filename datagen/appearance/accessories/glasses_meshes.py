@@ -116,7 +116,7 @@ def _temple(glasses: Glasses, path: Float64[ndarray, "n 3"]) -> Solid:
     return tube(path, (min(thick, 1.2), tall), (0, 0.6, -0.8), 6, squareness=0.4)
 
 
-def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) -> GlassesFit:
+def fit_glasses(glasses: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) -> GlassesFit:
     """Puts glasses on a head, whose raised cheeks and brows push the front forward.
 
     `front` are points of the front in its own frame, which must not enter the face.
@@ -127,13 +127,14 @@ def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) ->
     }
     bridge = marks[1][0] * [0, 1, 1] + [0.5 * (marks[1][1][0] + marks[-1][1][0]), 0, 0]
     eyes = 0.5 * (marks[1][1] + marks[-1][1])
-    rotation = Rotation.from_euler("xz", [worn.tilt_deg - 22 * worn.lift, worn.skew_deg], degrees=True).as_matrix()
-    y = 0.5 * (eyes[1] + bridge[1]) - 1.0 - worn.slip_mm + worn.lift * (68.0 + 0.3 * worn.height_mm)
-    place = np.array([bridge[0], y, eyes[2] + 11.0 if worn.lift == 0 else -100.0])
+    angles_deg = [glasses.tilt_deg - 22 * glasses.lift, glasses.skew_deg]
+    rotation = Rotation.from_euler("xz", angles_deg, degrees=True).as_matrix()
+    y = 0.5 * (eyes[1] + bridge[1]) - 1.0 - glasses.slip_mm + glasses.lift * (68.0 + 0.3 * glasses.height_mm)
+    place = np.array([bridge[0], y, eyes[2] + 11.0 if glasses.lift == 0 else -100.0])
     points = front[::2] @ rotation.T + place
-    clear_mm = 1.5 if worn.lift == 0 else 8.5  # between the frame and the skin, or over hair
+    clear_mm = 1.5 if glasses.lift == 0 else 8.5  # between the frame and the skin, or over hair
     place[2] += max(0.0, clear_mm - float(_in_front(head, points).min()))
-    hinge = np.array([0.5 * worn.bridge_mm + worn.width_mm + 1.0, 0.22 * worn.height_mm, 0.0])
+    hinge = np.array([0.5 * glasses.bridge_mm + glasses.width_mm + 1.0, 0.22 * glasses.height_mm, 0.0])
     hinge[2] = -0.0016 * hinge[0] ** 2
     hinges = {side: rotation @ (hinge * [side, 1, 1]) + place for side in (1, -1)}
     temples = {side: _temple_path(head, hinges[side], marks[side], side) for side in (1, -1)}

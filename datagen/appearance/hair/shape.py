@@ -56,7 +56,7 @@ def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) 
     on_right = x < (right + left) / 2
     ends, side = np.where(on_right, right, left), np.where(on_right, -1, 1)
     new_ends = ends + side * share * np.maximum(free - side * ends, 0)
-    # Of the way from the gap to the side of the head, how much is left.
+    # Share of the way from the gap to the side of the head that is left.
     inward = np.clip((HALF_WIDTH_MM - side * x) / (HALF_WIDTH_MM - side * ends), 0, 1)
     moved = side * (HALF_WIDTH_MM - inward * (HALF_WIDTH_MM - side * new_ends))
     # Nothing jumps where hair begins to lie before the face.

@@ -9,7 +9,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.photograph.sensor import noise_window
-from pix2face.files.images import encode_photograph
+from pix2face.files.images import decode_image, encode_photograph
 
 INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 
@@ -56,7 +56,7 @@ def process(
         blurred = cv2.GaussianBlur(image, (0, 0), processing.sharpening_px)
         image = cv2.addWeighted(image, 1 + processing.sharpening, blurred, -processing.sharpening, 0)
     if processing.first_quality:
-        image = _through_jpeg(image, processing.first_quality)
+        image = decode_image(encode_photograph(image, processing.first_quality), "the earlier file")
     if is_small:
         image = cv2.resize(image, (width, height), interpolation=INTERPOLATIONS[processing.enlarged_by])
     if processing.grain or processing.scratches or processing.dust:
@@ -66,13 +66,6 @@ def process(
     if processing.colours < 256:
         image = _posterised(image, processing.colours)
     return _with_text(processing, image) if processing.text else image
-
-
-def _through_jpeg(image: UInt8[ndarray, "h w 3"], quality: int) -> UInt8[ndarray, "h w 3"]:
-    content = np.frombuffer(encode_photograph(image, quality), dtype=np.uint8)
-    decoded = cv2.imdecode(content, cv2.IMREAD_COLOR)
-    assert decoded is not None
-    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
 
 
 def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, "h w 3"]:
