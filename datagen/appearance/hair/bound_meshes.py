@@ -89,7 +89,6 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
         )
 
 
-@cache
 def brow_patch() -> Mapping[str, ndarray]:
     """`vertices` of the built-in model that carry the left brow, their `triangles` and `uv`."""
     with open_asset(_MESHES) as file:

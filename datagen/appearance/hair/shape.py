@@ -70,23 +70,15 @@ def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) 
 
 def find_parting(mesh: BoundMesh, picture: UInt8[ndarray, "h w c"]) -> Parting:
     """Looks at a hairdo from the front; the last channel of its texture is alpha."""
-    covered = _seen_from_the_front(mesh, picture)
-    gaps = [_gap(row) if height < TOP_MM else None for row, height in zip(covered, row_heights(), strict=True)]
+    heights = row_heights()
+    gaps = [_gap(row) for row in _seen_from_the_front(mesh, picture)[heights < TOP_MM]]
     known = [place for place, gap in enumerate(gaps) if gap is not None]
     if not known:
-        return Parting(*np.zeros((2, len(gaps)), dtype=np.float32))
-    first, top = gaps[known[0]], gaps[known[-1]]
-    ends = np.empty((2, len(gaps)))
-    for place, gap in enumerate(gaps):
-        if gap is not None:
-            ends[:, place] = gap
-        elif place < known[0]:
-            ends[:, place] = first
-        elif place > known[-1]:  # above the highest gap: the parting
-            assert top is not None
-            ends[:, place] = np.mean(top)
-        else:
-            ends[:, place] = ends[:, place - 1]
+        return Parting(*np.zeros((2, len(heights)), dtype=np.float32))
+    # A row without a gap has that of the next one below it, or the lowest gap.
+    below = np.maximum(np.searchsorted(known, np.arange(len(heights)), side="right") - 1, 0)
+    ends = np.array([gaps[place] for place in known])[below].T
+    ends[:, known[-1] + 1 :] = ends[:, known[-1]].mean()  # above the highest gap: the parting
     smooth = [np.convolve(np.pad(end, 6, "edge"), np.full(13, 1 / 13), "valid") for end in ends]
     return Parting(smooth[0].astype(np.float32), smooth[1].astype(np.float32))
 
