@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
 from scipy import sparse
 
@@ -30,8 +30,6 @@ class BoundMesh:
     # points around the mean, mm, model frame. Several vertices may share one, along seams of the texture.
     mean: Float32[ndarray, "p 3"]
     feet: Float32[ndarray, "p 3"]  # nearest place on the skin of each point, around the mean
-    heights: Float32[ndarray, " p"]  # distance of each point from the skin, mm, negative inside
-    over_face: Bool[ndarray, " p"]  # which points hang over the face, not over scalp or neck
     neighbours: Int32[ndarray, "p n"]  # vertices of the model that each point follows
     weights: Float32[ndarray, "p n"]  # of the neighbours; rows sum to 1
     normals: Float32[ndarray, "p 3"]  # of the points, unit, around the mean
@@ -78,8 +76,6 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
             name=name,
             mean=group["mean"][()] * step,
             feet=group["feet"][()] * step,
-            heights=group["heights"][()],
-            over_face=group["over_face"][()].astype(bool),
             neighbours=group["neighbours"][()].astype(np.int32),
             weights=weights / weights.sum(axis=1, keepdims=True),
             normals=group["normals"][()].astype(np.float32) / 127,

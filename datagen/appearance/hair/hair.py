@@ -35,7 +35,6 @@ from datagen.random_streams import rounded
 
 LAYERS = tuple(STYLES)
 ROUND_SHARE = 0.5  # share of the outline in the normals of strips, so that crossing strips do not flicker
-MIDDLE_MM = np.array([0.0, 40.0, 0.0], dtype=np.float32)
 
 
 @final
@@ -154,8 +153,9 @@ def _parting(style: str, is_mirrored: bool) -> Parting:
 def _soft_normals(style: str, is_mirrored: bool) -> Float32[ndarray, "v 3"]:
     """Normals of vertices: half those of the strips, half those of the whole outline."""
     mesh = bound_mesh(style, is_mirrored=is_mirrored)
-    away = mesh.mean - np.minimum(MIDDLE_MM, [1e9, mesh.mean[:, 1:2].max() - 60, 1e9]).astype(np.float32)
-    away[:, 1] = np.where(mesh.mean[:, 1] < MIDDLE_MM[1], 0.3 * away[:, 1], away[:, 1])
+    # Away from the middle of the skull, or from a lower place if the hair is low; what hangs below faces sideways.
+    away = mesh.mean - np.array([0, min(40, mesh.mean[:, 1].max() - 60), 0], dtype=np.float32)
+    away[:, 1] *= np.where(mesh.mean[:, 1] < 40, np.float32(0.3), 1)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     normals = (1 - ROUND_SHARE) * mesh.normals + ROUND_SHARE * away
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-6)
