@@ -6,7 +6,6 @@ differ in one ingredient therefore differ in nothing else.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from typing import Any, final
 
 from datagen.appearance.accessories.accessories import Accessories, accessory_textures, draw_accessories
@@ -74,7 +73,6 @@ def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
     return found
 
 
-@lru_cache(maxsize=1)
 def appearance_textures() -> Mapping[str, Texture]:
     """The textures of all parts, by the name of their sampler."""
     return {**skin_textures(), **hair_textures(), **light_textures(), **accessory_textures()}

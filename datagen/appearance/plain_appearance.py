@@ -12,11 +12,11 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.scene import Colour, Surface
+from datagen.random_streams import triple
 from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 
 MAX_LIGHTS = 3  # as in picture_fragment.glsl
-
 
 # sRGB, 0..1. Human skin from the lightest to the darkest; hair from black to blond, and grey; irises.
 SKIN_TONES = np.array(
@@ -66,18 +66,18 @@ def draw_plain_appearance(rng: np.random.Generator) -> PlainAppearance:
         lips = np.array([rng.uniform(0.4, 0.8), *rng.uniform(0.05, 0.35, size=2)])
     directions, colours, ambient = _draw_light(rng)
     return PlainAppearance(
-        skin_rgb=_colour(skin),
-        lips_rgb=_colour(lips),
-        hair_rgb=_colour(skin * 0.85 if rng.uniform() < 0.15 else hair),  # some are bald
-        brows_rgb=_colour(0.6 * np.minimum(hair, 0.8 * skin) + 0.4 * skin * 0.7),
-        iris_rgb=_colour(iris),
+        skin_rgb=triple(skin, 5),
+        lips_rgb=triple(lips, 5),
+        hair_rgb=triple(skin * 0.85 if rng.uniform() < 0.15 else hair, 5),  # some are bald
+        brows_rgb=triple(0.6 * np.minimum(hair, 0.8 * skin) + 0.4 * skin * 0.7, 5),
+        iris_rgb=triple(iris, 5),
         flush=float(rng.uniform(0, 0.6)),
         beard=float(rng.uniform(0.1, 0.8) if rng.uniform() < 0.35 else 0),
         blotchiness=float(rng.uniform(0.01, 0.06)),
         texture_seed=int(rng.integers(2**31)),
-        ambient_rgb=_colour(ambient),
-        light_directions=tuple(_colour(direction) for direction in directions),
-        light_rgb=tuple(_colour(colour) for colour in colours),
+        ambient_rgb=triple(ambient, 5),
+        light_directions=tuple(triple(direction, 5) for direction in directions),
+        light_rgb=tuple(triple(colour, 5) for colour in colours),
         shine=float(rng.uniform(0.0, 0.10)),
         blur_px=float(max(0, rng.normal(0.2, 0.4))),
         noise=float(rng.exponential(0.012)),
@@ -178,8 +178,3 @@ def _spots(seed: int, mean: Float32[ndarray, "v 3"]) -> Float32[ndarray, " v"]:
 def _tone(ramp: ndarray, position: float) -> ndarray:
     place = np.clip(position, 0, 1) * (len(ramp) - 1)
     return np.array([np.interp(place, np.arange(len(ramp)), ramp[:, channel]) for channel in range(3)])
-
-
-def _colour(values: ndarray) -> Colour:
-    red, green, blue = (float(round(value, 5)) for value in values)
-    return red, green, blue

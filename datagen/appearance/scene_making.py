@@ -62,12 +62,11 @@ def _hair_on_skin(hair: Hair) -> dict[str, UniformValue]:
         "skin_hair_colour": hair.scalp_colour,
         "skin_scalp_hair": hair.hairdo.scalp_density,
         "skin_beard_colour": hair.scalp_colour,
-        "skin_brow_colour": hair.brows.colour,
         "skin_brow_strength": 0.0,
     }
 
 
 def _colour(skin: Skin) -> Colour:
     """Linear colour of skin without marks and make-up, as on neck, shoulders and hands."""
-    red, green, blue = (float(own) for own in albedo_of_skin(density_of_melanin(skin.melanin), skin.haemoglobin))
+    red, green, blue = albedo_of_skin(density_of_melanin(skin.melanin), skin.haemoglobin).tolist()
     return red, green, blue

@@ -43,22 +43,11 @@ def solid(
     vertices: Float[ndarray, "v 3"],
     triangles: Int32[ndarray, "t 3"],
     uv: Float[ndarray, "v 2"],
-    normals: Float[ndarray, "v 3"] | None = None,
+    normals: Float[ndarray, "v 3"],
 ) -> Solid:
-    """Makes a solid; without normals, they are means over the triangles around each vertex by area."""
-    place = np.ascontiguousarray(vertices, dtype=np.float32)
-    found = smooth_normals(place, triangles) if normals is None else np.asarray(normals, dtype=np.float32)
-    return Solid(place, triangles, np.ascontiguousarray(uv, dtype=np.float32), found)
-
-
-def smooth_normals(vertices: Float32[ndarray, "v 3"], triangles: Int32[ndarray, "t 3"]) -> Float32[ndarray, "v 3"]:
-    """Unit normals of vertices; (0, 0, 1) where there is no surface."""
-    a, b, c = vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
-    p, q = b - a, c - a
-    corners = triangles.T.reshape(-1)
-    faces = cross(p, q)
-    summed = np.stack([np.bincount(corners, np.tile(faces[:, k], 3), len(vertices)) for k in range(3)], axis=1)
-    return unit(summed)
+    """Makes a solid of numbers of any precision."""
+    place, uv = (np.ascontiguousarray(each, dtype=np.float32) for each in (vertices, uv))
+    return Solid(place, triangles, uv, np.asarray(normals, dtype=np.float32))
 
 
 def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
@@ -91,7 +80,7 @@ def grid_triangles(rows: int, columns: int) -> Int32[ndarray, "t 3"]:
 
 
 @lru_cache(maxsize=256)
-def _unit_grid(rows: int, columns: int) -> Float32[ndarray, "n 2"]:
+def grid_uv(rows: int, columns: int) -> Float32[ndarray, "n 2"]:
     """Texture coordinates of a grid that shows the texture once."""
     u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     uv = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float32)
@@ -148,7 +137,7 @@ def sheet(
     """
     rows, columns = points.shape[:2]
     found = grid_normals(points, is_closed=is_closed) if normals is None else normals
-    uv = _unit_grid(rows, columns) * np.asarray(repeats, dtype=np.float32)
+    uv = grid_uv(rows, columns) * np.asarray(repeats, dtype=np.float32)
     return solid(points.reshape(-1, 3), grid_triangles(rows, columns), uv, found.reshape(-1, 3))
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float64
 from numpy import ndarray
 
 from datagen.appearance.accessories.accessories_config import AccessoriesConfig
@@ -29,7 +29,6 @@ from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour, PosedHead, SceneMesh, Texture
 
-_STEP_ASIDE_MM, _FARTHEST_ASIDE_MM = 35.0, 230.0
 # What is left out, in this order, where too much of a face is hidden.
 _LEFT_OUT = ("hand", "held", "mask", "glasses", "headwear")
 # The largest share of a face that one such thing hides, measured on hundreds of them (and again by the tests). Where
@@ -43,7 +42,6 @@ _MOST_HIDDEN = {
     "hand": 1.0,
     "thing": 1.0,
 }
-_BESIDE_MASK_MM = 2.5  # a beard below a mask is pressed flat
 
 
 @final
@@ -94,7 +92,7 @@ def accessory_meshes(
     head: PosedHead,
     skin_rgb: Colour,
     hair_rgb: Colour,
-    head_from_torso: Float[ndarray, "3 3"],
+    head_from_torso: Float64[ndarray, "3 3"],
 ) -> list[SceneMesh]:
     """The meshes of all accessories on a head, and of bare neck and shoulders; colours are linear.
 
@@ -113,7 +111,6 @@ def hidden_hair(accessories: Accessories) -> CrownPlane | None:
     return None if accessories.headwear is None else crown_plane(accessories.headwear)
 
 
-@lru_cache(maxsize=1)
 def accessory_textures() -> Mapping[str, Texture]:
     """The textures of cloth and beards, by name."""
     return {**weave_textures(), **beard_textures()}
@@ -154,7 +151,8 @@ def _matched(drawn: Accessories) -> Accessories:
         if drawn.held is not None and not drawn.held.kind.startswith("phone"):
             changed["held"] = None
         if beard is not None:
-            changed["beard"] = replace(beard, thickness_mm=min(beard.thickness_mm, _BESIDE_MASK_MM), hang_mm=0.0)
+            # A beard below a mask is pressed flat.
+            changed["beard"] = replace(beard, thickness_mm=min(beard.thickness_mm, 2.5), hang_mm=0.0)
     return replace(drawn, jewellery=jewellery, **changed)
 
 
@@ -169,16 +167,18 @@ def _left_visible(drawn: Accessories, least: float) -> Accessories:
 
 def most_hidden(drawn: Accessories) -> float:
     """An upper bound of the share of a face that accessories hide, known without measuring them."""
-    has_goggles = drawn.glasses is not None and drawn.glasses.rim == "goggles"
-    kinds = ("goggles" if has_goggles else "glasses", "headwear", "mask", "held", "hand", "thing")
-    return sum(_MOST_HIDDEN[kind] for kind in kinds if getattr(drawn, kind.replace("goggles", "glasses")) is not None)
+    names = ("glasses", "headwear", "mask", "held", "hand", "thing")
+    kinds = [name for name in names if getattr(drawn, name) is not None]
+    if drawn.glasses is not None and drawn.glasses.rim == "goggles":
+        kinds[0] = "goggles"
+    return sum(_MOST_HIDDEN[kind] for kind in kinds)
 
 
 def _less_hidden(drawn: Accessories) -> Accessories:
     """The smallest change that hides less."""
     if drawn.thing is not None:
-        aside = drawn.thing.aside_mm + _STEP_ASIDE_MM
-        moved = replace(drawn.thing, aside_mm=round(aside, 2)) if aside <= _FARTHEST_ASIDE_MM else None
+        aside = drawn.thing.aside_mm + 35.0
+        moved = replace(drawn.thing, aside_mm=round(aside, 2)) if aside <= 230.0 else None
         return replace(drawn, thing=moved)
     first = next(name for name in _LEFT_OUT if getattr(drawn, name) is not None)
     return replace(drawn, **{first: None})  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from numpy import ndarray
 from datagen.appearance.accessories.head_fit import Anchors, grid_outward
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh, Texture
-from datagen.appearance.solids import grid_triangles, scene_mesh, solid, unit
+from datagen.appearance.solids import grid_triangles, grid_uv, scene_mesh, solid, unit
 from datagen.random_streams import rounded, triple, weighted_choice
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
@@ -117,9 +117,6 @@ def _layer(density: Float[ndarray, "h w"], level: int) -> UInt8[ndarray, "h w 4"
     return (np.stack([grey, alpha, *downward], axis=-1) * 255 + 0.5).astype(np.uint8)
 
 
-SKIN_GAP_MM = 0.4
-
-
 @final
 @dataclass(frozen=True, kw_only=True)
 class Beard:
@@ -159,7 +156,7 @@ def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneM
     colour = np.asarray(hair_rgb) * beard.darkening * (1 - beard.greyness) + beard.greyness * np.array([0.5, 0.5, 0.49])
     meshes = []
     for shell, share in enumerate(np.linspace(0, 1, count)):
-        out = SKIN_GAP_MM + share * beard.thickness_mm * reach
+        out = 0.4 + share * beard.thickness_mm * reach  # mm above the skin
         down = share**1.3 * beard.hang_mm * hang
         points = skin + out[:, None] * normals + down[:, None] * np.array([0.0, -1.0, 0.12], dtype=np.float32)
         level = min(int(share * LEVELS), LEVELS - 1)
@@ -172,15 +169,9 @@ def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneM
             numbers=(1.0, beard.density, -1e3, 0.0),
             is_blended=True,
         )
-        made = solid(points, triangles, _uv(), normals)
+        made = solid(points, triangles, grid_uv(ROWS, COLUMNS), normals)
         meshes.append(scene_mesh(f"beard/{beard.style}{shell}", "beard", made, material, casts_shadow=shell == 0))
     return meshes
-
-
-@lru_cache(maxsize=1)
-def _uv() -> Float32[ndarray, "v 2"]:
-    u, v = np.meshgrid(np.linspace(0, 1, COLUMNS, dtype=np.float32), np.linspace(0, 1, ROWS, dtype=np.float32))
-    return np.stack([u, v], axis=-1).reshape(-1, 2)
 
 
 @lru_cache(maxsize=16)
@@ -188,7 +179,7 @@ def _growth(style: str) -> tuple[Float32[ndarray, " v"], Float32[ndarray, " v"]]
     """At each point of the grid: share of the thickness (thin at the border), share of the hanging."""
     soft = cv2.GaussianBlur(style_densities()[style], (0, 0), 6.0)
     reach = np.clip(cv2.resize(soft, (COLUMNS, ROWS), interpolation=cv2.INTER_LINEAR).reshape(-1) * 1.3 - 0.1, 0, 1)
-    uv = _uv()
+    uv = grid_uv(ROWS, COLUMNS)
     around = np.abs(uv[:, 0] - 0.5) * 2
     hang = np.clip((uv[:, 1] - 0.55) / 0.25, 0, 1) * np.clip(1 - around / 0.75, 0, 1) * reach
     return np.asarray(reach, dtype=np.float32), np.asarray(hang, dtype=np.float32)
@@ -197,8 +188,7 @@ def _growth(style: str) -> tuple[Float32[ndarray, " v"], Float32[ndarray, " v"]]
 @lru_cache(maxsize=16)
 def _grown_triangles(style: str) -> Int32[ndarray, "t 3"]:
     """Triangles where anything grows."""
-    wide = cv2.dilate(style_densities()[style], np.ones((3, 3)))
-    most = cv2.dilate(wide, np.ones((2 * (wide.shape[0] // ROWS) + 1, 2 * (wide.shape[1] // COLUMNS) + 1)))
+    most = cv2.dilate(style_densities()[style], np.ones((2 * (HEIGHT // ROWS) + 3, 2 * (WIDTH // COLUMNS) + 3)))
     grows = cv2.resize(most, (COLUMNS, ROWS), interpolation=cv2.INTER_NEAREST).reshape(-1) > 0.02
     triangles = grid_triangles(ROWS, COLUMNS)
     return np.ascontiguousarray(triangles[grows[triangles].any(axis=1)])

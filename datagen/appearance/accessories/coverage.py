@@ -42,10 +42,9 @@ def visible_share(meshes: Sequence[SceneMesh]) -> float:
 
 
 def _lets_through(mesh: SceneMesh) -> bool:
-    material = mesh.material
-    if material.kind == "glass":
-        return material.alpha < 0.5
-    return material.is_blended and mesh.name.startswith(("occluder/lattice", "mask/veil"))
+    if mesh.material.kind == "glass":
+        return mesh.material.alpha < 0.5
+    return mesh.name.startswith(("occluder/lattice", "mask/veil"))
 
 
 @lru_cache(maxsize=8)

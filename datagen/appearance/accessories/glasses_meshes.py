@@ -1,12 +1,10 @@
 """Meshes of glasses: frames of many shapes with clear, tinted or mirrored lenses, and goggles; where they sit."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int32, Int64
+from jaxtyping import Float32, Float64, Int32, Int64
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -17,42 +15,26 @@ from datagen.appearance.scene import Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, solid, tube
 from pix2face.models.morphable_model import MorphableModel
 
-FRONT_REGIONS = ("skin", "brows", "eyes", "iris", "pupil")
 OUTLINE = 28  # points around a lens
-_CLEAR_MM = 1.5  # between frame and skin
 _CELL_MM, _CELLS, _LOW = 4.0, 54, np.array([-108.0, -76.0])  # cells over the front of the face
 _TEMPLE_MM = 2.2  # from the middle of a temple to the skin
-_LENS_BEFORE_EYE_MM = 11.0
 
 # On the mean head: bridge of the nose, left pupil, groove above the left ear, behind that ear high and low.
 _PLACES = ((0.0, 20.0, 104.0), (33, 27, 94), (76.5, 37, 4), (75, 26, -19), (71.5, 12, -18))
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class GlassesFit:
-    """Where the parts of a pair of glasses are, model frame, mm."""
-
-    rotation: Float64[ndarray, "3 3"]  # from the front frame to the model frame
-    place: Float64[ndarray, "3"]  # origin of the front frame
-    # path from the hinge to behind the ear: 1 the left, -1 the right one
-    temples: Mapping[int, Float64[ndarray, "_ 3"]]
-    strap: Float64[ndarray, "_ 3"]  # around the head, from the left end of the front to the right one
 
 
 def glasses_meshes(glasses: Glasses, head: PosedHead) -> list[SceneMesh]:
     """The frame and the lenses."""
     local = [_rim_and_lens(glasses, side) for side in (1, -1)]
     frame = [rim for rim, _ in local if rim is not None]
-    frame.append(_bridge(glasses))
-    fit = fit_glasses(
-        glasses, head, np.concatenate([lens.vertices for _, lens in local] + [one.vertices for one in frame])
-    )
-    front = joined(frame).placed(fit.rotation, fit.place)
-    lenses = joined([lens for _, lens in local]).placed(fit.rotation, fit.place)
-    sides = [_temple(glasses, fit.temples[side]) for side in (1, -1)]
-    if glasses.rim == "goggles":
-        sides = [tube(fit.strap, (1.0, 8.0), (0, 1, 0), 6, squareness=0.6)]
+    front, lenses = joined([*frame, _bridge(glasses)]), joined([lens for _, lens in local])
+    regions = ("skin", "scalp", "pupil", "neck")
+    marks = {
+        side: head.neutral[nearest_on_side(head.model, _PLACES, side, regions)].astype(np.float64) for side in (1, -1)
+    }
+    rotation, place = _placed(glasses, head, marks, np.concatenate([lenses.vertices, front.vertices]))
+    front, lenses = (made.placed(rotation, place) for made in (front, lenses))
+    sides = _sides(glasses, head, marks, rotation, place)
     material = smooth(glasses.colour, 0.28 if glasses.is_metal else 0.35, 0.5 if glasses.is_metal else 0.05)
     glass = Material(
         kind="glass",
@@ -119,28 +101,36 @@ def _temple(glasses: Glasses, path: Float64[ndarray, "n 3"]) -> Solid:
     return tube(path, (min(thick, 1.2), tall), (0, 0.6, -0.8), 6, squareness=0.4)
 
 
-def fit_glasses(worn: Glasses, head: PosedHead, front: Float[ndarray, "n 3"]) -> GlassesFit:
-    """Puts glasses on a head, whose raised cheeks and brows push the front forward.
-
-    `front` are points of the front in its own frame, which must not enter the face.
-    """
-    regions = ("skin", "scalp", "pupil", "neck")
-    marks = {
-        side: head.neutral[nearest_on_side(head.model, _PLACES, side, regions)].astype(np.float64) for side in (1, -1)
-    }
+def _placed(
+    glasses: Glasses, head: PosedHead, marks: Mapping[int, Float64[ndarray, "5 3"]], front: Float32[ndarray, "n 3"]
+) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
+    """Rotation and origin of the front, which raised cheeks and brows push forward; `front` are its points."""
     bridge = marks[1][0] * [0, 1, 1] + [0.5 * (marks[1][1][0] + marks[-1][1][0]), 0, 0]
     eyes = 0.5 * (marks[1][1] + marks[-1][1])
-    rotation = Rotation.from_euler("xz", [worn.tilt_deg - 22 * worn.lift, worn.skew_deg], degrees=True).as_matrix()
-    y = 0.5 * (eyes[1] + bridge[1]) - 1.0 - worn.slip_mm + worn.lift * (68.0 + 0.3 * worn.height_mm)
-    place = np.array([bridge[0], y, eyes[2] + _LENS_BEFORE_EYE_MM if worn.lift == 0 else -100.0])
+    angles_deg = [glasses.tilt_deg - 22 * glasses.lift, glasses.skew_deg]
+    rotation = Rotation.from_euler("xz", angles_deg, degrees=True).as_matrix()
+    y = 0.5 * (eyes[1] + bridge[1]) - 1.0 - glasses.slip_mm + glasses.lift * (68.0 + 0.3 * glasses.height_mm)
+    place = np.array([bridge[0], y, eyes[2] + 11.0 if glasses.lift == 0 else -100.0])
     points = front[::2] @ rotation.T + place
-    clear = _CLEAR_MM + (7.0 if worn.lift > 0 else 0.0)  # hair
-    place[2] += max(0.0, clear - float(_in_front(head, points).min()))
-    hinge = np.array([0.5 * worn.bridge_mm + worn.width_mm + 1.0, 0.22 * worn.height_mm, 0.0])
+    clear_mm = 1.5 if glasses.lift == 0 else 8.5  # between the frame and the skin, or over hair
+    place[2] += max(0.0, clear_mm - float(_in_front(head, points).min()))
+    return rotation, place
+
+
+def _sides(
+    glasses: Glasses,
+    head: PosedHead,
+    marks: Mapping[int, Float64[ndarray, "5 3"]],
+    rotation: Float64[ndarray, "3 3"],
+    place: Float64[ndarray, "3"],
+) -> list[Solid]:
+    """Two temples, or the strap of goggles."""
+    hinge = np.array([0.5 * glasses.bridge_mm + glasses.width_mm + 1.0, 0.22 * glasses.height_mm, 0.0])
     hinge[2] = -0.0016 * hinge[0] ** 2
     hinges = {side: rotation @ (hinge * [side, 1, 1]) + place for side in (1, -1)}
-    temples = {side: _temple_path(head, hinges[side], marks[side], side) for side in (1, -1)}
-    return GlassesFit(rotation, place, temples, _strap_path(head, hinges))
+    if glasses.rim == "goggles":
+        return [tube(_strap_path(head, hinges), (1.0, 8.0), (0, 1, 0), 6, squareness=0.6)]
+    return [_temple(glasses, _temple_path(head, hinges[side], marks[side], side)) for side in (1, -1)]
 
 
 def _temple_path(
@@ -173,7 +163,7 @@ def _pushed_out(head: PosedHead, path: Float64[ndarray, "n 3"], side: int) -> Fl
 def _strap_path(head: PosedHead, hinges: Mapping[int, Float64[ndarray, "3"]]) -> Float64[ndarray, "n 3"]:
     """The path around the back of the head, in a plane through both ends of the front."""
     y = hinges[1][1]
-    around = head.neutral[_scalp(head.model)]
+    around = head.neutral[head.model.vertices_of("scalp")]
     near = around[np.abs(around[:, 1] - y - 10) < 14]
     depth, middle = float(near[:, 2].min()), float(near[:, 2].mean())
     half = float(np.abs(near[:, 0]).max())
@@ -223,7 +213,7 @@ def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> 
 
 @lru_cache(maxsize=4)
 def _front_vertices(model: MorphableModel) -> Int64[ndarray, " n"]:
-    found = model.vertices_of(*FRONT_REGIONS, "scalp")
+    found = model.vertices_of("skin", "brows", "eyes", "iris", "pupil", "scalp")
     place = model.mean[found]
     chosen = (np.abs(place[:, 0]) < 76) & (place[:, 1] > -58) & (place[:, 2] > 25)
     return found[chosen].astype(np.int64)
@@ -235,11 +225,6 @@ def _side_vertices(model: MorphableModel) -> Mapping[int, Int32[ndarray, " n"]]:
     place = model.mean[found]
     aside = (place[:, 1] > -15) & (place[:, 1] < 115) & (place[:, 2] > -45) & (np.abs(place[:, 0]) > 45)
     return {side: found[aside & (side * place[:, 0] > 0)].astype(np.int32) for side in (1, -1)}
-
-
-@lru_cache(maxsize=4)
-def _scalp(model: MorphableModel) -> Int32[ndarray, " n"]:
-    return model.vertices_of("scalp")
 
 
 def outline(shape: str, count: int) -> Float64[ndarray, "n 2"]:

@@ -1,6 +1,6 @@
 """Heads of animals, drawn from fur, ears, eyes, a muzzle and a nose: what looks like a face and is no person's."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -71,11 +71,10 @@ def _draw_ears(
     rng: np.random.Generator,
     mask: UInt8[ndarray, "s s"],
     coat: Float32[ndarray, "s s 3"],
-    place: object,
+    place: Callable[[float, float], tuple[int, int]],
     colour: Colour,
 ) -> None:
     """Upright triangles or hanging lobes."""
-    assert callable(place)
     is_hanging, wide = rng.uniform() < 0.5, rng.uniform(0.5, 0.9)
     for side in (-1, 1):
         if is_hanging:

@@ -32,8 +32,6 @@ _PLAIN = {  # sRGB
 _IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 # sRGB bytes to linear light.
 _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
-_BEHIND_SILHOUETTE = (0.7, 2.2)  # smallest and largest mean brightness behind a silhouette
-_BEHIND_BACKLIT = (0.8, 2.2)  # smallest and largest factor on the brightness behind a backlit head
 
 
 @final
@@ -156,9 +154,9 @@ def _draw_panoramas(rng: np.random.Generator, kind: str, light: Light) -> tuple[
         brightness = sum(_brightness(panorama) for panorama in light.panoramas)
         factor = 1.0
         if light.kind == "silhouette":
-            factor = float(rng.uniform(*_BEHIND_SILHOUETTE)) / max(brightness, 1e-6)
+            factor = float(rng.uniform(0.7, 2.2)) / max(brightness, 1e-6)
         elif light.kind == "backlit":
-            factor = float(rng.uniform(*_BEHIND_BACKLIT))
+            factor = float(rng.uniform(0.8, 2.2))
         return tuple(scaled_panorama(panorama, factor) for panorama in light.panoramas)
     name = str(rng.choice(environment_names()))
     heading, tilt = float(rng.uniform(0, 360)), float(np.clip(rng.normal(0, 8), -30, 30))

@@ -26,7 +26,6 @@ HELD_OUT_PICTURES: Final = ("cat", "coffee", "page", "rocket")
 HELD_OUT_ENVIRONMENTS: Final = ("apartment", "park", "venice", "workshop")
 HELD_OUT_PATTERNS: Final = ("shelves", "windows")
 KINDS: Final[Mapping[str, float]] = {"environment": 0.42, "pattern": 0.3, "picture": 0.13, "animal": 0.15}  # shares
-VIEW_DEG = 40.0, 140.0  # angle across the picture, of environments
 
 
 def draw_empty_picture(rng: np.random.Generator, size_px: int, *, held_out: bool) -> UInt8[ndarray, "s s 3"]:
@@ -56,7 +55,7 @@ def _environment(rng: np.random.Generator, name: str, size_px: int) -> UInt8[nda
     """A look in any direction, more often level than not, exposed for what is seen."""
     heading, tilt, roll = rng.uniform(0, 360), rng.normal(0, 20), rng.normal(0, 5)
     light = PanoramaLight(name=name, heading_deg=heading, tilt_deg=tilt, roll_deg=roll, colour_matrix=((1, 0, 0),) * 3)
-    half = np.tan(np.deg2rad(rng.uniform(*VIEW_DEG)) / 2)
+    half = np.tan(np.deg2rad(rng.uniform(40.0, 140.0)) / 2)  # of the angle of view
     across = (np.arange(size_px) + 0.5) / size_px * 2 - 1
     rays = np.ones((size_px, size_px, 3))
     rays[..., 0], rays[..., 1] = across[None] * half, across[:, None] * half

@@ -7,8 +7,6 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-Pattern = Callable[[np.random.Generator, int, int], UInt8[ndarray, "h w 3"]]
-
 _FONTS = (cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_COMPLEX, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX)
 _LETTERS = list("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789    &.,!?-")
 
@@ -250,7 +248,7 @@ def _stripes(rng: np.random.Generator, height: int, width: int) -> Float32[ndarr
 _ABSTRACT = (_gradient, _smooth_noise, _blocks, _stripes)
 
 
-PATTERNS: dict[str, Pattern] = {
+PATTERNS: dict[str, Callable[[np.random.Generator, int, int], UInt8[ndarray, "h w 3"]]] = {
     "paper": _paper,
     "wall": _wall,
     "clutter": _clutter,

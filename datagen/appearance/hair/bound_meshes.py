@@ -3,24 +3,21 @@
 `scripts.build_hair_assets` makes them for the built-in model; `scripts/hair_assets` binds the points.
 """
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from importlib.resources import as_file, files
-from typing import Any, final
+from typing import final
 
-import cv2
-import h5py
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32, UInt8
+from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
 from scipy import sparse
 
+from datagen.appearance.asset_files import open_asset
 from pix2face.errors import InputFileError
 from pix2face.models.morphable_model import MorphableModel
 
-_ASSETS = files("datagen") / "assets" / "hair"
+_MESHES = "hair/meshes.h5"
 MIRRORED = np.array([-1, 1, 1], dtype=np.float32)
 
 
@@ -33,8 +30,6 @@ class BoundMesh:
     # points around the mean, mm, model frame. Several vertices may share one, along seams of the texture.
     mean: Float32[ndarray, "p 3"]
     feet: Float32[ndarray, "p 3"]  # nearest place on the skin of each point, around the mean
-    heights: Float32[ndarray, " p"]  # distance of each point from the skin, mm, negative inside
-    over_face: Bool[ndarray, " p"]  # which points hang over the face, not over scalp or neck
     neighbours: Int32[ndarray, "p n"]  # vertices of the model that each point follows
     weights: Float32[ndarray, "p n"]  # of the neighbours; rows sum to 1
     normals: Float32[ndarray, "p 3"]  # of the points, unit, around the mean
@@ -74,15 +69,13 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
     """A mesh of the built-in assets, such as `short01`, or its mirror image."""
     if is_mirrored:
         return mirrored(bound_mesh(name), _symmetry())
-    with _mesh_file() as file:
+    with open_asset(_MESHES) as file:
         group, step = file[name], np.float32(file.attrs["position_step_mm"])
         weights = group["weights"][()].astype(np.float32)
         return BoundMesh(
             name=name,
             mean=group["mean"][()] * step,
             feet=group["feet"][()] * step,
-            heights=group["heights"][()],
-            over_face=group["over_face"][()].astype(bool),
             neighbours=group["neighbours"][()].astype(np.int32),
             weights=weights / weights.sum(axis=1, keepdims=True),
             normals=group["normals"][()].astype(np.float32) / 127,
@@ -92,10 +85,9 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
         )
 
 
-@cache
 def brow_patch() -> Mapping[str, ndarray]:
     """`vertices` of the built-in model that carry the left brow, their `triangles` and `uv`."""
-    with _mesh_file() as file:
+    with open_asset(_MESHES) as file:
         return {name: file["brows"][name][()] for name in ("vertices", "triangles", "uv")}
 
 
@@ -109,26 +101,13 @@ def check_model(model: MorphableModel) -> None:
         )
 
 
-def read_picture(name: str) -> UInt8[ndarray, "h w c"]:
-    """A picture of the assets, RGB or RGBA as it is stored."""
-    content = (_ASSETS / name).read_bytes()
-    picture: Any = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    return np.ascontiguousarray(picture[:, :, [2, 1, 0, 3][: picture.shape[2]]])
-
-
-@contextmanager
-def _mesh_file() -> Iterator[h5py.File]:
-    with as_file(_ASSETS / "meshes.h5") as path, h5py.File(path, "r", locking=False) as file:
-        yield file
-
-
 @cache
 def _bound_to() -> tuple[str, int]:
-    with _mesh_file() as file:
+    with open_asset(_MESHES) as file:
         return str(file.attrs["model_sha256"]), int(file.attrs["n_vertices"])
 
 
 @cache
 def _symmetry() -> Int32[ndarray, " v"]:
-    with _mesh_file() as file:
+    with open_asset(_MESHES) as file:
         return file["symmetry"][()].astype(np.int32)

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
-from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, brow_patch, read_picture
+from datagen.appearance.asset_files import read_picture
+from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, brow_patch
 from datagen.appearance.hair.hair_colour import HairColour, brow_colour
 from datagen.appearance.hair.hair_config import HairConfig
 from datagen.appearance.hair.styles import UNCUT_MM
@@ -21,8 +22,6 @@ from pix2face.models.morphable_model import MorphableModel
 
 N_BROWS = 12
 LASH_STYLES = ("eyelashes01", "eyelashes02", "eyelashes03", "eyelashes04")
-# Brows lie on the skin like a film; mm.
-BROW_HEIGHT_MM = 0.8
 # One unit of the brows' texture coordinates, mm (scripts/hair_assets/brow_patch.py).
 BROW_V_MM = 36.0
 # Brows are moved by up to this many pixels of their textures (4 per mm); lower bytes of alpha count as no hair.
@@ -90,7 +89,7 @@ def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, br
 
 
 def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
-    """The mesh of both brows: the skin below them, lifted by less than a millimetre."""
+    """The mesh of both brows: the skin below them, lifted by 0.8 mm."""
     vertices, triangles, uv = _both_patches(head.model)
     n = len(vertices) // 2
     u, v = uv[:, 0] - brows.apart_mm / 60.0, uv[:, 1].copy()
@@ -102,7 +101,7 @@ def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
     return SceneMesh(
         name=f"brows/{brows.layer + 1}",
         label="head",
-        vertices=head.vertices[vertices] + np.float32(BROW_HEIGHT_MM) * head.normals[vertices],
+        vertices=head.vertices[vertices] + np.float32(0.8) * head.normals[vertices],
         triangles=triangles,
         uv=placed.astype(np.float32),
         normals=head.normals[vertices],
@@ -188,7 +187,7 @@ def _is_hairy(uv: Float32[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
 @cache
 def brow_pictures() -> ndarray:
     """The twelve brows: (12, rows, columns, 2) grey and alpha, bytes."""
-    stacked = read_picture("brows.webp")[..., [0, 3]]
+    stacked = read_picture("hair/brows.webp")[..., [0, 3]]
     return stacked.reshape(N_BROWS, -1, *stacked.shape[1:])
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from datagen.appearance.hair.bound_meshes import bound_mesh, check_model, read_picture
+from datagen.appearance.asset_files import read_picture
+from datagen.appearance.hair.bound_meshes import bound_mesh, check_model
 from datagen.appearance.hair.brows_and_lashes import (
     LASH_STYLES,
     Brows,
@@ -34,7 +35,6 @@ from datagen.random_streams import rounded
 
 LAYERS = tuple(STYLES)
 ROUND_SHARE = 0.5  # share of the outline in the normals of strips, so that crossing strips do not flicker
-MIDDLE_MM = np.array([0.0, 40.0, 0.0], dtype=np.float32)
 
 
 @final
@@ -105,13 +105,14 @@ def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
 def hair_textures() -> Mapping[str, Texture]:
     """Strands of hair, brows and lashes, and the felt of a hat, by the names of their samplers."""
     strands, lashes = (
-        np.stack([_with_direction(read_picture(f"{name}.webp")) for name in names]) for names in (LAYERS, LASH_STYLES)
+        np.stack([_with_direction(read_picture(f"hair/{name}.webp")) for name in names])
+        for names in (LAYERS, LASH_STYLES)
     )
     return {
         "hair_strands": Texture(pixels=strands),
         "hair_lashes": Texture(pixels=lashes),
         "hair_brows": Texture(pixels=brow_pictures()),
-        "hair_fedora": Texture(pixels=_felt(read_picture("fedora.webp"))[None]),
+        "hair_fedora": Texture(pixels=_felt(read_picture("hair/fedora.webp"))[None]),
     }
 
 
@@ -145,15 +146,16 @@ def _parting(style: str, is_mirrored: bool) -> Parting:
     if is_mirrored:
         other = _parting(style, False)
         return Parting(-other.left, -other.right)
-    return find_parting(bound_mesh(style), read_picture(f"{style}.webp"))
+    return find_parting(bound_mesh(style), read_picture(f"hair/{style}.webp"))
 
 
 @cache
 def _soft_normals(style: str, is_mirrored: bool) -> Float32[ndarray, "v 3"]:
     """Normals of vertices: half those of the strips, half those of the whole outline."""
     mesh = bound_mesh(style, is_mirrored=is_mirrored)
-    away = mesh.mean - np.minimum(MIDDLE_MM, [1e9, mesh.mean[:, 1:2].max() - 60, 1e9]).astype(np.float32)
-    away[:, 1] = np.where(mesh.mean[:, 1] < MIDDLE_MM[1], 0.3 * away[:, 1], away[:, 1])
+    # Away from the middle of the skull, or from a lower place if the hair is low; what hangs below faces sideways.
+    away = mesh.mean - np.array([0, min(40, mesh.mean[:, 1].max() - 60), 0], dtype=np.float32)
+    away[:, 1] *= np.where(mesh.mean[:, 1] < 40, np.float32(0.3), 1)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     normals = (1 - ROUND_SHARE) * mesh.normals + ROUND_SHARE * away
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-6)

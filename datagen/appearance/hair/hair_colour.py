@@ -18,7 +18,6 @@ EUMELANIN, PHEOMELANIN = np.array([0.419, 0.697, 1.37]), np.array([0.187, 0.4, 1
 # the factor is chosen so that 0.1 units are platinum and 8 black.
 DEPTH, FLOOR = 2.6, 0.004
 WHITE_HAIR = np.array([0.60, 0.585, 0.55])
-VIVID_HUES = (0.58, 0.9, 0.4, 0.78, 0.99, 0.5)
 
 
 @final
@@ -105,7 +104,7 @@ def _any_pigments(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def _vivid(rng: np.random.Generator) -> ndarray:
-    hue = rng.choice(VIVID_HUES) + rng.normal(0, 0.02)
+    hue = rng.choice((0.58, 0.9, 0.4, 0.78, 0.99, 0.5)) + rng.normal(0, 0.02)
     rgb = np.array(colorsys.hsv_to_rgb(hue % 1, rng.uniform(0.35, 0.9), rng.uniform(0.35, 0.9)))
     return rgb**2.2
 

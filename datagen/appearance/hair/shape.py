@@ -31,7 +31,6 @@ TOP_MM, SIDE_MM, NARROWEST_MM, FARTHEST_MM = 88.0, 70.0, 6.0, 80.0
 # Strands that were moved stay this far before the skin, where its depth is well known.
 CLEARANCE_MM, STEADY_MM = 2.0, 66.0
 OPAQUE = 0.35
-MIDDLE_REGIONS = ("skin", "brows", "lips", "eyes", "iris", "pupil", "scalp", "neck")
 
 
 @final
@@ -57,7 +56,7 @@ def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) 
     on_right = x < (right + left) / 2
     ends, side = np.where(on_right, right, left), np.where(on_right, -1, 1)
     new_ends = ends + side * share * np.maximum(free - side * ends, 0)
-    # Of the way from the gap to the side of the head, how much is left.
+    # Share of the way from the gap to the side of the head that is left.
     inward = np.clip((HALF_WIDTH_MM - side * x) / (HALF_WIDTH_MM - side * ends), 0, 1)
     moved = side * (HALF_WIDTH_MM - inward * (HALF_WIDTH_MM - side * new_ends))
     # Nothing jumps where hair begins to lie before the face.
@@ -71,23 +70,15 @@ def comb_aside(points: Float32[ndarray, "p 3"], parting: Parting, share: float) 
 
 def find_parting(mesh: BoundMesh, picture: UInt8[ndarray, "h w c"]) -> Parting:
     """Looks at a hairdo from the front; the last channel of its texture is alpha."""
-    covered = _seen_from_the_front(mesh, picture)
-    gaps = [_gap(row) if height < TOP_MM else None for row, height in zip(covered, row_heights(), strict=True)]
+    heights = row_heights()
+    gaps = [_gap(row) for row in _seen_from_the_front(mesh, picture)[heights < TOP_MM]]
     known = [place for place, gap in enumerate(gaps) if gap is not None]
     if not known:
-        return Parting(*np.zeros((2, len(gaps)), dtype=np.float32))
-    first, top = gaps[known[0]], gaps[known[-1]]
-    ends = np.empty((2, len(gaps)))
-    for place, gap in enumerate(gaps):
-        if gap is not None:
-            ends[:, place] = gap
-        elif place < known[0]:
-            ends[:, place] = first
-        elif place > known[-1]:  # above the highest gap: the parting
-            assert top is not None
-            ends[:, place] = np.mean(top)
-        else:
-            ends[:, place] = ends[:, place - 1]
+        return Parting(*np.zeros((2, len(heights)), dtype=np.float32))
+    # A row without a gap has that of the next one below it, or the lowest gap.
+    below = np.maximum(np.searchsorted(known, np.arange(len(heights)), side="right") - 1, 0)
+    ends = np.array([gaps[place] for place in known])[below].T
+    ends[:, known[-1] + 1 :] = ends[:, known[-1]].mean()  # above the highest gap: the parting
     smooth = [np.convolve(np.pad(end, 6, "edge"), np.full(13, 1 / 13), "valid") for end in ends]
     return Parting(smooth[0].astype(np.float32), smooth[1].astype(np.float32))
 
@@ -139,7 +130,8 @@ def _depth_at(x: Float[ndarray, " n"], y: Float[ndarray, " n"]) -> Float32[ndarr
 def _depths() -> Float32[ndarray, "rows columns"]:
     """Depth (z) of the mean's front over the cells, smooth."""
     model = builtin_model()
-    front = model.mean[model.vertices_of(*MIDDLE_REGIONS)].astype(np.float64)
+    regions = ("skin", "brows", "lips", "eyes", "iris", "pupil", "scalp", "neck")
+    front = model.mean[model.vertices_of(*regions)].astype(np.float64)
     front = front[front[:, 2] > -20]
     x, y = np.meshgrid(np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-6, CELL_MM), row_heights())
     from scipy.interpolate import LinearNDInterpolator  # a third of a second, which plain pictures save

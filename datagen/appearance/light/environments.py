@@ -7,7 +7,6 @@ straight behind, columns turn to the right, and rows go down from the zenith.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import as_file, files
 from typing import final
 
 import cv2
@@ -16,12 +15,14 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
 
+from datagen.appearance.asset_files import open_asset
 from datagen.appearance.light.harmonics import project_radiance
 from datagen.appearance.light.light_colour import LUMINANCE
 from datagen.appearance.light.light_sources import PanoramaLight, environment_from_camera
 from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera, pinhole_of
 
+_FILE = "environments.h5"
 # A lamp is this many times brighter than the mean, and lies within this radius.
 LAMP_CONTRAST, LAMP_RADIUS_DEG = 4.0, 22.0
 N_LAMPS = 2
@@ -42,7 +43,6 @@ class Lamp:
 class Environment:
     """An environment, split into lamps and the rest."""
 
-    name: str
     lamps: tuple[Lamp, ...]  # the brightest first; black ones where there are fewer
     rest: Float32[ndarray, "h w 3"]  # the panorama without its lamps
     harmonics: Float64[ndarray, "9 3"]  # of the rest
@@ -72,13 +72,13 @@ def environment(name: str) -> Environment:
     flat = directions.reshape(-1, 3), rest.reshape(-1, 3), solid_angles.reshape(-1)
     mean = np.tensordot(solid_angles, panorama, 2) / (4 * np.pi)
     lamps.sort(key=lambda lamp: -float(LUMINANCE @ lamp.colour))
-    return Environment(name, tuple(lamps), rest.astype(np.float32), project_radiance(*flat), mean)
+    return Environment(tuple(lamps), rest.astype(np.float32), project_radiance(*flat), mean)
 
 
 @lru_cache(maxsize=18)
 def picture_panorama(name: str) -> Float32[ndarray, "h w 3"]:
     """The panorama at full resolution, linear, as a backdrop."""
-    with _open() as file:
+    with open_asset(_FILE) as file:
         group = file[name]
         picture = _decoded(group["picture"], cv2.IMREAD_COLOR)[..., ::-1]
         gain = _decoded(group["gain"], cv2.IMREAD_GRAYSCALE)
@@ -144,7 +144,7 @@ def _take_lamp(
 
 @lru_cache(maxsize=1)
 def _light_panoramas() -> dict[str, Float32[ndarray, "64 128 3"]]:
-    with _open() as file:
+    with open_asset(_FILE) as file:
         return {name: file[name]["light"][:].astype(np.float32) for name in file}
 
 
@@ -152,11 +152,6 @@ def _decoded(stored: h5py.Dataset, flags: int) -> UInt8[ndarray, "..."]:
     picture = cv2.imdecode(stored[:], flags)
     assert picture is not None
     return np.asarray(picture, dtype=np.uint8)
-
-
-def _open() -> h5py.File:
-    with as_file(files("datagen") / "assets" / "environments.h5") as path:
-        return h5py.File(path, "r", locking=False)
 
 
 # Angle across a picture of an affine camera, which has no field of view.

@@ -13,9 +13,10 @@ from numpy import ndarray
 from datagen.appearance.light.environment_light import draw_environment_light, scaled_panorama
 from datagen.appearance.light.harmonics import point_light
 from datagen.appearance.light.light_colour import LUMINANCE
-from datagen.appearance.light.light_config import LightConfig
+from datagen.appearance.light.light_config import KINDS, LightConfig
 from datagen.appearance.light.light_sources import (
     GOBOS,
+    MAX_LAMPS,
     Gobo,
     Lamplight,
     Light,
@@ -26,8 +27,6 @@ from datagen.appearance.light.light_sources import (
 from datagen.appearance.light.setups import Colours, Setup, draw_setup, night_setup
 from datagen.random_streams import rounded, weighted_choice
 
-MAX_LAMPS = 2
-KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")
 _FAINT_LAMP = 0.03  # a lamp that gives a smaller share of the light needs no shadow
 _SOFT_KEY_SHARE = 0.25  # largest share of lamps in soft light
 

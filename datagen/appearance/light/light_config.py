@@ -5,6 +5,9 @@ from typing import Annotated, final
 
 from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, check_weights
 
+# Kinds of light: `KIND_weight` is the weight of each.
+KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +48,7 @@ class LightConfig:
     def check(self) -> None:
         """Raises a `UsageError` that names the first field with a number that nothing can be drawn from."""
         check_limits("light", self)
-        weights = ("soft", "directional", "studio", "backlit", "silhouette", "night")
-        check_weights("light", self, *(f"{kind}_weight" for kind in weights))
+        check_weights("light", self, *(f"{kind}_weight" for kind in KINDS))
 
 
 # Rarer things more often, extremes wider.

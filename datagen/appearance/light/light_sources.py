@@ -48,6 +48,7 @@ class Gobo:
 
 
 GOBOS = ("blinds", "leaves", "bars")  # numbered from 1 in light.glsl
+MAX_LAMPS = 2  # that cast shadows; as in light.glsl
 
 
 @final

@@ -2,22 +2,21 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib.resources import as_file, files
 
-import h5py
 import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
+from datagen.appearance.asset_files import open_asset
 from datagen.appearance.light.environments import environment, environment_names, softened_panorama
 from datagen.appearance.light.harmonics import N_HARMONICS, turned
 from datagen.appearance.light.light_colour import LUMINANCE
-from datagen.appearance.light.light_sources import GOBOS, Light, environment_from_camera
+from datagen.appearance.light.light_sources import GOBOS, MAX_LAMPS, Light, environment_from_camera
 from datagen.appearance.scene import Texture, UniformValue
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.models.morphable_model import MorphableModel
 
-MAX_LAMPS, MAX_PANORAMAS = 2, 2  # as in light.glsl
+MAX_PANORAMAS = 2  # as in light.glsl
 # Each environment has a layer for each of these blurs: as smooth and as rough surfaces reflect it.
 LAYER_ANGLES_RAD = (0.0, 0.16)
 # Widths of shadow edges follow from the size of the lamp and this distance, about that of a nose from the cheek.
@@ -126,10 +125,7 @@ def head_occlusion(model: MorphableModel) -> Float32[ndarray, " v"]:
     It is stored for the built-in model by `scripts/build_head_occlusion.py`; for other models it is 1. The inside of
     the mouth has the values of an open mouth, since nobody sees it in a closed one.
     """
-    with (
-        as_file(files("datagen") / "assets" / "head_occlusion.h5") as path,
-        h5py.File(path, "r", locking=False) as file,
-    ):
+    with open_asset("head_occlusion.h5") as file:
         stored = file["occlusion"][:]
         is_same = file.attrs["model_sha256"] == model.sha256 and len(stored) == len(model.mean)
     if not is_same:

@@ -44,10 +44,10 @@ def beyond_border(border: Border, height: int, width: int) -> Bool[ndarray, "h w
 
 def with_border(border: Border, image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
     """Fills the pixels of a picture that are beyond the border."""
+    if not border.is_there:
+        return image
     height, width = image.shape[:2]
     rows, columns = _inside(border, height, width)
-    if (rows, columns) == (slice(0, height), slice(0, width)):
-        return image
     inside = np.ascontiguousarray(image[rows, columns])
     margins = (rows.start, height - rows.stop, columns.start, width - columns.stop)
     if border.filling == "replicated":
@@ -89,7 +89,7 @@ def draw_letterbox(rng: np.random.Generator) -> Border:
 
 def _inside(border: Border, height: int, width: int) -> tuple[slice, slice]:
     """Rows and columns of the photograph, at least one pixel of it."""
-    top, left = (int(share * size + 0.5) for share, size in ((border.top, height), (border.left, width)))
-    bottom, right = (int(share * size + 0.5) for share, size in ((border.bottom, height), (border.right, width)))
+    top, bottom = (int(share * height + 0.5) for share in (border.top, border.bottom))
+    left, right = (int(share * width + 0.5) for share in (border.left, border.right))
     top, left = min(top, height - 1), min(left, width - 1)
     return slice(top, max(height - bottom, top + 1)), slice(left, max(width - right, left + 1))

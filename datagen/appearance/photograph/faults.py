@@ -12,8 +12,6 @@ from datagen.appearance.photograph.photograph_config import FAULTS, PhotographCo
 from datagen.appearance.photograph.processing import INTERPOLATIONS, Processing
 from datagen.appearance.photograph.sensor import Sensor, Tone
 
-SEPIA = (1.0, 0.86, 0.66)
-
 
 def draw_photograph(rng: np.random.Generator, config: PhotographConfig) -> Photograph:
     """Draws a photograph: most are decent, some are bad in one way or two, and some end within the picture."""
@@ -86,7 +84,7 @@ def _draw_tint(rng: np.random.Generator) -> tuple[float, float, float]:
     """Draws the tint of a toned print: most are sepia, some bluish or greenish."""
     if rng.random() < 0.7:
         strength = rng.uniform(0.4, 1.0)
-        red, green, blue = (_round(1 + strength * (gain - 1)) for gain in SEPIA)
+        red, green, blue = (_round(1 + strength * (gain - 1)) for gain in (1.0, 0.86, 0.66))  # sepia
     else:
         red, green, blue = (_round(gain) for gain in rng.uniform(0.75, 1.0, 3))
     return red, green, blue

@@ -8,9 +8,6 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-# Blur of less than this radius changes no pixel by much.
-_LEAST_BLUR_PX = 0.3
-
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +30,7 @@ def expose_through(lens: Lens, light: Float32[ndarray, "h w 3"]) -> Float32[ndar
     side = max(light.shape[:2])
     if lens.magnification:
         light = _magnified(light, lens)
-    if lens.defocus * side > _LEAST_BLUR_PX:
+    if lens.defocus * side > 0.3:  # px; less changes no pixel by much
         light = _filtered(light, disc(lens.defocus * side))
     if lens.motion * side > 1:
         light = _filtered(light, _path(lens.motion * side, lens.motion_deg, lens.motion_bend))
@@ -102,16 +99,13 @@ def _vignette(lens: Lens, height: int, width: int) -> Float32[ndarray, "h w"]:
     return np.asarray((1 + np.float32(strength) * squared) ** -2, dtype=np.float32)
 
 
-# Larger discs are drawn on a smaller picture: a blurred picture needs no more pixels.
-_LARGEST_RADIUS_PX = 3.0
-
-
 def defocused(picture: Float32[ndarray, "h w c"], radius_px: float) -> Float32[ndarray, "h w c"]:
     """Blurs linear light out of focus: every point becomes a disc. A radius below 0.4 px changes nothing."""
     if radius_px < 0.4:
         return picture
     height, width = picture.shape[:2]
-    factor = max(1.0, radius_px / _LARGEST_RADIUS_PX)
+    # Discs of more than 3 px are drawn on a smaller picture: a blurred picture needs no more pixels.
+    factor = max(1.0, radius_px / 3.0)
     size = max(2, round(width / factor)), max(2, round(height / factor))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA) if factor > 1 else picture
     blurred = cv2.filter2D(small, -1, disc(radius_px / factor, 0.5), borderType=cv2.BORDER_REPLICATE)

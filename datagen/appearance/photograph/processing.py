@@ -9,7 +9,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from datagen.appearance.photograph.sensor import noise_window
-from pix2face.files.images import encode_photograph
+from pix2face.files.images import decode_image, encode_photograph
 
 INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 
@@ -53,9 +53,10 @@ def process(
         size = (max(round(width * scale), 1), max(round(height * scale), 1))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if processing.sharpening:
-        image = _sharpened(image, processing.sharpening, processing.sharpening_px)
+        blurred = cv2.GaussianBlur(image, (0, 0), processing.sharpening_px)
+        image = cv2.addWeighted(image, 1 + processing.sharpening, blurred, -processing.sharpening, 0)
     if processing.first_quality:
-        image = _through_jpeg(image, processing.first_quality)
+        image = decode_image(encode_photograph(image, processing.first_quality), "the earlier file")
     if is_small:
         image = cv2.resize(image, (width, height), interpolation=INTERPOLATIONS[processing.enlarged_by])
     if processing.grain or processing.scratches or processing.dust:
@@ -67,13 +68,6 @@ def process(
     return _with_text(processing, image) if processing.text else image
 
 
-def _through_jpeg(image: UInt8[ndarray, "h w 3"], quality: int) -> UInt8[ndarray, "h w 3"]:
-    content = np.frombuffer(encode_photograph(image, quality), dtype=np.uint8)
-    decoded = cv2.imdecode(content, cv2.IMREAD_COLOR)
-    assert decoded is not None
-    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
-
-
 def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, "h w 3"]:
     """Lines of two moments, moved to both sides alike, so that edges stay on average where the maps have them."""
     half = int(np.copysign(max(round(abs(share) * image.shape[1] / 2), 1), share))
@@ -82,10 +76,6 @@ def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, 
     for first, shift in ((0, -half), (1, half)):
         moved[first::2] = image[first::2, np.clip(columns - shift, 0, len(columns) - 1)]
     return moved
-
-
-def _sharpened(image: UInt8[ndarray, "h w 3"], strength: float, radius_px: float) -> UInt8[ndarray, "h w 3"]:
-    return cv2.addWeighted(image, 1 + strength, cv2.GaussianBlur(image, (0, 0), radius_px), -strength, 0)
 
 
 def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator) -> UInt8[ndarray, "h w 3"]:

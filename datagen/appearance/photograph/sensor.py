@@ -78,10 +78,10 @@ def sense(
     sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"], rng: np.random.Generator
 ) -> Float32[ndarray, "h w 3"]:
     """Exposes and balances linear light (white at 1), and adds noise."""
-    gains = _white_balance(sensor, light, face)
-    # A sixteenth of the pixels is enough to tell how bright a picture is.
-    few, few_of_face = light[::4, ::4], face[::4, ::4]
-    metered = few[few_of_face] if sensor.is_metered_on_face and few_of_face.any() else few.reshape(-1, 3)
+    # A sixteenth of the pixels is enough to tell how bright a picture is, and in which light.
+    few, is_face = light[::4, ::4], face[::4, ::4]
+    gains = _white_balance(sensor, few, is_face)
+    metered = few[is_face] if sensor.is_metered_on_face and is_face.any() else few.reshape(-1, 3)
     gain = _metered_gain(sensor, metered * gains)
     factors = (*(gains * np.float32(gain)).tolist(), 0.0)
     exposed = cv2.multiply(light, factors)  # type: ignore[call-overload] # OpenCV's stubs know no scalars
@@ -117,19 +117,18 @@ def tone_curve(settings: Tone) -> UInt8[ndarray, " s"]:
 
 
 def _white_balance(
-    sensor: Sensor, light: Float32[ndarray, "h w 3"], face: Bool[ndarray, "h w"]
+    sensor: Sensor, light: Float32[ndarray, "h w 3"], is_face: Bool[ndarray, "h w"]
 ) -> Float32[ndarray, "3"]:
     # Skin, foliage or a green wall, if taken for grey, would turn faces blue and purple.
-    few, is_face = light[::4, ::4], face[::4, ::4]
-    is_grey = ~is_face & (few.max(axis=2) < LARGEST_RATIO_OF_GREY * few.min(axis=2))
+    is_grey = ~is_face & (light.max(axis=2) < LARGEST_RATIO_OF_GREY * light.min(axis=2))
     balance = np.ones(3)
     if np.count_nonzero(is_grey) >= LEAST_GREY * is_grey.size:
-        mean = np.maximum(few[is_grey].mean(axis=0), 1e-6)
+        mean = np.maximum(light[is_grey].mean(axis=0), 1e-6)
         # No camera makes the light of a candle white.
         balance = np.clip((mean[1] / mean) ** sensor.white_balance, 0.5, 2.0)
     if is_face.any() and sensor.white_balance:
         # A camera with any white balance does not leave skin bluer than green.
-        _, green, blue = balance * few[is_face].mean(axis=0)
+        _, green, blue = balance * light[is_face].mean(axis=0)
         excess = np.sqrt(np.clip(blue / max(green, 1e-6), 1.0, LARGEST_EXCESS_OF_BLUE))
         balance *= (1.0, excess, 1 / excess)
     return np.asarray(balance * np.asarray(sensor.gains), dtype=np.float32)

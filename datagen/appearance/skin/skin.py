@@ -11,7 +11,7 @@ from datagen.appearance.skin.eyes import Eyes, Mouth, draw_eyes, draw_mouth
 from datagen.appearance.skin.make_up import MakeUp, draw_make_up
 from datagen.appearance.skin.marks import Mark, draw_marks
 from datagen.appearance.skin.skin_config import SkinConfig
-from datagen.appearance.skin.skin_textures import AGES, ORIGINS, SEXES, SKINS
+from datagen.appearance.skin.skin_textures import AGES, SKINS
 from datagen.random_streams import rounded, triple
 
 MIDDLE_MELANIN = 0.43  # of all people
@@ -61,7 +61,7 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
     textures, weights = _draw_textures(rng, person)
     age = np.clip((person.age_years - 20) / 65, 0, 1)
     flush = rng.uniform(*config.flush) * (rng.uniform(2, 4) if rng.random() < config.sunburn_share else 1.0)
-    beard = _draw_beard(rng, config, person)
+    shaved_shadow, stubble = _draw_beard(rng, config, person)
     return Skin(
         melanin=round(melanin, 4),
         haemoglobin=rounded(rng.uniform(*config.haemoglobin), 4),
@@ -82,8 +82,8 @@ def draw_skin(rng: np.random.Generator, config: SkinConfig, person: Person) -> S
         oil=rounded(rng.uniform(*config.oil), 4),
         roughness=rounded(rng.uniform(*config.roughness), 4),
         marks=draw_marks(rng, config, person),
-        shaved_shadow=beard[0],
-        stubble=beard[1],
+        shaved_shadow=shaved_shadow,
+        stubble=stubble,
         hair_colour=_draw_hair_colour(rng, person, melanin),
         brow_strength=rounded(rng.uniform(0.35, 0.75) * (1.05 - 0.25 * person.femininity), 4),
         hairline=rounded(rng.uniform(0, 0.25) + 0.6 * float(age) * (1 - person.femininity) * rng.uniform(), 4),
@@ -109,7 +109,6 @@ def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str,
     of_origin = np.array([person.african, person.asian, person.caucasian]) + 0.04
     of_sex = np.array([person.femininity, 1 - person.femininity]) + 0.08
     weights = np.einsum("a,o,s->aos", of_age, of_origin, of_sex).reshape(-1) * np.exp(rng.normal(0, 0.7, len(SKINS)))
-    assert len(SKINS) == len(AGES) * len(ORIGINS) * len(SEXES)
     best = np.argsort(-weights)[:3]
     share = weights[best] / weights[best].sum()
     first, second, third = (SKINS[k] for k in best)

@@ -2,15 +2,9 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib.resources import files
 
-import cv2
-import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray
-
+from datagen.appearance.asset_files import read_picture
 from datagen.appearance.scene import Texture
-from pix2face.errors import InputFileError
 
 # The part of MakeHuman's uv square that holds the outside of the head: u from, u to, v from, v to (v upward).
 ATLAS_UV = (325 / 512, 1.0, 77 / 512, 417 / 512)
@@ -33,26 +27,13 @@ IRISES = ("blue", "bluegreen", "brown", "brownlight", "deepblue", "green", "grey
 
 @lru_cache(maxsize=1)
 def skin_textures() -> Mapping[str, Texture]:
-    """The textures of `skin.glsl` by the names of their samplers.
-
-    Raises:
-        InputFileError: A file of the package is damaged.
-    """
+    """The textures of `skin.glsl` by the names of their samplers."""
     sizes = {
         "skin_atlas": ATLAS_PX,
         "skin_details": DETAILS_PX,
         "skin_noise": (NOISE_PX,) * 2,
         "skin_iris": (IRIS_PX,) * 2,
     }
-    return {name: Texture(pixels=_layers(name, *size), repeat=name == "skin_noise") for name, size in sizes.items()}
-
-
-def _layers(name: str, height: int, width: int) -> UInt8[ndarray, "n h w c"]:
-    data = np.frombuffer((files("datagen") / "assets" / f"{name}.png").read_bytes(), dtype=np.uint8)
-    decoded = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    if decoded is None:
-        raise InputFileError(f"datagen/assets/{name}.png: expected a picture, found a damaged file; install again")
-    picture = np.atleast_3d(np.asarray(decoded, dtype=np.uint8))
-    n_channels = picture.shape[2]
-    rgba = picture if n_channels == 1 else np.take(picture, [2, 1, 0, 3][:n_channels], axis=2)
-    return np.ascontiguousarray(rgba.reshape(-1, height, width, n_channels))
+    pictures = {name: read_picture(f"{name}.png") for name in sizes}
+    layers = {name: picture.reshape(-1, *sizes[name], picture.shape[2]) for name, picture in pictures.items()}
+    return {name: Texture(pixels=pixels, repeat=name == "skin_noise") for name, pixels in layers.items()}

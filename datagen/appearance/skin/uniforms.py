@@ -60,11 +60,11 @@ def _box(uv: tuple[float, float, float, float]) -> tuple[float, ...]:
 
 def _tone(skin: Skin) -> dict[str, UniformValue]:
     melanin, even = density_of_melanin(skin.melanin), 1 - skin.make_up.foundation
+    seen, rough = 0.4 + 0.6 * even, 0.5 + 0.5 * even  # shares of marks and of roughness that foundation leaves
     places, paints = np.zeros((2, MAX_MARKS, 4))
-    for k, mark in enumerate(skin.marks[:MAX_MARKS]):
+    for k, mark in enumerate(skin.marks):
         places[k] = [*mark.place, mark.radius_mm]
-        kept = 0.4 + 0.6 * even
-        paints[k] = [kept * mark.melanin, kept * mark.haemoglobin, mark.height, mark.core]
+        paints[k] = [seen * mark.melanin, seen * mark.haemoglobin, mark.height, mark.core]
     return {
         "skin_surface_colour": tuple(SURFACE),
         "skin_dermis": tuple(DERMIS),
@@ -72,12 +72,12 @@ def _tone(skin: Skin) -> dict[str, UniformValue]:
         "skin_haemoglobin_axis": tuple(HAEMOGLOBIN),
         "skin_layers": tuple(float(SKINS.index(name)) for name in skin.textures),
         "skin_layer_weights": skin.texture_weights,
-        "skin_contrast": skin.texture_strength * (0.5 + 0.5 * even),
-        "skin_tone": (melanin, skin.haemoglobin, skin.flush * (0.4 + 0.6 * even), skin.under_eye * even),
+        "skin_contrast": skin.texture_strength * rough,
+        "skin_tone": (melanin, skin.haemoglobin, skin.flush * seen, skin.under_eye * even),
         "skin_blotches": (*(even * amount for amount in skin.blotches), *skin.noise_offset),
         "skin_freckles": (skin.freckles[0], even * skin.freckles[1], even * skin.age_spots, float(skin.vitiligo)),
-        "skin_finish": (skin.pores * (0.5 + 0.5 * even), skin.oil, skin.roughness, skin.tan),
-        "skin_spot_count": min(len(skin.marks), MAX_MARKS),
+        "skin_finish": (skin.pores * rough, skin.oil, skin.roughness, skin.tan),
+        "skin_spot_count": len(skin.marks),
         "skin_spots": places,
         "skin_spot_paint": paints,
     }

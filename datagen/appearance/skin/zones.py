@@ -119,13 +119,12 @@ def _inwards(model: MorphableModel, lips: ndarray) -> ndarray:
 
 def _cavity(mean: ndarray, normals: ndarray) -> ndarray:
     """How far the surroundings of each vertex rise above it, per mm of distance."""
-    tree = cKDTree(mean)
-    near = tree.query(mean, k=40, distance_upper_bound=CAVITY_RADIUS_MM)[1]
-    known = near < len(mean)
-    away = mean[np.where(known, near, 0)] - mean[:, None]
-    alike = np.einsum("vkc,vc->vk", normals[np.where(known, near, 0)], normals) > -0.3
+    near = cKDTree(mean).query(mean, k=40, distance_upper_bound=CAVITY_RADIUS_MM)[1]
+    is_known = near < len(mean)
+    near = np.where(is_known, near, 0)
+    away = mean[near] - mean[:, None]
     rise = np.einsum("vkc,vc->vk", away, normals) / np.maximum(np.linalg.norm(away, axis=2), 1e-3)
-    use = known & alike
+    use = is_known & (np.einsum("vkc,vc->vk", normals[near], normals) > -0.3)
     return np.asarray(np.clip(2.2 * (rise * use).sum(axis=1) / np.maximum(use.sum(axis=1), 1) - 0.15, 0, 1))
 
 

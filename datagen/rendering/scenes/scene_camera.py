@@ -8,8 +8,7 @@ from datagen.appearance.scene import Scene, UniformValue
 from datagen.rendering.clip_space import clip_transform
 from pix2face.geometry.camera import Camera
 
-# Of a pinhole: what is nearer is cut off, mm.
-NEAREST_MM = 10.0
+NEAR_PLANE_MM = 10.0  # of pinholes: what is nearer is cut off
 # Two surfaces in a pixel are told apart where their depths differ by this, mm and pixels.
 EDGE_MM, EDGE_PX = 3.0, 3.0
 
@@ -52,7 +51,7 @@ def depth_range(scene: Scene, camera: Camera) -> tuple[float, float]:
     depths = [camera.depth(points) for points in parts]
     low, high = min(float(depth.min()) for depth in depths), max(float(depth.max()) for depth in depths)
     if not camera.is_affine:
-        low = max(low, NEAREST_MM)
+        low = max(low, NEAR_PLANE_MM)
     return low, max(high - low, 1.0)
 
 

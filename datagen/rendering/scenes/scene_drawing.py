@@ -49,9 +49,6 @@ from datagen.rendering.scenes.scene_visibility import see_scene
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
 
-# Of the head's height, from below.
-NECK_MM = 50.0
-
 
 @final
 class SceneDrawer:
@@ -131,8 +128,8 @@ class SceneDrawer:
     def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1. Returns the uniforms of the shadow maps."""
         shadowing = [program for name, program in used.items() if name.endswith(" object_shadow")]
-        # What lies around the neck and lower takes the sky from little but itself.
-        chest = float(scene.head.vertices[:, 1].min()) + NECK_MM
+        # What lies around the neck (the lowest 50 mm) and lower takes the sky from little but itself.
+        chest = float(scene.head.vertices[:, 1].min()) + 50.0
         high = [float(mesh.vertices[:, 1].max(initial=-np.inf)) > chest for mesh in scene.meshes]
         casts = {place for place, mesh in enumerate(scene.meshes) if mesh.casts_shadow}
         opaque = [run.mesh for run in self._objects.opaque if run.mesh in casts]

@@ -25,7 +25,7 @@ class SceneHead:
 
     Args:
         model: Triangles and texture coordinates; without these, uv is 0.
-        context: Where.
+        context: The OpenGL context.
         paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
         occlusion: Share of the ambient light that arrives at each vertex, 0 to 1.
 

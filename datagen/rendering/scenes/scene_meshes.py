@@ -41,7 +41,7 @@ class ObjectMeshes:
     """All meshes of a scene but the head's, in one buffer of vertices and one of triangles.
 
     Args:
-        context: Where.
+        context: The OpenGL context.
         programs: The programs that may draw them, by name.
 
     Attributes:

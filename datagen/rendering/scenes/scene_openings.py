@@ -33,14 +33,14 @@ class Openings:
 
     def box(self, vertices: Float32[ndarray, "v 3"], camera: Camera, height: int, width: int) -> Box:
         """The box in which the inside of the head may be seen; `NOWHERE` if it is not."""
-        lids = np.concatenate([_lid(vertices[loop]) for loop in self._loops] or [np.zeros((0, 3, 3))])
-        points = lids.reshape(-1, 3)
+        fans = np.concatenate([_fan(vertices[loop]) for loop in self._loops] or [np.zeros((0, 3, 3))])
+        points = fans.reshape(-1, 3)
         if (points @ camera.matrix[3, :3] + camera.matrix[3, 3] <= 0).any():
             return 0, 0, width, height
         facing = shows_outside(camera, points, np.arange(len(points)).reshape(-1, 3))
         if not facing.any():
             return NOWHERE
-        image = np.clip(camera.project(lids[facing].reshape(-1, 3)), 0, [width, height])
+        image = np.clip(camera.project(fans[facing].reshape(-1, 3)), 0, [width, height])
         (left, top), (right, bottom) = np.floor(image.min(axis=0)), np.ceil(image.max(axis=0))
         return (int(left), int(top), int(right), int(bottom)) if left < right and top < bottom else NOWHERE
 
@@ -55,7 +55,7 @@ def _open_edges(model: MorphableModel) -> Int64[ndarray, "e 2"]:
     return edges[(count[inverse] == 1) & np.repeat(outer, 3)]
 
 
-def _lid(edges: Float32[ndarray, "e 2 3"]) -> Float32[ndarray, "e 3 3"]:
+def _fan(edges: Float32[ndarray, "e 2 3"]) -> Float32[ndarray, "e 3 3"]:
     """Triangles from the edges of an opening to its middle: a ray gets in where one of them shows its outside."""
     middle = np.broadcast_to(edges.reshape(-1, 3).mean(axis=0), (len(edges), 1, 3))
     return np.concatenate([edges[:, ::-1], middle], axis=1)

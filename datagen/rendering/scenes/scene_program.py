@@ -16,7 +16,7 @@ MaterialKind = Literal["object", "hair", "glass"]
 KINDS: tuple[MaterialKind, ...] = ("object", "hair", "glass")
 # Each kind has a program for each purpose: opaque objects, transparent objects, and their shadows.
 PURPOSES = ("object", "blended", "object_shadow")
-# How the head is painted; where one is seen, those before it are painted first, and painted over.
+# What paints the head, in this order: each paints its own pixels and those of the later ones, which paint them over.
 HEAD_KINDS = ("OUTSIDE", "EYES", "MOUTH")
 
 # Where the drawer's own textures are bound, in all programs; those of the parts follow.
@@ -40,7 +40,7 @@ UNITS = {
 FIRST_FREE_UNIT = len(UNITS)
 SAMPLER_2D_ARRAY = 0x8DC1
 
-# In front of what a part paints; then what it is painted with.
+# How all fragment shaders begin, and where each kind of object gets its colours from.
 _BEFORE = ("colour", "surface", "shadow", "scene_inputs")
 _PAINT = {"object": "material", "hair": "hair", "glass": "material"}
 
@@ -154,9 +154,9 @@ class _Slot:
     def __init__(self, name: str, found: Any) -> None:
         self._name, self._uniform = name, found
         kind = found.fmt[-1]
-        self._kind = {"f": np.float32, "i": np.int32, "u": np.uint32}[kind]
+        self._kind = {"f": np.float32, "i": np.int32}[kind]
         self._size = found.array_length * found.dimension
-        self._pack = struct.Struct(f"{self._size}{'I' if kind == 'u' else kind}").pack
+        self._pack = struct.Struct(f"{self._size}{kind}").pack
         self._written = b""
         self.form = found.fmt, found.array_length
 

@@ -16,11 +16,10 @@ from datagen.rendering.scenes.scene_meshes import Window
 MAX_SHADOWS = 3  # as in shadow.glsl
 MAP_PX = 256
 SKY, SKY_PX = 2, 128  # the third map, which is blurred; its part of a map as in shadow.glsl
-# The maps hold a sphere around the head of this part of its box's diagonal: hair, hats and shoulders nearby.
+# Radius of the sphere around the head that the maps show, with hair, hat and shoulders: share of the diagonal of the
+# head's bounding box.
 REACH = 0.6
-# Something between light and head, but farther away, still casts its shadow: of the radius of the map.
-TOWARDS_LIGHT = 3.0
-
+TOWARDS_LIGHT = 3.0  # how far before the sphere something still casts a shadow, in radii
 
 Mesh = tuple[Float32[ndarray, "_ 3"], Int32[ndarray, "_ 3"]]  # vertices and triangles
 

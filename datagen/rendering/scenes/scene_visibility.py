@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from datagen.appearance.scene import SCENE_LABELS, SceneMesh
 from datagen.rendering.processor.nearest import Box, draw_nearest
-from datagen.rendering.scenes.scene_camera import NEAREST_MM
+from datagen.rendering.scenes.scene_camera import NEAR_PLANE_MM
 from pix2face.geometry.camera import Camera
 from pix2face.models.rasterise import handedness
 
@@ -43,7 +43,7 @@ def see_scene(
     front = -float(handedness(camera))
     draw_nearest(_on_samples(vertices, camera), triangles, front, fine_backs, (1.0, 1.0), nearest, seen)
     for mesh in objects:
-        points, corners = before_camera(mesh.vertices, mesh.triangles, camera)
+        points, corners = clip_at_near_plane(mesh.vertices, mesh.triangles, camera)
         label = -float(SCENE_LABELS.index(mesh.label))
         draw_nearest(_on_samples(points, camera), corners, 0.0, fine_backs, (label, 0.0), nearest, seen)
     if not camera.is_affine:
@@ -64,14 +64,14 @@ def _on_samples(points: Float32[ndarray, "v 3"], camera: Camera) -> Float32[ndar
     return placed
 
 
-def before_camera(
+def clip_at_near_plane(
     points: Float32[ndarray, "v 3"], triangles: Int32[ndarray, "t 3"], camera: Camera
 ) -> tuple[Float32[ndarray, "w 3"], Int32[ndarray, "u 3"]]:
-    """A mesh without what is nearer to a pinhole than `NEAREST_MM`; triangles that reach there are cut."""
+    """Cuts off what is nearer to a pinhole than `NEAR_PLANE_MM`."""
     depth = camera.depth(points)
-    if camera.is_affine or not len(points) or depth.min() >= NEAREST_MM:
+    if camera.is_affine or not len(points) or depth.min() >= NEAR_PLANE_MM:
         return points, triangles
-    is_near = depth[triangles] < NEAREST_MM
+    is_near = depth[triangles] < NEAR_PLANE_MM
     n_near, n = is_near.sum(axis=1), len(points)
     added, parts = [points], [triangles[n_near == 0]]
     for count in (1, 2):
@@ -80,7 +80,7 @@ def before_camera(
         alone = (is_near[cut] == (count == 1)).argmax(axis=1)
         a, b, c = (np.take_along_axis(triangles[cut], (alone[:, None] + turn) % 3, axis=1)[:, 0] for turn in range(3))
         for other in (b, c):
-            share = ((NEAREST_MM - depth[a]) / (depth[other] - depth[a])).astype(np.float32)
+            share = ((NEAR_PLANE_MM - depth[a]) / (depth[other] - depth[a])).astype(np.float32)
             added.append(points[a] + share[:, None] * (points[other] - points[a]))
         ab = np.arange(n, n + len(a), dtype=np.int32)
         ac = ab + np.int32(len(a))

@@ -15,7 +15,7 @@ from datagen.appearance.accessories.head_fit import nearest_on_side
 from datagen.appearance.accessories.materials import cloth, draw_cloth_colour, draw_tint, skin_material, smooth
 from datagen.appearance.scene import Colour, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, ellipsoid, joined, scene_mesh, tube, unit
-from datagen.random_streams import rounded
+from datagen.random_streams import rounded, weighted_choice
 from pix2face.models.morphable_model import MorphableModel
 
 
@@ -69,8 +69,7 @@ class Hand:
 
 def draw_hand(rng: np.random.Generator, femininity: float) -> Hand:
     """Draws a hand."""
-    shares = np.array([pose.share for pose in POSES.values()])
-    pose = str(rng.choice(list(POSES), p=shares / shares.sum()))
+    pose = weighted_choice(rng, {name: pose.share for name, pose in POSES.items()})
     curls = rng.normal(0, 8, size=4).round(2).tolist()
     if rng.uniform() < 0.2:  # pointing, or fingers that do something of their own
         curls = [float(c) for c in np.array([0.0, 55, 60, 60]) * rng.choice([0, 1], size=4, p=[0.4, 0.6])]
@@ -208,7 +207,7 @@ def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, 
     wrist = place - 52 * size * along
     elbow = unit(-0.75 * along + np.array([-0.30, -0.75, 0.10]) - 0.35 * palm).astype(np.float64)
     s = np.linspace(0, 1, 7)[:, None]
-    path = wrist - 260 * size * (s * (1 - s) * 0.5 * along) + 260 * size * s * (elbow + 0.0 * along)
+    path = wrist - 260 * size * (s * (1 - s) * 0.5 * along) + 260 * size * s * elbow
     radii = size * np.stack([np.linspace(27, 42, 7), np.linspace(18, 38, 7)], axis=1)
     arm = tube(path, radii, palm, 10)
     cuff = tube(path[2:], radii[2:] + 6.0 + 6.0 * np.linspace(0, 1, 5)[:, None], palm, 12)

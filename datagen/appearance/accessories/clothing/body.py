@@ -29,7 +29,6 @@ _RINGS = np.array(
     dtype=np.float64,
 )
 _PLACES = np.concatenate([np.linspace(-1, 0, 9), [0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0]])
-_INSIDE = -1.07  # place of the vertices next to the rim
 _PIVOT = np.array([0.0, -135.0, -45.0])
 _FINE_ROWS = 3  # of the skin: under the rim, the rim, and the one below
 _LAP_MM = 0.7  # how deep the neck reaches under the rim
@@ -44,7 +43,6 @@ class Body:
     normals: Float32[ndarray, "r c 3"]  # unit, outward
     lap: Float32[ndarray, "c 3"]  # row of points that continues the neck upward, a little below the skin of the head
     head_from_torso: Float64[ndarray, "3 3"]  # rotation
-    shift: Float64[ndarray, "3"]  # translation from the mean head's neck to that of this head, mm
 
     def at(
         self, place: Float[ndarray, "*#n"], turn: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
@@ -91,7 +89,7 @@ class Body:
         return solid(whole.vertices[kept], triangles, whole.uv[kept], whole.normals[kept])
 
 
-def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: float = 1.0) -> Body:
+def fit_body(head: PosedHead, head_from_torso: Float64[ndarray, "3 3"], breadth: float = 1.0) -> Body:
     """Makes the body of a head, from the rim of its neck down. A `breadth` of 1 is that of a man's shoulders.
 
     `head_from_torso` is the rotation from a torso that is aligned with the head to the torso as it stands, model frame.
@@ -105,14 +103,14 @@ def fit_body(head: PosedHead, head_from_torso: Float[ndarray, "3 3"], breadth: f
     ahead = _smoothed_around(inner - edge)
     keys = np.concatenate([(edge + ahead)[None], edge[None], rings])
     points = (_spline_weights() @ keys.reshape(len(keys), -1)).reshape(-1, *keys.shape[1:])
-    points = _turned(points, np.asarray(head_from_torso, dtype=np.float64), _PIVOT + shift)
+    points = _turned(points, head_from_torso, _PIVOT + shift)
     points[0] = edge
     normals = grid_normals(points, is_closed=True)
     at_rim = head.normals[rim]
     normals[0] = at_rim
     normals[1] = unit(normals[1] + 0.5 * at_rim)
     lap = inner - _LAP_MM * head.normals[inside]
-    return Body(points.astype(np.float32), normals, lap.astype(np.float32), np.asarray(head_from_torso, float), shift)
+    return Body(points.astype(np.float32), normals, lap.astype(np.float32), head_from_torso)
 
 
 def _rings(columns: int, size: float, breadth: float) -> Float64[ndarray, "k c 3"]:
@@ -167,7 +165,7 @@ def _spline_weights() -> Float64[ndarray, "r k"]:
     """Rows of the grid from the rings, smooth along the body."""
     from scipy.interpolate import CubicSpline  # a third of a second, which plain pictures save
 
-    keys = np.concatenate([[_INSIDE, -1.0], _RINGS[:, 0]])
+    keys = np.concatenate([[-1.07, -1.0], _RINGS[:, 0]])  # -1.07: the vertices next to the rim
     return np.asarray(CubicSpline(keys, np.eye(len(keys)), bc_type="natural")(_PLACES))
 
 

@@ -75,57 +75,57 @@ def _garment(clothes: Clothes, body: Body, neckline: Float[ndarray, " c"]) -> So
 Piece = tuple[str, Solid]
 
 
-def collar_solids(body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
+def collar_solids(body: Body, clothes: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
     """The pieces at the neck of a garment, and a scarf over it."""
-    garment = cut.garment
+    garment = clothes.garment
     pieces: list[Piece] = []
     if garment in ("t-shirt", "v-neck", "sweater", "hoodie"):
-        pieces.append(("rib", _rib(body, neckline, cut, 5.0 if garment == "sweater" else 3.5)))
+        pieces.append(("rib", _rib(body, neckline, clothes, 5.0 if garment == "sweater" else 3.5)))
     if garment == "hoodie":
-        pieces += [("outer", _hood(body, cut)), ("inner", _strings(body, cut))]
+        pieces += [("outer", _hood(body, clothes)), ("inner", _strings(body, clothes))]
     if garment in ("shirt", "suit"):
-        opened = 0.012 if cut.has_tie else 0.02 + 0.05 * cut.depth
+        opened = 0.012 if clothes.has_tie else 0.02 + 0.05 * clothes.depth
         pieces.append(("inner" if garment == "suit" else "outer", _shirt_collar(body, opened)))
-    if cut.has_tie and garment in ("shirt", "suit"):
-        pieces.append(("trim", _tie(body, cut)))
+    if clothes.has_tie and garment in ("shirt", "suit"):
+        pieces.append(("trim", _tie(body, clothes)))
     if garment == "suit":
-        pieces.append(("outer", _lapels(body, cut, neckline)))
+        pieces.append(("outer", _lapels(body, clothes, neckline)))
     if garment == "turtleneck":
-        pieces.append(("rib", _standing(body, -0.55, cut, rolls=True)))
+        pieces.append(("rib", _standing(body, -0.55, clothes, rolls=True)))
     if garment == "zipped":
-        pieces.append(("outer", _standing(body, -0.45, cut, rolls=False)))
+        pieces.append(("outer", _standing(body, -0.45, clothes, rolls=False)))
     if garment == "straps":
-        pieces.append(("outer", _straps(body, neckline, cut)))
-    if cut.scarf > 0:
-        pieces.append(("trim", _scarf(body, cut)))
+        pieces.append(("outer", _straps(body, neckline, clothes)))
+    if clothes.scarf > 0:
+        pieces.append(("trim", _scarf(body, clothes)))
     return pieces
 
 
-def _rib(body: Body, neckline: Float[ndarray, " c"], cut: Clothes, half_mm: float) -> Solid:
+def _rib(body: Body, neckline: Float[ndarray, " c"], clothes: Clothes, half_mm: float) -> Solid:
     """The knitted band along a neckline."""
     turn = np.linspace(0, 1, len(neckline))
-    path = body.at(neckline, turn, 1.5 + cut.looseness_mm * 0.5)
+    path = body.at(neckline, turn, 1.5 + clothes.looseness_mm * 0.5)
     outward = unit(body.at(neckline, turn, 10.0) - body.at(neckline, turn, 0.0))
     inner = body.at(np.maximum(neckline - 0.012 * half_mm, -1), turn, 1.0)
-    below = body.at(neckline + 0.02, turn, cut.looseness_mm + 2.2)
+    below = body.at(neckline + 0.02, turn, clothes.looseness_mm + 2.2)
     rows = np.stack([inner, path + 1.5 * outward, below])
     return sheet(rows, (90.0, 1.0), is_closed=True)
 
 
-def _hood(body: Body, cut: Clothes) -> Solid:
+def _hood(body: Body, clothes: Clothes) -> Solid:
     """A hood that lies on back and shoulders: a thick roll, higher behind."""
     turn = np.linspace(0.06, 0.94, 33)
     behind = np.sin(np.pi * (turn - 0.06) / 0.88)
-    path = body.at(0.10 + 0.04 * np.cos(2 * np.pi * turn), turn, cut.looseness_mm + 8 + 14 * behind)
+    path = body.at(0.10 + 0.04 * np.cos(2 * np.pi * turn), turn, clothes.looseness_mm + 8 + 14 * behind)
     radii = np.stack([9 + 14 * behind, 8 + 20 * behind], axis=1)
     return tube(path, radii, body.head_from_torso[:, 1], sides=10)
 
 
-def _strings(body: Body, cut: Clothes) -> Solid:
+def _strings(body: Body, clothes: Clothes) -> Solid:
     strings = []
     for side in (-1, 1):
-        place = np.linspace(0.1, 0.1 + 0.35 + 0.1 * (cut.seed % 5) / 5, 8)
-        strings.append(tube(body.at(place, np.full(8, side * 0.045), cut.looseness_mm + 7), 2.2, sides=5))
+        place = np.linspace(0.1, 0.1 + 0.35 + 0.1 * (clothes.seed % 5) / 5, 8)
+        strings.append(tube(body.at(place, np.full(8, side * 0.045), clothes.looseness_mm + 7), 2.2, sides=5))
     return joined(strings)
 
 
@@ -150,11 +150,11 @@ def _shirt_collar(body: Body, opened: float) -> Solid:
     return sheet(np.stack(rows), (12.0, 2.0))
 
 
-def _tie(body: Body, cut: Clothes) -> Solid:
+def _tie(body: Body, clothes: Clothes) -> Solid:
     """A knot, and the blade that hangs from it."""
     place = np.array([-0.10, -0.04, 0.04, 0.06, 0.12, 0.3, 0.6, 1.0])
     half_mm = np.array([13.0, 15.0, 11.0, 10.0, 16.0, 22.0, 30.0, 38.0])
-    above = np.array([7.0, 14.0, 14.0, 10.0, 7.0, 6.0, 6.0, 6.0]) + 0.4 * cut.looseness_mm
+    above = np.array([7.0, 14.0, 14.0, 10.0, 7.0, 6.0, 6.0, 6.0]) + 0.4 * clothes.looseness_mm
     middle = body.at(place, np.zeros(8), above)
     sideways = unit(body.at(place, np.full(8, 0.02), 0.0) - body.at(place, np.full(8, -0.02), 0.0))
     across = np.array([-1.0, -0.6, 0, 0.6, 1])
@@ -163,10 +163,10 @@ def _tie(body: Body, cut: Clothes) -> Solid:
     return sheet(points + (1 - across**2)[None, :, None] * dome[:, None], (2.0, 8.0))
 
 
-def _lapels(body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> Solid:
+def _lapels(body: Body, clothes: Clothes, neckline: Float[ndarray, " c"]) -> Solid:
     """Lapels along the neckline and the collar behind the neck that they come from."""
     turn = np.linspace(0, 1, len(neckline))
-    above = cut.looseness_mm + 6.0
+    above = clothes.looseness_mm + 6.0
     sides = []
     for side in (-1, 1):
         s = np.linspace(0.004, 0.30, 15)
@@ -182,12 +182,12 @@ def _lapels(body: Body, cut: Clothes, neckline: Float[ndarray, " c"]) -> Solid:
     return joined([*sides, sheet(band, (8.0, 2.0))])
 
 
-def _standing(body: Body, top: float, cut: Clothes, *, rolls: bool) -> Solid:
+def _standing(body: Body, top: float, clothes: Clothes, *, rolls: bool) -> Solid:
     """A collar that stands around the neck, rolled over or with an open edge."""
     turn = np.linspace(0, 1, 49)
-    wobble = 1 + 0.06 * np.sin(2 * np.pi * 3 * turn + cut.seed % 7)
+    wobble = 1 + 0.06 * np.sin(2 * np.pi * 3 * turn + clothes.seed % 7)
     loose = 3.0 if rolls else 6.0
-    profile = [(0.08, cut.looseness_mm + 2), (-0.02, loose + 2.5), (0.6 * top, loose + 1.5), (top, loose)]
+    profile = [(0.08, clothes.looseness_mm + 2), (-0.02, loose + 2.5), (0.6 * top, loose + 1.5), (top, loose)]
     if rolls:
         profile = [
             (0.05, loose + 3),
@@ -204,9 +204,9 @@ def _standing(body: Body, top: float, cut: Clothes, *, rolls: bool) -> Solid:
     return sheet(np.stack(rows), (24.0, 3.0), is_closed=True)
 
 
-def _straps(body: Body, neckline: Float[ndarray, " c"], cut: Clothes) -> Solid:
+def _straps(body: Body, neckline: Float[ndarray, " c"], clothes: Clothes) -> Solid:
     """Two straps over the shoulders."""
-    half_mm = 3.0 + 12.0 * cut.depth
+    half_mm = 3.0 + 12.0 * clothes.depth
     straps = []
     for side in (-1, 1):
         s = np.linspace(0, 1, 17)
@@ -222,16 +222,16 @@ def _straps(body: Body, neckline: Float[ndarray, " c"], cut: Clothes) -> Solid:
     return joined(straps)
 
 
-def _scarf(body: Body, cut: Clothes) -> Solid:
+def _scarf(body: Body, clothes: Clothes) -> Solid:
     """Two turns around the neck, and an end that hangs down."""
     turn = np.linspace(0, 2, 57)
-    rng = np.random.default_rng(cut.seed)
+    rng = np.random.default_rng(clothes.seed)
     waves = sum(np.sin(2 * np.pi * k * turn + rng.uniform(0, 6)) for k in (1, 3, 5)) / 3
     place = -0.05 - 0.28 * (turn - 1) + 0.05 * waves
-    path = body.at(np.clip(place, -0.7, 1), turn + 0.07, cut.scarf * (0.75 + 0.15 * waves))
-    radii = cut.scarf * np.stack([0.8 + 0.15 * waves, 1.05 - 0.2 * waves], axis=1)
+    path = body.at(np.clip(place, -0.7, 1), turn + 0.07, clothes.scarf * (0.75 + 0.15 * waves))
+    radii = clothes.scarf * np.stack([0.8 + 0.15 * waves, 1.05 - 0.2 * waves], axis=1)
     ring = tube(path, radii, body.head_from_torso[:, 1], sides=9)
     down = np.linspace(0.0, 0.9, 9)
-    end = body.at(down, np.full(9, 0.05), cut.looseness_mm + cut.scarf * np.linspace(1.5, 0.6, 9))
-    hanging = tube(end, (0.5 * cut.scarf, 1.9 * cut.scarf), body.head_from_torso[:, 0], sides=8)
+    end = body.at(down, np.full(9, 0.05), clothes.looseness_mm + clothes.scarf * np.linspace(1.5, 0.6, 9))
+    hanging = tube(end, (0.5 * clothes.scarf, 1.9 * clothes.scarf), body.head_from_torso[:, 0], sides=8)
     return joined([ring, hanging])

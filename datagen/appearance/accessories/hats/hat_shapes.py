@@ -37,9 +37,9 @@ class Fit:
         return np.deg2rad(height + self.tilt_deg * np.sin(around))
 
 
-def hat_pieces(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def hat_pieces(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     """The pieces of a hat, model frame."""
-    return _HATS[look.kind](skull, fit, look)
+    return _HATS[hat.kind](skull, fit, hat)
 
 
 def _dome(skull: Skull, fit: Fit, above: Float[ndarray, "r c"], repeats: tuple[float, float] = (12.0, 5.0)) -> Solid:
@@ -61,30 +61,30 @@ def _band(skull: Skull, fit: Fit, up_deg: float, low: float, high: float, down_d
     return sheet(skull.at(rise, _AROUND, above), (14.0, 1.0), is_closed=True)
 
 
-def _peak(skull: Skull, fit: Fit, look: Headwear) -> Solid:
+def _peak(skull: Skull, fit: Fit, hat: Headwear) -> Solid:
     """The shade of a cap."""
     s = np.linspace(-1, 1, 17)[None]
     turn = np.deg2rad(fit.turn_deg)
     around = turn + np.deg2rad(58) * s
     edge = skull.at(fit.rim(around), around, 7.0)
     forward = np.array([np.sin(turn), 0.0, np.cos(turn)])
-    length = (52 + 26 * look.size) * (1 - np.abs(s) ** 2.6)[..., None]
+    length = (52 + 26 * hat.size) * (1 - np.abs(s) ** 2.6)[..., None]
     t = np.array([0.0, 0.35, 0.7, 1.0, 1.0, 0.7, 0.35, 0.0])[:, None, None]
     thick = np.array([0.0, 0.0, 0.0, 0.0, -2.0, -2.0, -2.0, -2.0])[:, None, None]
-    bend = (6 + 8 * look.size) * t**1.5 + 10 * t * (s**2)[..., None]
+    bend = (6 + 8 * hat.size) * t**1.5 + 10 * t * (s**2)[..., None]
     points = edge + t * length * forward + (thick - bend) * np.array([0.0, 1.0, 0.0])
     return sheet(points, (5.0, 5.0))
 
 
-def _cap(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def _cap(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     share = _shares(11)
     front = np.exp(-((_AROUND - np.deg2rad(np.mod(fit.turn_deg + 180, 360) - 180)) ** 2))
-    above = 7 + 9 * np.sin(np.pi * share) ** 1.0 * (0.5 + front) - 2 * share
+    above = 7 + 9 * np.sin(np.pi * share) * (0.5 + front) - 2 * share
     above = above * (1 + 0.02 * np.cos(6 * _AROUND))
-    pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _peak(skull, fit, look))]
+    pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _peak(skull, fit, hat))]
     crown = skull.at(np.array([np.pi / 2]), np.array([0.0]), 9.0)[0]
     pieces.append(("second", ellipsoid((6, 3, 6), 5, 8).moved(crown)))
-    if look.has_extra:
+    if hat.has_extra:
         turn = np.deg2rad(fit.turn_deg)
         u, v = np.meshgrid(np.linspace(-0.33, 0.33, 9), np.linspace(0.62, 0.22, 7))
         rim = fit.rim(turn + u)
@@ -93,31 +93,30 @@ def _cap(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     return pieces
 
 
-def _beanie(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def _beanie(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     share = _shares(12)
-    rng = np.random.default_rng(look.seed)
+    rng = np.random.default_rng(hat.seed)
     folds = np.sin(3 * _AROUND + rng.uniform(0, 6)) * np.sin(2 * np.pi * share)
-    above = 5 + (6 + 26 * look.size) * (1 - share) ** 2 + 1.5 * folds
+    above = 5 + (6 + 26 * hat.size) * (1 - share) ** 2 + 1.5 * folds
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above, (14.0, 6.0)))]
-    if look.size > 0.3:
-        pieces.append(("cloth", _band(skull, fit, 18.0 + 8 * look.size, 5.0, 9.0)))
-    if look.has_extra:
-        place = skull.at(np.array([np.pi / 2]), np.array([0.0]), 11 + 26 * look.size + 14)[0]
+    if hat.size > 0.3:
+        pieces.append(("cloth", _band(skull, fit, 18.0 + 8 * hat.size, 5.0, 9.0)))
+    if hat.has_extra:
+        place = skull.at(np.array([np.pi / 2]), np.array([0.0]), 11 + 26 * hat.size + 14)[0]
         pieces.append(("second", ellipsoid((20, 19, 20), 7, 12).moved(place)))
     return pieces
 
 
-def _brimmed(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def _brimmed(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     share = _shares(12)
-    tall = 26 + 20 * (1 - look.size)
+    tall = 26 + 20 * (1 - hat.size)
     dent = 14 * np.exp(-((_AROUND / 0.9) ** 2)) + 6
     above = 7 + tall * np.clip((1 - share) / 0.35, 0, 1) ** 0.7 - dent * np.clip(1 - share / 0.3, 0, 1)
-    around = _AROUND
-    edge = skull.at(fit.rim(around), around, 7.0)
-    outward = np.stack([np.sin(around), 0 * around, np.cos(around)], axis=-1)
-    wide = 38 + 75 * look.size
+    edge = skull.at(fit.rim(_AROUND), _AROUND, 7.0)
+    outward = np.stack([np.sin(_AROUND), 0 * _AROUND, np.cos(_AROUND)], axis=-1)
+    wide = 38 + 75 * hat.size
     t = np.array([0.0, 0.25, 0.6, 1.0, 1.0, 0.6, 0.0])[:, None]
-    curl = 0.28 * wide * t**2 * np.sin(around) ** 2 - 0.18 * wide * t * np.cos(around) ** 2
+    curl = 0.28 * wide * t**2 * np.sin(_AROUND) ** 2 - 0.18 * wide * t * np.cos(_AROUND) ** 2
     lift = curl + np.array([0, 0, 0, 0, -1.5, -1.5, -1.5])[:, None]
     brim = edge + t[..., None] * wide * outward + lift[..., None] * np.array([0.0, 1.0, 0.0])
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", sheet(brim, (16.0, 2.0), is_closed=True))]
@@ -125,7 +124,7 @@ def _brimmed(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     return pieces
 
 
-def _helmet(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def _helmet(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     share = _shares(12)
     above = 16 + 12 * np.sin(0.5 * np.pi * (1 - share)) + 3 * np.cos(2 * _AROUND) * (1 - share)
     shell = _dome(skull, fit, above)
@@ -135,27 +134,26 @@ def _helmet(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
         around = side * np.deg2rad(np.linspace(92, 40, 9))
         strap = skull.at(rise, around, np.linspace(10, 3.0, 9))
         pieces.append(("second", tube(strap, (1.0, 6.0), (0.0, 0.3, 1.0), 6)))
-    if look.has_extra:
+    if hat.has_extra:
         around = np.linspace(-1.2, 1.2, 17)[None]
         down = np.linspace(0, 1, 8)[:, None]
-        rise = fit.rim(around) + 0.1 - down * np.deg2rad(50 + 25 * look.size)
+        rise = fit.rim(around) + 0.1 - down * np.deg2rad(50 + 25 * hat.size)
         pieces.append(("visor", sheet(skull.centre + 128.0 * direction(rise, around))))
     return pieces
 
 
-def _turban(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def _turban(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     share = _shares(22)
-    around = _AROUND
-    slant = 0.22 * np.abs(around) / np.pi
-    layers = 5 + int(look.seed % 3)
+    slant = 0.22 * np.abs(_AROUND) / np.pi
+    layers = 5 + int(hat.seed % 3)
     ridge = np.abs(np.sin(np.pi * layers * (share + slant))) ** 0.6
-    above = 6 + (16 + 16 * look.size) * np.sin(np.pi * np.clip(share * 0.85 + 0.1, 0, 1)) + 6 * ridge * (share > 0.12)
+    above = 6 + (16 + 16 * hat.size) * np.sin(np.pi * np.clip(share * 0.85 + 0.1, 0, 1)) + 6 * ridge * (share > 0.12)
     return [("cloth", _dome(skull, fit, above, (10.0, 8.0)))]
 
 
-def _bandana(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def _bandana(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     share = _shares(10)
-    rng = np.random.default_rng(look.seed)
+    rng = np.random.default_rng(hat.seed)
     above = 4 + 1.2 * np.sin(5 * _AROUND + rng.uniform(0, 6)) * share
     pieces: list[Piece] = [("cloth", _dome(skull, fit, above)), ("cloth", _band(skull, fit, 9.0, 3.5, 6.0))]
     knot = skull.at(fit.rim(np.array([np.pi])), np.array([np.pi]), 10.0)[0]
@@ -167,19 +165,19 @@ def _bandana(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
     return pieces
 
 
-def _crown(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
+def _crown(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
     around = np.linspace(-np.pi, np.pi, 61)[None]
     rim = skull.at(fit.rim(around), around, 9.0)
     tips = (np.abs(np.mod(np.arange(61), 6) - 3) / 3)[None, :, None]
-    tall = 22 + 26 * look.size
+    tall = 22 + 26 * hat.size
     up = np.array([0.0, 1.0, 0.0]) * tall
     flare = 0.12 * (rim - skull.centre) * [1, 0, 1]
     rows = [rim, rim + 0.5 * up + 0.5 * flare, rim + (0.5 + 0.5 * tips) * up + flare]
     return [("hard", sheet(np.concatenate(rows[::-1]), is_closed=True))]
 
 
-def _party(skull: Skull, fit: Fit, look: Headwear) -> list[Piece]:
-    tall = 110 + 60 * look.size
+def _party(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
+    tall = 110 + 60 * hat.size
     cone = lathe(np.array([[0.5, tall], [26.0, 0.5 * tall], [52.0, 0.0]]), 20)
     tilt = np.deg2rad(fit.tilt_deg * 3)
     turn = np.array([[np.cos(tilt), -np.sin(tilt), 0], [np.sin(tilt), np.cos(tilt), 0], [0, 0, 1.0]])
@@ -198,7 +196,7 @@ _HATS: Mapping[str, Callable[[Skull, Fit, Headwear], list[Piece]]] = {
     "helmet": _helmet,
     "turban": _turban,
     "bandana": _bandana,
-    "headband": lambda skull, fit, look: [("cloth", _band(skull, fit, 8.0 + 18.0 * look.size, 4.0, 7.0))],
+    "headband": lambda skull, fit, hat: [("cloth", _band(skull, fit, 8.0 + 18.0 * hat.size, 4.0, 7.0))],
     "crown": _crown,
     "party": _party,
 }

@@ -53,7 +53,6 @@ def draw_headwear(rng: np.random.Generator, person: Person) -> Headwear:
         "cap": ("jersey", "denim", "linen", "camouflage"),
         "beanie": ("knit", "rib"),
         "brimmed": ("fleece", "straw", "leather", "linen"),
-        "helmet": ("jersey",),
         "turban": ("jersey", "linen", "stripes_across"),
         "hood": ("jersey", "fleece"),
         "headscarf": ("jersey", "linen", "flowers", "jersey"),

@@ -41,8 +41,7 @@ _EAR_MM = 17.0  # how far ears stand out from the skull
 def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMesh]:
     """The pieces of a hat on a head."""
     if hat.kind == "fedora":
-        forward_deg = float(np.clip(hat.lift_deg, -LARGEST_TILT_DEG, LARGEST_TILT_DEG))
-        return [fedora_mesh(head, hat.colour, -forward_deg)]
+        return [fedora_mesh(head, hat.colour, -float(np.clip(hat.lift_deg, -LARGEST_TILT_DEG, LARGEST_TILT_DEG)))]
     if hat.kind in WRAPS:
         pieces = wrap_pieces(fit_skull(head, with_expression=True), body, hat)
     else:
@@ -113,40 +112,41 @@ def fedora_mesh(head: PosedHead, colour: Colour, tilt_deg: float = 0.0) -> Scene
     )
 
 
-def wrap_pieces(skull: Skull, body: Body, look: Headwear) -> list[Piece]:
+def wrap_pieces(skull: Skull, body: Body, hat: Headwear) -> list[Piece]:
     """A headscarf or a hood, which hides hair, ears and neck and lies on the shoulders."""
-    is_hood = look.kind == "hood"
-    shell = _shell(skull, look, _opening(look, is_hood), is_hood)
-    made = [shell, cowl(body, look.seed, 1.15 if is_hood else 1.45 + 0.3 * look.size)]
+    is_hood = hat.kind == "hood"
+    shell = _shell(skull, hat)
+    made = [shell, cowl(body, hat.seed, 1.15 if is_hood else 1.45 + 0.3 * hat.size)]
     if is_hood:
         edge = shell.vertices.reshape(-1, _WRAP_COLUMNS, 3)[0].astype(np.float64)
-        made.append(tube(edge, 4.0 + 2.0 * look.size, (0.0, 0.0, 1.0), 6))
+        made.append(tube(edge, 4.0 + 2.0 * hat.size, (0.0, 0.0, 1.0), 6))
     return [("cloth", solid) for solid in made]
 
 
-def _opening(look: Headwear, is_hood: bool) -> Float[ndarray, " c"]:
+def _opening(hat: Headwear) -> Float[ndarray, " c"]:
     """Angle between straight ahead and the edge, radians, from the chin over the right side once around."""
     spin = np.linspace(-np.pi, np.pi, _WRAP_COLUMNS)  # 0 the top
     up, aside = np.cos(spin), np.sin(spin) ** 2
     middle = 0.5 * (_TOP_DEG + _CHIN_DEG)
     angle = middle + 0.5 * (_TOP_DEG - _CHIN_DEG) * up + (_SIDE_DEG - middle) * aside
-    angle += 5 * look.size * np.clip(up, 0, 1) + (4 if is_hood else 0)
+    angle += 5 * hat.size * np.clip(up, 0, 1) + (4 if hat.kind == "hood" else 0)
     return np.deg2rad(angle)
 
 
-def _shell(skull: Skull, look: Headwear, opening: Float[ndarray, " c"], is_hood: bool) -> Solid:
+def _shell(skull: Skull, hat: Headwear) -> Solid:
     """The cloth from the edge of the opening to the back of the head."""
+    opening = _opening(hat)
     share = np.linspace(0, 1, 15)[:, None] ** 1.15
     spin = np.linspace(-np.pi, np.pi, _WRAP_COLUMNS)[None]
     angle = opening + share * (np.deg2rad(_BACK_DEG) - opening)
     way = np.stack([np.sin(angle) * np.sin(spin), np.sin(angle) * np.cos(spin), np.cos(angle)], axis=-1)
     rise, around = np.arcsin(np.clip(way[..., 1], -1, 1)), np.arctan2(way[..., 0], way[..., 2])
-    rng = np.random.default_rng(look.seed)
+    rng = np.random.default_rng(hat.seed)
     folds = sum(np.sin(k * spin + rng.uniform(0, 6) + 4 * share) for k in (3, 5, 8)) / 3
     low = np.clip(-way[..., 1], 0, 1)
-    base = 14 + 12 * look.size if is_hood else 4.5
-    puff = 10 * look.size * np.sin(np.pi * share) if not is_hood else 12 * np.sin(np.pi * share)
-    above = base * (0.45 + 0.55 * np.minimum(share * 5, 1)) + puff + 1.6 * folds * np.minimum(3 * share, 1) + 7 * low
+    base, puff = (14 + 12 * hat.size, 12.0) if hat.kind == "hood" else (4.5, 10 * hat.size)
+    above = base * (0.45 + 0.55 * np.minimum(share * 5, 1)) + puff * np.sin(np.pi * share)
+    above = above + 1.6 * folds * np.minimum(3 * share, 1) + 7 * low
     above = above + _EAR_MM * np.exp(-(((rise + 0.3) / 0.42) ** 2) - ((np.abs(around) - 1.5) / 0.38) ** 2)
     rise = np.maximum(rise, np.deg2rad(-74))
     return sheet(skull.at(rise, around, above), (12.0, 8.0), is_closed=True)

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from numpy import ndarray
 
+from datagen.appearance.asset_files import open_asset
 from datagen.appearance.hair.bound_meshes import BoundMesh, bound_mesh, check_model, mirrored
 from datagen.appearance.hair.brows_and_lashes import LASH_STYLES, Brows, brow_mesh, brow_pictures, turned_with_lids
 from datagen.appearance.hair.hair import LAYERS
@@ -118,7 +119,9 @@ def test_no_strand_comes_through_the_forehead(model: MorphableModel, heads: list
 
 def _over_forehead(mesh: BoundMesh) -> ndarray:
     points = mesh.mean[mesh.point_of_vertex[mesh.triangles]].mean(axis=1)
-    over = mesh.over_face[mesh.point_of_vertex[mesh.triangles]].all(axis=1)
+    with open_asset("hair/meshes.h5") as file:
+        over_face = file[mesh.name]["over_face"][()].astype(bool)
+    over = over_face[mesh.point_of_vertex[mesh.triangles]].all(axis=1)
     return over & (points[:, 2] > 60) & (points[:, 1] < 72)
 
 

@@ -5,7 +5,7 @@ import pytest
 from numpy import ndarray
 
 from datagen.rendering.processor.nearest import NOWHERE, draw_nearest, in_window, may_be_seen
-from datagen.rendering.scenes.scene_visibility import before_camera, see_scene
+from datagen.rendering.scenes.scene_visibility import clip_at_near_plane, see_scene
 from pix2face.geometry.camera import Camera
 from pix2face.models.rasterise import rasterise, shows_outside
 from tests.datagen.rendering.plain_scenes import camera_at
@@ -73,7 +73,7 @@ def test_a_mesh_is_cut_before_the_camera(n_near: int) -> None:
     camera = Camera(np.array([[50.0, 0, 16, 320], [0, -50, 16, 320], [0, 0, -1, 20], [0, 0, -1, 20]]))
     heights = np.where(np.arange(3) < n_near, 15, 0)
     points = np.column_stack([[0, 10, 0], [0, 0, 10], heights]).astype(np.float32)
-    cut, corners = before_camera(points, np.array([[0, 1, 2], [2, 0, 1]], dtype=np.int32), camera)
+    cut, corners = clip_at_near_plane(points, np.array([[0, 1, 2], [2, 0, 1]], dtype=np.int32), camera)
     a, b, c = (cut[corners[:, k]].astype(float) for k in range(3))
     crosses = np.cross(b - a, c - a)
     share = {1: 1 - (5 / 15) ** 2, 2: (10 / 15) ** 2, 3: 0}[n_near]
