@@ -17,10 +17,9 @@ from pix2face.commands.pix2face_config import ViewConfig
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.files.opening import is_regular, open_regular
-from pix2face.geometry.crops import crop_image
-from pix2face.geometry.maps import point_cloud
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_files import read_fit
+from pix2face.photographs.fit_pictures import photograph_cloud
 from pix2face.photographs.view_page import ViewedFace, ViewPages, face_data
 
 # A fit has fewer points than the crop that the network looks at has pixels.
@@ -69,7 +68,7 @@ def _fit_photographs(
         for face in photograph.faces:
             with tally.face(face.path):
                 fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
-                points, colours = point_cloud(face.prediction.maps, crop_image(face.image, face.prediction.crop))
+                points, colours = photograph_cloud(face.image, face.prediction.crop, face.prediction.maps)
                 show(face_data(ViewedFace(face.name, face.image, fitted, points, colours)))
     return tally
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 from numpy import ndarray
 
 from pix2face.fitting.face_fit import FaceFit
@@ -23,7 +23,7 @@ LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.
 OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
-MAPS_PX = 512  # side of a picture of maps at most
+MAPS_PX, CLOUD_PX = 512, 256  # side of a picture of maps, and of what a cloud of points comes from, at most
 FADED = 0.25  # contrast of the photograph behind them
 LETTER_SCALE, LETTER_PX = 0.36, 10  # of OpenCV's font, and the height of its letters at this scale
 
@@ -113,9 +113,16 @@ def maps_over(photograph: UInt8[ndarray, "s s 3"], maps: FaceMaps) -> list[UInt8
     ]
 
 
-def write_point_cloud(path: Path, maps: FaceMaps, image: UInt8[ndarray, "h w 3"]) -> None:
-    """Writes PNCC + offset of every valid pixel (mm, model frame) with the pixel's colour as .ply."""
-    points, colours = point_cloud(maps, image)
+def photograph_cloud(
+    image: UInt8[ndarray, "h w 3"], crop: Crop, maps: FaceMaps
+) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:
+    """PNCC + offset of every pixel of a face (mm, model frame) and its colour, at the resolution of the picture."""
+    finer = crop.with_size(min(crop.finest_size_px, CLOUD_PX))
+    return point_cloud(smooth_maps(maps, finer.size_px), crop_image(image, finer))
+
+
+def write_point_cloud(path: Path, points: Float32[ndarray, "n 3"], colours: UInt8[ndarray, "n 3"]) -> None:
+    """Writes points with their colours as .ply."""
     import trimesh  # half a second, which commands that write no points save
 
     trimesh.PointCloud(points, colours).export(path)  # type: ignore[no-untyped-call]

@@ -1,6 +1,6 @@
 """How fast ``datagen render`` is from ``.mat`` + ``.jpg`` to finished shards, on a model of BFM's size.
 
-    python -m tests.benchmarks.render [--originals AFLW2000/] [--n 100] [--workers 2] [--out out/render.json]
+    python -m tests.benchmarks.render [--originals AFLW2000/] [--n 200] [--workers 2] [--out out/render.json]
     python -m tests.benchmarks.render --long 10000          # one run of 10,000 triplets: is memory flat?
 
 Prints and writes JSON. For 450 px (native) and 256 px: triplets a second for n, 2n and 4n samples with the straight
@@ -74,7 +74,7 @@ def measure_size(place: Path, model: Path, size_px: int, options: argparse.Names
 def timed_run(folder: Path, model: Path, out: Path, workers: int) -> dict[str, Any]:
     """One job, from the folder to its shards; they are removed."""
     started = time.perf_counter()
-    summary = run_job(open_job(RenderJob(folder, str(model), seed=0, shard_size=50)), out, ProcessPool(workers))
+    summary = run_job(open_job(RenderJob(folder, str(model), seed=0, shard_size=100)), out, ProcessPool(workers))
     seconds = time.perf_counter() - started
     shards = list(out.glob("shard-*.h5"))
     n_bytes = sum(path.stat().st_size for path in shards)
@@ -166,7 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--originals", type=Path, help="folder of 300W-LP or AFLW2000-3D files to be copied")
-    parser.add_argument("--n", type=int, default=100)
+    parser.add_argument("--n", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--long", type=int, help="one run of so many samples at 450 px instead")
     parser.add_argument("--out", type=Path, default=Path("out/render.json"))

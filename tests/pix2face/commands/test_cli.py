@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import KDTree
 from skimage.data import astronaut
 
 from pix2face.commands.cli import main
@@ -190,10 +191,15 @@ def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photogr
     np.testing.assert_array_equal(mesh.faces, face.model.triangles)
     assert np.linalg.norm(mesh.vertices - face.vertices, axis=1).max() < 0.5  # mm
     cloud = trimesh.load(tmp_path / "out" / "person-0-points.ply")
-    inside = valid_pixels(face.maps().pncc, face.model.smallest_radius_mm)
     crop = square_crop(face.box, INFERENCE_SCALE, SIZE_PX)
-    np.testing.assert_array_equal(cloud.colors[:, :3], crop_image(face.photograph(), crop)[inside])
-    np.testing.assert_allclose(cloud.vertices, (face.maps().pncc + face.maps().offset)[inside], atol=1e-3)
+    shown = crop_image(face.photograph(), crop.with_size(crop.finest_size_px))
+    true = face.maps(len(shown))
+    inside = cv2.erode(true.mask.astype(np.uint8), np.ones((25, 25))).astype(bool)
+    nearest, place = KDTree(cloud.vertices).query((true.pncc + true.offset)[inside])
+    assert inside.sum() > 2000
+    assert nearest.mean() < 1.0
+    # The nearest point may be that of a neighbouring pixel.
+    assert np.abs(cloud.colors[place, :3].astype(float) - shown[inside]).mean() < 4
     overlay = read_photograph(tmp_path / "out" / "person-0-overlay.jpg")
     assert overlay.shape[2] == 3
     assert overlay.std() > 20
