@@ -22,18 +22,17 @@ from pix2face.detectors.protocol import Box
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
 from pix2face.tracking.ahead import ahead, in_chunks, mapped
-from pix2face.tracking.clip_fit import FrameFitter, SettledFace, carried, eye_distance_px
+from pix2face.tracking.clip_fit import FrameFitter, SettledFace, box_to_box, eye_distance_px
 from pix2face.tracking.clip_identity import ClipIdentity
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
 from pix2face.tracking.smoothing import JitterMeter, Smoother
 from pix2face.tracking.video import PICTURES_FPS, FrameSource
 
 Photograph = UInt8[ndarray, "_ _ 3"]
-Advance = Callable[[], None]
 
 FitState = Literal["fitted", "carried", "none"]
 
-# A fit is carried over so many seconds of frames without a face: an eye blink of the network, not a blank screen.
+# Where the network finds no face, the last fit is carried over for so long.
 LONGEST_CARRIED_SECONDS = 0.5
 # A face of which the network sees a smaller share is hidden, or there is none.
 LEAST_SEEN = 0.45
@@ -76,7 +75,7 @@ def find_boxes(
     tracker: FaceTracker,
     *,
     every: int = 1,
-    advance: Advance = lambda: None,
+    advance: Callable[[], None] = lambda: None,
 ) -> int:
     """First pass: detects faces and tells the tracker.
 
@@ -173,7 +172,7 @@ class FaceFollower:
             return settled.fit
         if self._last is None or self._last.box.track != box.track:
             return self._fitter.placed(box.box, self.identity)
-        return carried(self._last.fit, self._last.box.box, box.box)
+        return self._last.fit.transformed(box_to_box(self._last.box.box, box.box))
 
     def _smoothed(self, points: Sequence[Float64[ndarray, "_ 2"]]) -> list[TrackedFace]:
         done = []

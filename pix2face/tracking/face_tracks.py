@@ -10,7 +10,7 @@ adjacent". Deviation from the paper: before the first and after the last detecti
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from io import TextIOBase
 from pathlib import Path
 from typing import Literal, final
@@ -86,23 +86,23 @@ class FaceTracker:
 
     def push(self, frame: int, faces: Sequence[Box]) -> None:
         """Takes the detections of a frame; frames come in their order, and may be left out."""
-        boxes = [box_and_score(face)[0] for face in faces]
+        found = [box_and_score(face) for face in faces]
         # A face of the frame that was looked at before is not lost, however long ago that was.
         gap = max(LONGEST_GAP_SECONDS * self._fps, frame - self._before)
         self._live = {track: box for track, box in self._live.items() if frame - self._tracks[track].last <= gap}
         self._before = frame
-        matched = self._match(frame, boxes)
-        for index, box in enumerate(boxes):
+        matched = self._match(frame, [box for box, _ in found])
+        for index, (box, score) in enumerate(found):
             track = matched.get(index)
             if track is None:
                 track = len(self._tracks)
                 self._tracks.append(TrackSummary(track, frame, frame, 0, 0.0))
             before = self._tracks[track]
-            self._tracks[track] = TrackSummary(
-                track, before.first, frame, before.n_detected + 1, before.weight + box.longer_side
+            self._tracks[track] = replace(
+                before, last=frame, n_detected=before.n_detected + 1, weight=before.weight + box.longer_side
             )
             self._live[track] = box
-            sides, score = (f"{side:.3f}" for side in astuple(box)), box_and_score(faces[index])[1]
+            sides = (f"{side:.3f}" for side in astuple(box))
             self._rows.writerow([frame, track, *sides, "" if score is None else f"{score:.4g}"])
 
     def _match(self, frame: int, boxes: Sequence[FaceBox]) -> dict[int, int]:
