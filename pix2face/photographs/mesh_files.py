@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MeshFormat = Literal["obj", "ply", "glb", "usdz"]
 
-# Of the stem of an .obj that its material cannot have. With what is added, any file system takes the name.
+# What is kept of a stem that an .obj cannot name. With the checksum behind it, any file system takes the name.
 READABLE_LETTERS = 40
 
 

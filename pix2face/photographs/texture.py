@@ -103,7 +103,7 @@ class PhotographColours:
         self._depth_camera, self._depths = _depths(fit, model, square_crop(box, 1.1, DEPTH_PX))
         self._cosines = facing(self._vertices, model.triangles, fit.camera)
         self._share = _share_of_photograph(model)
-        self._is_ear = _vertices_of_region(model, EARS)
+        self._is_ear = np.isin(np.arange(len(model.mean)), model.vertices_of(EARS))
         from_nose = np.linalg.norm(model.mean - model.mean[model.landmarks[IBUG68][NOSE_TIP]], axis=1)
         self.skin = self._skin(from_nose < MIDDLE_MM)
 
@@ -224,12 +224,6 @@ def _share_of_photograph(model: MorphableModel) -> Float64[ndarray, " v"]:
         head = part_of_vertex == np.bincount(part_of_vertex[np.unique(others)]).argmax()
         share *= np.clip(cKDTree(model.mean[head]).query(model.mean)[0] / BORDER_FADE_MM, 0, 1)
     return share
-
-
-def _vertices_of_region(model: MorphableModel, name: str) -> Bool[ndarray, " v"]:
-    inside = np.zeros(len(model.mean), dtype=bool)
-    inside[model.vertices_of(name)] = True
-    return inside
 
 
 def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"]) -> int:
