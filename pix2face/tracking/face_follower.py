@@ -140,10 +140,9 @@ class FaceFollower:
             self._seen_shares.append(seen_share)
         if box.source != "detected" and seen_share is not None and seen_share < LEAST_SEEN:
             settled = None  # neither detector nor network finds a face
-        state = self._state(box, settled)
+        state, fit = self._state_and_fit(box, settled)
         is_cut = self._last is not None and (self._last.box.track != box.track or state == "none")
         done = self.flush() if is_cut else []
-        fit = self._fit(box, settled)
         face = TrackedFace(box, state, fit, fit.landmarks2d, eye_distance_px(fit), seen_share)
         if state == "none":
             self._last = None
@@ -161,18 +160,13 @@ class FaceFollower:
         self.jitter_smoothed.cut()
         return done
 
-    def _state(self, box: FrameBox, settled: SettledFace | None) -> FitState:
+    def _state_and_fit(self, box: FrameBox, settled: SettledFace | None) -> tuple[FitState, FaceFit]:
         if settled is not None:
-            return "fitted"
-        is_near = self._last is not None and self._last.box.track == box.track
-        return "carried" if is_near and self._n_carried < self._longest_carried else "none"
-
-    def _fit(self, box: FrameBox, settled: SettledFace | None) -> FaceFit:
-        if settled is not None:
-            return settled.fit
+            return "fitted", settled.fit
         if self._last is None or self._last.box.track != box.track:
-            return self._fitter.placed(box.box, self.identity)
-        return self._last.fit.transformed(box_to_box(self._last.box.box, box.box))
+            return "none", self._fitter.placed(box.box, self.identity)
+        moved = self._last.fit.transformed(box_to_box(self._last.box.box, box.box))
+        return "carried" if self._n_carried < self._longest_carried else "none", moved
 
     def _smoothed(self, points: Sequence[Float64[ndarray, "_ 2"]]) -> list[TrackedFace]:
         done = []

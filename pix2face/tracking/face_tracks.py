@@ -170,21 +170,14 @@ def boxes_of_every_frame(detected: Iterable[FrameBox], frames: range) -> Iterato
     Between two detections of one track the box is interpolated; before the first, after the last, and between two
     tracks the nearest detection is held. Detections come in the order of frames; there is at least one.
     """
-    next_frame = frames.start
-    for before, after in _with_pairs(detected):
-        while next_frame < min(after.frame if after is not None else frames.stop, frames.stop):
-            yield _between(before, after or before, next_frame)
-            next_frame += 1
-
-
-def _with_pairs(detected: Iterable[FrameBox]) -> Iterator[tuple[FrameBox, FrameBox | None]]:
-    """Each detection with the one after it; before them the first with itself, behind them the last with none."""
-    before: FrameBox | None = None
-    for own in detected:
-        yield before or own, own
-        before = own
+    start, before = frames.start, None
+    for after in detected:
+        for frame in range(start, min(after.frame, frames.stop)):
+            yield _between(before or after, after, frame)
+        start, before = max(start, after.frame), after
     if before is not None:
-        yield before, None
+        for frame in range(start, frames.stop):
+            yield _between(before, before, frame)
 
 
 def _between(before: FrameBox, after: FrameBox, frame: int) -> FrameBox:
