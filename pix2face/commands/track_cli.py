@@ -199,7 +199,9 @@ def _follow(
         return TrackFiles(faces[index].folder, formats, source.fps, size_px, followers[index].identity, model)
 
     with ExitStack() as stack:
-        files: dict[int, TrackFiles] = {}  # of the faces in the picture: a long clip has more than a process may open
+        files: dict[
+            int, TrackFiles
+        ] = {}  # of the faces in the picture: those of a long clip may be too many to be open
         overlay = None
         if "video" in formats:
             overlay = stack.enter_context(OverlayVideo(config.out / OVERLAY_NAME, source.fps))

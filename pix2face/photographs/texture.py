@@ -26,7 +26,7 @@ TEXTURE_SIZES_PX = (512, 1024, 2048)
 # The photograph is sampled at this size: finer than any texel of a face, and coarse enough for large photographs.
 PICTURE_PX = 1024
 DEPTH_PX = 512
-# A point is seen where nothing is nearer than this; half a millimetre a pixel, and slopes, are to be forgiven.
+# A point is seen unless something is nearer by more than this, which allows for half a millimetre a pixel and slopes.
 DEPTH_TOLERANCE_MM = 2.0
 # Beside a step of the surface, or its outline, a fit that is off by a pixel would take the colour of what is beyond.
 STEP_MM, STEP_REACH_PX = 10.0, 2

@@ -239,29 +239,15 @@ def _chunks_of_clip(
     source: FrameSource, boxes: Sequence[Iterator[FrameBox]], followers: Sequence[FaceFollower]
 ) -> Iterator[tuple[_Chunk, list[tuple[Photograph, FaceBox]]]]:
     """All frames, and those of their faces whose fits are not known yet."""
-    every_box = [_Peekable(own) for own in boxes]
+    upcoming = [next(own, None) for own in boxes]
     for frames in in_chunks((index, *timed) for index, timed in enumerate(source.timed_frames())):
         images = {index: image for index, _, image in frames}
-        faces = [(face, own.pop()) for index in images for face, own in enumerate(every_box) if own.frame == index]
-        ended = {face for face, _ in faces if every_box[face].frame is None}
+        faces: list[tuple[int, FrameBox]] = []
+        for index in images:
+            for face, box in enumerate(upcoming):
+                if box is not None and box.frame == index:
+                    faces.append((face, box))
+                    upcoming[face] = next(boxes[face], None)
+        ended = {face for face, _ in faces if upcoming[face] is None}
         new = [(images[box.frame], box.box) for face, box in faces if box.frame not in followers[face].known_fits]
         yield _Chunk(frames, faces, ended), new
-
-
-@final
-class _Peekable:
-    """Boxes of a face with a look at the frame of the next one (None after the last)."""
-
-    def __init__(self, boxes: Iterator[FrameBox]) -> None:
-        self._boxes = boxes
-        self._next = next(boxes, None)
-
-    @property
-    def frame(self) -> int | None:
-        return None if self._next is None else self._next.frame
-
-    def pop(self) -> FrameBox:
-        box = self._next
-        assert box is not None
-        self._next = next(self._boxes, None)
-        return box

@@ -32,9 +32,9 @@ LONGEST_GAP_SECONDS = 2.0
 REACH_IN_SIDES = 0.6
 REACH_PER_SECOND = 0.6
 LARGEST_RATIO_OF_SIZES = 1.7
-# Fewer detections are an accident of the detector, wherever there are faces with more.
+# A face with fewer detections is taken for an accident of the detector, if another face has more.
 LEAST_DETECTIONS = 3
-# So is a face that is found less often than this while it is followed; of a detector, not of boxes that were given.
+# So is a face that a detector finds in a smaller share of its frames. Boxes from a file may name few frames.
 LEAST_SHARE_DETECTED = 0.25
 
 

@@ -71,7 +71,7 @@ Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FaceFit]
 # Looks for a face with a detector.
 Detect = Callable[[BenchmarkFace], FaceDetection]
 
-# A benchmark states the poses of the very model that is fitted.
+# For benchmarks that state poses in the frame of the model that is fitted.
 OWN_FRAME = np.eye(3)
 
 
