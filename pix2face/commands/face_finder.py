@@ -1,7 +1,7 @@
 """Opens what the options of a command name: network, model, and the places of the faces."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
@@ -9,14 +9,12 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.api import Pix2Face
-from pix2face.commands.pix2face_config import NetworkOptions, PhotographOptions
+from pix2face.commands.pix2face_config import PhotographOptions
 from pix2face.detectors.protocol import Box
 from pix2face.errors import DegenerateGeometryError, ModelMismatchError
 from pix2face.face_files.box_files import BoxFile, read_box_file
 from pix2face.geometry.crops import FaceBox
-from pix2face.inference.predictor import Predictor
-from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
-from pix2face.models.morphable_model import MorphableModel
+from pix2face.landmark_choice.landmark_file import open_model_with
 
 NO_FACE = (
     "no face found; say where the face is with --box left top right bottom, look for small faces with "
@@ -26,34 +24,6 @@ TURNED = (
     "the face is not upright; turn the picture counterclockwise by {degrees}°, or say where the face is with "
     "--box left top right bottom if the picture is right as it is"
 )
-
-
-def open_network_model(options: NetworkOptions) -> MorphableModel:
-    """Opens the model, with the landmarks of the file if one is named.
-
-    Raises:
-        Pix2FaceError: As ``open_model_with``.
-    """
-    return open_model_with(options.model, options.landmarks)
-
-
-def open_predictor(options: NetworkOptions) -> Predictor:
-    """Opens the network.
-
-    Raises:
-        Pix2FaceError: As ``Predictor.load``.
-    """
-    return Predictor.load(options.path, options.device)
-
-
-def with_chosen_landmarks(options: NetworkOptions, model: MorphableModel, predictor: Predictor) -> MorphableModel:
-    """The model with the landmarks of the checkpoint, unless a file was named.
-
-    Raises:
-        ModelMismatchError: The checkpoint was trained for another model.
-    """
-    predictor.header.check_model(model.name, model.sha256)
-    return with_own_landmarks(model, predictor.header) if options.landmarks is None else model
 
 
 def open_finder(options: PhotographOptions, *, needs_model: bool = True) -> "FaceFinder":
@@ -69,7 +39,8 @@ def open_finder(options: PhotographOptions, *, needs_model: bool = True) -> "Fac
     faces, network = options.faces, options.faces.network
     detects = options.box is None and faces.boxes is None
     box_file = None if faces.boxes is None else read_box_file(faces.boxes)
-    model = open_network_model(network) if needs_model or (detects and faces.refine) else None
+    wants_model = needs_model or (detects and faces.refine)
+    model = open_model_with(network.model, network.landmarks) if wants_model else None
     try:
         pix2face = Pix2Face.load(
             network.checkpoint,
@@ -97,10 +68,6 @@ class FaceFinder:
     box: tuple[float, float, float, float] | None = None  # for all photographs: left, top, right, bottom in pixels
     box_file: BoxFile | None = None  # boxes by photograph
     largest: bool = False  # whether only the largest face of a photograph counts
-
-    def only_largest(self) -> "FaceFinder":
-        """Returns a finder that takes the largest face of each photograph."""
-        return replace(self, largest=True)
 
     def boxes_of(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> Sequence[Box]:
         """Where to look in a photograph, the largest face first.

@@ -55,7 +55,7 @@ def fit(config: FitConfig) -> int:
     writer = _Writer(config, formats, ResultFolder(config.out, "fit"))
     tally = Tally()
     if config.joint:
-        _fit_jointly(look_at(images, finder.only_largest(), console, tally), tally, finder.pix2face, writer)
+        _fit_jointly(look_at(images, replace(finder, largest=True), console, tally), tally, finder.pix2face, writer)
     else:
         _fit_each(look_at(images, finder, console, tally), tally, finder.pix2face, writer)
     return tally.report(console, config.out)
@@ -90,7 +90,7 @@ def _fit_jointly(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: 
         try:
             with writer.results.of_photograph(name, face.path) as folder:
                 writer.write(folder, face.with_image(), fitted)
-        except (DegenerateGeometryError, InputFileError) as error:  # of the overlay; the photograph is gone
+        except (DegenerateGeometryError, InputFileError) as error:  # no overlay, or the photograph is gone
             tally.n_faces -= 1
             tally.problems.append(located(error, face.path))
 

@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.table import Table
 
 from pix2face.command_line import EXIT_REJECTED, check_output_file, counted, progress_bar, say
-from pix2face.commands.face_finder import open_network_model, open_predictor
 from pix2face.commands.pix2face_config import LandmarksCommand, LandmarksSelectConfig, LandmarksShowConfig
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.face_files.annotations import AnnotatedFace, Annotation, find_annotations
@@ -22,7 +21,7 @@ from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
 from pix2face.inference.predictor import Predictor
-from pix2face.landmark_choice.landmark_file import load_landmarks, save_landmarks, with_landmarks
+from pix2face.landmark_choice.landmark_file import load_landmarks, open_model_with, save_landmarks, with_landmarks
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection, ReprojectionErrors, fold_of_frame
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_pictures import draw_model_landmarks
@@ -60,13 +59,13 @@ def _select(config: LandmarksSelectConfig) -> int:
     if config.network.checkpoint is not None and config.coeffs is not None:
         raise UsageError("expected --checkpoint (fit predicted maps) or --coeffs (take fits as given), found both")
     annotations = find_annotations(config.data, config.scheme)
-    model = open_network_model(config.network)
+    model = open_model_with(config.network.model, config.network.landmarks)
     candidates = np.flatnonzero(model.is_face_vertex)
     errors = ReprojectionErrors(candidates, SCHEMES[config.scheme], config.folds)
     if config.coeffs is not None:
         fit_frame, origin = _given_fits(model, config.coeffs), str(config.coeffs.name)
     else:
-        predictor = open_predictor(config.network)
+        predictor = Predictor.load(config.network.path, config.network.device)
         fit_frame, origin = _predicted_fits(model, predictor), f"maps predicted by {config.network.path.name}"
     problems = _measure(annotations, fit_frame, candidates, errors, config)
     if len(problems) == len(annotations):

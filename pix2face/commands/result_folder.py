@@ -59,7 +59,7 @@ class ResultFolder:
         self._earlier = {own.name: own for own in earlier if own.command == command}
         self._names = {own.photograph: own.name for own in self._earlier.values()}
         if (folder / LIST_NAME).exists():
-            self._write_list(earlier)
+            write_file(folder / LIST_NAME, "".join(map(_as_line, earlier)))
 
     @contextmanager
     def of_photograph(self, name: str, photograph: Path) -> Iterator[Path]:
@@ -91,9 +91,6 @@ class ResultFolder:
                 if self._claims[file_name] <= 0 and file_name not in made:
                     (self.path / file_name).unlink(missing_ok=True)
 
-    def _write_list(self, results: list[Results]) -> None:
-        write_file(self.path / LIST_NAME, "".join(map(_as_line, results)))
-
 
 def read_results(folder: Path) -> list[Results]:
     """What a folder's list says, without lines that later ones replace; empty where there is none that can be read."""
@@ -104,10 +101,7 @@ def read_results(folder: Path) -> list[Results]:
         lines = read_regular(path, "a list of results", LARGEST_LIST_BYTES).splitlines()
     except InputFileError:
         return []
-    found: dict[tuple[str, str], Results] = {}
-    for own in filter(None, map(_from_line, lines)):
-        found[own.command, own.name] = own
-    return list(found.values())
+    return list({(own.command, own.name): own for own in map(_from_line, lines) if own}.values())
 
 
 def _as_line(results: Results) -> str:

@@ -13,14 +13,14 @@ from numpy import ndarray
 from rich.console import Console
 
 from pix2face.command_line import check_output_folder, counted, prepare_output_folder, progress_bar, say
-from pix2face.commands.face_finder import open_network_model, open_predictor, with_chosen_landmarks
 from pix2face.commands.pix2face_config import TrackConfig
 from pix2face.detectors.detection import open_detector
 from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import GrowingFile, write_file
-from pix2face.inference.predictor import keep_networks_in_one_thread
+from pix2face.inference.predictor import Predictor, keep_networks_in_one_thread
+from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
 from pix2face.photographs.usd_files import usd_module
 from pix2face.tracking import TrackFormat
 from pix2face.tracking.clip_fit import FrameFitter
@@ -57,8 +57,11 @@ def track(config: TrackConfig) -> int:
     find = _finder(config, source)
     check_output_folder(config.out)
     network = config.faces.network
-    model, predictor = open_network_model(network), open_predictor(network)
-    model = with_chosen_landmarks(network, model, predictor)
+    model = open_model_with(network.model, network.landmarks)
+    predictor = Predictor.load(network.path, network.device)
+    predictor.header.check_model(model.name, model.sha256)
+    if network.landmarks is None:
+        model = with_own_landmarks(model, predictor.header)
     if "arkit" in formats:
         BlendshapeSolver(model)  # refuses a model without these expressions
     fitter = FrameFitter(predictor, model, config.how, config.faces.refine)
@@ -196,7 +199,9 @@ def _follow(
         return TrackFiles(faces[index].folder, formats, source.fps, size_px, followers[index].identity, model)
 
     with ExitStack() as stack:
-        files: dict[int, TrackFiles] = {}  # of the faces in the picture: a long clip has more than a process may open
+        files: dict[
+            int, TrackFiles
+        ] = {}  # of the faces in the picture: those of a long clip may be too many to be open
         overlay = None
         if "video" in formats:
             overlay = stack.enter_context(OverlayVideo(config.out / OVERLAY_NAME, source.fps))

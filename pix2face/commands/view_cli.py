@@ -42,14 +42,14 @@ def view(config: ViewConfig) -> int:
             "give --landmarks to `pix2face fit`"
         )
     tally = _fit_photographs(config, photographs, console, pages.add) if photographs else Tally()
-    model = open_model(config.faces.faces.network.model) if fits else None
-    for path in fits:
-        try:
-            assert model is not None
-            pages.add(face_data(_stored_face(path, model)))
-            tally.n_faces += 1
-        except (InputFileError, DegenerateGeometryError) as error:
-            tally.problems.append(located(error, path))
+    if fits:
+        model = open_model(config.faces.faces.network.model)
+        for path in fits:
+            try:
+                pages.add(face_data(_stored_face(path, model)))
+                tally.n_faces += 1
+            except (InputFileError, DegenerateGeometryError) as error:
+                tally.problems.append(located(error, path))
     pages.close()
     if not pages.paths:
         say(console, f"no face to show: {config.out} is not written")

@@ -18,7 +18,6 @@ from pix2face.command_line import (
     progress_bar,
     say,
 )
-from pix2face.commands.face_finder import open_network_model
 from pix2face.detectors import DEFAULT_DETECTOR
 from pix2face.detectors.detection import open_detector
 from pix2face.detectors.protocol import SURE_SCORE
@@ -37,6 +36,7 @@ from pix2face.evaluation.report.report_text import report_notes, report_tables
 from pix2face.evaluation.subjects.measured_subject import open_subject, versions
 from pix2face.fitting.fit_options import DEFAULT_FIT
 from pix2face.geometry.crops import LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
+from pix2face.landmark_choice.landmark_file import open_model_with
 from pix2face.models.morphable_model import MorphableModel
 
 DATA_VARIABLE = "PIX2FACE_DATA"
@@ -47,7 +47,7 @@ def evaluate(config: EvaluateConfig) -> int:
     """Measures a checkpoint, or the landmarks of another system, on a benchmark."""
     _check_numbers(config)
     manifest = _as_asked(config, load_manifest(config.split))
-    model = open_network_model(config.network)
+    model = open_model_with(config.network.model, config.network.landmarks)
     model_landmarks(model)  # a model without them is refused before anything takes time
     data = config.data or os.environ.get(DATA_VARIABLE)
     found = find_benchmark(manifest, Path(data) if data else None, model, config.reannotated)
@@ -101,10 +101,11 @@ def _check_numbers(config: EvaluateConfig) -> None:
         "--smallest-face": config.smallest_face is not None,
         "--no-refine": not config.refine,
     }
-    for name in (name for name, is_given in of_detection.items() if is_given and config.boxes != "detected"):
-        raise UsageError(f"{name}: expected --boxes detected with it")
+    given = [name for name, is_given in of_detection.items() if is_given]
     if config.boxes == "detected":
         open_detector(config.detector, config.smallest_face)  # an unknown one is refused before anything takes time
+    elif given:
+        raise UsageError(f"{given[0]}: expected --boxes detected with it")
     if config.predictions is None and config.frame != "0-based":
         raise UsageError(f"--frame {config.frame}: expected --predictions with it")
     subjects = {
@@ -121,15 +122,16 @@ def _check_of_networks_alone(config: EvaluateConfig) -> None:
     """Refuses options that apply only to a network when none is measured."""
     if config.predictions is None and not config.oracle:
         return
-    given = {
+    of_networks = {
         "--regularisation": config.how.regularisation != DEFAULT_FIT.regularisation,
         "--no-silhouette": not config.how.silhouette,
         "--no-correction": not config.how.correction,
         "--reprojection-rounds": config.how.reprojection_rounds > 0,
         "--crop-scale": config.crop_scale is not None,
     }
-    for name in (name for name, is_given in given.items() if is_given):
-        raise UsageError(f"{name}: expected a checkpoint to measure; nothing else goes by it")
+    given = [name for name, is_given in of_networks.items() if is_given]
+    if given:
+        raise UsageError(f"{given[0]}: expected a checkpoint to measure; nothing else goes by it")
 
 
 def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:

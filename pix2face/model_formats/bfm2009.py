@@ -42,7 +42,7 @@ GUO_BASIS = "bfm2009-guo"
 SHAPE_FILE = "Model_Shape.mat"
 EXPRESSION_FILES = ("Model_Expression.mat", "Model_Exp.mat")
 ORIGINAL_FILE = "01_MorphableModel.mat"
-# The structure of face3d's file, and how its fields are named in the files of 300W-LP.
+# The structure of face3d's file, and what it calls the arrays of 300W-LP.
 FACE3D = "model"
 FACE3D_NAMES = {
     "mu_shape": "shapeMU",
@@ -126,9 +126,10 @@ def _read_300wlp(shape_path: Path, expression_path: Path) -> StoredModel:
 
 def _read_face3d(path: Path) -> StoredModel:
     """``BFM.mat`` of face3d: the arrays of 300W-LP under other names, in one structure."""
-    fields = _read(path, tuple(f"{FACE3D}.{name}" for name in FACE3D_NAMES.values() if not name.startswith("tex")))
-    fields |= read_mat(path, [f"{FACE3D}.{name}" for name in FACE3D_NAMES.values()])
-    named = {own: fields[f"{FACE3D}.{name}"] for own, name in FACE3D_NAMES.items() if f"{FACE3D}.{name}" in fields}
+    names = {name: f"{FACE3D}.{theirs}" for name, theirs in FACE3D_NAMES.items()}
+    needed = tuple(theirs for name, theirs in names.items() if not name.endswith("_tex"))
+    fields = _read(path, needed, tuple(names.values()))
+    named = {name: fields[theirs] for name, theirs in names.items() if theirs in fields}
     return _of_300wlp(path, path, named, named)
 
 
@@ -156,7 +157,7 @@ def _of_300wlp(
         origin="Paysan et al. 2009, expressions of Cao et al. 2014 as in Zhu et al. 2016",
         landmarks={IBUG68: keypoints},
         published_basis=PUBLISHED_BASIS,
-        **_albedo(shape_path, shape.get("mu_tex"), shape.get("w_tex"), shape.get("sigma_tex"), n_vertices),
+        **albedo_of_255(shape_path, shape.get("mu_tex"), shape.get("w_tex"), shape.get("sigma_tex"), n_vertices),
     )
 
 
@@ -167,7 +168,7 @@ def _read_original(path: Path) -> StoredModel:
     n_vertices = len(mean_um)
     identity = _Basis.read(f"{path} (shapePC, shapeEV)", fields["shapePC"], fields["shapeEV"], n_vertices)
     polygons = triangle_polygons(f"{path} (tl)", fields["tl"], n_vertices, first=1)
-    albedo = _albedo(path, fields.get("texMU"), fields.get("texPC"), fields.get("texEV"), n_vertices)
+    albedo = albedo_of_255(path, fields.get("texMU"), fields.get("texPC"), fields.get("texEV"), n_vertices)
     guo = existing(path.parent, GUO_FILE)
     trim_path = existing(path.parent, *TRIM_FILES)
     kept = np.arange(n_vertices)
@@ -238,8 +239,12 @@ def _model(
     )
 
 
-def _albedo(path: Path, mean: Any, columns: Any, deviations: Any, n_vertices: int) -> dict[str, ndarray]:
-    """Colours, published in 0..255, where the file has all three arrays."""
+def albedo_of_255(path: Path, mean: Any, columns: Any, deviations: Any, n_vertices: int) -> dict[str, Any]:
+    """Colours that are published in 0..255, where the file has all three arrays.
+
+    Raises:
+        InputFileError: They are not the colours of the vertices.
+    """
     if mean is None or columns is None or deviations is None:
         return {}
     colours = coordinates(f"{path} (mean colour)", mean)

@@ -39,7 +39,7 @@ def read_flame(path: Path) -> StoredModel:
             f"expression components, found {directions.shape}"
         )
     columns = directions.reshape(-1, n_components)
-    basis = basis_of_columns(f"{path} (shapedirs)", columns, np.ones(n_components), len(mean), MM_PER_METRE)
+    basis = basis_of_columns(f"{path} (shapedirs)", columns, None, len(mean), MM_PER_METRE)
     polygons = triangle_polygons(f"{path} (f)", as_array(fields["f"], f"{path} (f)"), len(mean))
     return StoredModel(
         name=f"FLAME ({path.stem})",

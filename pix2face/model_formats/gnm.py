@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.npz_files import read_npz
-from pix2face.model_formats.checks import MAX_COMPONENTS, check_names, coordinates, triangle_polygons, vertex_numbers
+from pix2face.model_formats.checks import basis_of_columns, check_names, coordinates, triangle_polygons, vertex_numbers
 from pix2face.models.model_file import StoredModel
 
 MM_PER_METRE = 1000.0
@@ -49,13 +49,10 @@ def read_gnm(path: Path) -> StoredModel:
 
 def _basis(path: Path, name: str, arrays: dict[str, ndarray], n_vertices: int) -> Float32[ndarray, "k v 3"]:
     basis = arrays[name]
-    if basis.ndim != 3 or basis.shape[1:] != (n_vertices, 3) or len(basis) > MAX_COMPONENTS:
+    if basis.ndim != 3 or basis.shape[1:] != (n_vertices, 3):
         raise InputFileError(f"{path}: expected {name} of (components, {n_vertices}, 3), found {basis.shape}")
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found below
-        scaled = basis.astype(np.float32) * np.float32(MM_PER_METRE)
-    if not np.isfinite(scaled).all():
-        raise InputFileError(f"{path}: expected finite numbers in {name}, found some that are not")
-    return scaled
+    columns = basis.reshape(len(basis), 3 * n_vertices).T
+    return basis_of_columns(f"{path} ({name})", columns, None, n_vertices, MM_PER_METRE)
 
 
 def _polygons(path: Path, arrays: dict[str, ndarray], n_vertices: int) -> Int32[ndarray, "p 4"]:

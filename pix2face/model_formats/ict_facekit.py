@@ -129,19 +129,12 @@ def _read_mesh(path: Path) -> _Mesh:
     texture = [line for line in lines if line.startswith(b"vt ")]
     uv = _numbers(path, texture, 2).astype(np.float32) if texture else None
     polygons, regions = _read_polygons(path, lines)
-    corner_tables = polygons[..., 0], polygons[..., 1]
     limits = len(vertices), len(texture)
-    for table, limit in zip(corner_tables, limits, strict=True):
-        if int(table.max(initial=-1)) >= limit:
-            raise InputFileError(f"{path}: expected faces of {limits} vertices and texture vertices, found others")
-    has_texture = uv is not None and bool((corner_tables[1][:, :3] >= 0).all())
-    return _Mesh(
-        vertices,
-        np.ascontiguousarray(corner_tables[0]),
-        regions,
-        uv if has_texture else None,
-        np.ascontiguousarray(corner_tables[1]) if has_texture else None,
-    )
+    if (polygons.max(axis=(0, 1)) >= limits).any():
+        raise InputFileError(f"{path}: expected faces of {limits} vertices and texture vertices, found others")
+    corners, uv_corners = (np.ascontiguousarray(polygons[..., column]) for column in range(2))
+    has_texture = uv is not None and bool((uv_corners[:, :3] >= 0).all())
+    return _Mesh(vertices, corners, regions, uv if has_texture else None, uv_corners if has_texture else None)
 
 
 def _read_polygons(path: Path, lines: list[bytes]) -> tuple[Int32[ndarray, "p 4 2"], UInt8[ndarray, " p"]]:

@@ -41,8 +41,6 @@ def read_statismo(path: Path) -> StoredModel:
         InputFileError: Missing, truncated, foreign or hostile file, or arrays that do not fit each other.
     """
     with open_hdf5(path) as file:
-        if not is_statismo(file):
-            raise InputFileError(f"{path}: expected {MEAN} and shape/representer in it, found {sorted(file)}")
         unit = _mm_per_unit(file, path)
         mean = coordinates(f"{path} ({MEAN})", read_array(file, MEAN, path)) * unit
         polygons = _polygons(file, path, len(mean))

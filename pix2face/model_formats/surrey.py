@@ -66,10 +66,8 @@ def read_surrey(path: Path) -> StoredModel:
     shape, colour = reader.pca_model(), reader.pca_model()
     mean = coordinates(f"{path} (mean)", shape.mean)
     polygons = triangle_polygons(f"{path} (triangles)", shape.triangles, len(mean))
-    expression = _Expression.none(len(mean))
-    if version >= 2 and reader.has_value():
-        expression = reader.expression_model(len(mean))
-    if not len(expression.basis):
+    expression = reader.expression_model(len(mean)) if version >= 2 and reader.has_value() else None
+    if expression is None or not len(expression.basis):
         expression = _Expression.of_shapes(_read_blendshapes(path.parent, len(mean)), len(mean))
     if version >= 3 and reader.has_value():
         reader.skip_landmarks()
@@ -113,10 +111,6 @@ class _Expression:
     offset: Float64[ndarray, "v 3"]  # what the mean of a statistical model adds to the mean face
     basis: Float32[ndarray, "e v 3"]
     names: tuple[str, ...] = ()  # of blendshapes; a statistical model has none
-
-    @classmethod
-    def none(cls, n_vertices: int) -> "_Expression":
-        return cls.of_shapes({}, n_vertices)
 
     @classmethod
     def of_shapes(cls, shapes: dict[str, Float32[ndarray, "v 3"]], n_vertices: int) -> "_Expression":

@@ -103,7 +103,7 @@ def _numbers(fields: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Fl
         values = np.array(fields[name], dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(repr(name)) from error
-    fits = values.ndim == len(shape) and all(n in (m, -1) or m == -1 for n, m in zip(values.shape, shape, strict=True))
+    fits = values.ndim == len(shape) and all(m in (n, -1) for n, m in zip(values.shape, shape, strict=True))
     if not fits or not np.isfinite(values).all():
         raise ValueError(repr(name))
     return values

@@ -14,9 +14,9 @@ from pix2face.geometry.landmarks import IBUG68, LANDMARK_TOLERANCE_MM
 from pix2face.geometry.maps import FaceMaps, uncovered_points
 
 
-def visible_landmarks(fit: FaceFit, scheme: str = IBUG68) -> Bool[ndarray, " m"]:
-    """Which landmarks of a fitted face, in the scheme it was fitted with, the head itself does not hide."""
-    return visible_vertices(fit.vertices, fit.model.triangles, fit.camera, fit.model.landmarks[scheme])
+def visible_landmarks(fit: FaceFit) -> Bool[ndarray, "68"]:
+    """Which of the 68 landmarks of a fitted face the head itself does not hide."""
+    return visible_vertices(fit.vertices, fit.model.triangles, fit.camera, fit.model.landmarks[IBUG68])
 
 
 def landmarks_in_sight(fit: FaceFit, maps: FaceMaps, crop: Crop) -> Bool[ndarray, " m"]:

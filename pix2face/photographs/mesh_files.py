@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MeshFormat = Literal["obj", "ply", "glb", "usdz"]
 
-# Of the stem of an .obj that its material cannot have. With what is added, any file system takes the name.
+# What is kept of a stem that an .obj cannot name. With the checksum behind it, any file system takes the name.
 READABLE_LETTERS = 40
 
 
@@ -115,24 +115,22 @@ def split_at_seams(
 
 
 def _write_obj(path: Path, mesh: FaceMesh) -> None:
-    lines = ["# mm; x to the subject's left, y up, z out of the face"]
+    head = ["# mm; x to the subject's left, y up, z out of the face"]
     uv, uv_triangles = mesh.model.uv, mesh.model.uv_triangles
-    textured = mesh.texture is not None and uv is not None and uv_triangles is not None
-    if textured:
-        lines += [f"mtllib {material_stem(path.stem)}.mtl", "usemtl face"]
-    columns = [mesh.vertices]
-    if mesh.vertex_colours is not None and not textured:
-        columns.append(mesh.vertex_colours / 255)
-    lines += ["v " + " ".join(f"{value:.6g}" for value in row) for row in np.hstack(columns).tolist()]
-    triangles = (mesh.model.triangles + 1).tolist()
-    if textured and uv is not None and uv_triangles is not None and mesh.texture is not None:
-        lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv.tolist()]
+    columns, triangles = [mesh.vertices], (mesh.model.triangles + 1).tolist()
+    if mesh.texture is not None and uv is not None and uv_triangles is not None:
+        material = path.with_name(f"{material_stem(path.stem)}.mtl")
+        _write_material(material, mesh.texture)
+        head += [f"mtllib {material.name}", "usemtl face"]
         corners = zip(triangles, (uv_triangles + 1).tolist(), strict=True)
-        lines += ["f " + " ".join(f"{v}/{t}" for v, t in zip(vs, ts, strict=True)) for vs, ts in corners]
-        _write_material(path.with_name(f"{material_stem(path.stem)}.mtl"), mesh.texture)
+        faces = [f"vt {u:.6f} {v:.6f}" for u, v in uv.tolist()]
+        faces += ["f " + " ".join(f"{v}/{t}" for v, t in zip(vs, ts, strict=True)) for vs, ts in corners]
     else:
-        lines += [f"f {a} {b} {c}" for a, b, c in triangles]
-    write_file(path, "\n".join(lines) + "\n")
+        if mesh.vertex_colours is not None:
+            columns.append(mesh.vertex_colours / 255)
+        faces = [f"f {a} {b} {c}" for a, b, c in triangles]
+    vertices = ["v " + " ".join(f"{value:.6g}" for value in row) for row in np.hstack(columns).tolist()]
+    write_file(path, "\n".join([*head, *vertices, *faces]) + "\n")
 
 
 def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:

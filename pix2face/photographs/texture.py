@@ -26,7 +26,7 @@ TEXTURE_SIZES_PX = (512, 1024, 2048)
 # The photograph is sampled at this size: finer than any texel of a face, and coarse enough for large photographs.
 PICTURE_PX = 1024
 DEPTH_PX = 512
-# A point is seen where nothing is nearer than this; half a millimetre a pixel, and slopes, are to be forgiven.
+# A point is seen unless something is nearer by more than this, which allows for half a millimetre a pixel and slopes.
 DEPTH_TOLERANCE_MM = 2.0
 # Beside a step of the surface, or its outline, a fit that is off by a pixel would take the colour of what is beyond.
 STEP_MM, STEP_REACH_PX = 10.0, 2
@@ -103,7 +103,7 @@ class PhotographColours:
         self._depth_camera, self._depths = _depths(fit, model, square_crop(box, 1.1, DEPTH_PX))
         self._cosines = facing(self._vertices, model.triangles, fit.camera)
         self._share = _share_of_photograph(model)
-        self._is_ear = _vertices_of_region(model, EARS)
+        self._is_ear = np.isin(np.arange(len(model.mean)), model.vertices_of(EARS))
         from_nose = np.linalg.norm(model.mean - model.mean[model.landmarks[IBUG68][NOSE_TIP]], axis=1)
         self.skin = self._skin(from_nose < MIDDLE_MM)
 
@@ -224,12 +224,6 @@ def _share_of_photograph(model: MorphableModel) -> Float64[ndarray, " v"]:
         head = part_of_vertex == np.bincount(part_of_vertex[np.unique(others)]).argmax()
         share *= np.clip(cKDTree(model.mean[head]).query(model.mean)[0] / BORDER_FADE_MM, 0, 1)
     return share
-
-
-def _vertices_of_region(model: MorphableModel, name: str) -> Bool[ndarray, " v"]:
-    inside = np.zeros(len(model.mean), dtype=bool)
-    inside[model.vertices_of(name)] = True
-    return inside
 
 
 def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"]) -> int:

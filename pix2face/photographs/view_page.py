@@ -57,9 +57,10 @@ def face_data(face: ViewedFace) -> str:
     """
     crop = square_crop(FaceBox.around(face.fit.landmarks2d), PHOTOGRAPH_SCALE, PHOTOGRAPH_PX)
     pose, camera = head_pose(face.fit.camera), nearest_weak_perspective(crop_camera(face.fit.camera, crop))
+    score = "" if face.fit.score is None else f", score {face.fit.score:.2f}"
     fields = {
         "name": printable(face.name),
-        "facts": f"pitch {pose.pitch_deg:.0f}°, yaw {pose.yaw_deg:.0f}°, roll {pose.roll_deg:.0f}°{_score(face.fit)}",
+        "facts": f"pitch {pose.pitch_deg:.0f}°, yaw {pose.yaw_deg:.0f}°, roll {pose.roll_deg:.0f}°{score}",
         "photograph": _data_address(crop_image(face.image, crop)),
         "photograph_px": PHOTOGRAPH_PX,
         "landmarks2d": np.round(crop.to_crop(face.fit.landmarks2d), 2).tolist(),
@@ -72,10 +73,6 @@ def face_data(face: ViewedFace) -> str:
         **_mesh_fields(face),
     }
     return json.dumps(fields)
-
-
-def _score(fit: FaceFit) -> str:
-    return "" if fit.score is None else f", score {fit.score:.2f}"
 
 
 @final

@@ -53,7 +53,7 @@ class SettledFace:
     """A face in one frame whose identity is settled."""
 
     fit: FaceFit  # pixels of the frame
-    seen_share: float | None  # as in ``MeasuredFace``
+    seen_share: float | None  # as in ``FaceView``
 
 
 @final
@@ -133,11 +133,6 @@ def expression_of(measurement: PictureMeasurement, identity: Float64[ndarray, " 
         return np.zeros(0)
     factor = cholesky(normal[k:, k:] + regularisation * np.eye(len(right)), regularisation)
     return np.asarray(cho_solve(factor, right), dtype=np.float64)
-
-
-def carried(fit: FaceFit, before: FaceBox, now: FaceBox) -> FaceFit:
-    """A fit moved and scaled as its box has been."""
-    return fit.transformed(box_to_box(before, now))
 
 
 def box_to_box(first: FaceBox, second: FaceBox) -> Float64[ndarray, "3 3"]:

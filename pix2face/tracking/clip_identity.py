@@ -58,7 +58,7 @@ def find_identities(
     groups = (([own[:2] for own in chunk], [own[2:] for own in chunk]) for chunk in in_chunks(looks))
     found = [ClipIdentity(np.zeros(fitter.model.n_identity), {}) for _ in detected]
     left = Counter(face for faces in wanted.values() for face, _ in faces)
-    sums: dict[int, _IdentitySum] = {}  # of the faces in the picture: a long clip has many, each of megabytes
+    sums: dict[int, _IdentitySum] = {}  # of the faces that still have frames to come: each takes megabytes
     for places, measured in fitter.measure_each(groups):
         for (face, frame), seen in zip(places, measured, strict=True):
             if seen is not None:

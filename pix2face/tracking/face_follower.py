@@ -22,18 +22,17 @@ from pix2face.detectors.protocol import Box
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.crops import FaceBox
 from pix2face.tracking.ahead import ahead, in_chunks, mapped
-from pix2face.tracking.clip_fit import FrameFitter, SettledFace, carried, eye_distance_px
+from pix2face.tracking.clip_fit import FrameFitter, SettledFace, box_to_box, eye_distance_px
 from pix2face.tracking.clip_identity import ClipIdentity
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox
 from pix2face.tracking.smoothing import JitterMeter, Smoother
 from pix2face.tracking.video import PICTURES_FPS, FrameSource
 
 Photograph = UInt8[ndarray, "_ _ 3"]
-Advance = Callable[[], None]
 
 FitState = Literal["fitted", "carried", "none"]
 
-# A fit is carried over so many seconds of frames without a face: an eye blink of the network, not a blank screen.
+# Where the network finds no face, the last fit is carried over for so long.
 LONGEST_CARRIED_SECONDS = 0.5
 # A face of which the network sees a smaller share is hidden, or there is none.
 LEAST_SEEN = 0.45
@@ -76,7 +75,7 @@ def find_boxes(
     tracker: FaceTracker,
     *,
     every: int = 1,
-    advance: Advance = lambda: None,
+    advance: Callable[[], None] = lambda: None,
 ) -> int:
     """First pass: detects faces and tells the tracker.
 
@@ -141,10 +140,9 @@ class FaceFollower:
             self._seen_shares.append(seen_share)
         if box.source != "detected" and seen_share is not None and seen_share < LEAST_SEEN:
             settled = None  # neither detector nor network finds a face
-        state = self._state(box, settled)
+        state, fit = self._state_and_fit(box, settled)
         is_cut = self._last is not None and (self._last.box.track != box.track or state == "none")
         done = self.flush() if is_cut else []
-        fit = self._fit(box, settled)
         face = TrackedFace(box, state, fit, fit.landmarks2d, eye_distance_px(fit), seen_share)
         if state == "none":
             self._last = None
@@ -162,18 +160,13 @@ class FaceFollower:
         self.jitter_smoothed.cut()
         return done
 
-    def _state(self, box: FrameBox, settled: SettledFace | None) -> FitState:
+    def _state_and_fit(self, box: FrameBox, settled: SettledFace | None) -> tuple[FitState, FaceFit]:
         if settled is not None:
-            return "fitted"
-        is_near = self._last is not None and self._last.box.track == box.track
-        return "carried" if is_near and self._n_carried < self._longest_carried else "none"
-
-    def _fit(self, box: FrameBox, settled: SettledFace | None) -> FaceFit:
-        if settled is not None:
-            return settled.fit
+            return "fitted", settled.fit
         if self._last is None or self._last.box.track != box.track:
-            return self._fitter.placed(box.box, self.identity)
-        return carried(self._last.fit, self._last.box.box, box.box)
+            return "none", self._fitter.placed(box.box, self.identity)
+        moved = self._last.fit.transformed(box_to_box(self._last.box.box, box.box))
+        return "carried" if self._n_carried < self._longest_carried else "none", moved
 
     def _smoothed(self, points: Sequence[Float64[ndarray, "_ 2"]]) -> list[TrackedFace]:
         done = []
@@ -246,29 +239,15 @@ def _chunks_of_clip(
     source: FrameSource, boxes: Sequence[Iterator[FrameBox]], followers: Sequence[FaceFollower]
 ) -> Iterator[tuple[_Chunk, list[tuple[Photograph, FaceBox]]]]:
     """All frames, and those of their faces whose fits are not known yet."""
-    every_box = [_Peekable(own) for own in boxes]
+    upcoming = [next(own, None) for own in boxes]
     for frames in in_chunks((index, *timed) for index, timed in enumerate(source.timed_frames())):
         images = {index: image for index, _, image in frames}
-        faces = [(face, own.pop()) for index in images for face, own in enumerate(every_box) if own.frame == index]
-        ended = {face for face, _ in faces if every_box[face].frame is None}
+        faces: list[tuple[int, FrameBox]] = []
+        for index in images:
+            for face, box in enumerate(upcoming):
+                if box is not None and box.frame == index:
+                    faces.append((face, box))
+                    upcoming[face] = next(boxes[face], None)
+        ended = {face for face, _ in faces if upcoming[face] is None}
         new = [(images[box.frame], box.box) for face, box in faces if box.frame not in followers[face].known_fits]
         yield _Chunk(frames, faces, ended), new
-
-
-@final
-class _Peekable:
-    """Boxes of a face with a look at the frame of the next one (None after the last)."""
-
-    def __init__(self, boxes: Iterator[FrameBox]) -> None:
-        self._boxes = boxes
-        self._next = next(boxes, None)
-
-    @property
-    def frame(self) -> int | None:
-        return None if self._next is None else self._next.frame
-
-    def pop(self) -> FrameBox:
-        box = self._next
-        assert box is not None
-        self._next = next(self._boxes, None)
-        return box

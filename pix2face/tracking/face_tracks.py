@@ -10,7 +10,7 @@ adjacent". Deviation from the paper: before the first and after the last detecti
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from io import TextIOBase
 from pathlib import Path
 from typing import Literal, final
@@ -32,9 +32,9 @@ LONGEST_GAP_SECONDS = 2.0
 REACH_IN_SIDES = 0.6
 REACH_PER_SECOND = 0.6
 LARGEST_RATIO_OF_SIZES = 1.7
-# Fewer detections are an accident of the detector, wherever there are faces with more.
+# A face with fewer detections is taken for an accident of the detector, if another face has more.
 LEAST_DETECTIONS = 3
-# So is a face that is found less often than this while it is followed; of a detector, not of boxes that were given.
+# So is a face that a detector finds in a smaller share of its frames. Boxes from a file may name few frames.
 LEAST_SHARE_DETECTED = 0.25
 
 
@@ -86,23 +86,23 @@ class FaceTracker:
 
     def push(self, frame: int, faces: Sequence[Box]) -> None:
         """Takes the detections of a frame; frames come in their order, and may be left out."""
-        boxes = [box_and_score(face)[0] for face in faces]
+        found = [box_and_score(face) for face in faces]
         # A face of the frame that was looked at before is not lost, however long ago that was.
         gap = max(LONGEST_GAP_SECONDS * self._fps, frame - self._before)
         self._live = {track: box for track, box in self._live.items() if frame - self._tracks[track].last <= gap}
         self._before = frame
-        matched = self._match(frame, boxes)
-        for index, box in enumerate(boxes):
+        matched = self._match(frame, [box for box, _ in found])
+        for index, (box, score) in enumerate(found):
             track = matched.get(index)
             if track is None:
                 track = len(self._tracks)
                 self._tracks.append(TrackSummary(track, frame, frame, 0, 0.0))
             before = self._tracks[track]
-            self._tracks[track] = TrackSummary(
-                track, before.first, frame, before.n_detected + 1, before.weight + box.longer_side
+            self._tracks[track] = replace(
+                before, last=frame, n_detected=before.n_detected + 1, weight=before.weight + box.longer_side
             )
             self._live[track] = box
-            sides, score = (f"{side:.3f}" for side in astuple(box)), box_and_score(faces[index])[1]
+            sides = (f"{side:.3f}" for side in astuple(box))
             self._rows.writerow([frame, track, *sides, "" if score is None else f"{score:.4g}"])
 
     def _match(self, frame: int, boxes: Sequence[FaceBox]) -> dict[int, int]:
@@ -170,21 +170,14 @@ def boxes_of_every_frame(detected: Iterable[FrameBox], frames: range) -> Iterato
     Between two detections of one track the box is interpolated; before the first, after the last, and between two
     tracks the nearest detection is held. Detections come in the order of frames; there is at least one.
     """
-    next_frame = frames.start
-    for before, after in _with_pairs(detected):
-        while next_frame < min(after.frame if after is not None else frames.stop, frames.stop):
-            yield _between(before, after or before, next_frame)
-            next_frame += 1
-
-
-def _with_pairs(detected: Iterable[FrameBox]) -> Iterator[tuple[FrameBox, FrameBox | None]]:
-    """Each detection with the one after it; before them the first with itself, behind them the last with none."""
-    before: FrameBox | None = None
-    for own in detected:
-        yield before or own, own
-        before = own
+    start, before = frames.start, None
+    for after in detected:
+        for frame in range(start, min(after.frame, frames.stop)):
+            yield _between(before or after, after, frame)
+        start, before = max(start, after.frame), after
     if before is not None:
-        yield before, None
+        for frame in range(start, frames.stop):
+            yield _between(before, before, frame)
 
 
 def _between(before: FrameBox, after: FrameBox, frame: int) -> FrameBox:

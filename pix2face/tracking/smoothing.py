@@ -8,7 +8,7 @@ delay, measured.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
-from typing import Final, final
+from typing import Final, final, get_args
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -17,7 +17,7 @@ from numpy import ndarray
 from pix2face.errors import UsageError
 from pix2face.tracking import Smoothing
 
-SMOOTHINGS: Final[tuple[Smoothing, ...]] = ("none", "mean3", "one-euro", "spline")
+SMOOTHINGS: Final[tuple[Smoothing, ...]] = get_args(Smoothing)
 
 # The smoothing spline penalises the square of the second difference by this much: half the height of a swing of 6
 # frames passes, and three quarters of one of 8.
@@ -101,9 +101,8 @@ class OneEuroSmoother(Smoother):
 
     def __init__(self, fps: float) -> None:
         self._seconds = 1 / fps
-        self._before: tuple[ndarray, ndarray, ndarray] | None = (
-            None  # points smoothed, as they came, and their velocity
-        )
+        # Points smoothed, points as they came, and their velocity.
+        self._before: tuple[ndarray, ndarray, ndarray] | None = None
 
     def push(self, points: Float[ndarray, "n d"], unit: float) -> list[Float64[ndarray, "n d"]]:
         """See the base class."""

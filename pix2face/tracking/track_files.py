@@ -9,7 +9,7 @@ import zipfile
 from contextlib import ExitStack, suppress
 from dataclasses import astuple
 from pathlib import Path
-from typing import IO, Final, final
+from typing import IO, Final, final, get_args
 
 import numpy as np
 from jaxtyping import UInt8
@@ -29,7 +29,7 @@ from pix2face.tracking.export.live_link import LiveLinkFile
 from pix2face.tracking.face_follower import TrackedFace, TrackedFrame
 from pix2face.tracking.face_tracks import BoxSource
 
-BOX_SOURCES: Final[tuple[BoxSource, ...]] = ("detected", "interpolated", "held")
+BOX_SOURCES: Final[tuple[BoxSource, ...]] = get_args(BoxSource)
 
 CSV_COLUMNS: Final = (
     *("frame", "time_s", "box", "fit", "left", "top", "right", "bottom", "score", "seen"),
@@ -248,7 +248,6 @@ def _frame_arrays(face: TrackedFace, time_s: float) -> dict[str, ndarray]:
     of_fit = _fit_arrays(face)
     if face.state == "none":
         of_fit = {name: np.full_like(values, np.nan) for name, values in of_fit.items()}
-    is_visible = visible_landmarks(face.fit)
     return {
         "frame": np.array(face.box.frame, dtype=np.int64),
         "time_s": np.array(time_s),
@@ -257,19 +256,20 @@ def _frame_arrays(face: TrackedFace, time_s: float) -> dict[str, ndarray]:
         "seen_share": np.array(np.nan if face.seen_share is None else face.seen_share, dtype=np.float32),
         "box_source": np.array(BOX_SOURCES.index(face.box.source), dtype=np.uint8),
         "is_fitted": np.array(face.is_fitted),
-        "landmarks_visible": is_visible & (face.state != "none"),
+        "landmarks_visible": visible_landmarks(face.fit) & (face.state != "none"),
         **of_fit,
     }
 
 
 def _fit_arrays(face: TrackedFace) -> dict[str, ndarray]:
+    errors_px = face.fit.landmark_errors_px
+    if errors_px is None:
+        errors_px = np.full(len(face.landmarks2d), np.nan)
     return {
         "landmarks2d": face.landmarks2d.astype(np.float32),
         "landmarks2d_raw": face.fit.landmarks2d.astype(np.float32),
         "landmarks3d": face.fit.landmarks3d.astype(np.float32),
-        "landmark_errors_px": np.full(len(face.landmarks2d), np.nan, np.float32)
-        if face.fit.landmark_errors_px is None
-        else face.fit.landmark_errors_px.astype(np.float32),
+        "landmark_errors_px": errors_px.astype(np.float32),
         "eye_px": np.array(face.eye_px, dtype=np.float32),
         "camera": face.fit.camera.matrix,
         "expression": face.fit.expression.astype(np.float32),

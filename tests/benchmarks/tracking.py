@@ -147,7 +147,7 @@ def track_drawn_clip(loops: int, folder: Path) -> float:
     frames.mkdir()
     for index in range(loops * len(contents)):
         (frames / f"{index:06d}.png").write_bytes(contents[index % len(contents)])
-    track_cli.open_network_model = lambda options: model
+    track_cli.open_model_with = lambda name, landmarks: model
     track_cli.open_detector = lambda *call: BlobDetector()  # type: ignore[assignment]
     Predictor.load = lambda path, device=None: colour_predictor(model)  # type: ignore[method-assign,assignment]
     if pix2face_main(["track", str(frames), "--out", str(folder / "out"), "--checkpoint", "none"]):

@@ -29,24 +29,24 @@ VIDEO_NAMES = ("vid.avi", "vid.mp4")
 
 def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
     """The annotated frames of a split below a folder, and the named clips that are missing."""
-    home = next((data / home for home in manifest.homes if _clips_in(data / home)), None)
-    there = _clips_in(home) if home is not None else []
+    clips = next(filter(None, (_clips_in(data / home) for home in manifest.homes)), [])
     part_of = {clip: part.name for part in manifest.parts for clip in part.clips}
     rest = next((part.name for part in manifest.parts if part.all_others), None)
     items: list[BenchmarkItem] = []
     absent: list[str] = []
     frame_names: dict[str, tuple[str, ...]] = {}
     videos = _VideoReader()
-    missing: list[str] = [clip for clip in part_of if clip not in there]
-    for clip in there:
-        group = part_of.get(clip, rest)
-        if home is None or group is None:
+    names = {clip.name for clip in clips}
+    missing = [clip for clip in part_of if clip not in names]
+    for clip in clips:
+        group = part_of.get(clip.name, rest)
+        if group is None:
             continue
-        pictures = _Pictures(home / clip, manifest.pictures_in, videos)
+        pictures = _Pictures(clip, manifest.pictures_in, videos)
         if pictures.stems:
-            frame_names[clip] = pictures.stems
-        for annotation in sorted((home / clip / ANNOTATIONS).glob("*.pts")):
-            name = f"{clip}/{annotation.stem}"
+            frame_names[clip.name] = pictures.stems
+        for annotation in sorted((clip / ANNOTATIONS).glob("*.pts")):
+            name = f"{clip.name}/{annotation.stem}"
             read_image = pictures.reader(annotation.stem)
             if read_image is None:
                 missing.append(f"{name} (no picture, no {VIDEO_NAMES[0]})")
@@ -56,10 +56,10 @@ def find_clips(manifest: Manifest, data: Path) -> BenchmarkFiles:
     return BenchmarkFiles(tuple(items), tuple(missing), absent_names=tuple(absent), frame_names=frame_names)
 
 
-def _clips_in(home: Path) -> list[str]:
+def _clips_in(home: Path) -> list[Path]:
     if not home.is_dir():
         return []
-    return sorted(folder.name for folder in home.iterdir() if any((folder / ANNOTATIONS).glob("*.pts")))
+    return sorted(folder for folder in home.iterdir() if any((folder / ANNOTATIONS).glob("*.pts")))
 
 
 def _read_frame(

@@ -20,7 +20,7 @@ MOST_TEXTS = 50
 NOT_THERE = "not there"
 
 Value = str | float | None
-# What is listed first, the quarter of a number, and the text of what is none.
+# The order of rows: numbers, conditions, texts and missing values; numbers by quarter; the others by text.
 _Key = tuple[int, int, str]
 
 
@@ -94,7 +94,7 @@ def divided(values: Sequence[Value]) -> list[tuple[str, list[int]]]:
 def _values(text: str, items: Sequence[BenchmarkItem]) -> AttributeValues:
     expression = AttributeExpression(text, "--by")
     of_face = {item.name: _checked(text, expression.value(item.name, item.attributes)) for item in items}
-    if items:  # of no face nothing can be said, which is another error's task
+    if items:  # without faces, a later error says that there are none
         expression.check_names()
     n_texts = len({value for value in of_face.values() if isinstance(value, str)})
     if n_texts > MOST_TEXTS:

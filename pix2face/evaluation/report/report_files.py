@@ -28,7 +28,7 @@ from pix2face.evaluation.report.report_pictures import (
 )
 from pix2face.evaluation.report.report_text import all_tables, report_notes
 from pix2face.evaluation.report.table_text import ReportTable
-from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, write_predictions
+from pix2face.evaluation.subjects.predictions_file import Predictions, write_predictions
 from pix2face.files.images import encode_photograph
 from pix2face.files.writing import write_file
 from pix2face.geometry.landmark_metrics import ALIGNMENTS, POINT_SETS
@@ -193,14 +193,12 @@ def _write_landmarks(report: Report, path: Path) -> None:
     has_pose = any(result.pose_deg is not None for result in report.results)
     has_depth = report.settings.alignment == "depth" and any(result.z_px is not None for result in report.results)
     depths = [nothing[:, 0] if result.z_px is None else result.z_px for result in report.results]
-    names = tuple(result.name for result in report.results)
-    pose_deg = np.stack(poses) if has_pose else None
-    found = PredictedLandmarks(
+    found = Predictions(
         source=path,
-        names=names,
+        names=tuple(result.name for result in report.results),
         landmarks2d=np.stack(landmarks),
         z_px=np.stack(depths) if has_depth else None,
-        pose_deg=pose_deg,
+        pose_deg=np.stack(poses) if has_pose else None,
     )
     write_predictions(path, found)
 

@@ -14,7 +14,6 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from pix2face import __version__
-from pix2face.commands.face_finder import open_predictor, with_chosen_landmarks
 from pix2face.detectors.detection import open_detector
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.benchmarks.benchmark_search import match_names
@@ -29,6 +28,8 @@ from pix2face.evaluation.subjects.subjects import (
     Subject,
 )
 from pix2face.fitting.face_fit import fit_face
+from pix2face.inference.predictor import Predictor
+from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 # Poses of 300W-LP and AFLW2000-3D are those of the mean face of BFM 2009. Laid onto the built-in model's mean face by
@@ -70,14 +71,15 @@ def versions() -> dict[str, str]:
 
 
 def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) -> tuple[Subject, dict[str, Any]]:
-    how, checkpoint, predictor = config.how, config.network.path, open_predictor(config.network)
+    how, checkpoint = config.how, config.network.path
+    predictor = Predictor.load(checkpoint, config.network.device)
     if config.crop_scale is not None:
         predictor = predictor.with_crop_scale(config.crop_scale)
     predictor.header.check_model(model.name, model.sha256)
     # Renders are annotated by the model's vertices; a checkpoint's own stand for how people annotate photographs.
-    if manifest.kind != "shards":
-        model = with_chosen_landmarks(config.network, model, predictor)
     takes_own = config.network.landmarks is None and manifest.kind != "shards"
+    if takes_own:
+        model = with_own_landmarks(model, predictor.header)
     search = None
     if config.boxes == "detected":
         own_predictor, own_model = (predictor, model) if config.refine else (None, None)

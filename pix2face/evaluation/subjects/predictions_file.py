@@ -33,7 +33,7 @@ TRACK_NAME, TRACK_ARRAYS = "track.npz", ("frame", "landmarks2d", "landmarks3d", 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PredictedLandmarks:
+class Predictions:
     """The predictions of a system for some faces."""
 
     source: Path  # the file
@@ -44,7 +44,7 @@ class PredictedLandmarks:
     pose_deg: Float64[ndarray, "n 3"] | None = None  # pitch, yaw, roll with the signs of 300W-LP
 
 
-def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLandmarks:
+def read_predictions(path: Path, frame: PixelFrame = "0-based") -> Predictions:
     """Reads a file of landmarks.
 
     Args:
@@ -64,7 +64,7 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
     points3d = _optional(path, arrays, "landmarks3d", (n, N_IBUG68))
     if points3d is None and landmarks.shape[2] == 3:
         points3d = landmarks
-    return PredictedLandmarks(
+    return Predictions(
         source=path,
         names=names,
         landmarks2d=landmarks[..., :2] + TO_PROJECT_PX[frame],
@@ -74,7 +74,7 @@ def read_predictions(path: Path, frame: PixelFrame = "0-based") -> PredictedLand
     )
 
 
-def write_predictions(path: Path, predicted: PredictedLandmarks) -> None:
+def write_predictions(path: Path, predicted: Predictions) -> None:
     """Writes the ``.npz`` that ``read_predictions`` reads, 0-based with integer centres."""
     names, landmarks = np.asarray(predicted.names, dtype=np.str_), predicted.landmarks2d - TO_PROJECT_PX["0-based"]
     if predicted.z_px is not None:
@@ -167,7 +167,7 @@ def _numbers(
     return numbers
 
 
-def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, Sequence[str]]) -> PredictedLandmarks:
+def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, Sequence[str]]) -> Predictions:
     """Reads ``FOLDER/CLIP/track.npz`` of every clip.
 
     Args:
@@ -197,7 +197,7 @@ def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, 
             f"`pix2face track .../{clips[0]}/vid.avi --out {folder / clips[0]}`"
         )
     stacked = {name: np.concatenate(parts).astype(np.float64) for name, parts in found.items()}
-    return PredictedLandmarks(source=folder, names=tuple(names), **stacked)
+    return Predictions(source=folder, names=tuple(names), **stacked)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

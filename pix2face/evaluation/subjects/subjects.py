@@ -12,7 +12,7 @@ from numpy import ndarray
 from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.figures.detection_summary import FaceDetection
-from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
+from pix2face.evaluation.subjects.predictions_file import Predictions
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
 from pix2face.fitting.from_landmarks import fit_landmarks
@@ -71,7 +71,7 @@ Fit = Callable[[FaceMaps, Float64[ndarray, "2"]], FaceFit]
 # Looks for a face with a detector.
 Detect = Callable[[BenchmarkFace], FaceDetection]
 
-# A benchmark states the poses of the very model that is fitted.
+# For benchmarks that state poses in the frame of the model that is fitted.
 OWN_FRAME = np.eye(3)
 
 
@@ -126,7 +126,7 @@ class NetworkSubject:
 class PredictionsSubject:
     """Landmarks that another system wrote to a file."""
 
-    predicted: PredictedLandmarks
+    predicted: Predictions
     row_of_name: Mapping[str, int]  # the row of each face of the benchmark that is in the file
     method = "predictions"
     needs_images = False

@@ -75,15 +75,16 @@ class _Binary:
     accessors: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, values: ndarray, shape: Shape, target: int | None = None) -> int:
-        """Appends an array of 32-bit numbers, one element a row; returns the number of its accessor."""
-        flat = np.ascontiguousarray(values).reshape(-1, {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[shape])
+        """Appends an array as 32-bit numbers, one element a row; returns the number of its accessor."""
+        is_whole = values.dtype.kind in "iu"
+        flat = values.astype("<u4" if is_whole else "<f4").reshape(-1, {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[shape])
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": flat.nbytes}
         self.views.append(view if target is None else view | {"target": target})
-        self.content += flat.astype(flat.dtype.newbyteorder("<")).tobytes()
+        self.content += flat.tobytes()
         self.accessors.append(
             {
                 "bufferView": len(self.views) - 1,
-                "componentType": FLOAT if flat.dtype == np.float32 else UNSIGNED_INT,
+                "componentType": UNSIGNED_INT if is_whole else FLOAT,
                 "count": len(flat),
                 "type": shape,
                 "min": flat.min(axis=0).tolist(),
@@ -98,15 +99,15 @@ def _mesh(scene: ClipScene, morph: "_Morph", binary: _Binary) -> dict[str, Any]:
     basis = model.expression_basis.reshape(model.n_expression, model.mean.size)
     points = scene.neutral_vertices() + (morph.least @ basis).reshape(-1, 3)
     primitive: dict[str, Any] = {
-        "attributes": {"POSITION": binary.add(_single(points * M_PER_MM), "VEC3", VERTEX_DATA)},
-        "indices": binary.add(model.triangles.astype(np.uint32), "SCALAR", INDICES),
+        "attributes": {"POSITION": binary.add(points * M_PER_MM, "VEC3", VERTEX_DATA)},
+        "indices": binary.add(model.triangles, "SCALAR", INDICES),
         "material": 0,
     }
     mesh: dict[str, Any] = {"name": "face", "primitives": [primitive]}
     if not model.n_expression:
         return mesh
     targets = [range_ * own * M_PER_MM for range_, own in zip(morph.ranges, model.expression_basis, strict=True)]
-    primitive["targets"] = [{"POSITION": binary.add(_single(own), "VEC3", VERTEX_DATA)} for own in targets]
+    primitive["targets"] = [{"POSITION": binary.add(own, "VEC3", VERTEX_DATA)} for own in targets]
     extras = {
         "targetNames": target_names(model),  # where Blender and three.js look for them
         "neutralWeights": (-morph.least / morph.ranges).tolist(),
@@ -134,19 +135,19 @@ class _Morph:
 
 def _animation(scene: ClipScene, motion: HeadMotion, morph: _Morph, binary: _Binary) -> dict[str, Any]:
     """Channels for weights and place of the head. A head that is not in a frame has no size there."""
-    times = binary.add(_single(np.array(scene.times_s)), "SCALAR")
+    times = binary.add(np.array(scene.times_s), "SCALAR")
     sizes = np.where(scene.is_there, motion.scales, 0.0)
     outputs: list[tuple[int, str, int]] = [
-        (1, "rotation", binary.add(_single(motion.quaternions), "VEC4")),
-        (1, "translation", binary.add(_single(motion.translations_m), "VEC3")),
-        (1, "scale", binary.add(_single(np.repeat(sizes[:, None], 3, axis=1)), "VEC3")),
+        (1, "rotation", binary.add(motion.quaternions, "VEC4")),
+        (1, "translation", binary.add(motion.translations_m, "VEC3")),
+        (1, "scale", binary.add(np.repeat(sizes[:, None], 3, axis=1), "VEC3")),
     ]
     if scene.model.n_expression:
         outputs.append((1, "weights", binary.add(morph.weights, "SCALAR")))
     if motion.focal_px is not None:
         depths = np.ones((len(sizes), 3))
         depths[:, 2] = np.median(motion.focal_px) / motion.focal_px
-        outputs.append((2, "scale", binary.add(_single(depths), "VEC3")))
+        outputs.append((2, "scale", binary.add(depths, "VEC3")))
     return {
         "name": "clip",
         "samplers": [{"input": times, "interpolation": "LINEAR", "output": output} for _, _, output in outputs],
@@ -174,7 +175,3 @@ def _glb(tree: dict[str, Any], content: bytearray) -> bytes:
     head = struct.pack("<III", GLB_MAGIC, 2, 28 + len(text) + len(content))
     chunks = (struct.pack("<II", len(text), JSON_CHUNK), text, struct.pack("<II", len(content), BINARY_CHUNK), content)
     return b"".join((head, *chunks))
-
-
-def _single(values: ndarray) -> ndarray:
-    return values.astype(np.float32)

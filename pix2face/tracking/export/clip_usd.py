@@ -42,8 +42,8 @@ def write_clip_usd(path: Path, scene: ClipScene) -> None:
 
 def _write_stage(path: Path, scene: ClipScene) -> None:
     stage = new_stage(path, "/clip")
-    for set_rate in (stage.SetTimeCodesPerSecond, stage.SetFramesPerSecond):
-        set_rate(scene.fps)
+    stage.SetTimeCodesPerSecond(scene.fps)
+    stage.SetFramesPerSecond(scene.fps)
     stage.SetStartTimeCode(scene.frames[0])
     stage.SetEndTimeCode(scene.frames[-1])
     motion = scene.motion()

@@ -55,7 +55,9 @@ class LiveLinkFile:
             return
         head = FRONTAL @ nearest_weak_perspective(fit.camera).rotation
         turns = [head, *(eye.rotation(fit.expression) for eye in self._eyes)]
-        values = [*self._solver.weights(fit.expression), *np.concatenate([_yaw_pitch_roll(own) for own in turns])]
+        # R = Rx(pitch) Ry(yaw) Rz(roll); the file has yaw first.
+        angles = Rotation.from_matrix(np.array(turns)).as_euler("XYZ")[:, [1, 0, 2]]
+        values = [*self._solver.weights(fit.expression), *angles.ravel()]
         self._rows.writerow([time_code, len(values), *(f"{value:.6f}" for value in values)])
 
 
@@ -76,12 +78,6 @@ class _Eye:
             return fit_rigid(self._points, moved)[0].rotation
         except DegenerateGeometryError:  # a model without eyeballs
             return np.eye(3)
-
-
-def _yaw_pitch_roll(rotation: Float64[ndarray, "3 3"]) -> Float64[ndarray, "3"]:
-    """Angles of R = Rx(pitch) Ry(yaw) Rz(roll) in radians, in the order of the file."""
-    pitch, yaw, roll = Rotation.from_matrix(rotation).as_euler("XYZ")
-    return np.array([yaw, pitch, roll])
 
 
 def _time_code(frame: int, rate: int) -> str:

@@ -19,7 +19,7 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
 from pix2face.tracking import video
 from pix2face.tracking.ahead import FACES_AT_A_TIME
-from pix2face.tracking.clip_fit import FrameFitter, SettledFace, carried, expression_of, eye_distance_px
+from pix2face.tracking.clip_fit import FrameFitter, SettledFace, box_to_box, expression_of, eye_distance_px
 from pix2face.tracking.clip_identity import ClipIdentity, find_identities
 from pix2face.tracking.face_follower import FaceFollower, TrackedFrame, find_boxes, follow_faces
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox, boxes_of_every_frame, main_face, read_boxes
@@ -303,7 +303,7 @@ def test_the_eye_distance_does_not_shrink_as_the_head_turns():
     assert eye_distance_px(turned) == pytest.approx(eye_distance_px(frontal))
     corners = frontal.landmarks2d[[36, 45]]
     assert eye_distance_px(frontal) == pytest.approx(np.linalg.norm(corners[0] - corners[1]), rel=0.02)
-    larger = carried(frontal, FaceBox(0, 0, 10, 10), FaceBox(5, 5, 25, 25))
+    larger = frontal.transformed(box_to_box(FaceBox(0, 0, 10, 10), FaceBox(5, 5, 25, 25)))
     assert eye_distance_px(larger) == pytest.approx(2 * eye_distance_px(frontal))
 
 

@@ -12,7 +12,7 @@ from pix2face.detectors.protocol import overlap
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace, BenchmarkItem
 from pix2face.evaluation.evaluator import Evaluator, evaluate_faces
 from pix2face.evaluation.subjects.detected_faces import FaceSearch
-from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks
+from pix2face.evaluation.subjects.predictions_file import Predictions
 from pix2face.evaluation.subjects.subjects import NetworkSubject, OracleSubject, PredictionsSubject
 from pix2face.fitting.fit_options import FitOptions
 from pix2face.fitting.jaw_contour import JawContour
@@ -113,7 +113,7 @@ def test_overlap_is_common_over_covered_area():
 
 def test_faces_absent_from_a_file_or_nan_in_it_were_not_found(tmp_path):
     landmarks2d = np.stack([TRUTH, np.full((68, 2), np.nan)])
-    file = PredictedLandmarks(source=tmp_path / "x.npz", names=("a", "b"), landmarks2d=landmarks2d)
+    file = Predictions(source=tmp_path / "x.npz", names=("a", "b"), landmarks2d=landmarks2d)
     subject = PredictionsSubject(file, {"a": 0, "b": 1})
     results = Evaluator(MODEL, subject, "box-sqrt").evaluate([face("a"), face("b"), face("c")])
     assert [result.error() for result in results] == [pytest.approx(0, abs=1e-9), math.inf, math.inf]
@@ -122,7 +122,7 @@ def test_faces_absent_from_a_file_or_nan_in_it_were_not_found(tmp_path):
 
 def test_poses_of_a_file_are_compared_with_the_true_ones(tmp_path):
     pose = np.array([[1.0, -170.0, 3.0]])
-    file = PredictedLandmarks(source=tmp_path, names=("a",), landmarks2d=TRUTH[None], pose_deg=pose)
+    file = Predictions(source=tmp_path, names=("a",), landmarks2d=TRUTH[None], pose_deg=pose)
     subject = PredictionsSubject(file, {"a": 0})
     true = face("a", pose=HeadPose(0.0, 170.0, 5.0))
     (result,) = Evaluator(MODEL, subject, "box-sqrt").evaluate([true])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError
-from pix2face.evaluation.subjects.predictions_file import PredictedLandmarks, read_predictions, write_predictions
+from pix2face.evaluation.subjects.predictions_file import Predictions, read_predictions, write_predictions
 
 POINTS = np.random.default_rng(0).uniform(0, 200, (2, 68, 2))
 NAMES = np.array(["a", "b"])
@@ -49,9 +49,7 @@ def test_space_and_pose_may_come_apart(tmp_path):
 
 
 def test_what_is_written_is_read_back(tmp_path):
-    written = PredictedLandmarks(
-        source=tmp_path, names=("ibug/ä.jpg", "b"), landmarks2d=POINTS, pose_deg=np.zeros((2, 3))
-    )
+    written = Predictions(source=tmp_path, names=("ibug/ä.jpg", "b"), landmarks2d=POINTS, pose_deg=np.zeros((2, 3)))
     write_predictions(tmp_path / "p.npz", written)
     read = read_predictions(tmp_path / "p.npz")
     assert read.names == written.names
