@@ -23,7 +23,9 @@ LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
 # The NumPy rasteriser is exact and slow; an overlay needs no more than this.
 OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
-MAPS_PX, CLOUD_PX = 512, 256  # side of a picture of maps, and of what a cloud of points comes from, at most
+MAPS_PX = 512  # side of a picture of maps at most
+# Side of the maps that a cloud of points comes from: from all sides, so many points look like a surface.
+CLOUD_PX = 256
 FADED = 0.25  # contrast of the photograph behind them
 LETTER_SCALE, LETTER_PX = 0.36, 10  # of OpenCV's font, and the height of its letters at this scale
 
@@ -116,9 +118,8 @@ def maps_over(photograph: UInt8[ndarray, "s s 3"], maps: FaceMaps) -> list[UInt8
 def photograph_cloud(
     image: UInt8[ndarray, "h w 3"], crop: Crop, maps: FaceMaps
 ) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:
-    """PNCC + offset of every pixel of a face (mm, model frame) and its colour, at the resolution of the picture."""
-    finer = crop.with_size(min(crop.finest_size_px, CLOUD_PX))
-    return point_cloud(smooth_maps(maps, finer.size_px), crop_image(image, finer))
+    """PNCC + offset of every pixel of a face (mm, model frame) and its colour, in a crop of ``CLOUD_PX``."""
+    return point_cloud(smooth_maps(maps, CLOUD_PX), crop_image(image, crop.with_size(CLOUD_PX)))
 
 
 def write_point_cloud(path: Path, points: Float32[ndarray, "n 3"], colours: UInt8[ndarray, "n 3"]) -> None:

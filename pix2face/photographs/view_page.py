@@ -31,7 +31,7 @@ from pix2face.models.surface_attributes import vertex_normals
 from pix2face.photographs.mesh_files import linear_colours, split_at_seams
 from pix2face.photographs.texture import face_texture, vertex_colours
 
-# A face of the built-in model takes 1.5 MB, so a page opens in a moment.
+# A face of the built-in model takes 2 MB, so a page opens in a moment.
 FACES_A_PAGE = 10
 PHOTOGRAPH_PX, PHOTOGRAPH_SCALE = 640, 2.0
 JPEG_QUALITY = 90

@@ -22,6 +22,7 @@ from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, crop_image, square
 from pix2face.geometry.maps import FaceMaps, valid_pixels
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel, load_model
+from pix2face.photographs.fit_pictures import CLOUD_PX
 from tests.model_files import write_small_head
 from tests.pix2face.photographs.seen_faces import (
     HEIGHT_PX,
@@ -191,10 +192,9 @@ def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photogr
     np.testing.assert_array_equal(mesh.faces, face.model.triangles)
     assert np.linalg.norm(mesh.vertices - face.vertices, axis=1).max() < 0.5  # mm
     cloud = trimesh.load(tmp_path / "out" / "person-0-points.ply")
-    crop = square_crop(face.box, INFERENCE_SCALE, SIZE_PX)
-    shown = crop_image(face.photograph(), crop.with_size(crop.finest_size_px))
-    true = face.maps(len(shown))
-    inside = cv2.erode(true.mask.astype(np.uint8), np.ones((25, 25))).astype(bool)
+    shown = crop_image(face.photograph(), square_crop(face.box, INFERENCE_SCALE, CLOUD_PX))
+    true = face.maps(CLOUD_PX)
+    inside = cv2.erode(true.mask.astype(np.uint8), np.ones((41, 41))).astype(bool)
     nearest, place = KDTree(cloud.vertices).query((true.pncc + true.offset)[inside])
     assert inside.sum() > 2000
     assert nearest.mean() < 1.0
