@@ -1,9 +1,9 @@
 """From a network's answers for the cells of a picture to boxes of faces."""
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
-from scipy.ndimage import maximum_filter
 
 from pix2face.detectors.protocol import DetectedFace
 from pix2face.geometry.crops import FaceBox
@@ -25,7 +25,7 @@ def decode(
         least_score: Probability below which no cell is looked at.
     """
     scores = 1 / (1 + np.exp(-planes[..., 0].astype(np.float64)))
-    is_peak = (scores >= least_score) & (scores == maximum_filter(scores, 3, mode="constant"))
+    is_peak = (scores >= least_score) & (scores == cv2.dilate(scores, np.ones((3, 3))))
     rows, columns = np.nonzero(is_peak)
     order = np.argsort(-scores[rows, columns], kind="stable")[:MOST_FACES]
     rows, columns = rows[order], columns[order]
