@@ -8,6 +8,7 @@ import re
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
 
@@ -96,6 +97,7 @@ def material_stem(stem: str) -> str:
     return f"{safe[:READABLE_LETTERS]}-{zlib.crc32(stem.encode(errors='surrogateescape')):08x}"
 
 
+@lru_cache(maxsize=2)
 def split_at_seams(
     model: MorphableModel,
 ) -> tuple[Int[ndarray, " n"], Float64[ndarray, "n 2"], Int[ndarray, "t 3"]]:
@@ -115,22 +117,26 @@ def split_at_seams(
 
 
 def _write_obj(path: Path, mesh: FaceMesh) -> None:
-    head = ["# mm; x to the subject's left, y up, z out of the face"]
+    text = "# mm; x to the subject's left, y up, z out of the face\n"
     uv, uv_triangles = mesh.model.uv, mesh.model.uv_triangles
-    columns, triangles = [mesh.vertices], (mesh.model.triangles + 1).tolist()
+    columns, triangles = [mesh.vertices], mesh.model.triangles + 1
     if mesh.texture is not None and uv is not None and uv_triangles is not None:
         material = path.with_name(f"{material_stem(path.stem)}.mtl")
         _write_material(material, mesh.texture)
-        head += [f"mtllib {material.name}", "usemtl face"]
-        corners = zip(triangles, (uv_triangles + 1).tolist(), strict=True)
-        faces = [f"vt {u:.6f} {v:.6f}" for u, v in uv.tolist()]
-        faces += ["f " + " ".join(f"{v}/{t}" for v, t in zip(vs, ts, strict=True)) for vs, ts in corners]
+        text += f"mtllib {material.name}\nusemtl face\n"
+        corners = np.stack([triangles, uv_triangles + 1], axis=2)
+        faces = _lines("vt %.6f %.6f", uv) + _lines("f %d/%d %d/%d %d/%d", corners)
     else:
         if mesh.vertex_colours is not None:
             columns.append(mesh.vertex_colours / 255)
-        faces = [f"f {a} {b} {c}" for a, b, c in triangles]
-    vertices = ["v " + " ".join(f"{value:.6g}" for value in row) for row in np.hstack(columns).tolist()]
-    write_file(path, "\n".join([*head, *vertices, *faces]) + "\n")
+        faces = _lines("f %d %d %d", triangles)
+    vertices = np.hstack(columns)
+    write_file(path, text + _lines("v" + vertices.shape[1] * " %.6g", vertices) + faces)
+
+
+def _lines(row: str, values: ndarray) -> str:
+    """Numbers as lines of text, by the format of a line. One call is several times as fast as one a line."""
+    return len(values) * f"{row}\n" % tuple(values.ravel().tolist())
 
 
 def _write_material(path: Path, texture: UInt8[ndarray, "s s 3"]) -> None:

@@ -1,6 +1,7 @@
 """Colours for a fitted mesh, taken from its photograph: per vertex, or as a texture."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import cv2
@@ -195,16 +196,47 @@ def face_texture(
         raise UsageError(
             f"expected texture coordinates in the model {model.name!r}, found none; take vertex colours instead"
         )
+    layout = _texture_layout(model, size_px or _fine_enough(model.uv, model.uv_triangles[model.is_face_triangle]))
+    colours = PhotographColours(image, fit, model)
+    texture = np.tile(np.rint(colours.skin).astype(np.uint8), (layout.size_px**2, 1))
+    texture[layout.drawn] = colours.at(layout.points)
+    texture[layout.around] = texture[layout.nearest]
+    return texture.reshape(layout.size_px, layout.size_px, 3)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _TextureLayout:
+    """Where the surface of a model is in a texture. Texels are numbers of the flat picture."""
+
+    size_px: int
+    drawn: Int[ndarray, " n"]  # texels of the face
+    points: SurfacePoints  # of the surface, one for each of them
+    around: Int[ndarray, " a"]  # texels within some pixels of them
+    nearest: Int[ndarray, " a"]  # for each, the nearest texel of the face
+
+
+@lru_cache(maxsize=2)
+def _texture_layout(model: MorphableModel, size_px: int) -> _TextureLayout:
+    """The layout of a model's face, which all textures of a size share."""
+    assert model.uv is not None
+    assert model.uv_triangles is not None
     is_face = model.is_face_triangle
-    size_px = size_px or _fine_enough(model.uv, model.uv_triangles[is_face])
     places = np.column_stack([model.uv[:, 0] * size_px, (1 - model.uv[:, 1]) * size_px, np.zeros(len(model.uv))])
     texels = rasterise(np.eye(4), places, model.uv_triangles[is_face], size_px, size_px)
-    drawn = texels.triangle >= 0
-    corners = model.triangles[is_face][texels.triangle[drawn]]
-    colours = PhotographColours(image, fit, model)
-    texture = np.broadcast_to(np.rint(colours.skin).astype(np.uint8), (size_px, size_px, 3)).copy()
-    texture[drawn] = colours.at(SurfacePoints(corners, texels.barycentric[drawn]))
-    return _padded(texture, drawn)
+    is_drawn = texels.triangle >= 0
+    drawn = np.flatnonzero(is_drawn)
+    corners = model.triangles[is_face][texels.triangle[is_drawn]]
+    points = SurfacePoints(corners, texels.barycentric[is_drawn])
+    if not len(drawn):
+        return _TextureLayout(size_px, drawn, points, drawn, drawn)
+    distance, label = cv2.distanceTransformWithLabels(
+        (~is_drawn).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    texel_of_label = np.zeros(int(label.max()) + 1, dtype=np.intp)
+    texel_of_label[label[is_drawn]] = drawn
+    around = np.flatnonzero((distance > 0) & (distance <= PADDING_PX))
+    return _TextureLayout(size_px, drawn, points, around, texel_of_label[label.reshape(-1)[around]])
 
 
 def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], camera: Camera) -> Float64[ndarray, " v"]:
@@ -213,6 +245,7 @@ def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], came
     return np.asarray(vertex_normals(vertices, triangles) @ towards, dtype=np.float64)
 
 
+@lru_cache(maxsize=2)
 def _share_of_photograph(model: MorphableModel) -> Float64[ndarray, " v"]:
     """1 for vertices of the face, fading to 0 towards scalp and neck: the largest part of the mesh that is not face."""
     share = model.is_face_vertex.astype(np.float64)
@@ -257,17 +290,3 @@ def _sample(picture: ndarray, pixels: Float[ndarray, "n 2"], how: int) -> ndarra
 
 def _blend(colour: ndarray, weight: Float64[ndarray, " n"], below: ndarray) -> Float64[ndarray, "n 3"]:
     return np.asarray(weight[:, None] * colour + (1 - weight[:, None]) * below, dtype=np.float64)
-
-
-def _padded(texture: UInt8[ndarray, "s s 3"], drawn: ndarray) -> UInt8[ndarray, "s s 3"]:
-    """Grows the drawn islands by some pixels of the colour that is nearest."""
-    if not drawn.any():
-        return texture
-    distance, nearest = cv2.distanceTransformWithLabels(
-        (~drawn).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    colour_of_label = np.zeros((int(nearest.max()) + 1, 3), dtype=np.uint8)
-    colour_of_label[nearest[drawn]] = texture[drawn]
-    around = (distance > 0) & (distance <= PADDING_PX)
-    texture[around] = colour_of_label[nearest[around]]
-    return texture
