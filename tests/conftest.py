@@ -2,8 +2,10 @@
 
 import os
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -36,6 +38,22 @@ def measured_processes(coverage_of_processes: dict[str, str], monkeypatch: pytes
     """Measures the programs that a test starts: for code that runs nowhere else."""
     for name, value in coverage_of_processes.items():
         monkeypatch.setenv(name, value)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def grids_of_the_same_points_are_made_once() -> Iterator[None]:
+    """A grid takes half a second for each model that is opened, and most tests open the same few."""
+    from pix2face.fitting.prepared_model import VertexGrid
+
+    make = VertexGrid.of
+
+    @lru_cache(maxsize=8)
+    def grid_of(content: bytes) -> VertexGrid:
+        return make(np.frombuffer(content, dtype=np.float32).reshape(-1, 3))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(VertexGrid, "of", lambda points: grid_of(points.tobytes()))
+        yield
 
 
 @pytest.fixture(scope="session")
