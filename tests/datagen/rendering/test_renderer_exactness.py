@@ -144,7 +144,7 @@ def test_the_nearest_is_seen_at_grazing_angles(gl: GLContext | None, rasteriser:
     assert (error > 10 * LIMIT_MM).sum() == 0
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     columns=st.integers(1, 40),
     rows=st.integers(1, 40),

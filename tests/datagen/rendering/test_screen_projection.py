@@ -21,7 +21,7 @@ def camera_of(angles: tuple[float, float, float], distance_mm: float, is_affine:
     return linearised(camera) if is_affine else camera
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(angles=st.tuples(*[st.floats(-180, 180)] * 3), distance_mm=st.floats(300, 1e5), is_affine=st.booleans())
 def test_the_way_back_leads_to_the_vertices(
     angles: tuple[float, float, float], distance_mm: float, is_affine: bool

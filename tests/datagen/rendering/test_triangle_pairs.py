@@ -38,7 +38,7 @@ def test_a_head_is_paired_almost_whole() -> None:
         assert check(triangles) < 0.6 * len(triangles)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(*[st.integers(0, 7)] * 3), max_size=20))
 def test_any_triangles_are_each_there_once(corners: list[tuple[int, int, int]]) -> None:
     """Also several at an edge, twice the same, wound against each other, with corners that coincide."""

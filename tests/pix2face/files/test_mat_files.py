@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy import ndarray
@@ -49,7 +49,6 @@ KINDS = {
 }
 
 
-@settings(deadline=None)
 @given(st.dictionaries(names, numbers, max_size=5), st.booleans())
 def test_what_scipy_writes_is_read_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, variables: dict[str, ndarray], compressed: bool

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pix2face.face_files.w300lp import PoseParameters, camera_of_pose, pose_of_camera
@@ -22,7 +22,6 @@ from tests.synthetic_models import small_head_model
 MODEL = small_head_model()
 
 
-@settings(deadline=None)
 @given(
     st.tuples(st.floats(-80, 80), st.floats(-89, 89), st.floats(-179, 179)),
     st.tuples(st.floats(-500, 500), st.floats(-500, 500)),

@@ -74,7 +74,7 @@ def test_harmonics_give_back_light_that_they_can_express() -> None:
     np.testing.assert_allclose(harmonics_at(normals) @ (COSINE_BANDS[:, None] * harmonics), exact, atol=5e-3)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10**6))
 def test_turned_light_is_the_same_light_from_turned_directions(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -46,7 +46,7 @@ def camera(yaw: float = 0, pitch: float = 0, roll: float = 0):
     return weak_perspective_camera(WeakPerspective(1.0, rotation, np.zeros(2)))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-170, 170), st.floats(-80, 80))
 def test_angles_and_directions_are_inverse(azimuth: float, elevation: float) -> None:
     found = angles_of(direction_of(azimuth, elevation))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from datagen.rendering.processor.nearest import NOWHERE
@@ -24,7 +24,6 @@ def meshes_of(depths: list[list[float]]) -> tuple[list[np.ndarray], np.ndarray]:
 
 
 @given(st.lists(st.lists(st.floats(-500, 500, width=32), min_size=1, max_size=40), min_size=1, max_size=6))
-@settings(deadline=None)
 def test_every_triangle_is_drawn_once_and_those_of_a_turn_from_far_to_near(depths: list[list[float]]) -> None:
     triangles, depth = meshes_of(depths)
     order, turns = far_to_near(triangles, depth)
