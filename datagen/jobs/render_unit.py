@@ -28,8 +28,8 @@ from pix2face.errors import InputFileError, SampleRejectedError, UsageError
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.shards.shard_writing import ShardWriter
 
-# The vertices of at most so many views come from one matrix product: it reads the basis once for all of them (a face of
-# BFM's size takes 2.9 ms of 8, 1.9 of 16, 1.2 of 64), and they take 41 MB.
+# The vertices of at most so many views come from one matrix product: it reads the basis once for all of them (with two
+# workers on an old processor, a face of BFM's size takes 3.7 ms of 50, and 2.9 of 100), and they take 82 MB.
 VIEWS_AT_A_TIME = 128
 
 
