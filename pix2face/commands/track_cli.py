@@ -199,9 +199,8 @@ def _follow(
         return TrackFiles(faces[index].folder, formats, source.fps, size_px, followers[index].identity, model)
 
     with ExitStack() as stack:
-        files: dict[
-            int, TrackFiles
-        ] = {}  # of the faces in the picture: those of a long clip may be too many to be open
+        # Of the faces in the picture: those of a long clip may be too many to be open.
+        files: dict[int, TrackFiles] = {}
         overlay = None
         if "video" in formats:
             overlay = stack.enter_context(OverlayVideo(config.out / OVERLAY_NAME, source.fps))
