@@ -51,8 +51,12 @@ def grids_of_the_same_points_are_made_once() -> Iterator[None]:
     def grid_of(content: bytes) -> VertexGrid:
         return make(np.frombuffer(content, dtype=np.float32).reshape(-1, 3))
 
+    def of(points: np.ndarray) -> VertexGrid:
+        assert points.dtype == np.float32
+        return grid_of(points.tobytes())
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(VertexGrid, "of", lambda points: grid_of(points.tobytes()))
+        patch.setattr(VertexGrid, "of", of)
         yield
 
 

@@ -22,7 +22,7 @@ from pix2face.photographs.fit_files import read_fit
 from pix2face.photographs.fit_pictures import photograph_cloud
 from pix2face.photographs.view_page import ViewedFace, ViewPages, face_data
 
-# A fit has fewer points than the crop that the network looks at has pixels.
+# Clouds of `pix2face fit` take about a megabyte.
 LARGEST_CLOUD_BYTES = 64 << 20
 
 

@@ -6,7 +6,7 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int16, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int16, UInt8
 from numpy import ndarray
 
 from pix2face.geometry.camera import Camera
@@ -15,8 +15,8 @@ from pix2face.geometry.camera import Camera
 FIXED_POINT_STEPS_PER_MM = 128
 # How far from the face, in pixels of the maps, a point is still taken for one of its border.
 REACH_PX = 4
-# What a network answers is rough from pixel to pixel, and offsets come in blocks of four. Means over so many pixels
-# (standard deviation) are smooth, and nearer to the truth (docs/explanation/packaged_network.md).
+# What the packaged network answers is rough from pixel to pixel, and its offsets come in blocks of four. Means over so
+# many of its pixels (standard deviation) are smooth, and nearer to the truth (docs/explanation/packaged_network.md).
 SMOOTH_PNCC_PX, SMOOTH_OFFSET_PX, SMOOTH_EDGE_PX = 1.5, 3.0, 1.0
 
 
@@ -96,6 +96,16 @@ def without_holes(mask: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w"]:
     return np.asarray(cv2.drawContours(whole, outlines, -1, 1, cv2.FILLED))
 
 
+def nearest_inside(mask: Bool[ndarray, "h w"]) -> tuple[Float32[ndarray, "h w"], Int[ndarray, "h w"]]:
+    """The distance of each pixel from a mask that is not empty, and its nearest pixel (its number in the flat mask)."""
+    distance, label = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    pixel_of_label = np.zeros(int(label.max()) + 1, dtype=np.intp)
+    pixel_of_label[label[mask]] = np.flatnonzero(mask)
+    return distance, pixel_of_label[label]
+
+
 def smooth_maps(maps: FaceMaps, size_px: int, *, has_holes: bool = True) -> FaceMaps:
     """Predicted maps of a square in another size, without the roughness and the blocks of a network's answers.
 
@@ -104,17 +114,21 @@ def smooth_maps(maps: FaceMaps, size_px: int, *, has_holes: bool = True) -> Face
     Args:
         maps: As a network predicted them.
         size_px: Side of the maps that are returned.
-        has_holes: Keep holes of the mask, such as an open mouth.
+        has_holes: Keep holes of the mask, such as an open mouth. If not, they get the values around them.
 
     Returns:
         PNCC, offset and mask.
     """
-    inside = maps.mask if has_holes else without_holes(maps.mask)
-    mask = _enlarged(cv2.GaussianBlur(inside.astype(np.float32), (0, 0), SMOOTH_EDGE_PX), size_px) > 0.5
+    if not has_holes and maps.mask.any():
+        nearest = nearest_inside(maps.mask)[1]
+        pncc, offset = (values.reshape(-1, 3)[nearest] for values in (maps.pncc, maps.offset))
+        maps = FaceMaps(pncc, offset, without_holes(maps.mask).astype(bool))
+    mask = _enlarged(cv2.GaussianBlur(maps.mask.astype(np.float32), (0, 0), SMOOTH_EDGE_PX), size_px) > 0.5
     pncc, offset = (
-        _enlarged(_mean_inside(values, maps.mask, blur_px), size_px) * mask[..., None]
+        _enlarged(_mean_inside(values, maps.mask, blur_px), size_px)
         for values, blur_px in ((maps.pncc, SMOOTH_PNCC_PX), (maps.offset, SMOOTH_OFFSET_PX))
     )
+    pncc[~mask], offset[~mask] = 0, 0
     return FaceMaps(pncc, offset, mask)
 
 

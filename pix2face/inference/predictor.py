@@ -39,9 +39,9 @@ class Prediction:
     n_undefined: int = 0  #: pixels where the network's output is not finite; they are outside the mask
 
     def smooth(self, size_px: int) -> "Prediction":
-        """The prediction in another size, without roughness and blocks (``smooth_maps``): for pictures, other programs.
+        """The prediction in another size, without roughness and blocks (``smooth_maps``), for other programs.
 
-        Fits are better to the maps as the network answered them.
+        It keeps PNCC, offset and mask only. Fit the maps as the network answered them instead.
 
         Args:
             size_px: Side of the maps. That of the picture's own resolution is ``crop.finest_size_px``.

@@ -40,7 +40,7 @@ def basis_of_columns(
     Args:
         where: For messages.
         columns: (3 v, k).
-        deviations: (k) factors of the columns that make one standard deviation; None where they do already.
+        deviations: (k) factors of the columns that make one standard deviation; None if each column is one already.
         n_vertices: v.
         mm_per_unit: Unit of the columns times their factors.
 
@@ -49,7 +49,9 @@ def basis_of_columns(
     """
     matrix = np.asarray(columns)
     factors = np.ones(matrix.shape[-1]) if deviations is None else np.asarray(deviations, dtype=np.float64).ravel()
-    if matrix.shape != (3 * n_vertices, len(factors)) or len(factors) > MAX_COMPONENTS:
+    if len(factors) > MAX_COMPONENTS:
+        raise InputFileError(f"{where}: expected at most {MAX_COMPONENTS} components, found {len(factors)}")
+    if matrix.shape != (3 * n_vertices, len(factors)):
         raise InputFileError(
             f"{where}: expected a basis of {3 * n_vertices} rows and {len(factors)} columns (one for each standard "
             f"deviation), found {matrix.shape}"

@@ -24,9 +24,9 @@ LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
 OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
 MAPS_PX = 512  # side of a picture of maps at most
-# Side of the maps that a cloud of points comes from: from all sides, so many points look like a surface.
+# Side of the maps that a cloud of points comes from: so many points look like a surface from any side.
 CLOUD_PX = 256
-FADED = 0.25  # contrast of the photograph behind them
+FADED = 0.25  # contrast of the photograph behind drawn maps
 LETTER_SCALE, LETTER_PX = 0.36, 10  # of OpenCV's font, and the height of its letters at this scale
 
 
@@ -97,7 +97,10 @@ def shaded_face(
 
 
 def draw_maps(image: UInt8[ndarray, "h w 3"], crop: Crop, maps: FaceMaps) -> UInt8[ndarray, "s s3 3"]:
-    """The crop that predicted maps belong to, PNCC and offset side by side, at the resolution of the picture."""
+    """The crop that predicted maps belong to, PNCC and offset side by side, at most ``MAPS_PX`` large.
+
+    The resolution is that of the picture, and at least that of the maps.
+    """
     photograph = crop_image(image, crop.with_size(min(crop.finest_size_px, MAPS_PX)))
     return np.hstack([photograph, *maps_over(photograph, maps)])
 

@@ -113,7 +113,10 @@ def split_at_seams(
         raise UsageError(f"expected texture coordinates in the model {model.name!r}, found none")
     pairs = np.stack([model.triangles.ravel(), model.uv_triangles.ravel()], axis=1)
     unique, triangles = np.unique(pairs, axis=0, return_inverse=True)
-    return unique[:, 0], model.uv[unique[:, 1]].astype(np.float64), triangles.reshape(-1, 3)
+    split = unique[:, 0], model.uv[unique[:, 1]].astype(np.float64), triangles.reshape(-1, 3)
+    for shared in split:
+        shared.flags.writeable = False
+    return split
 
 
 def _write_obj(path: Path, mesh: FaceMesh) -> None:

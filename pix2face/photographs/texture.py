@@ -17,6 +17,7 @@ from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
 from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.maps import nearest_inside
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import rasterise
 from pix2face.models.surface_attributes import vertex_normals
@@ -230,13 +231,9 @@ def _texture_layout(model: MorphableModel, size_px: int) -> _TextureLayout:
     points = SurfacePoints(corners, texels.barycentric[is_drawn])
     if not len(drawn):
         return _TextureLayout(size_px, drawn, points, drawn, drawn)
-    distance, label = cv2.distanceTransformWithLabels(
-        (~is_drawn).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    texel_of_label = np.zeros(int(label.max()) + 1, dtype=np.intp)
-    texel_of_label[label[is_drawn]] = drawn
+    distance, nearest = nearest_inside(is_drawn)
     around = np.flatnonzero((distance > 0) & (distance <= PADDING_PX))
-    return _TextureLayout(size_px, drawn, points, around, texel_of_label[label.reshape(-1)[around]])
+    return _TextureLayout(size_px, drawn, points, around, nearest.reshape(-1)[around])
 
 
 def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], camera: Camera) -> Float64[ndarray, " v"]:

@@ -144,10 +144,13 @@ def test_maps_are_enlarged_to_the_resolution_of_the_photograph(
         arrays = dict(file)
     size_px = len(arrays["mask"])
     assert size_px == round(INFERENCE_SCALE * near.box.longer_side) > 1.5 * SIZE_PX
-    np.testing.assert_allclose(arrays["image_from_crop"][:2, :2], np.eye(2), atol=0.01)
+    expected = square_crop(near.box, INFERENCE_SCALE, size_px).image_from_crop
+    np.testing.assert_allclose(arrays["image_from_crop"], expected, atol=1e-9)
+    np.testing.assert_allclose(expected[:2, :2], np.eye(2), atol=0.01)
     true = near.maps(size_px)
     deep = cv2.erode((true.mask & arrays["mask"]).astype(np.uint8), np.ones((25, 25))).astype(bool)
     assert deep.sum() > 0.2 * true.mask.sum() > 2000
+    assert np.abs((arrays["pncc"] - true.pncc)[deep].mean(axis=0)).max() < 0.3  # a pixel is about a millimetre
     assert np.linalg.norm(arrays["pncc"] - true.pncc, axis=2)[deep].mean() < 1.5
 
 
@@ -198,6 +201,9 @@ def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photogr
     nearest, place = KDTree(cloud.vertices).query((true.pncc + true.offset)[inside])
     assert inside.sum() > 2000
     assert nearest.mean() < 1.0
+    whole = KDTree((true.pncc + true.offset)[true.mask])
+    assert np.quantile(whole.query(cloud.vertices)[0], 0.95) < 4
+    assert 0.9 * true.mask.sum() < len(cloud.vertices) < 1.1 * true.mask.sum()
     # The nearest point may be that of a neighbouring pixel.
     assert np.abs(cloud.colors[place, :3].astype(float) - shown[inside]).mean() < 4
     overlay = read_photograph(tmp_path / "out" / "person-0-overlay.jpg")
