@@ -177,6 +177,7 @@ def most_hidden(drawn: Accessories) -> float:
 def _less_hidden(drawn: Accessories) -> Accessories:
     """The smallest change that hides less."""
     if drawn.thing is not None:
+        # A thing steps aside; beyond 230 mm it hides nothing any more.
         aside = drawn.thing.aside_mm + 35.0
         moved = replace(drawn.thing, aside_mm=round(aside, 2)) if aside <= 230.0 else None
         return replace(drawn, thing=moved)
