@@ -67,15 +67,3 @@ def shared_dir() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(f"no research data at {folder}: set PIX2FACE_SHARED")
     return folder
-
-
-@pytest.fixture(scope="session")
-def detector_onnx(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The packaged detector as ONNX. Seconds: who takes it is of the group "packaged detector as onnx"."""
-    for name in ("onnx", "onnxruntime", "onnxscript"):
-        pytest.importorskip(name, reason="pip install 'pix2face[onnx]'")
-    from pix2face.commands.cli import main
-
-    path = tmp_path_factory.mktemp("detector") / "detector.onnx"
-    assert main(["export", "--detector", "--out", str(path)]) == 0
-    return path

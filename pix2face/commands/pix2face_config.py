@@ -207,7 +207,7 @@ class ExportConfig:
     Attributes:
         checkpoint: Checkpoint that `train` or `train detector` wrote. Default: the one that comes with the package.
         detector: Export a face detector instead of a network for maps.
-        out: ONNX file to write (pip install 'pix2face[onnx]').
+        out: ONNX file to write.
     """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None
@@ -228,7 +228,7 @@ class PageConfig:
             landmarks in the checkpoint, or else those of the model.
         detector: Face detector that `train detector` or `pix2face export --detector` wrote. Default: the one that comes
             with the package.
-        out: Page to write (pip install 'pix2face[onnx]'). It contains the networks and needs no other file.
+        out: Page to write. It contains the networks and needs no other file.
     """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None

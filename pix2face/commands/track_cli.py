@@ -19,7 +19,8 @@ from pix2face.detectors.protocol import Box, sure_faces
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.box_files import read_box_file
 from pix2face.files.writing import GrowingFile, write_file
-from pix2face.inference.predictor import Predictor, keep_networks_in_one_thread
+from pix2face.inference.onnx_session import keep_networks_in_one_thread
+from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
 from pix2face.photographs.usd_files import usd_module
 from pix2face.tracking import TrackFormat

@@ -20,7 +20,7 @@ def decode(
     """The boxes (left, top, right, bottom) and scores of a picture, surest first, one for each face.
 
     Args:
-        planes: As ``pix2face.networks.centre.CentreNetwork`` answers.
+        planes: As ``training.detection.centre_network.CentreNetwork`` answers.
         stride_px: Pixels of a cell.
         least_score: Probability below which no cell is looked at.
     """

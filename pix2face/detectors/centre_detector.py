@@ -17,7 +17,7 @@ from pix2face.detectors.centre_decoding import decode, faces_of
 from pix2face.detectors.protocol import DetectedFace, sure_boxes
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.centre_files import CentreAnswers, load_detector
-from pix2face.networks.centre import MULTIPLE, STRIDE
+from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE
 
 PACKAGED: Final = Path(__file__).parents[1] / "assets" / "detector.safetensors"
 LONGEST_SIDE_PX: Final = 240  # chosen on 400 images of AFLW2000-3D; 224 to 288 px find 392 to 397 of their faces
@@ -36,7 +36,7 @@ GREY: Final = 128  # what the network takes for nothing
 
 @final
 class CentreDetector:
-    """Finds faces by a network of ``pix2face.networks.centre``.
+    """Finds faces by a network of ``training.detection.centre_network``.
 
     Args:
         answers: The network.
@@ -77,7 +77,7 @@ class CentreDetector:
             batch = np.full((len(places), _up(height), _up(width), 3), GREY, dtype=np.uint8)
             batch[:, :height, :width] = [seen[place] for place in places]
             for place, planes in zip(places, self._answers(batch), strict=True):
-                boxes, scores = decode(planes, STRIDE, LEAST_SCORE)
+                boxes, scores = decode(planes, CENTRE_STRIDE, LEAST_SCORE)
                 px_per_px = (images[place].shape[1] / width, images[place].shape[0] / height)
                 found[place] = faces_of(boxes, scores / SURE_SCORE, px_per_px)
         return found
@@ -111,4 +111,4 @@ def _scaled(image: UInt8[ndarray, "h w 3"], longest_side_px: float) -> UInt8[nda
 
 
 def _up(extent: int) -> int:
-    return -(-extent // MULTIPLE) * MULTIPLE
+    return -(-extent // CENTRE_MULTIPLE) * CENTRE_MULTIPLE

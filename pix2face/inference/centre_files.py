@@ -1,23 +1,28 @@
-"""Files of the face detector's network: weights as safetensors with one JSON header, or ONNX, run by NumPy arrays."""
+"""Files of the face detector's network: weights as safetensors with one JSON header, or ONNX; run by onnxruntime."""
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import final
+from typing import Final, final
 
 import numpy as np
-import torch
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.json_text import typed
-from pix2face.inference.checkpoint import read_header, read_tensors, write_tensors
-from pix2face.networks.centre import NECK, WIDTHS, CentreNetwork, folded
+from pix2face.files.json_text import JsonObject, parse_json, typed
+from pix2face.inference.checkpoint import read_arrays, read_header
+from pix2face.inference.onnx_graph import OnnxGraph
+from pix2face.inference.onnx_networks import Weights, centre_network
+from pix2face.inference.onnx_session import OnnxSession, open_onnx
+from pix2face.networks.dimensions import CENTRE_NECK, CENTRE_PLANES, CENTRE_WIDTHS, PLANES_IN
 
 METADATA_KEY = "pix2face-detector"
 SCHEMA_VERSION = 1
-# From pictures to the five planes of each cell (``pix2face.networks.centre``).
+INPUT_NAME: Final = "pictures"
+OUTPUT_NAME: Final = "cells"
+# From pictures to the planes of each cell (``pix2face.networks.dimensions.CENTRE_PLANES``).
 CentreAnswers = Callable[[UInt8[ndarray, "b h w 3"]], Float32[ndarray, "b y x 5"]]
 
 
@@ -26,34 +31,47 @@ CentreAnswers = Callable[[UInt8[ndarray, "b h w 3"]], Float32[ndarray, "b y x 5"
 class DetectorHeader:
     """What is needed to use the weights, and where they come from."""
 
-    widths: tuple[int, ...] = WIDTHS  # filters of each level
-    neck: int = NECK  # filters of the pyramid
+    widths: tuple[int, ...] = CENTRE_WIDTHS  # filters of each level
+    neck: int = CENTRE_NECK  # filters of the pyramid
     licence: str  # terms that the training data put on the weights
     configuration: str  # of the training, as JSON
     samples: int  # scenes seen in training
     schema_version: int = SCHEMA_VERSION
 
 
-def save_detector(path: Path, header: DetectorHeader, network: CentreNetwork, precision: torch.dtype) -> None:
-    """Writes a network; a file of that name is replaced at once or not at all. Norms and biases stay float32."""
-    tensors = {
-        name: tensor.to(precision) if tensor.ndim > 1 else tensor for name, tensor in network.state_dict().items()
-    }
-    write_tensors(path, METADATA_KEY, asdict(header), tensors)
-
-
 def load_detector(path: Path) -> tuple[DetectorHeader, CentreAnswers]:
-    """Opens what ``save_detector`` wrote, or ``export_detector`` (.onnx); see ``load_centre_network``."""
+    """Opens what ``train detector`` wrote, or ``pix2face export --detector`` (.onnx).
+
+    Raises:
+        InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
+    """
     if path.suffix.lower() == ".onnx":
-        from pix2face.inference.centre_onnx import load_detector_onnx
+        session = open_onnx(path)
+        try:
+            header: DetectorHeader = typed(parse_json(session.metadata[METADATA_KEY], JsonObject), DetectorHeader)
+        except (KeyError, ValueError) as error:
+            raise InputFileError(f"{path}: expected a detector as ONNX, found another file ({error})") from error
+        return header, _runner(session)
+    header, graph = _read(path, half=False)
+    return header, _runner(OnnxSession(graph.content()))
 
-        return load_detector_onnx(path)
-    header, network = load_centre_network(path)
-    return header, runner(network)
+
+def export_detector(detector: Path, *, half: bool = False) -> bytes:
+    """A detector that ``train detector`` wrote as an ONNX file, for any number of pictures of any size.
+
+    Args:
+        detector: Its file.
+        half: Whether weights are stored in float16. The network computes in float32.
+
+    Raises:
+        InputFileError: The detector is missing or unusable.
+    """
+    header, graph = _read(detector, half=half)
+    return graph.content({METADATA_KEY: json.dumps(asdict(header), sort_keys=True)})
 
 
-def load_centre_network(path: Path) -> tuple[DetectorHeader, CentreNetwork]:
-    """Reads what ``save_detector`` wrote; the network computes in float32, whatever its file is in.
+def detector_header(path: Path) -> DetectorHeader:
+    """Reads what a detector says of itself, without its weights.
 
     Raises:
         InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
@@ -61,25 +79,33 @@ def load_centre_network(path: Path) -> tuple[DetectorHeader, CentreNetwork]:
     fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
     try:
         header: DetectorHeader = typed(fields, DetectorHeader)
-        network = CentreNetwork(header.widths, header.neck)
-        network.load_state_dict({name: _single(value) for name, value in read_tensors(path).items()})
-    except (TypeError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputFileError(f"{path}: header and weights do not make a detector ({reason})") from error
-    return header, network
+    except ValueError as error:
+        raise unusable_detector(path, error) from error
+    return header
 
 
-def runner(network: CentreNetwork) -> CentreAnswers:
-    """Runs a network on arrays; it is changed: its norms are folded into its convolutions."""
-    ready = folded(network).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+def unusable_detector(path: Path, error: Exception) -> InputFileError:
+    """The error of a file whose header and weights contradict each other."""
+    reason = str(error).splitlines()[0]
+    return InputFileError(f"{path}: header and weights do not make a detector ({reason})")
 
+
+def _read(path: Path, *, half: bool) -> tuple[DetectorHeader, OnnxGraph]:
+    header, graph = detector_header(path), OnnxGraph(half=half)
+    pictures = graph.input(INPUT_NAME, ("batch", PLANES_IN, "height", "width"))
+    try:
+        weights = Weights(read_arrays(path))
+        cells = centre_network(graph, pictures, weights, header.widths, header.neck)
+        weights.check_empty()
+    except ValueError as error:
+        raise unusable_detector(path, error) from error
+    graph.output(OUTPUT_NAME, cells, ("batch", CENTRE_PLANES, "rows", "columns"))
+    return header, graph
+
+
+def _runner(session: OnnxSession) -> CentreAnswers:
     def answers(pictures: UInt8[ndarray, "b h w 3"]) -> Float32[ndarray, "b y x 5"]:
-        with torch.inference_mode():
-            batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).float().div_(255).sub_(0.5)
-            return np.ascontiguousarray(ready(batch).permute(0, 2, 3, 1).numpy())
+        batch = np.ascontiguousarray(pictures.transpose(0, 3, 1, 2), dtype=np.float32) / 255 - np.float32(0.5)
+        return np.ascontiguousarray(session.run(batch)[OUTPUT_NAME].transpose(0, 2, 3, 1))
 
     return answers
-
-
-def _single(value: torch.Tensor) -> torch.Tensor:
-    return value.float() if value.is_floating_point() else value

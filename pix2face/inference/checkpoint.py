@@ -1,27 +1,23 @@
 """The checkpoint: weights as safetensors with one JSON header (layout: docs/reference). Loading runs no code."""
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, final
 
 import msgspec
-import torch
+import numpy as np
+from numpy import ndarray
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
-from torch import Tensor, nn
 
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.files.json_text import Integer, JsonObject, Positive, parse_json, typed
 from pix2face.files.opening import check_regular, is_folder, is_regular
-from pix2face.files.writing import written_in_one_step
 from pix2face.geometry.crops import INFERENCE_SCALE
 from pix2face.inference import CHECKPOINT_NAME
 from pix2face.networks import MAP_PLANES
-from pix2face.networks.architectures import build_network
-from pix2face.networks.paper import paper_widths
+from pix2face.networks.dimensions import paper_widths
 
 # Sides of inputs and filters of levels, as far as a network could be run on.
 Side = Annotated[int, msgspec.Meta(ge=1, le=1024)]
@@ -59,7 +55,7 @@ class CheckpointHeader:
     epoch: Integer  # complete ones
     samples: Integer = 0  # samples seen in training
     crop_scale: Positive = INFERENCE_SCALE  # side of the crop, in units of the longer side of the face's box
-    architecture: str = "paper"  # one of ``networks.architectures.ARCHITECTURES``
+    architecture: str = "paper"  # one of ``networks.dimensions.ARCHITECTURES``
     # 6 of the maps, then logits: the 7th of the mask, the 8th of the part of it that is seen; the 9th is the logarithm
     # of the scale of PNCC's errors.
     planes: int = MAP_PLANES
@@ -111,23 +107,6 @@ class CheckpointHeader:
             )
 
 
-def save_checkpoint(
-    path: Path, header: CheckpointHeader, network: nn.Module, precision: torch.dtype = torch.float32
-) -> None:
-    """Writes a checkpoint; a file of that name is replaced at once or not at all.
-
-    Weights in float16 halve the file, and are converted to float32 when it is read. Statistics of norms stay float32,
-    since variances overflow float16, and so do the few biases of what is answered.
-    """
-    tensors = network.state_dict()
-    exact = {
-        name: tensor
-        for name, tensor in tensors.items()
-        if tensor.ndim <= 1 and not name.endswith(("_norm.weight", "_norm.bias"))
-    }
-    write_tensors(path, METADATA_KEY, asdict(header), _in_precision(tensors, precision) | exact)
-
-
 def load_header(path: Path) -> CheckpointHeader:
     """Reads what a checkpoint says of itself, without its weights.
 
@@ -137,82 +116,32 @@ def load_header(path: Path) -> CheckpointHeader:
     return _header_of(path, read_header(path, METADATA_KEY, SCHEMA_VERSION))
 
 
-def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
-    """Reads a checkpoint; the network computes in float32, whatever its file is in.
+def load_weights(path: Path) -> tuple[CheckpointHeader, dict[str, ndarray]]:
+    """Reads a checkpoint without torch: its header and its arrays, by the names that they have in torch.
 
     Raises:
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
     fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
-    header, tensors = _header_of(path, fields), read_tensors(path)
-    try:
-        network = _without_weights(header)
-        if fields["schema_version"] < FIRST_WITH_COARSE_PLANES:
-            tensors |= _zeros(network, "coarse_planes.")
-        _check_shapes(network, tensors)
-        weights = {name: _laid_out(tensors[name], wanted) for name, wanted in network.state_dict().items()}
-        network.load_state_dict(weights, assign=True)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise _unusable(path, error) from error
-    return header, network.eval()
+    header, arrays = _header_of(path, fields), read_arrays(path)
+    if fields["schema_version"] < FIRST_WITH_COARSE_PLANES and header.architecture == "residual":
+        for place, width in enumerate(header.widths[-2:0:-1]):
+            arrays[f"coarse_planes.{place}.weight"] = np.zeros((header.planes, width, 1, 1), np.float32)
+            arrays[f"coarse_planes.{place}.bias"] = np.zeros(header.planes, np.float32)
+    return header, arrays
 
 
 def _header_of(path: Path, fields: Mapping[str, Any]) -> CheckpointHeader:
     try:
         return CheckpointHeader.from_json(fields)
     except ValueError as error:
-        raise _unusable(path, error) from error
+        raise unusable(path, error) from error
 
 
-def _without_weights(header: CheckpointHeader) -> nn.Module:
-    """The network that the header describes, which takes neither memory for weights nor time to draw them."""
-    with torch.device("meta"):
-        return build_network(
-            header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks, header.n_corrected
-        )
-
-
-def _zeros(network: nn.Module, prefix: str) -> dict[str, Tensor]:
-    """Zeros for the weights whose names begin so."""
-    return {name: torch.zeros(own.shape) for name, own in network.state_dict().items() if name.startswith(prefix)}
-
-
-def _check_shapes(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
-    """Makes sure that a file has the weights of a network.
-
-    Raises:
-        ValueError: Some are missing, unknown, or of another shape.
-    """
-    expected = network.state_dict()
-    for name in sorted(expected.keys() | tensors.keys()):
-        wanted, found = (tuple(own[name].shape) if name in own else None for own in (expected, tensors))
-        if wanted != found:
-            raise ValueError(f"{name} should be {wanted or 'missing'} and is {found or 'missing'}")
-
-
-def _laid_out(tensor: Tensor, wanted: Tensor) -> Tensor:
-    """A copy in the precision and the order of memory of a tensor that has no data."""
-    return torch.empty_strided(wanted.shape, wanted.stride(), dtype=wanted.dtype).copy_(tensor)
-
-
-def _unusable(path: Path, error: Exception) -> InputFileError:
+def unusable(path: Path, error: Exception) -> InputFileError:
+    """The error of a file whose header and weights contradict each other."""
     reason = str(error).splitlines()[0]
     return InputFileError(f"{path}: header and weights do not make a network ({reason}); train or fetch it again")
-
-
-def _in_precision(tensors: Mapping[str, Tensor], precision: torch.dtype) -> dict[str, Tensor]:
-    """Converts floating-point tensors to another precision; integers stay as they are."""
-    return {name: tensor.to(precision) if tensor.is_floating_point() else tensor for name, tensor in tensors.items()}
-
-
-def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
-    """Writes named tensors, of any device and layout, and one JSON header (with ``schema_version``) in one step.
-
-    The header's ``key`` says what kind of file it is. The file's folder is made.
-    """
-    stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with written_in_one_step(path) as temporary:
-        save_file(stored, temporary, metadata={key: json.dumps(header, sort_keys=True)})
 
 
 def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:
@@ -221,7 +150,7 @@ def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:
     Raises:
         InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
     """
-    with _open(path) as file:
+    with open_safetensors(path, "numpy") as file:
         metadata = file.metadata() or {}
     try:
         header: dict[str, Any] = parse_json(metadata[key], JsonObject, MOST_HEADER_VALUES)
@@ -236,28 +165,33 @@ def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:
     return header
 
 
-def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Reads the tensors that ``write_tensors`` wrote.
+def read_arrays(path: Path) -> dict[str, ndarray]:
+    """Reads the arrays of a safetensors file.
 
     Raises:
-        InputFileError: The file is missing, truncated or foreign.
+        InputFileError: The file is missing, truncated or foreign, or has arrays of a type that NumPy does not know.
     """
-    with _open(path) as file:
+    with open_safetensors(path, "numpy") as file:
         return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[Any]:
-    """Opens a safetensors file, which checks that it is whole."""
+def open_safetensors(path: Path, framework: str) -> Iterator[Any]:
+    """Opens a safetensors file, which checks that it is whole.
+
+    Raises:
+        InputFileError: The file is missing, truncated or foreign, or has tensors that the framework does not know.
+    """
     if is_folder(path):
         raise InputFileError(f"{path}: expected a checkpoint, found a folder; training writes {path / CHECKPOINT_NAME}")
     if not is_regular(path):
         raise InputFileError(f"{path}: no such file; `train --shards DIR` writes checkpoints, --checkpoint names one")
     check_regular(path, "a checkpoint", LARGEST_FILE_BYTES)
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework=framework) as file:
             yield file
-    except (SafetensorError, OSError, MemoryError) as error:  # MemoryError: of a file that cannot be mapped
+    except (SafetensorError, OSError, MemoryError, TypeError, AttributeError) as error:
+        # MemoryError: of a file that cannot be mapped; the last two: of types of numbers that NumPy does not have
         raise InputFileError(
             f"{path}: expected a complete safetensors file, found one that cannot be read ({error}); "
             "fetch or write it again"

@@ -1,30 +1,29 @@
-"""Predicts maps from pictures: NumPy arrays in and out, torch in between."""
+"""Predicts maps from pictures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import final
 
 import numpy as np
-import torch
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float32, UInt8
 from numpy import ndarray
-from torch import Tensor
 
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.geometry.camera import Camera, affine_camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
 from pix2face.geometry.maps import FaceMaps, FitCorrector, PredictedLandmarks, eroded, smooth_maps, valid_pixels
-from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint
-from pix2face.networks import MAP_PLANES
-from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
-from pix2face.networks.correction import FitCorrection
-from pix2face.networks.packed import packed
-from pix2face.networks.residual import ResidualUNet
+from pix2face.inference.answers import Answers, Network
+from pix2face.inference.checkpoint import CheckpointHeader, load_weights
+from pix2face.inference.fit_correction import FitCorrection
+from pix2face.inference.onnx_files import load_onnx, open_network
+from pix2face.inference.onnx_networks import Weights
+from pix2face.networks import MAP_PLANES, MASK_PLANE, SEEN_PLANE
 
 # The network is no faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
+# What there is where a GPU may be that torch can use.
+GPU_DRIVERS = Path("/dev/nvidiactl"), Path("/dev/kfd"), Path("/dev/dxg")
 
 
 @final
@@ -67,37 +66,31 @@ class Predictor:
     """A network with its pre- and postprocessing. It keeps no state between calls.
 
     Args:
-        network: From ``b 3 s s`` in [-0.5, 0.5] to ``b planes s s``: maps in units of the header's scales, then logits
-            and scales; or to these and landmarks, ``b n 3`` (``pix2face.networks.LANDMARK_NUMBERS``).
+        network: What it runs.
         header: Header of its checkpoint.
-        device: The device that the network is on.
+        correction: Corrects fits to its maps, if it can.
     """
 
-    def __init__(
-        self,
-        network: Callable[[Tensor], Tensor | tuple[Tensor, Tensor]],
-        header: CheckpointHeader,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, network: Network, header: CheckpointHeader, correction: FitCorrection | None = None) -> None:
         self.header = header
         self._network = network
-        self._device = torch.device(device)
+        self._correction = correction
 
     @classmethod
     def load(cls, path: Path, device: str | None = None) -> "Predictor":
         """Opens a checkpoint of a training, or an ONNX file of ``export_onnx`` (.onnx), which runs on the CPU.
 
+        On the CPU, onnxruntime computes, and torch is not loaded.
+
         Args:
             path: The file.
-            device: Name of a torch device; None uses a GPU if there is one.
+            device: "cpu", or the name of a device of torch; None uses a GPU if there is one.
 
         Raises:
             InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
-            UsageError: There is no such device (ONNX runs on the CPU only), or the package for ONNX is not installed.
+            UsageError: There is no such device (ONNX runs on the CPU only).
         """
         if path.suffix.lower() == ".onnx":
-            from pix2face.inference.onnx_export import load_onnx
-
             if device not in (None, "cpu"):
                 raise UsageError(
                     f"{path}: expected --device cpu, where ONNX files run here, found {device!r}; the checkpoint that "
@@ -105,13 +98,14 @@ class Predictor:
                 )
             own_header, run = load_onnx(path)
             return cls(run, own_header)
-        header, network = load_checkpoint(path)
-        chosen = _device(device)
-        return cls(packed(network) if chosen.type == "cpu" else network.to(chosen), header, chosen)
+        if device == "cpu" or (device is None and not any(driver.exists() for driver in GPU_DRIVERS)):
+            header, run, correction = open_network(path)
+            return cls(run, header, correction)
+        return _on_device(path, device)
 
     def with_crop_scale(self, crop_scale: float) -> "Predictor":
         """The same network with crops of another size (``CheckpointHeader.crop_scale``)."""
-        return Predictor(self._network, replace(self.header, crop_scale=crop_scale), self._device)
+        return Predictor(self._network, replace(self.header, crop_scale=crop_scale), self._correction)
 
     def predict(self, image: UInt8[ndarray, "h w 3"], box: FaceBox) -> Prediction:
         """Predicts the maps of a face in an RGB image. The box (in pixels) is tight around its 68 landmarks."""
@@ -126,91 +120,46 @@ class Predictor:
             return []
         crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
         pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
-        planes, numbers, correctors = self._answers(pictures.astype(np.float32) / 255 - 0.5)
-        landmarks = [read_landmarks(own, self.header.size_px) for own in numbers]
-        found = [read_planes(own, self.header) for own in planes]
-        return [
-            Prediction(
-                replace(
-                    maps, in_photograph=pixels_in_image(crop, image.shape[:2]), landmarks=points, correct=corrector
-                ),
-                crop,
-                box,
-                n_undefined=n_undefined,
+        answers = self._network(pictures.astype(np.float32) / 255 - 0.5)
+        predictions = []
+        for place, (crop, (image, box)) in enumerate(zip(crops, faces, strict=True)):
+            maps, n_undefined = read_planes(answers.planes[place], self.header)
+            maps = replace(
+                maps,
+                in_photograph=pixels_in_image(crop, image.shape[:2]),
+                landmarks=None
+                if answers.landmarks is None
+                else read_landmarks(answers.landmarks[place], self.header.size_px),
+                correct=self._corrector(answers, place),
             )
-            for (maps, n_undefined), points, corrector, crop, (image, box) in zip(
-                found, landmarks, correctors, crops, faces, strict=True
-            )
-        ]
+            predictions.append(Prediction(maps, crop, box, n_undefined=n_undefined))
+        return predictions
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
         """Predicts the maps of any number of faces, in several passes of ``predict_batch`` that need little memory."""
         starts = range(0, len(faces), FACES_AT_A_TIME)
         return [own for start in starts for own in self.predict_batch(faces[start : start + FACES_AT_A_TIME])]
 
-    def _answers(
-        self, pictures: Float32[ndarray, "b s s 3"]
-    ) -> tuple[Float32[ndarray, "b s s planes"], Float32[ndarray, "b n 3"], list[FitCorrector | None]]:
-        """Planes, landmarks (none where the network predicts none), and what corrects the fits."""
-        network = self._network
-        with torch.inference_mode():
-            batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(self._device)
-            correctors: list[FitCorrector | None] = [None] * len(batch)
-            if isinstance(network, ResidualUNet) and network.correction is not None:
-                planes, landmarks, levels = network.read(batch)
-                correction = network.correction
-                # Of all pictures at once, when the first fit needs it: maps alone do not.
-                seen = cache(lambda: correction.seen([level.float() for level in levels]))
-                correctors = [_Corrector(correction, seen, place, self.header.size_px) for place in range(len(batch))]
-            else:
-                answer = network(batch)
-                planes, landmarks = answer if isinstance(answer, tuple) else (answer, None)
-            numbers = planes.new_zeros(len(batch), 0, 3) if landmarks is None else landmarks
-            last = planes.float().permute(0, 2, 3, 1).cpu().numpy()
-            return np.ascontiguousarray(last), numbers.float().cpu().numpy(), correctors
+    def _corrector(self, answers: Answers, place: int) -> FitCorrector | None:
+        if self._correction is None or answers.seen is None:
+            return None
+        return partial(self._correction.corrected, answers.seen[place], size_px=self.header.size_px)
 
 
-@final
-class _Corrector:
-    """A ``FitCorrector`` for one picture.
+def _on_device(path: Path, name: str | None) -> Predictor:
+    """A checkpoint that torch runs, unless no device is named and there is no GPU."""
+    from pix2face.inference.torch_checkpoint import load_checkpoint  # torch takes seconds to load
+    from pix2face.inference.torch_network import run_by_torch, torch_device
 
-    Args:
-        correction: The network's part that corrects fits.
-        seen: Returns what it goes by of the pictures of a batch, ``b n``.
-        place: Of the picture in its batch.
-        size_px: Side of the picture.
-    """
-
-    def __init__(self, correction: FitCorrection, seen: Callable[[], Tensor], place: int, size_px: int) -> None:
-        self._correction, self._seen, self._place, self._size_px = correction, seen, place, size_px
-
-    def __call__(self, camera: Camera, coefficients: Float64[ndarray, " c"]) -> tuple[Camera, Float64[ndarray, " c"]]:
-        """Returns the corrected camera and coefficients."""
-        with torch.inference_mode():
-            seen, rows = self._seen()[self._place, None], centred_rows(camera, self._size_px)
-            fitted = (torch.from_numpy(values[None]).to(seen) for values in (rows, coefficients))
-            answer = self._correction.corrected(seen, *fitted)
-            nearer, better = (values[0].double().cpu().numpy() for values in answer)
-        return camera_of_rows(nearer, self._size_px), better
-
-
-def centred_rows(camera: Camera, size_px: int) -> Float64[ndarray, "2 4"]:
-    """The rows of an affine camera, in units of the picture's side from its middle: what ``FitCorrection`` takes."""
-    rows = camera.matrix[:2] / size_px
-    rows[:, 3] -= 0.5
-    return rows
-
-
-def camera_of_rows(rows: Float64[ndarray, "2 4"], size_px: int) -> Camera:
-    """The inverse of ``centred_rows``."""
-    rows = rows.copy()
-    rows[:, 3] += 0.5
-    return affine_camera(size_px * rows)
-
-
-def keep_networks_in_one_thread() -> None:
-    """Lets networks on the CPU use the calling thread alone, for programs whose own threads use the cores."""
-    torch.set_num_threads(1)
+    device = torch_device(name)
+    if device.type == "cpu":
+        return Predictor.load(path, "cpu")
+    header, network = load_checkpoint(path)
+    correction = None
+    if header.n_corrected:
+        _, arrays = load_weights(path)
+        correction = FitCorrection.of(Weights(arrays), header.n_corrected)
+    return Predictor(run_by_torch(network, device), header, correction)
 
 
 def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> tuple[FaceMaps, int]:
@@ -234,20 +183,7 @@ def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader
     return FaceMaps(pncc, offset, mask, seen), int(undefined.sum())
 
 
-def read_landmarks(numbers: Float32[ndarray, "n 3"], size_px: int) -> PredictedLandmarks | None:
-    """Converts the landmarks that a network predicts for a picture to pixels; None if there are none."""
-    if not len(numbers):
-        return None
+def read_landmarks(numbers: Float32[ndarray, "n 3"], size_px: int) -> PredictedLandmarks:
+    """Converts the landmarks that a network predicts for a picture to pixels."""
     values = np.nan_to_num(numbers.astype(np.float64), posinf=0, neginf=0)
     return PredictedLandmarks(size_px * (values[:, :2] + 0.5), size_px * np.exp(np.clip(values[:, 2], -20, 20)))
-
-
-def _device(name: str | None) -> torch.device:
-    """The device with a name; None selects a GPU if there is one."""
-    try:
-        device = torch.device(name or ("cuda" if torch.cuda.is_available() else "cpu"))
-        torch.empty(1, device=device)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reason = str(error).splitlines()[0]
-        raise UsageError(f"expected a torch device that is there, such as cpu, found {name!r} ({reason})") from error
-    return device

@@ -4,8 +4,10 @@ from typing import Literal
 
 ArchitectureName = Literal["paper", "residual"]
 
-MAP_PLANES = 6  # PNCC x, y, z, then offset x, y, z; planes after these are masks
-# Logits of the mask and of the part of it that is seen, then the logarithm of the scale of the errors of PNCC.
+MAP_PLANES = 6  # PNCC x, y, z, then offset x, y, z
+# Planes after those of the maps: logits of the mask, then of the part of it that is seen; the logarithm of the scale of
+# the errors of PNCC.
+MASK_PLANE, SEEN_PLANE, SCALE_PLANE = MAP_PLANES, MAP_PLANES + 1, MAP_PLANES + 2
 MOST_PLANES = MAP_PLANES + 3
 # For each landmark its place right and down from the middle, and the logarithm of the scale of its error, all in units
 # of the picture's side.

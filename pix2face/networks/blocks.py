@@ -3,14 +3,10 @@
 from typing import final
 
 import torch
-from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-# Standard deviations: at 128 px a batch of 24 pictures has 96 values of a channel at the innermost level, of which none
-# can be farther than sqrt(95) = 9.7 from their mean, since it counts in their deviation. On the 600 renders that showed
-# what it is for, 4 and 8 did the same.
-FARTHEST = 8.0
+from pix2face.networks.dimensions import FARTHEST
 
 
 @final
@@ -61,30 +57,8 @@ class BoundedBatchNorm(nn.BatchNorm2d):
     def forward(self, features: Tensor) -> Tensor:
         """Returns the features, normalised."""
         normalised = super().forward(features)
-        return normalised if self.training else _clamped(normalised, *self.bounds())
-
-    def bounds(self) -> tuple[Float[Tensor, "c 1 1"], Float[Tensor, "c 1 1"]]:
-        """The lowest and the highest value of each feature in use."""
+        if self.training:
+            return normalised
         farthest = FARTHEST * self.weight.abs()
-        return (self.bias - farthest)[:, None, None], (self.bias + farthest)[:, None, None]
-
-
-@final
-class Bounds(nn.Module):
-    """Clamps normalised features to at most ``FARTHEST`` standard deviations from the mean.
-
-    Args:
-        norm: The norm whose weight and bias determine the bounds.
-    """
-
-    def __init__(self, norm: BoundedBatchNorm) -> None:
-        super().__init__()
-        self._low, self._high = norm.bounds()
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Returns the clamped features."""
-        return _clamped(features, self._low, self._high)
-
-
-def _clamped(features: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    return torch.clamp(features, low.to(features.dtype), high.to(features.dtype))
+        low, high = (self.bias - farthest)[:, None, None], (self.bias + farthest)[:, None, None]
+        return torch.clamp(normalised, low.to(normalised.dtype), high.to(normalised.dtype))

@@ -15,21 +15,20 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pix2face.networks.blocks import ResidualBlock
+from pix2face.networks.dimensions import (
+    CAMERA_CHANGES,
+    CAMERA_FACTS,
+    CHANGE,
+    CORRECTION_PLACES,
+    CORRECTION_WIDTHS,
+    FARTHEST_FACT,
+    GROWTH,
+    PICTURE_FEATURES,
+    SHIFT,
+    TURN,
+)
 
-# Filters at an eighth, a sixteenth and a thirty-second of the side, and features of the whole picture.
-WIDTHS = (32, 48, 64)
-PICTURE_FEATURES = 128
-# The innermost features are averaged to so many places along each side.
-PLACES = 4
-# Rotation (three rows), logarithm of the scale, and the image of the model's origin.
-CAMERA_FACTS = 12
-CAMERA_CHANGES = 6
-# A fact farther from its mean counts as so many standard deviations: the fit failed.
-FARTHEST_FACT = 5.0
 DROPPED_SHARE = 0.2
-# Units of the answers, about the size of the errors: radians, the logarithm of the scale, the side of the picture, and
-# standard deviations of the coefficients.
-TURN, GROWTH, SHIFT, CHANGE = 0.1, 0.05, 0.05, 0.3
 
 
 @final
@@ -44,14 +43,20 @@ class FitCorrection(nn.Module):
 
     def __init__(self, level_widths: Sequence[int], coefficients: int) -> None:
         super().__init__()
-        self.narrow = nn.ModuleList(Narrow(before, after) for before, after in zip(level_widths, WIDTHS, strict=True))
-        self.blocks = nn.ModuleList(ResidualBlock(before, after, 2, halves=True) for before, after in pairwise(WIDTHS))
-        self.last = ResidualBlock(WIDTHS[-1], WIDTHS[-1], 2)
-        self.pool = nn.AdaptiveAvgPool2d(PLACES)
+        self.narrow = nn.ModuleList(
+            Narrow(before, after) for before, after in zip(level_widths, CORRECTION_WIDTHS, strict=True)
+        )
+        self.blocks = nn.ModuleList(
+            ResidualBlock(before, after, 2, halves=True) for before, after in pairwise(CORRECTION_WIDTHS)
+        )
+        self.last = ResidualBlock(CORRECTION_WIDTHS[-1], CORRECTION_WIDTHS[-1], 2)
+        self.pool = nn.AdaptiveAvgPool2d(CORRECTION_PLACES)
         facts = CAMERA_FACTS + coefficients
         self.fact_norm = nn.BatchNorm1d(facts, affine=False)
         self.facts = nn.Linear(facts, PICTURE_FEATURES)
-        self.first = nn.Linear(WIDTHS[-1] * PLACES**2 + PICTURE_FEATURES, PICTURE_FEATURES, bias=False)
+        self.first = nn.Linear(
+            CORRECTION_WIDTHS[-1] * CORRECTION_PLACES**2 + PICTURE_FEATURES, PICTURE_FEATURES, bias=False
+        )
         self.first_norm = nn.BatchNorm1d(PICTURE_FEATURES)
         self.second = nn.Linear(PICTURE_FEATURES, CAMERA_CHANGES + coefficients)
         for module in self.modules():

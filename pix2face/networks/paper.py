@@ -1,6 +1,5 @@
 """The U-Net of the paper: a picture of a face in, PNCC and offset out."""
 
-import math
 from typing import final
 
 import torch
@@ -9,11 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pix2face.networks import MAP_PLANES
-
-PLANES_IN = 3
-WIDEST = 8  # the deepest levels have eight times the first level's filters
-LEAK = 0.2
-VARIANCE_FLOOR = 1e-5
+from pix2face.networks.dimensions import LEAK, PLANES_IN, VARIANCE_FLOOR, paper_widths
 
 
 @final
@@ -70,26 +65,6 @@ class UNet(nn.Module):
             if skips:
                 features = torch.cat([_instance_norm(features), skips.pop()], dim=1)
         return features
-
-
-def paper_widths(size_px: int, filters: int) -> tuple[int, ...]:
-    """Filters of each level: doubled from one to the next until they are eight times the first.
-
-    Raises:
-        ValueError: The size is not a power of two, or below 8.
-    """
-    return tuple(filters * min(2**level, WIDEST) for level in range(level_count(size_px)))
-
-
-def level_count(size_px: int) -> int:
-    """How often a picture can be halved until one pixel is left.
-
-    Raises:
-        ValueError: The size is not a power of two, or below 8.
-    """
-    if size_px < 8 or size_px & (size_px - 1):
-        raise ValueError(f"expected a power of two of at least 8 for the side of the network's input, found {size_px}")
-    return int(math.log2(size_px))
 
 
 def _instance_norm(features: Tensor) -> Tensor:

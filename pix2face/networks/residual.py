@@ -7,29 +7,24 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils.fusion import fuse_conv_bn_weights
 
 from pix2face.networks import LANDMARK_NUMBERS, MAP_PLANES
-from pix2face.networks.blocks import BoundedBatchNorm, Bounds, ResidualBlock
-from pix2face.networks.correction import WIDTHS as CORRECTION_WIDTHS
+from pix2face.networks.blocks import ResidualBlock
 from pix2face.networks.correction import FitCorrection
-from pix2face.networks.paper import PLANES_IN
+from pix2face.networks.dimensions import (
+    CORRECTION_WIDTHS,
+    DECODER_CONVOLUTIONS,
+    ENCODER_CONVOLUTIONS,
+    INNER_BLOCKS,
+    LANDMARK_FEATURES,
+    LANDMARK_PLACES,
+    PLANES_IN,
+    check_residual_widths,
+    correction_widths,
+)
 
-# Filters of each level, as multiples of the first level's: 32-64-128-192-256-256 for 32.
-WIDTH_MULTIPLES = (1, 2, 4, 6, 8, 8)
-# Every level halves the picture.
-SIZE_DIVISOR = 2 ** len(WIDTH_MULTIPLES)
-# Convolutions of a block, from the second level inwards, and from the last but one outwards. One pixel in four of a
-# level is left in the next: a convolution more at half resolution costs as much as four a level farther in.
-ENCODER_CONVOLUTIONS = (1, 1, 2, 2, 2)
-DECODER_CONVOLUTIONS = (2, 2, 1, 1, 0)
-# Blocks more at the innermost level, which is so small that they cost next to nothing.
-INNER_BLOCKS = 3
 # Planes start near 0, where the background stays.
 OUTPUT_GAIN = 0.1
-# Landmarks are read from the features of the innermost level but one, averaged to so many places along each side.
-LANDMARK_PLACES = 4
-LANDMARK_FEATURES = 192
 # At the start a landmark is known to a tenth of the side.
 FIRST_LOG_SCALE = -2.3
 
@@ -59,8 +54,7 @@ class ResidualUNet(nn.Module):
         self, widths: tuple[int, ...], planes: int = MAP_PLANES, landmarks: int = 0, corrected: int = 0
     ) -> None:
         super().__init__()
-        if len(widths) != len(WIDTH_MULTIPLES):
-            raise ValueError(f"expected the filters of {len(WIDTH_MULTIPLES)} levels, found {len(widths)}")
+        check_residual_widths(widths)
         self.stem = nn.Conv2d(PLANES_IN, widths[0], kernel_size=3, stride=2, padding=1, bias=False)
         self.stem_norm = nn.BatchNorm2d(widths[0])
         self.encoder = nn.ModuleList(
@@ -150,43 +144,8 @@ class LandmarkHead(nn.Module):
             return self.second(functional.relu(self.first(flat))).unflatten(1, (-1, LANDMARK_NUMBERS))
 
 
-def folded(network: ResidualUNet) -> ResidualUNet:
-    """Folds the batch norms of a network into the convolutions before them, for inference.
-
-    The bounds of bounded norms remain. The network is modified and returned.
-    """
-    network.eval()
-    for block in list(network.modules()):
-        for name, norm in list(block.named_children()):
-            if isinstance(norm, nn.BatchNorm2d):
-                assert norm.running_mean is not None
-                assert norm.running_var is not None
-                convolution = getattr(block, name.removesuffix("_norm"))
-                convolution.weight, convolution.bias = fuse_conv_bn_weights(
-                    convolution.weight,
-                    convolution.bias,
-                    norm.running_mean,
-                    norm.running_var,
-                    norm.eps,
-                    norm.weight,
-                    norm.bias,
-                )
-                setattr(block, name, Bounds(norm) if isinstance(norm, BoundedBatchNorm) else nn.Identity())
-    return network
-
-
 def _enlarged(planes: Tensor, factor: int) -> Tensor:
     return functional.interpolate(planes, scale_factor=factor, mode="bilinear")
-
-
-def correction_widths(widths: tuple[int, ...]) -> tuple[int, ...]:
-    """Filters of the features that the correction of fits goes by, from those of all levels."""
-    return widths[-len(CORRECTION_WIDTHS) - 1 : -1]
-
-
-def residual_widths(filters: int) -> tuple[int, ...]:
-    """Filters of each level, from those of the first."""
-    return tuple(filters * multiple for multiple in WIDTH_MULTIPLES)
 
 
 def _initialise(module: nn.Module) -> None:

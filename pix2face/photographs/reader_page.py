@@ -16,13 +16,13 @@ from typing import Any, final
 from pix2face.detectors import centre_decoding, centre_detector
 from pix2face.fitting.face_fit import ERROR_OF_FIT, MEAN_OF_SCALE
 from pix2face.geometry.landmarks import IBUG68
-from pix2face.inference.centre_onnx import OUTPUT_NAME as CELLS
+from pix2face.inference.centre_files import OUTPUT_NAME as CELLS
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.onnx_export import LANDMARKS_NAME
-from pix2face.inference.onnx_export import OUTPUT_NAME as MAPS
+from pix2face.inference.onnx_files import LANDMARKS_NAME
+from pix2face.inference.onnx_files import OUTPUT_NAME as MAPS
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.networks.architectures import MASK_PLANE, SEEN_PLANE
-from pix2face.networks.centre import MULTIPLE, STRIDE
+from pix2face.networks import MASK_PLANE, SEEN_PLANE
+from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE
 from pix2face.photographs.refined_detection import PLAUSIBLE_ERROR, PLAUSIBLE_MM, PLAUSIBLE_OVERLAP
 
 # Where no face is found, the detector looks again at a larger copy of the photograph.
@@ -79,8 +79,8 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
             "output": CELLS,
             "longest_sides_px": [centre_detector.LONGEST_SIDE_PX, SECOND_LOOK_PX],
             "largest_enlargement": centre_detector.LARGEST_ENLARGEMENT,
-            "stride_px": STRIDE,
-            "multiple": MULTIPLE,
+            "stride_px": CENTRE_STRIDE,
+            "multiple": CENTRE_MULTIPLE,
             "grey": centre_detector.GREY,
             "least_score": centre_detector.LEAST_SCORE,
             "sure_score": centre_detector.SURE_SCORE,

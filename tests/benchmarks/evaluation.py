@@ -15,7 +15,8 @@ from pix2face.evaluation.figures.bootstrap import Bootstrap, intervals, mean_of,
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
-from pix2face.networks.paper import UNet, paper_widths
+from pix2face.networks.dimensions import paper_widths
+from pix2face.networks.paper import UNet
 from tests.benchmarks.surroundings import surroundings, write_report
 
 N_FACES, ROUNDS = 16, 4

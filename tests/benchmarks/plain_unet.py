@@ -4,7 +4,8 @@ import torch
 from torch import Tensor, nn
 
 from pix2face.networks import MAP_PLANES
-from pix2face.networks.paper import LEAK, PLANES_IN, UNet, paper_widths
+from pix2face.networks.dimensions import LEAK, PLANES_IN, paper_widths
+from pix2face.networks.paper import UNet
 
 
 class PlainUNet(nn.Module):

@@ -15,10 +15,12 @@ from pix2face.evaluation.subjects.predictions_file import read_predictions
 from pix2face.face_files.coefficients import load_coefficients
 from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import read_photograph
-from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint, save_checkpoint
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
 from pix2face.model_formats import read_model
 from pix2face.models.model_file import read_stored_model, write_stored_model
-from pix2face.networks.paper import UNet, paper_widths
+from pix2face.networks.dimensions import paper_widths
+from pix2face.networks.paper import UNet
 from tests.fuzz.array_grammars import hdf5_of, npz_of, originals
 from tests.fuzz.grammar import Grammar
 from tests.fuzz.picture_grammars import picture

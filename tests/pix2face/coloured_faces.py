@@ -1,6 +1,6 @@
 """Pictures whose colours are the PNCC of a mean face, and stand-ins for detector and network that read them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -16,9 +16,9 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
-from pix2face.networks.architectures import SEEN_PLANE
-from pix2face.networks.paper import MAP_PLANES
+from pix2face.networks import MAP_PLANES, SEEN_PLANE
 from tests.pix2face.photographs.seen_faces import header_of
+from tests.pix2face.stub_networks import predictor_of
 
 HEIGHT_PX, WIDTH_PX = 120, 160
 SPAN_MM = 300.0  # of the 254 grey levels from 1 to 255
@@ -50,7 +50,7 @@ def true_box(model: MorphableModel, camera: Camera) -> FaceBox:
     return FaceBox.around(true_landmarks(model, camera))
 
 
-def colour_network(planes_of_pncc: float, says_seen: bool) -> object:
+def colour_network(planes_of_pncc: float, says_seen: bool) -> Callable[[Tensor], Tensor]:
     """From a crop of such a picture to its PNCC, with offset 0; and, if wanted, to the masks of a face that is seen."""
 
     def network(images: Tensor) -> Tensor:
@@ -72,7 +72,7 @@ def _largest_blob(mask: Tensor) -> Tensor:
 
 def colour_predictor(model: MorphableModel, size_px: int = 96, *, says_seen: bool = False) -> Predictor:
     header = replace(header_of(model, size_px), planes=SEEN_PLANE + 1 if says_seen else MAP_PLANES)
-    return Predictor(colour_network(header.pncc_scale_mm, says_seen), header)
+    return predictor_of(colour_network(header.pncc_scale_mm, says_seen), header)
 
 
 class BlobDetector:

@@ -6,8 +6,10 @@ import numpy as np
 import torch
 
 from pix2face.evaluation.cli import main
-from pix2face.inference.checkpoint import CheckpointHeader, save_checkpoint
-from pix2face.networks.paper import UNet, paper_widths
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.torch_checkpoint import save_checkpoint
+from pix2face.networks.dimensions import paper_widths
+from pix2face.networks.paper import UNet
 from tests.pix2face.benchmark_files import frontal_camera, landmarks_of, write_photograph, write_pts
 from tests.synthetic_models import small_head_model
 

@@ -16,7 +16,6 @@ from pix2face.detectors.detection import DetectedFace
 from pix2face.errors import DegenerateGeometryError, InputFileError, ModelMismatchError, UsageError
 from pix2face.files.images import read_photograph
 from pix2face.geometry.crops import FaceBox
-from pix2face.inference.predictor import Predictor
 from pix2face.models.model_file import read_stored_model
 from pix2face.models.morphable_model import MorphableModel, load_model
 from tests.fits import paper_fit
@@ -32,6 +31,7 @@ from tests.pix2face.photographs.seen_faces import (
     write_checkpoint,
     write_picture,
 )
+from tests.pix2face.stub_networks import predictor_of
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -68,7 +68,7 @@ def test_boxes_say_where_the_faces_are(face: PhotographedFace) -> None:
 def test_a_batch_is_its_photographs_one_by_one() -> None:
     torch.manual_seed(0)
     network = torch.nn.Conv2d(3, 6, 3, padding=1)
-    both = Pix2Face(Predictor(network, header_of(MODEL, 32)), None, SureDetector([]))
+    both = Pix2Face(predictor_of(network, header_of(MODEL, 32)), None, SureDetector([]))
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, (40 + 9 * k, 50, 3)).astype(np.uint8) for k in range(3)]
     boxes = [[FaceBox(5, 5, 30, 40), FaceBox(1, 2, 20, 22)], [], [FaceBox(10, 10, 45, 40)]]
@@ -88,7 +88,7 @@ def test_many_faces_go_through_the_network_in_portions() -> None:
         sizes.append(len(images))
         return torch.zeros(len(images), 6, 32, 32)
 
-    crowd = Pix2Face(Predictor(network, header_of(MODEL, 32)), None)
+    crowd = Pix2Face(predictor_of(network, header_of(MODEL, 32)), None)
     image = np.zeros((50, 60, 3), dtype=np.uint8)
     assert len(crowd.predict(image, [FaceBox(10, 10, 40, 40)] * 37)) == 37
     assert sizes == [16, 16, 5]
@@ -105,7 +105,7 @@ def test_a_joint_fit_has_one_identity_and_an_expression_for_each_photograph() ->
     first = photographed_face(MODEL, 0)
     second = replace(photographed_face(MODEL, 7, (120, 115)), identity=first.identity)
     maps, images = [first.maps(), second.maps()], [first.photograph(), second.photograph()]
-    person = Pix2Face(Predictor(network_of(maps), header_of(MODEL)), MODEL)
+    person = Pix2Face(predictor_of(network_of(maps), header_of(MODEL)), MODEL)
     fits = person.fit_joint(images, [first.box, second.box], options=EXACT)
     np.testing.assert_array_equal(fits[0].identity, fits[1].identity)
     for fit, face in zip(fits, (first, second), strict=True):
@@ -198,14 +198,14 @@ def test_a_network_that_says_nothing_finite_is_named(face: PhotographedFace, val
         planes[:, plane, 60:64] = value
         return planes
 
-    damaged = Pix2Face(Predictor(broken, header_of(MODEL)), MODEL)
+    damaged = Pix2Face(predictor_of(broken, header_of(MODEL)), MODEL)
     for ask in (damaged.predict, damaged.fit):
         with pytest.raises(DegenerateGeometryError, match=r"expected finite maps from the network, found 512 of"):
             ask(face.photograph(), [face.box])
 
 
 def test_a_network_that_sees_nothing_is_told_from_a_broken_one(face: PhotographedFace) -> None:
-    nothing = Pix2Face(Predictor(lambda images: torch.zeros(len(images), 6, 128, 128), header_of(MODEL)), MODEL)
+    nothing = Pix2Face(predictor_of(lambda images: torch.zeros(len(images), 6, 128, 128), header_of(MODEL)), MODEL)
     (prediction,) = nothing.predict(face.photograph(), [face.box])
     assert not prediction.maps.mask.any()
     with pytest.raises(DegenerateGeometryError, match="found only background"):

@@ -12,11 +12,12 @@ from torch import nn
 from pix2face.errors import UsageError
 from pix2face.fitting.prepared_model import spread_vertices, vertex_basis
 from pix2face.geometry.landmarks import IBUG68
-from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.networks.architectures import SEEN_PLANE
+from pix2face.networks import SEEN_PLANE
 from pix2face.networks.correction import FitCorrection
-from pix2face.networks.residual import ResidualUNet, correction_widths
+from pix2face.networks.dimensions import correction_widths
+from pix2face.networks.residual import ResidualUNet
 from training.correction.correction_loss import CorrectionLosses
 from training.correction.fitting_network import FittingNetwork, fit_of
 from training.correction.known_faces import KnownCrops, KnownFaces

@@ -16,7 +16,8 @@ from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.predictor import centred_rows, read_planes
+from pix2face.inference.fit_correction import centred_rows
+from pix2face.inference.predictor import read_planes
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.networks.residual import ResidualUNet
 

@@ -16,7 +16,7 @@ from pix2face.geometry.camera import Camera, linearised
 from pix2face.geometry.crops import FaceBox, pixels_in_image
 from pix2face.geometry.jitter import JitterRange, draw_jitter, jitter_crop
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.predictor import centred_rows
+from pix2face.inference.fit_correction import centred_rows
 from pix2face.models.mirroring import mirrored_coefficients
 from pix2face.models.morphable_model import MorphableModel
 from training.data import batches

@@ -16,7 +16,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.nn import functional
 
-from pix2face.networks.centre import STRIDE
+from pix2face.networks.dimensions import CENTRE_STRIDE
 from training.data.batches import as_input
 from training.detection.scenes import Scene, counted_boxes
 
@@ -61,14 +61,14 @@ class SceneBatch:
 
 def batch_bytes(n_scenes: int, size_px: int) -> int:
     """The memory that a batch takes."""
-    return n_scenes * (3 * size_px**2 + _BYTES_A_CELL * (size_px // STRIDE) ** 2)
+    return n_scenes * (3 * size_px**2 + _BYTES_A_CELL * (size_px // CENTRE_STRIDE) ** 2)
 
 
 def empty_batch(n_scenes: int, size_px: int, memory: mmap | None = None) -> SceneBatch:
     """A batch in some memory of ``batch_bytes``, which may hold a batch already; None takes new memory, full of 0."""
     n_bytes = batch_bytes(n_scenes, size_px)
     content = torch.zeros(n_bytes, dtype=torch.uint8) if memory is None else torch.frombuffer(memory, dtype=torch.uint8)
-    side = size_px // STRIDE
+    side = size_px // CENTRE_STRIDE
     cells = n_scenes * side**2
     heat, boxes, image, looked = torch.split_with_sizes(
         content, [4 * cells, 16 * cells, 3 * n_scenes * size_px**2, cells]
@@ -92,17 +92,17 @@ def fill_row(batch: SceneBatch, place: int, scene: Scene) -> None:
 def cell_targets(
     scene: Scene,
 ) -> tuple[Float32[ndarray, "y x"], Float32[ndarray, "4 y x"], Bool[ndarray, "y x"]]:
-    """Heat, boxes and where the heat counts, in cells of ``STRIDE`` pixels."""
-    rows, columns = (extent // STRIDE for extent in scene.image.shape[:2])
+    """Heat, boxes and where the heat counts, in cells of ``CENTRE_STRIDE`` pixels."""
+    rows, columns = (extent // CENTRE_STRIDE for extent in scene.image.shape[:2])
     heat = np.zeros((rows, columns), dtype=np.float32)
     boxes = np.zeros((4, rows, columns), dtype=np.float32)
     looked = np.ones((rows, columns), dtype=bool)
     counted, others = counted_boxes(scene)
     for box in others:
-        left, top, right, bottom = np.rint(np.clip(box / STRIDE, 0, max(rows, columns))).astype(int)
+        left, top, right, bottom = np.rint(np.clip(box / CENTRE_STRIDE, 0, max(rows, columns))).astype(int)
         looked[top : max(bottom, top + 1), left : max(right, left + 1)] = False
     y, x = np.mgrid[:rows, :columns].astype(np.float32) + 0.5
-    for box in counted / STRIDE:
+    for box in counted / CENTRE_STRIDE:
         (cx, cy), (width, height) = (box[:2] + box[2:]) / 2, box[2:] - box[:2]
         spread_x, spread_y = max(SPREAD * width, LEAST_SPREAD), max(SPREAD * height, LEAST_SPREAD)
         own = np.exp(-(((x - cx) / spread_x) ** 2 + ((y - cy) / spread_y) ** 2) / 2)

@@ -11,13 +11,14 @@ from typing import final
 import torch
 from torch import nn
 
-from pix2face.inference.centre_files import DetectorHeader, load_centre_network, save_detector
-from pix2face.networks.centre import CentreNetwork
+from pix2face.inference.centre_files import DetectorHeader
 from training.data.loader import DrawLoader
 from training.data.shard_index import ShardIndex
 from training.detection.backgrounds import Backgrounds
 from training.detection.centre_loss import CentreLosses, SceneBatch, batch_bytes, empty_batch, fill_row
+from training.detection.centre_network import CentreNetwork
 from training.detection.decoys import Things
+from training.detection.detector_files import load_centre_network, save_detector
 from training.detection.people import People
 from training.detection.scenes import SceneMaker
 from training.loop.learner import Learner
@@ -83,7 +84,7 @@ class DetectorTask:
         recipe.check()
         self.recipe: StepRecipe = recipe
         self._own_recipe = recipe
-        self.initial: nn.Module | None = load_centre_network(initial)[1] if initial else None
+        self.initial: nn.Module | None = load_centre_network(initial) if initial else None
         self._shards, self._backgrounds, self._things = shards, backgrounds, things
         start = {"initial_sha256": hashlib.sha256(initial.read_bytes()).hexdigest()} if initial else {}
         data = {
@@ -100,7 +101,7 @@ class DetectorTask:
         """The network before its first step."""
         recipe = self._own_recipe
         losses = CentreLosses(recipe.box_weight)
-        return learner_on(surroundings, recipe, recipe.new_network, losses)
+        return learner_on(surroundings, recipe, _new_network, losses)
 
     def new_loader(self, surroundings: Surroundings) -> DrawLoader[SceneBatch]:
         """What composes the scenes."""
@@ -113,3 +114,8 @@ class DetectorTask:
         assert isinstance(network, CentreNetwork)
         header = DetectorHeader(licence=self._shards.licence, configuration=self.configuration, samples=samples)
         save_detector(path, header, network, torch.float16)
+
+
+def _new_network() -> nn.Module:
+    """A network with random weights, in the memory layout in which convolutions are fastest."""
+    return CentreNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]

@@ -9,8 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
-from pix2face.networks import MAP_PLANES
-from pix2face.networks.architectures import MASK_PLANE, SCALE_PLANE, SEEN_PLANE
+from pix2face.networks import MAP_PLANES, MASK_PLANE, SCALE_PLANE, SEEN_PLANE
 from training.data.batches import Batch
 from training.recipe.recipe import LossOver, LossWeights
 

@@ -13,8 +13,7 @@ from torch import Tensor, nn
 
 from pix2face.errors import UsageError
 from pix2face.files.writing import naming_failed_writes
-from pix2face.networks import MAP_PLANES
-from pix2face.networks.architectures import MASK_PLANE
+from pix2face.networks import MAP_PLANES, MASK_PLANE
 from training.data.batches import as_input, target_planes
 from training.loop.loss_log import STEPS_A_LINE, StepReport
 from training.loop.trainer import Observers

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pix2face.errors import ModelMismatchError, UsageError
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.networks.architectures import ARCHITECTURES
+from pix2face.networks.dimensions import ARCHITECTURES
 from training.data.shard_index import ShardIndex
 from training.recipe.recipe import Recipe
 

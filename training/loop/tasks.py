@@ -8,8 +8,8 @@ from typing import Any, Protocol, final, runtime_checkable
 from torch import nn
 
 from pix2face.errors import UsageError
-from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
-from pix2face.networks.architectures import SEEN_PLANE
+from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.networks import SEEN_PLANE
 from pix2face.networks.residual import ResidualUNet
 from training.data.loader import BatchLoader, DrawLoader
 from training.data.loading_processes import B, Draws

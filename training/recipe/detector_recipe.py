@@ -1,15 +1,13 @@
-"""The recipe of the detector: all numbers of its training. As for ``Recipe``, torch is loaded on first use."""
+"""The recipe of the detector: all numbers of its training."""
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
 from pix2face.errors import UsageError
+from pix2face.networks.dimensions import CENTRE_MULTIPLE
 from training.recipe.recipe import Epochs, Precision
 from training.recipe.schedule import ScheduleName
-
-if TYPE_CHECKING:
-    import torch
 
 
 @final
@@ -53,27 +51,17 @@ class DetectorRecipe(Epochs):
         """Batches are computed whole."""
         return 1
 
-    def new_network(self) -> "torch.nn.Module":
-        """A network with random weights, in the memory layout in which convolutions are fastest."""
-        import torch
-
-        from pix2face.networks.centre import CentreNetwork
-
-        return CentreNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
     def check(self) -> None:
         """Makes sure that the numbers make sense.
 
         Raises:
             UsageError: One does not.
         """
-        from pix2face.networks.centre import MULTIPLE  # loads torch
-
         for name, value in asdict(self).items():
             least = 1 if isinstance(value, int) and name not in ("warm_up", "norm_batches", "seed") else 0
             if isinstance(value, int | float) and not least <= value < math.inf:
                 raise UsageError(f"--{name.replace('_', '-')}: expected {least} or more, found {value}")
-        if self.size_px % MULTIPLE:
-            raise UsageError(f"--size-px: expected a multiple of {MULTIPLE}, found {self.size_px}")
+        if self.size_px % CENTRE_MULTIPLE:
+            raise UsageError(f"--size-px: expected a multiple of {CENTRE_MULTIPLE}, found {self.size_px}")
         if not 0 <= self.ema < 1:
             raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")

@@ -10,12 +10,11 @@ from pix2face.errors import UsageError
 from pix2face.geometry.crops import INFERENCE_SCALE, LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.geometry.jitter import JitterRange
 from pix2face.networks import MAP_PLANES, MOST_PLANES, ArchitectureName
+from pix2face.networks.dimensions import ARCHITECTURES
 from training.recipe.schedule import ScheduleName
 
 if TYPE_CHECKING:
     import torch
-
-    import pix2face.networks.architectures
 
 Precision = Literal["float32", "bfloat16"]
 LossOver = Literal["all", "mask", "seen"]
@@ -169,7 +168,7 @@ class Recipe(Epochs):
     @property
     def widths(self) -> tuple[int, ...]:
         """Filters of each level of the network."""
-        return _architecture(self.architecture).widths(self.size_px, self.filters)
+        return ARCHITECTURES[self.architecture].widths(self.size_px, self.filters)
 
     def new_network(self) -> "torch.nn.Module":
         """A network with random weights."""
@@ -209,7 +208,7 @@ class Recipe(Epochs):
         if self.planes < MAP_PLANES:
             raise UsageError(f"--planes: expected at least {MAP_PLANES}, found {self.planes}")
         try:
-            _architecture(self.architecture).check_size(self.size_px)
+            ARCHITECTURES[self.architecture].check_size(self.size_px)
         except ValueError as error:
             raise UsageError(f"--size-px: {error}") from error
 
@@ -228,9 +227,3 @@ class Recipe(Epochs):
 
 def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
-
-
-def _architecture(name: ArchitectureName) -> "pix2face.networks.architectures.Architecture":
-    from pix2face.networks.architectures import ARCHITECTURES
-
-    return ARCHITECTURES[name]

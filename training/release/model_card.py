@@ -9,7 +9,7 @@ from typing import Any
 from pix2face.errors import InputFileError
 from pix2face.files.json_text import JsonObject, read_json_file
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.networks.architectures import MASK_PLANE, SCALE_PLANE, SEEN_PLANE
+from pix2face.networks import MASK_PLANE, SCALE_PLANE, SEEN_PLANE
 
 ONNX_NAME = "network.onnx"
 REPORT_FORMAT = "pix2face-evaluation"

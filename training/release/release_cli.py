@@ -1,6 +1,5 @@
 """The command ``train export``: a checkpoint in, a release out."""
 
-import logging
 from dataclasses import replace
 
 import torch
@@ -8,7 +7,8 @@ from rich.console import Console
 
 from pix2face.command_line import prepare_output_folder, say
 from pix2face.files.writing import write_file
-from pix2face.inference.checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.onnx_files import export_onnx
+from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import load_landmarks
 from training.release.model_card import ONNX_NAME, model_card
 from training.train_config import ExportConfig
@@ -30,11 +30,9 @@ def export(config: ExportConfig) -> int:
     written = [weights, config.out / CARD_NAME]
     write_file(written[1], model_card(header, weights, config.report, ONNX_NAME if config.onnx else None))
     if config.onnx:
-        from pix2face.inference.onnx_export import export_onnx  # torch's exporter takes seconds to load
-
-        logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns of packages that nothing here needs
         written.append(config.out / ONNX_NAME)
-        export_onnx(weights, written[-1])  # of the weights as they were rounded, so that both compute the same
+        # Of the weights as they were rounded, so that both compute the same.
+        write_file(written[-1], export_onnx(weights)[1])
     for path in written:
         say(console, f"{path}: {path.stat().st_size / 1e6:.1f} MB")
     return 0

@@ -19,6 +19,7 @@ from tests.pix2face.photographs.seen_faces import (
     photographed_face,
     write_picture,
 )
+from tests.pix2face.stub_networks import predictor_of
 from tests.synthetic_models import small_head_model
 
 
@@ -39,7 +40,7 @@ def two_of_one_person(
         return next(networks)(images)
 
     monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: model)
-    monkeypatch.setattr(Predictor, "load", lambda path, device=None: Predictor(network, header_of(model)))
+    monkeypatch.setattr(Predictor, "load", lambda path, device=None: predictor_of(network, header_of(model)))
     detectors = iter([first.box, second.box])
 
     class OneByOne:

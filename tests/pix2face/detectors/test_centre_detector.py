@@ -13,18 +13,20 @@ from skimage.data import astronaut
 from pix2face.detectors.centre_decoding import decode
 from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, CentreDetector
 from pix2face.detectors.protocol import DetectedFace, Detector
-from pix2face.networks.centre import MULTIPLE, STRIDE
+from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE
 
-LONGEST_CANVAS_PX = -(-LONGEST_SIDE_PX // MULTIPLE) * MULTIPLE
+LONGEST_CANVAS_PX = -(-LONGEST_SIDE_PX // CENTRE_MULTIPLE) * CENTRE_MULTIPLE
 ASTRONAUT = np.ascontiguousarray(astronaut()[:256, 94:350])
 
 
 def white_things(pictures: ndarray) -> ndarray:
     """Answers as a network that takes white for a face: boxes of 4 by 6 cells at the cells that are white."""
     batch, height, width, _ = pictures.shape
-    assert height % MULTIPLE == width % MULTIPLE == 0
+    assert height % CENTRE_MULTIPLE == width % CENTRE_MULTIPLE == 0
     assert max(height, width) <= LARGEST_SIDE_PX
-    cells = pictures.reshape(batch, height // STRIDE, STRIDE, width // STRIDE, STRIDE, 3).mean(axis=(2, 4, 5))
+    cells = pictures.reshape(
+        batch, height // CENTRE_STRIDE, CENTRE_STRIDE, width // CENTRE_STRIDE, CENTRE_STRIDE, 3
+    ).mean(axis=(2, 4, 5))
     planes = np.zeros((*cells.shape, 5), dtype=np.float32)
     planes[..., 0] = (cells - 200) / 8
     planes[..., 3:] = np.log([4, 6])
@@ -47,7 +49,7 @@ def test_boxes_are_in_the_pixels_of_the_picture(factor: int) -> None:
     assert isinstance(detector, Detector)
     (box,) = detector.detect(picture)
     np.testing.assert_allclose(box.centre, [168 * factor, 88 * factor], atol=4.5 * factor)
-    assert (box.width, box.height) == pytest.approx((4 * STRIDE * factor, 6 * STRIDE * factor), rel=0.35)
+    assert (box.width, box.height) == pytest.approx((4 * CENTRE_STRIDE * factor, 6 * CENTRE_STRIDE * factor), rel=0.35)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 4000), (4000, 1), (7, 5), (2000, 3000)])
@@ -114,7 +116,7 @@ def test_of_two_boxes_of_a_face_the_surer_one_stays() -> None:
     planes[4, 4, 0], planes[4, 6, 0] = 3, 2  # overlap by 0.6
     planes[12, 12, 0] = 1
     planes[5, 2, 0], planes[5, 2, 3:] = 2.5, np.log(2)  # within the first
-    boxes, scores = decode(planes, STRIDE, 0.1)
+    boxes, scores = decode(planes, CENTRE_STRIDE, 0.1)
     np.testing.assert_allclose(scores, 1 / (1 + np.exp([-3.0, -1.0])))
     np.testing.assert_allclose((boxes[:, :2] + boxes[:, 2:]) / 2, [[36, 36], [100, 100]], atol=0.5)
 
@@ -124,7 +126,7 @@ def test_three_hundred_faces_are_found() -> None:
     planes[..., 1:3], planes[..., 3:] = 0, np.log(2)
     places = np.argwhere(np.ones((20, 15))) * 4 + 2
     planes[places[:, 0], places[:, 1], 0] = 4
-    assert len(decode(planes, STRIDE, 0.3)[0]) == 300
+    assert len(decode(planes, CENTRE_STRIDE, 0.3)[0]) == 300
 
 
 @pytest.mark.parametrize(("turns", "needed"), [(0, 0), (1, 3), (2, 2), (3, 1)])

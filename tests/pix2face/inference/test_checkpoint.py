@@ -2,20 +2,18 @@ import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.inference.checkpoint import (
-    METADATA_KEY,
-    SCHEMA_VERSION,
-    CheckpointHeader,
-    load_checkpoint,
-    save_checkpoint,
-)
-from pix2face.networks.paper import UNet, paper_widths
-from pix2face.networks.residual import ResidualUNet, residual_widths
+from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader
+from pix2face.inference.onnx_files import open_network
+from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.networks.dimensions import paper_widths, residual_widths
+from pix2face.networks.paper import UNet
+from pix2face.networks.residual import ResidualUNet
 
 HEADER = CheckpointHeader(
     model_name="small head",
@@ -29,6 +27,9 @@ HEADER = CheckpointHeader(
     configuration='{"seed": 0}',
     epoch=3,
 )
+
+
+both_ways = pytest.mark.parametrize("load", [load_checkpoint, open_network])
 
 
 @pytest.fixture
@@ -66,35 +67,38 @@ def test_a_failed_write_keeps_the_old_file(checkpoint, monkeypatch):
         raise OSError("disk full")
 
     before = checkpoint.read_bytes()
-    monkeypatch.setattr("pix2face.inference.checkpoint.save_file", fail)
+    monkeypatch.setattr("pix2face.inference.torch_checkpoint.save_file", fail)
     with pytest.raises(OSError, match="disk full"):
         save_checkpoint(checkpoint, HEADER, UNet(16, 4))
     assert checkpoint.read_bytes() == before
     assert list(checkpoint.parent.iterdir()) == [checkpoint]
 
 
+@both_ways
 @pytest.mark.parametrize("kept", [0, 5, 100, 0.5, 0.999])
-def test_a_truncated_file_is_refused(checkpoint, kept):
+def test_a_truncated_file_is_refused(checkpoint, kept, load):
     content = checkpoint.read_bytes()
     checkpoint.write_bytes(content[: int(kept * len(content)) if isinstance(kept, float) else kept])
     with pytest.raises(InputFileError, match=r"checkpoint\.safetensors: expected a complete safetensors file"):
-        load_checkpoint(checkpoint)
+        load(checkpoint)
 
 
-def test_a_missing_file_is_refused(tmp_path):
+@both_ways
+def test_a_missing_file_is_refused(tmp_path, load):
     with pytest.raises(InputFileError, match=r"expected a checkpoint, found a folder; training writes .*/checkpoint\."):
-        load_checkpoint(tmp_path)
+        load(tmp_path)
     with pytest.raises(InputFileError, match=r"none\.safetensors: no such file; `train"):
-        load_checkpoint(tmp_path / "none.safetensors")
+        load(tmp_path / "none.safetensors")
 
 
-def test_a_foreign_file_is_refused(tmp_path):
+@both_ways
+def test_a_foreign_file_is_refused(tmp_path, load):
     (tmp_path / "pickle.pt").write_bytes(b"\x80\x02}q\x00." * 40)
     with pytest.raises(InputFileError, match="expected a complete safetensors file"):
-        load_checkpoint(tmp_path / "pickle.pt")
+        load(tmp_path / "pickle.pt")
     save_file({"weight": torch.zeros(1)}, tmp_path / "other.safetensors", metadata={"format": "pt"})
     with pytest.raises(InputFileError, match="expected pix2face-checkpoint in the safetensors header, found format"):
-        load_checkpoint(tmp_path / "other.safetensors")
+        load(tmp_path / "other.safetensors")
 
 
 def test_a_checkpoint_of_the_second_schema_has_no_landmarks():
@@ -144,20 +148,23 @@ def test_a_checkpoint_of_half_the_size_computes_in_float32(tmp_path):
     torch.testing.assert_close(*planes, rtol=1e-2, atol=1e-2 * float(planes[0].detach().abs().max()))
 
 
+@both_ways
 @pytest.mark.parametrize("header", ["[]", "{", "{}", '{"schema_version": "x"}'])
-def test_a_header_that_is_none_is_refused(tmp_path, header):
+def test_a_header_that_is_none_is_refused(tmp_path, header, load):
     save_file({"weight": torch.zeros(1)}, tmp_path / "c.safetensors", metadata={METADATA_KEY: header})
     with pytest.raises(InputFileError, match="expected pix2face-checkpoint"):
-        load_checkpoint(tmp_path / "c.safetensors")
+        load(tmp_path / "c.safetensors")
 
 
-def test_a_newer_schema_is_refused(tmp_path):
+@both_ways
+def test_a_newer_schema_is_refused(tmp_path, load):
     path = tmp_path / "c.safetensors"
     save_checkpoint(path, replace(HEADER, schema_version=SCHEMA_VERSION + 1), UNet(16, 4))
     with pytest.raises(InputFileError, match=rf"schema {SCHEMA_VERSION + 1} is newer than {SCHEMA_VERSION}.*upgrade"):
-        load_checkpoint(path)
+        load(path)
 
 
+@both_ways
 @pytest.mark.parametrize(
     "change",
     [
@@ -183,11 +190,11 @@ def test_a_newer_schema_is_refused(tmp_path):
         {"landmarks": {"ibug68": [0.5]}},
     ],
 )
-def test_a_header_that_does_not_fit_the_weights_is_refused(checkpoint, change):
+def test_a_header_that_does_not_fit_the_weights_is_refused(checkpoint, change, load):
     header = {name: getattr(HEADER, name) for name in HEADER.__dataclass_fields__} | change
     save_file(load_file(checkpoint), checkpoint, metadata={METADATA_KEY: json.dumps(header)})
     with pytest.raises(InputFileError, match="header and weights do not make a network"):
-        load_checkpoint(checkpoint)
+        load(checkpoint)
 
 
 def test_another_model_is_refused_and_both_are_named():
@@ -214,9 +221,13 @@ def test_residual_networks_of_the_third_schema_have_no_coarse_planes(tmp_path):
     save_file(weights, path, metadata={METADATA_KEY: json.dumps(fields)})
     picture = torch.rand(1, 3, 64, 64) - 0.5
     torch.testing.assert_close(load_checkpoint(path)[1](picture), network(picture), rtol=0, atol=0)
+    answers = open_network(path)[1](picture.permute(0, 2, 3, 1).numpy())
+    expected = network(picture).detach().permute(0, 2, 3, 1).numpy()
+    np.testing.assert_allclose(answers.planes, expected, atol=1e-4 * np.ptp(expected))
     save_file(weights, path, metadata={METADATA_KEY: json.dumps(fields | {"schema_version": SCHEMA_VERSION})})
-    with pytest.raises(InputFileError, match=r"coarse_planes.0.bias should be \(6,\) and is missing"):
-        load_checkpoint(path)
+    for load in (load_checkpoint, open_network):
+        with pytest.raises(InputFileError, match=r"coarse_planes.0.(bias|weight) should be \(6,.*\) and is missing"):
+            load(path)
 
 
 def test_a_network_that_corrects_its_fits_comes_back(tmp_path):

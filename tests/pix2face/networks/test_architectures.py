@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from pix2face.networks.architectures import ARCHITECTURES, build_network
+from pix2face.networks.architectures import build_network
+from pix2face.networks.dimensions import ARCHITECTURES
 
 
 @pytest.mark.parametrize("name", list(ARCHITECTURES))

@@ -2,7 +2,8 @@ import pytest
 import torch
 from torch import nn
 
-from pix2face.networks.paper import UNet, level_count
+from pix2face.networks.dimensions import level_count
+from pix2face.networks.paper import UNet
 
 
 def test_the_papers_network_has_the_papers_layers():

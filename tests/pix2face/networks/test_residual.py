@@ -2,8 +2,9 @@ import pytest
 import torch
 from torch import nn
 
-from pix2face.networks.blocks import FARTHEST, BoundedBatchNorm
-from pix2face.networks.residual import ResidualUNet, residual_widths
+from pix2face.networks.blocks import BoundedBatchNorm
+from pix2face.networks.dimensions import FARTHEST, residual_widths
+from pix2face.networks.residual import ResidualUNet
 
 
 def test_the_filters_are_those_of_the_trial():

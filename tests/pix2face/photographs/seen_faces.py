@@ -14,11 +14,14 @@ from pix2face.files.images import encode_image
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, crop_camera, square_crop
 from pix2face.geometry.maps import FaceMaps
-from pix2face.inference.checkpoint import CheckpointHeader, save_checkpoint
+from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
+from pix2face.inference.torch_checkpoint import save_checkpoint
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
-from pix2face.networks.paper import UNet, paper_widths
+from pix2face.networks.dimensions import paper_widths
+from pix2face.networks.paper import UNet
+from tests.pix2face.stub_networks import predictor_of
 
 SIZE_PX = 128
 HEIGHT_PX, WIDTH_PX = 220, 260
@@ -101,7 +104,7 @@ def header_of(model: MorphableModel, size_px: int = SIZE_PX) -> CheckpointHeader
 
 def exact_predictor(model: MorphableModel, maps: Sequence[FaceMaps]) -> Predictor:
     """Predicts the given maps for the faces of a photograph, in their order, whatever the picture shows."""
-    return Predictor(network_of(maps), header_of(model))
+    return predictor_of(network_of(maps), header_of(model))
 
 
 def network_of(maps: Sequence[FaceMaps]) -> Callable[[Tensor], Tensor]:

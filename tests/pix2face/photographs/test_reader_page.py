@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import re
-import sys
 from collections.abc import Iterator
 from dataclasses import astuple
 from pathlib import Path
@@ -21,7 +20,6 @@ from pix2face.commands.cli import main
 from pix2face.fitting.face_fit import FaceFit
 from tests.browser import OpenPage, opened
 
-pytestmark = pytest.mark.xdist_group("packaged detector as onnx")
 ASTRONAUT: ndarray = np.ascontiguousarray(astronaut())
 READ = "new Promise(done => document.addEventListener('read', event => done(event.detail), {once: true}))"
 LOADED = """new Promise(done => { const look = () => document.body.dataset.state === 'running'
@@ -35,9 +33,9 @@ SAVED = """new Promise(done => {
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory, detector_onnx: Path) -> Path:
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "new" / "reader.html"
-    assert main(["page", "--detector", str(detector_onnx), "--out", str(path)]) == 0
+    assert main(["page", "--out", str(path)]) == 0
     return path
 
 
@@ -71,15 +69,6 @@ def distance(found: Any, fit: FaceFit) -> ndarray:
     """How far the landmarks are from those of a fit, in shares of the box."""
     assert fit.box is not None
     return np.linalg.norm(np.array(found["landmarks"]) - fit.landmarks2d, axis=1) / fit.box.longer_side
-
-
-def test_a_missing_package_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "onnx", None)
-    assert main(["page", "--out", str(tmp_path / "reader.html")]) == 2
-    assert "expected the package onnx, which ONNX needs; run: pip install 'pix2face[onnx]'" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_it_loads_nothing_and_holds_the_licences(page: Path) -> None:

@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from pix2face.inference.checkpoint import CheckpointHeader, save_checkpoint
-from pix2face.networks.residual import ResidualUNet, residual_widths
+from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.torch_checkpoint import save_checkpoint
+from pix2face.networks.dimensions import residual_widths
+from pix2face.networks.residual import ResidualUNet
 from tests.synthetic_models import small_head_model
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from pix2face.detectors.centre_decoding import decode
-from pix2face.networks.centre import STRIDE
+from pix2face.networks.dimensions import CENTRE_STRIDE
 from training.detection.centre_loss import (
     CentreLosses,
     batch_bytes,
@@ -31,7 +31,7 @@ def perfect_planes(own: Scene) -> torch.Tensor:
 
 def test_the_truth_decodes_to_the_boxes() -> None:
     planes = perfect_planes(scene())[0].permute(1, 2, 0).numpy()
-    boxes, scores = decode(planes, STRIDE, 0.5)
+    boxes, scores = decode(planes, CENTRE_STRIDE, 0.5)
     assert (scores > 0.99).all()
     order = [int(np.abs(boxes - own).sum(axis=1).argmin()) for own in BOXES]
     assert sorted(order) == [0, 1, 2]

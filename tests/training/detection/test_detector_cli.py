@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pix2face.detectors.centre_detector import CentreDetector
-from pix2face.inference.centre_files import load_centre_network
+from pix2face.inference.centre_files import load_detector
 from training import task_run
 from training.cli import main
 from training.loop.trainer import Observers, train_task
@@ -33,7 +33,7 @@ def test_a_training_goes_on_where_it_was_stopped(
     assert main(arguments(people_dir, backgrounds_dir, tmp_path / "parts")) == 0
     whole, parts = ((tmp_path / name / "checkpoint.safetensors") for name in ("whole", "parts"))
     assert whole.read_bytes() == parts.read_bytes()
-    header, _ = load_centre_network(whole)
+    header, _ = load_detector(whole)
     assert (header.samples, header.licence) == (8, "CC0-1.0")
     assert CentreDetector.load(whole).candidates(np.zeros((30, 40, 3), np.uint8)) is not None
 

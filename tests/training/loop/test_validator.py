@@ -5,7 +5,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from pix2face.networks.residual import ResidualUNet, residual_widths
+from pix2face.networks.dimensions import residual_widths
+from pix2face.networks.residual import ResidualUNet
 from tests.synthetic_models import small_head_model
 from training.data.batches import Batch, target_planes
 from training.data.shard_index import index_shards

@@ -11,11 +11,13 @@ import torch
 
 from pix2face.errors import UsageError
 from pix2face.geometry.crops import FaceBox
-from pix2face.inference.checkpoint import CheckpointHeader, load_checkpoint, save_checkpoint
+from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
+from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import save_landmarks, with_own_landmarks
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection
-from pix2face.networks.residual import ResidualUNet, residual_widths
+from pix2face.networks.dimensions import residual_widths
+from pix2face.networks.residual import ResidualUNet
 from tests.pix2face.benchmark_files import write_heldout
 from tests.pix2face.evaluation_calls import MODEL, run, stored_report, write_ibug
 from training.cli import main
@@ -77,7 +79,7 @@ def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
 def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path, monkeypatch):
     for package in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(package, reason="pip install 'pix2face[onnx]'")
-    from pix2face.inference.onnx_export import load_onnx
+    from pix2face.inference.onnx_files import load_onnx
 
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release")]) == 0
     images = torch.rand(2, 3, 64, 64) - 0.5

@@ -4,19 +4,15 @@ Sources: Zhou et al. 2019, Objects as Points (heatmap of centres); Lin et al. 20
 """
 
 from collections.abc import Sequence
-from typing import Final, final
+from typing import final
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-STRIDE: Final = 8  # pixels of a cell
-MULTIPLE: Final = 32  # of which height and width of a picture must be multiples
-PLANES: Final = 5  # logit of the centre; shift right and down in cells; logarithms of width and height in cells
-WIDTHS: Final = (16, 24, 40, 80, 128)  # filters at strides 2, 4, 8, 16 and 32
-NECK: Final = 32  # filters of the pyramid
+from pix2face.networks.dimensions import CENTRE_NECK, CENTRE_PLANES, CENTRE_WIDTHS
+
 # At the start a centre is as rare as it is in pictures, so that the first steps need not learn that.
 RARE_LOGIT = -4.6
 
@@ -30,7 +26,7 @@ class CentreNetwork(nn.Module):
         neck: Filters of the pyramid.
     """
 
-    def __init__(self, widths: Sequence[int] = WIDTHS, neck: int = NECK) -> None:
+    def __init__(self, widths: Sequence[int] = CENTRE_WIDTHS, neck: int = CENTRE_NECK) -> None:
         super().__init__()
         at2, at4, at8, at16, at32 = widths
         self.to4 = nn.Sequential(_layer(3, at2, stride=2), _layer(at2, at4, stride=2))
@@ -39,7 +35,7 @@ class CentreNetwork(nn.Module):
         self.to32 = nn.Sequential(_layer(at16, at32, stride=2), _Residual(at32))
         self.side8, self.side16, self.side32 = (_linear(width, neck, 1) for width in (at8, at16, at32))
         self.mixed16, self.mixed8 = _layer(neck, neck), _layer(neck, neck)
-        self.answer = nn.Conv2d(neck, PLANES, 1)
+        self.answer = nn.Conv2d(neck, CENTRE_PLANES, 1)
         nn.init.normal_(self.answer.weight, std=0.01)
         nn.init.zeros_(self.answer.bias)  # type: ignore[arg-type]
         with torch.no_grad():
@@ -52,16 +48,6 @@ class CentreNetwork(nn.Module):
         coarse = self.side32(self.to32(at16))
         coarse = self.mixed16(functional.relu(self.side16(at16) + _enlarged(coarse)))
         return self.answer(self.mixed8(functional.relu(self.side8(at8) + _enlarged(coarse))))
-
-
-def folded(network: CentreNetwork) -> CentreNetwork:
-    """The same network in use, its norms folded into the convolutions before them; the argument is changed."""
-    network.eval()
-    for block in [module for module in network.modules() if isinstance(module, nn.Sequential)]:
-        for place, (first, second) in enumerate(zip(list(block)[:-1], list(block)[1:], strict=True)):
-            if isinstance(first, nn.Conv2d) and isinstance(second, nn.BatchNorm2d):
-                block[place], block[place + 1] = fuse_conv_bn_eval(first, second), nn.Identity()
-    return network
 
 
 @final

@@ -1,0 +1,122 @@
+"""Networks as ONNX: opened from checkpoints and from files, run by onnxruntime, written for other programs."""
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from pix2face.errors import InputFileError
+from pix2face.files.json_text import Integer, JsonObject, parse_json, typed
+from pix2face.inference.answers import Answers, Network
+from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_weights, unusable
+from pix2face.inference.fit_correction import FitCorrection
+from pix2face.inference.onnx_graph import OnnxGraph
+from pix2face.inference.onnx_networks import Weights, face_network
+from pix2face.inference.onnx_session import OnnxSession, open_onnx
+from pix2face.networks import LANDMARK_NUMBERS, SCALE_PLANE
+from pix2face.networks.dimensions import PLANES_IN, check_network
+
+INPUT_NAME, OUTPUT_NAME, LANDMARKS_NAME, SEEN_NAME = "image", "maps", "landmarks", "seen"
+CORRECTION: Final = "correction."
+DESCRIPTION: Final = (
+    "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
+    "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, "
+    "where there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel "
+    "(not where the picture ends); plane 7, where there is one, is above 0 where the face is seen; plane 8, where "
+    "there is one, is the logarithm of the expected error of PNCC, in its unit. landmarks, where the network "
+    "predicts them: x and y from the middle of the crop, and the logarithm of the scale of their error, in units of "
+    f"its side. The scales are in the metadata entry {METADATA_KEY!r} (JSON)."
+)
+
+
+def open_network(checkpoint: Path) -> tuple[CheckpointHeader, Network, FitCorrection | None]:
+    """Opens a checkpoint of a training, to run on the CPU.
+
+    The plane of scales, which only training needs, is not computed.
+
+    Raises:
+        InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
+    """
+    header, arrays = load_weights(checkpoint)
+    graph = OnnxGraph()
+    try:
+        correction = _add_network(graph, header, Weights(arrays), min(header.planes, SCALE_PLANE))
+        return header, _runner(OnnxSession(graph.content())), correction
+    except ValueError as error:
+        raise unusable(checkpoint, error) from error
+
+
+def export_onnx(checkpoint: Path, *, half: bool = False) -> tuple[CheckpointHeader, bytes]:
+    """The network of a checkpoint as an ONNX file, with the checkpoint's header as JSON in its metadata.
+
+    The batch may have any size. The correction of fits is not part of it.
+
+    Args:
+        checkpoint: The checkpoint.
+        half: Whether weights are stored in float16. The network computes in float32.
+
+    Returns:
+        The header, and the content of the file.
+
+    Raises:
+        InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
+    """
+    header, arrays = load_weights(checkpoint)
+    own, graph = replace(header, n_corrected=0), OnnxGraph(half=half)
+    arrays = {name: values for name, values in arrays.items() if not name.startswith(CORRECTION)}
+    try:
+        _add_network(graph, own, Weights(arrays), own.planes)
+    except ValueError as error:
+        raise unusable(checkpoint, error) from error
+    return own, graph.content({METADATA_KEY: json.dumps(asdict(own), sort_keys=True)}, DESCRIPTION)
+
+
+def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
+    """Opens a file of ``export_onnx``, to run on the CPU.
+
+    Raises:
+        InputFileError: The file is missing, truncated, not ours, or of a newer schema.
+    """
+    session = open_onnx(path)
+    try:
+        fields = parse_json(session.metadata[METADATA_KEY], JsonObject)
+        if typed(fields.get("schema_version"), Integer) > SCHEMA_VERSION:
+            raise InputFileError(f"{path}: schema {fields['schema_version']} is newer than {SCHEMA_VERSION}; upgrade")
+        header = CheckpointHeader.from_json(fields)
+    except (KeyError, ValueError) as error:
+        raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
+    return header, _runner(session)
+
+
+def _add_network(graph: OnnxGraph, header: CheckpointHeader, weights: Weights, planes: int) -> FitCorrection | None:
+    """Adds the network of a checkpoint to a graph, and returns its correction of fits, if it has one.
+
+    Raises:
+        ValueError: Header and weights do not make a network.
+    """
+    numbers = header.n_landmarks, header.n_corrected
+    check_network(header.architecture, header.size_px, header.widths, header.planes, *numbers)
+    size = header.size_px
+    image = graph.input(INPUT_NAME, ("batch", PLANES_IN, size, size))
+    found = face_network(graph, image, weights, header, planes)
+    correction = FitCorrection.of(weights, header.n_corrected) if header.n_corrected else None
+    weights.check_empty()
+    graph.output(OUTPUT_NAME, found["planes"], ("batch", planes, size, size))
+    if header.n_landmarks:
+        graph.output(LANDMARKS_NAME, found["landmarks"], ("batch", header.n_landmarks, LANDMARK_NUMBERS))
+    if correction is not None:
+        graph.output(SEEN_NAME, found["seen"], ("batch", "features"))
+    return correction
+
+
+def _runner(session: OnnxSession) -> Network:
+    def answers(pictures: Float32[ndarray, "b s s 3"]) -> Answers:
+        found = session.run(np.ascontiguousarray(pictures.transpose(0, 3, 1, 2)))
+        planes = np.ascontiguousarray(found[OUTPUT_NAME].transpose(0, 2, 3, 1))
+        return Answers(planes, found.get(LANDMARKS_NAME), found.get(SEEN_NAME))
+
+    return answers
