@@ -7,6 +7,8 @@ rounds that take turns.
 """
 
 import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
@@ -14,7 +16,9 @@ import torch
 from pix2face.evaluation.figures.bootstrap import Bootstrap, intervals, mean_of, median_of
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.inference.predictor import Predictor
+from pix2face.inference.torch_checkpoint import save_checkpoint
 from pix2face.networks.dimensions import paper_widths
 from pix2face.networks.paper import UNet
 from tests.benchmarks.surroundings import surroundings, write_report
@@ -25,7 +29,7 @@ BATCHES = (1, 4, 16)
 
 def main() -> None:
     """Prints the figures."""
-    torch.set_num_threads(1)
+    keep_networks_in_one_thread()
     figures = {f"{size} px, {filters} filters": network_ms(size, filters) for size, filters in ((64, 32), (128, 32))}
     result = {
         "surroundings": surroundings(),
@@ -50,7 +54,9 @@ def network_ms(size_px: int, filters: int) -> dict[str, float]:
         configuration="{}",
         epoch=0,
     )
-    predictor = Predictor(UNet(size_px, filters).eval(), header)
+    with TemporaryDirectory() as folder:
+        save_checkpoint(Path(folder) / "c.safetensors", header, UNet(size_px, filters))
+        predictor = Predictor.load(Path(folder) / "c.safetensors", "cpu")
     image = np.random.default_rng(0).integers(0, 255, (450, 450, 3)).astype(np.uint8)
     faces = [(image, FaceBox(100, 100, 300, 320))] * N_FACES
     least = dict.fromkeys(BATCHES, float("inf"))

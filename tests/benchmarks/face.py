@@ -19,7 +19,6 @@ from unittest.mock import patch
 
 import cv2
 import numpy as np
-import torch
 from jaxtyping import UInt8
 from numpy import ndarray
 from threadpoolctl import threadpool_limits
@@ -32,6 +31,7 @@ from pix2face.fitting.least_squares.linear_system import ImageSystem
 from pix2face.fitting.silhouette import OutsideDistance
 from pix2face.geometry.crops import crop_image, square_crop
 from pix2face.inference import PACKAGED, predictor
+from pix2face.inference.onnx_session import OnnxSession, keep_networks_in_one_thread
 from tests.benchmarks.surroundings import surroundings, write_report
 
 
@@ -59,7 +59,7 @@ def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callabl
 # The functions of each step, in the modules that call them.
 STEPS: dict[str, Sequence[tuple[Any, str]]] = {
     "crop": [(predictor, "crop_image")],
-    "network": [(predictor.Predictor, "_answers")],
+    "network": [(OnnxSession, "run")],
     "planes to maps": [(predictor, "read_planes"), (predictor, "read_landmarks")],
     "choice of points": [
         (picture_measurement, name)
@@ -136,7 +136,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    torch.set_num_threads(1)
+    keep_networks_in_one_thread()
     checkpoint = options.checkpoint or PACKAGED
     faces = Pix2Face.load(checkpoint, device="cpu")
     image = read_photograph(options.image) if options.image else astronaut()

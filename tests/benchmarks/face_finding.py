@@ -19,7 +19,6 @@ from typing import final
 
 import cv2
 import numpy as np
-import torch
 from numpy import ndarray
 
 from pix2face.detectors.centre_detector import CentreDetector
@@ -29,6 +28,7 @@ from pix2face.face_files.annotations import find_annotations
 from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import IMAGE_SUFFIXES, read_photograph
 from pix2face.geometry.crops import FaceBox
+from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.tracking.video import open_frames
 from tests.benchmarks.surroundings import surroundings, write_report
 
@@ -189,7 +189,7 @@ def main() -> int:
     parser.add_argument("--sheets", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/face_finding.json"))
     options = parser.parse_args()
-    torch.set_num_threads(1)
+    keep_networks_in_one_thread()
     cv2.setNumThreads(1)
     find = (CentreDetector.load(options.network) if options.network else open_detector(options.detector)).candidates
     report: dict[str, object] = {"measured_on": surroundings(), "min_score": options.min_score}

@@ -20,7 +20,6 @@ from typing import Any, final
 
 import cv2
 import numpy as np
-import torch
 from jaxtyping import Float64
 from numpy import ndarray
 from threadpoolctl import threadpool_limits
@@ -39,6 +38,7 @@ from pix2face.geometry.landmark_metrics import nme
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
 from pix2face.inference import PACKAGED
+from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import MorphableModel, builtin_model
@@ -130,7 +130,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out/predicted_fits.json"))
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    torch.set_num_threads(1)
+    keep_networks_in_one_thread()
     predictor = Predictor.load(options.checkpoint or PACKAGED, "cpu")
     model = with_own_landmarks(builtin_model(), predictor.header)
     with threadpool_limits(1):

@@ -7,7 +7,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGES = ("numpy", "scipy", "h5py", "torch")
+PACKAGES = ("numpy", "scipy", "h5py", "torch", "onnxruntime")
 
 
 def surroundings() -> dict[str, object]:

@@ -35,6 +35,7 @@ from numpy import ndarray
 from pix2face.commands import track_cli
 from pix2face.commands.cli import main as pix2face_main
 from pix2face.detectors.centre_detector import CentreDetector
+from pix2face.inference.onnx_session import OnnxSession
 from pix2face.inference.predictor import Predictor
 from pix2face.photographs import refined_detection
 from pix2face.tracking import clip_fit, track_files
@@ -55,7 +56,7 @@ PASSES = (
 STEPS = (
     (CentreDetector, "candidates", "detect"),
     (Predictor, "predict_batch", "crops, and maps from planes"),
-    (Predictor, "_answers", "network"),
+    (OnnxSession, "run", "network"),
     (refined_detection, "refined_box", "fits of first predictions"),
     (clip_fit, "measure_picture", "fits of second predictions"),
     (track_files, "visible_landmarks", "visible landmarks"),

@@ -10,6 +10,8 @@ disturb them least; ``wall`` is what a clock on the wall says.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,9 @@ from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.checkpoint import CheckpointHeader
+from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.inference.predictor import Predictor
+from pix2face.inference.torch_checkpoint import save_checkpoint
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
 from pix2face.networks.architectures import build_network
@@ -164,7 +168,7 @@ def residual_steps(options: Options) -> dict[str, Any]:
 
 def inference(options: Options) -> dict[str, Any]:
     """Milliseconds a face on one core: crop and network, and the fit of its maps; medians, of the processor."""
-    torch.set_num_threads(1)
+    keep_networks_in_one_thread()
     recipe, model = PRESETS["cpu"], builtin_model()
     torch.manual_seed(0)
     network = build_network(recipe.architecture, recipe.size_px, recipe.widths, recipe.planes)
@@ -182,7 +186,10 @@ def inference(options: Options) -> dict[str, Any]:
         architecture=recipe.architecture,
         planes=recipe.planes,
     )
-    predictor, box = Predictor(network.eval(), header), FaceBox(100, 100, 300, 320)
+    with TemporaryDirectory() as folder:
+        save_checkpoint(Path(folder) / "c.safetensors", header, network)
+        predictor = Predictor.load(Path(folder) / "c.safetensors", "cpu")
+    box = FaceBox(100, 100, 300, 320)
     image = np.random.default_rng(0).integers(0, 255, (450, 450, 3)).astype(np.uint8)
     pose = weak_perspective_camera(
         WeakPerspective(0.5, rotation_of_pose(HeadPose(5, 20, 0)), np.full(2, recipe.size_px / 2))

@@ -229,10 +229,10 @@ class Learner:
 
 def computed_precision(wanted: Precision, device: str) -> Precision:
     """The arithmetic of a training: float32 where bfloat16 would take ten times as long, on CPUs without it."""
-    return wanted if torch.device(device).type != "cpu" or _has_bfloat16() else "float32"
+    return wanted if torch.device(device).type != "cpu" or has_bfloat16() else "float32"
 
 
-def _has_bfloat16() -> bool:
+def has_bfloat16() -> bool:
     """Whether the processor has instructions for bfloat16; False if this version of PyTorch cannot tell."""
     capabilities: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)()
     return bool(capabilities.get("avx512_bf16"))

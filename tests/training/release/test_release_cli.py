@@ -77,16 +77,10 @@ def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
 
 
 def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path, monkeypatch):
-    for package in ("onnx", "onnxscript", "onnxruntime"):
-        pytest.importorskip(package, reason="pip install 'pix2face[onnx]'")
-    from pix2face.inference.onnx_files import load_onnx
-
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release")]) == 0
     images = torch.rand(2, 3, 64, 64) - 0.5
     with torch.inference_mode():
         expected = load_checkpoint(tmp_path / "release" / "checkpoint.safetensors")[1](images)
-    found = load_onnx(tmp_path / "release" / "network.onnx")[1](images)
-    assert (found - expected).abs().max() <= 1e-4 * (expected.max() - expected.min())
     (lines,) = re.findall("```python\n(.*?)```", (tmp_path / "release" / "README.md").read_text(), re.DOTALL)
     assert lines.count("\n") == 3
     monkeypatch.chdir(tmp_path / "release")
@@ -94,7 +88,7 @@ def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path, m
         monkeypatch.setitem(sys.modules, package, None)
     names = {"pictures": images.numpy()}
     exec(lines, names)
-    np.testing.assert_array_equal(names["planes"], found.numpy())
+    assert np.abs(names["planes"] - expected.numpy()).max() <= 1e-4 * np.ptp(expected.numpy())
 
 
 def test_the_card_says_what_it_is_and_quotes_a_report(checkpoint, tmp_path, monkeypatch):
