@@ -6,7 +6,7 @@ FROM python:3.11-slim-bookworm AS build
 # The default index has torch with CUDA, which is gigabytes larger and runs on the CPU as well. Name an index of CPU
 # wheels with --build-arg PIP_EXTRA_INDEX_URL=... to leave CUDA out.
 ARG PIP_EXTRA_INDEX_URL=
-ARG EXTRAS=heic
+ARG EXTRAS=heic,train
 WORKDIR /source
 COPY pyproject.toml constraints.txt README.md LICENSE ASSETS.md ./
 COPY manifests manifests

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from pix2face import __version__
 from pix2face.command_line import EXIT_ERROR, printable
-from pix2face.errors import Pix2FaceError
+from pix2face.errors import Pix2FaceError, UsageError
 from pix2face.files.writing import WRITE_ERRORS
 
 EXIT_BROKEN_PIPE = 1
@@ -68,7 +68,19 @@ class Invocation:
     options: Any
 
     def run(self) -> int:
-        """Imports and runs the command; returns its exit status."""
+        """Imports and runs the command; returns its exit status.
+
+        Raises:
+            UsageError: It needs PyTorch, which is not installed.
+        """
+        try:
+            return self._run()
+        except ModuleNotFoundError as error:
+            if error.name != "torch":
+                raise
+            raise UsageError("expected PyTorch, which training needs; run: pip install 'pix2face[train]'") from error
+
+    def _run(self) -> int:
         function = self.command.function
         if isinstance(function, str):
             module, _, name = function.partition(":")

@@ -147,12 +147,19 @@ class Predictor:
 
 
 def _on_device(path: Path, name: str | None) -> Predictor:
-    """A checkpoint that torch runs, unless no device is named and there is no GPU."""
-    from pix2face.inference.torch_checkpoint import load_checkpoint  # torch takes seconds to load
-    from pix2face.inference.torch_network import run_by_torch, torch_device
+    """A checkpoint that torch runs, unless no device is named and torch or a GPU is missing."""
+    try:
+        from pix2face.inference.torch_network import run_by_torch, torch_device
+    except ModuleNotFoundError as error:
+        if name is None:
+            return Predictor.load(path, "cpu")
+        raise UsageError(
+            f"expected --device cpu, or PyTorch, which {name!r} needs; run: pip install 'pix2face[train]'"
+        ) from error
+    from pix2face.inference.torch_checkpoint import load_checkpoint
 
     device = torch_device(name)
-    if device.type == "cpu":
+    if name is None and device.type == "cpu":
         return Predictor.load(path, "cpu")
     header, network = load_checkpoint(path)
     correction = None

@@ -116,6 +116,18 @@ def test_an_error_that_is_a_bug_keeps_its_traceback() -> None:
         run(raising(ZeroDivisionError()))
 
 
+def test_without_torch_the_line_that_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    (tmp_path / "trainer.py").write_text("import torch")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert run(Command(CountConfig, "trainer:train")) == 2
+    assert "expected PyTorch, which training needs; run: pip install 'pix2face[train]'" in capsys.readouterr().err
+    with pytest.raises(ModuleNotFoundError, match="no_such_module"):
+        run(Command(CountConfig, "no_such_module:train"))
+
+
 def test_an_interruption_is_status_130(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(raising(KeyboardInterrupt())) == 130
     assert capsys.readouterr().err == "program: interrupted; what was finished is kept\n"

@@ -1,9 +1,13 @@
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 from torch import Tensor
 
+from pix2face.errors import UsageError
 from pix2face.geometry.camera import affine_camera
 from pix2face.geometry.crops import FaceBox, crop_image, square_crop
 from pix2face.inference.checkpoint import CheckpointHeader
@@ -112,31 +116,50 @@ def test_a_batch_is_the_same_as_its_faces_one_by_one():
     assert predictor.predict_batch([]) == []
 
 
-def test_a_checkpoint_becomes_a_predictor(tmp_path):
-    torch.manual_seed(3)
-    network = UNet(32, 4)
-    save_checkpoint(tmp_path / "c.safetensors", HEADER, network)
-    loaded = Predictor.load(tmp_path / "c.safetensors", device="cpu")
-    assert loaded.header == HEADER
-    expected = Predictor(run_by_torch(network), HEADER).predict(picture(), BOX)
-    np.testing.assert_allclose(loaded.predict(picture(), BOX).maps.pncc, expected.maps.pncc, atol=1e-3)
-
-
-def test_each_face_of_a_batch_has_its_own_correction(tmp_path):
+@pytest.fixture
+def checkpoint(tmp_path):
+    """A network that corrects fits."""
     torch.manual_seed(0)
     widths = residual_widths(4)
-    network = ResidualUNet(widths, corrected=3).eval()
+    network = ResidualUNet(widths, landmarks=68, corrected=3).eval()
     torch.nn.init.normal_(network.correction.second.weight)
-    header = replace(HEADER, architecture="residual", size_px=64, widths=widths, n_corrected=3)
+    header = replace(HEADER, architecture="residual", size_px=64, widths=widths, n_landmarks=68, n_corrected=3)
     save_checkpoint(tmp_path / "c.safetensors", header, network)
-    predictor = Predictor.load(tmp_path / "c.safetensors", "cpu")
-    camera, coefficients = affine_camera(np.array([[0.3, 0, 0, 30.0], [0, -0.3, 0, 34.0]])), np.array([0.5, -1, 2])
+    return tmp_path / "c.safetensors"
+
+
+CAMERA, COEFFICIENTS = affine_camera(np.array([[0.3, 0, 0, 30.0], [0, -0.3, 0, 34.0]])), np.array([0.5, -1, 2])
+
+
+def test_torch_and_onnxruntime_predict_the_same(checkpoint):
+    by_onnx, by_torch = (Predictor.load(checkpoint, device).predict(picture(), BOX) for device in ("cpu", "cpu:0"))
+    np.testing.assert_allclose(by_onnx.maps.pncc, by_torch.maps.pncc, atol=1e-2)
+    np.testing.assert_allclose(by_onnx.maps.landmarks.points2d, by_torch.maps.landmarks.points2d, atol=1e-3)
+    (found, changed), (expected, own) = (one.maps.correct(CAMERA, COEFFICIENTS) for one in (by_onnx, by_torch))
+    np.testing.assert_allclose(found.matrix, expected.matrix, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(changed, own, rtol=1e-4, atol=1e-4)
+
+
+def test_torch_is_needed_for_named_devices_only(checkpoint, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for module in ("torch_network", "torch_checkpoint"):
+        monkeypatch.delitem(sys.modules, f"pix2face.inference.{module}")
+    monkeypatch.setattr("pix2face.inference.predictor.GPU_DRIVERS", [Path("/")])  # as if there were a GPU
+    assert Predictor.load(checkpoint).predict(picture(), BOX).maps.pncc.any()
+    with pytest.raises(
+        UsageError, match=r"--device cpu, or PyTorch, which 'cuda' needs; run: pip install 'pix2face\[t"
+    ):
+        Predictor.load(checkpoint, "cuda")
+
+
+def test_each_face_of_a_batch_has_its_own_correction(checkpoint):
+    predictor = Predictor.load(checkpoint, "cpu")
     faces = [(picture(seed), BOX) for seed in range(2)]
-    together = [prediction.maps.correct(camera, coefficients) for prediction in predictor.predict_batch(faces)]
-    alone = [predictor.predict(*face).maps.correct(camera, coefficients) for face in faces]
+    together = [prediction.maps.correct(CAMERA, COEFFICIENTS) for prediction in predictor.predict_batch(faces)]
+    alone = [predictor.predict(*face).maps.correct(CAMERA, COEFFICIENTS) for face in faces]
     for (found, changed), (expected, own) in zip(together, alone, strict=True):
         np.testing.assert_allclose(found.matrix, expected.matrix, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(changed, own, rtol=1e-4, atol=1e-5)
     assert np.abs(together[0][1] - together[1][1]).max() > 1e-3
-    assert np.abs(together[0][0].matrix - camera.matrix).max() > 1e-3
+    assert np.abs(together[0][0].matrix - CAMERA.matrix).max() > 1e-3
     assert predictor_of(disc_network, HEADER).predict(picture(), BOX).maps.correct is None
