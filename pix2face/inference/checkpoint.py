@@ -17,11 +17,10 @@ from pix2face.files.opening import check_regular, is_folder, is_regular
 from pix2face.geometry.crops import INFERENCE_SCALE
 from pix2face.inference import CHECKPOINT_NAME
 from pix2face.networks import MAP_PLANES
-from pix2face.networks.dimensions import paper_widths
+from pix2face.networks.dimensions import LARGEST_SIDE_PX, MOST_FILTERS, paper_widths
 
-# Sides of inputs and filters of levels, as far as a network could be run on.
-Side = Annotated[int, msgspec.Meta(ge=1, le=1024)]
-Widths = Annotated[tuple[Side, ...], msgspec.Meta(max_length=16)]
+Side = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_SIDE_PX)]
+Widths = Annotated[tuple[Annotated[int, msgspec.Meta(ge=1, le=MOST_FILTERS)], ...], msgspec.Meta(max_length=16)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 LARGEST_FILE_BYTES, MOST_HEADER_VALUES = 1 << 33, 1_000_000
 METADATA_KEY = "pix2face-checkpoint"

@@ -9,6 +9,8 @@ from typing import final
 from pix2face.networks import MAP_PLANES, MOST_PLANES
 
 PLANES_IN = 3
+# Sides of inputs and filters of levels, as far as a network could be run on.
+LARGEST_SIDE_PX = MOST_FILTERS = 1024
 
 # The paper's network.
 WIDEST = 8  # the deepest levels have eight times the first level's filters

@@ -10,7 +10,7 @@ from pix2face.errors import UsageError
 from pix2face.geometry.crops import INFERENCE_SCALE, LARGEST_CROP_SCALE, SMALLEST_CROP_SCALE
 from pix2face.geometry.jitter import JitterRange
 from pix2face.networks import MAP_PLANES, MOST_PLANES, ArchitectureName
-from pix2face.networks.dimensions import ARCHITECTURES
+from pix2face.networks.dimensions import ARCHITECTURES, LARGEST_SIDE_PX, MOST_FILTERS
 from training.recipe.schedule import ScheduleName
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ Precision = Literal["float32", "bfloat16"]
 LossOver = Literal["all", "mask", "seen"]
 Cropping = Literal["full", "box", "shift", "none"]
 
-# Eight times the paper's side and sixteen times its filters. No machine holds larger networks.
-LARGEST_SIZE_PX, MOST_FILTERS = 2048, 1024
 LARGEST_SEED = 2**63 - 1
 
 
@@ -202,7 +200,7 @@ class Recipe(Epochs):
         self._check_loss()
 
     def _check_network(self) -> None:
-        for name, largest in (("size_px", LARGEST_SIZE_PX), ("filters", MOST_FILTERS), ("planes", MOST_PLANES)):
+        for name, largest in (("size_px", LARGEST_SIDE_PX), ("planes", MOST_PLANES)):
             if getattr(self, name) > largest:
                 raise UsageError(f"{_option(name)}: expected at most {largest}, found {getattr(self, name)}")
         if self.planes < MAP_PLANES:
@@ -211,6 +209,11 @@ class Recipe(Epochs):
             ARCHITECTURES[self.architecture].check_size(self.size_px)
         except ValueError as error:
             raise UsageError(f"--size-px: {error}") from error
+        if max(self.widths) > MOST_FILTERS:
+            raise UsageError(
+                f"--filters: expected at most {MOST_FILTERS * self.filters // max(self.widths)}, so that no level has "
+                f"more than {MOST_FILTERS}, found {self.filters}"
+            )
 
     def _check_loss(self) -> None:
         for name, weight in asdict(self.weights).items():
