@@ -1,8 +1,7 @@
 """What networks answer, whatever runs them: onnxruntime on the CPU, torch on GPUs and in training."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import final
+from typing import Protocol, final, runtime_checkable
 
 from jaxtyping import Float32
 from numpy import ndarray
@@ -18,5 +17,12 @@ class Answers:
     seen: Float32[ndarray, "b k"] | None = None  # what the correction of fits goes by
 
 
-# From RGB crops, each value divided by 255, minus 0.5.
-Network = Callable[[Float32[ndarray, "b s s 3"]], Answers]
+@runtime_checkable
+class Network(Protocol):
+    """A network that reads RGB crops, each value divided by 255, minus 0.5."""
+
+    def answers(self, pictures: Float32[ndarray, "b s s 3"]) -> Answers:
+        """Everything that it answers."""
+
+    def landmarks(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b n 3"]:
+        """The landmarks alone, of a network that predicts them: on the CPU in half the time."""

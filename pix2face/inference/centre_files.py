@@ -106,6 +106,6 @@ def _read(path: Path, *, half: bool) -> tuple[DetectorHeader, OnnxGraph]:
 def _runner(session: OnnxSession) -> CentreAnswers:
     def answers(pictures: UInt8[ndarray, "b h w 3"]) -> Float32[ndarray, "b y x 5"]:
         batch = np.ascontiguousarray(pictures.transpose(0, 3, 1, 2), dtype=np.float32) / 255 - np.float32(0.5)
-        return np.ascontiguousarray(session.run(batch)[OUTPUT_NAME].transpose(0, 2, 3, 1))
+        return np.ascontiguousarray(session.run({INPUT_NAME: batch})[OUTPUT_NAME].transpose(0, 2, 3, 1))
 
     return answers

@@ -1,9 +1,10 @@
 """Networks as ONNX: opened from checkpoints and from files, run by onnxruntime, written for other programs."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, final
 
 import numpy as np
 from jaxtyping import Float32
@@ -14,8 +15,14 @@ from pix2face.files.json_text import Integer, JsonObject, parse_json, typed
 from pix2face.inference.answers import Answers, Network
 from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_weights, unusable
 from pix2face.inference.fit_correction import FitCorrection
-from pix2face.inference.onnx_graph import OnnxGraph
-from pix2face.inference.onnx_networks import Weights, face_network
+from pix2face.inference.onnx_graph import OnnxGraph, Shape
+from pix2face.inference.onnx_networks import (
+    Weights,
+    face_network,
+    feature_shapes,
+    residual_decoder,
+    residual_encoder,
+)
 from pix2face.inference.onnx_session import OnnxSession, open_onnx
 from pix2face.networks import LANDMARK_NUMBERS, SCALE_PLANE
 from pix2face.networks.dimensions import PLANES_IN, check_network
@@ -42,10 +49,25 @@ def open_network(checkpoint: Path) -> tuple[CheckpointHeader, Network, FitCorrec
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
     header, arrays = load_weights(checkpoint)
-    graph = OnnxGraph()
+    planes, weights = min(header.planes, SCALE_PLANE), Weights(arrays)
     try:
-        correction = _add_network(graph, header, Weights(arrays), min(header.planes, SCALE_PLANE))
-        return header, _runner(OnnxSession(graph.content())), correction
+        _check(header)
+        if not header.n_landmarks:
+            graph = OnnxGraph()
+            correction = _add_network(graph, header, weights, planes)
+            return header, _OnnxNetwork(OnnxSession(graph.content())), correction
+        encoder, decoder = OnnxGraph(), OnnxGraph()
+        image = encoder.input(INPUT_NAME, ("batch", PLANES_IN, header.size_px, header.size_px))
+        features, found = residual_encoder(encoder, image, weights, header)
+        inputs = []
+        for number, (name, shape) in enumerate(zip(features, feature_shapes(header), strict=True)):
+            encoder.output(f"features{number}", name, ("batch", *shape))
+            inputs.append(decoder.input(f"features{number}", ("batch", *shape)))
+        _add_outputs(encoder, found, header, planes)
+        _add_outputs(decoder, residual_decoder(decoder, inputs, weights, header, planes), header, planes)
+        correction = _correction(weights, header)
+        weights.check_empty()
+        return header, _OnnxNetwork(OnnxSession(encoder.content()), OnnxSession(decoder.content())), correction
     except ValueError as error:
         raise unusable(checkpoint, error) from error
 
@@ -69,6 +91,7 @@ def export_onnx(checkpoint: Path, *, half: bool = False) -> tuple[CheckpointHead
     own, graph = replace(header, n_corrected=0), OnnxGraph(half=half)
     arrays = {name: values for name, values in arrays.items() if not name.startswith(CORRECTION)}
     try:
+        _check(own)
         _add_network(graph, own, Weights(arrays), own.planes)
     except ValueError as error:
         raise unusable(checkpoint, error) from error
@@ -89,34 +112,66 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
         header = CheckpointHeader.from_json(fields)
     except (KeyError, ValueError) as error:
         raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
-    return header, _runner(session)
+    return header, _OnnxNetwork(session)
+
+
+def _check(header: CheckpointHeader) -> None:
+    check_network(
+        header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks, header.n_corrected
+    )
 
 
 def _add_network(graph: OnnxGraph, header: CheckpointHeader, weights: Weights, planes: int) -> FitCorrection | None:
-    """Adds the network of a checkpoint to a graph, and returns its correction of fits, if it has one.
+    """Adds the whole network of a checkpoint to a graph, and returns its correction of fits, if it has one.
 
     Raises:
-        ValueError: Header and weights do not make a network.
+        ValueError: The weights are not those of the network.
     """
-    numbers = header.n_landmarks, header.n_corrected
-    check_network(header.architecture, header.size_px, header.widths, header.planes, *numbers)
-    size = header.size_px
-    image = graph.input(INPUT_NAME, ("batch", PLANES_IN, size, size))
+    image = graph.input(INPUT_NAME, ("batch", PLANES_IN, header.size_px, header.size_px))
     found = face_network(graph, image, weights, header, planes)
-    correction = FitCorrection.of(weights, header.n_corrected) if header.n_corrected else None
+    correction = _correction(weights, header)
     weights.check_empty()
-    graph.output(OUTPUT_NAME, found["planes"], ("batch", planes, size, size))
-    if header.n_landmarks:
-        graph.output(LANDMARKS_NAME, found["landmarks"], ("batch", header.n_landmarks, LANDMARK_NUMBERS))
-    if correction is not None:
-        graph.output(SEEN_NAME, found["seen"], ("batch", "features"))
+    _add_outputs(graph, found, header, planes)
     return correction
 
 
-def _runner(session: OnnxSession) -> Network:
-    def answers(pictures: Float32[ndarray, "b s s 3"]) -> Answers:
-        found = session.run(np.ascontiguousarray(pictures.transpose(0, 3, 1, 2)))
+def _correction(weights: Weights, header: CheckpointHeader) -> FitCorrection | None:
+    return FitCorrection.of(weights, header.n_corrected) if header.n_corrected else None
+
+
+def _add_outputs(graph: OnnxGraph, found: Mapping[str, str], header: CheckpointHeader, planes: int) -> None:
+    shapes: dict[str, tuple[str, Shape]] = {
+        "planes": (OUTPUT_NAME, (planes, header.size_px, header.size_px)),
+        "landmarks": (LANDMARKS_NAME, (header.n_landmarks, LANDMARK_NUMBERS)),
+        "seen": (SEEN_NAME, ("features",)),
+    }
+    for kind, value in found.items():
+        name, shape = shapes[kind]
+        graph.output(name, value, ("batch", *shape))
+
+
+@final
+class _OnnxNetwork:
+    """A ``Network`` that onnxruntime runs.
+
+    Args:
+        first: The whole network, or its encoder.
+        second: Its decoder, if the first is the encoder.
+    """
+
+    def __init__(self, first: OnnxSession, second: OnnxSession | None = None) -> None:
+        self._first, self._second = first, second
+
+    def answers(self, pictures: Float32[ndarray, "b s s 3"]) -> Answers:
+        found = self._encoded(pictures)
+        if self._second is not None:
+            landmarks = found.pop(LANDMARKS_NAME)
+            found = self._second.run(found) | {LANDMARKS_NAME: landmarks}
         planes = np.ascontiguousarray(found[OUTPUT_NAME].transpose(0, 2, 3, 1))
         return Answers(planes, found.get(LANDMARKS_NAME), found.get(SEEN_NAME))
 
-    return answers
+    def landmarks(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b n 3"]:
+        return self._encoded(pictures)[LANDMARKS_NAME]
+
+    def _encoded(self, pictures: Float32[ndarray, "b s s 3"]) -> dict[str, Float32[ndarray, "..."]]:
+        return self._first.run({INPUT_NAME: np.ascontiguousarray(pictures.transpose(0, 3, 1, 2))})

@@ -89,10 +89,65 @@ def face_network(
     Raises:
         ValueError: An array is missing or has another shape.
     """
-    layers = _Layers(graph, weights)
     if header.architecture == "paper":
-        return {"planes": _paper(layers, image, header, planes)}
-    return _residual(layers, image, header, planes)
+        return {"planes": _paper(_Layers(graph, weights), image, header, planes)}
+    features, landmarks = residual_encoder(graph, image, weights, header)
+    return residual_decoder(graph, features, weights, header, planes) | landmarks
+
+
+def residual_encoder(
+    graph: OnnxGraph, image: str, weights: Weights, header: CheckpointHeader
+) -> tuple[list[str], dict[str, str]]:
+    """The first half of ``pix2face.networks.residual.ResidualUNet``, up to the landmarks.
+
+    The arguments are those of ``face_network``.
+
+    Returns:
+        The features that the decoder needs, with the shapes of ``feature_shapes``; and "landmarks", if there are any.
+    """
+    layers, widths = _Layers(graph, weights), header.widths
+    x = layers.convolution(image, "stem", PLANES_IN, widths[0], 3, stride=2, norm="stem_norm")
+    x, skips = layers.relu(x), []
+    for level, (before, after) in enumerate(pairwise(widths)):
+        skips.append(x)
+        x = layers.block(x, f"encoder.{level}", before, after, ENCODER_CONVOLUTIONS[level], halves=True)
+    for place in range(INNER_BLOCKS):
+        x = layers.block(x, f"inner.{place}", widths[-1], widths[-1], 2, is_bounded=True)
+    x = _outwards(layers, x, skips.pop(), 0, widths)
+    landmarks = {"landmarks": _landmarks(layers, x, widths[-2], header)} if header.n_landmarks else {}
+    return [*skips, x], landmarks
+
+
+def feature_shapes(header: CheckpointHeader) -> list[tuple[int, int, int]]:
+    """Planes and sides of the features between the halves of a residual network, from the outermost inwards."""
+    sides = (header.size_px // 2 ** (level + 1) for level in range(len(header.widths) - 1))
+    return [(width, side, side) for width, side in zip(header.widths, sides, strict=False)]
+
+
+def residual_decoder(
+    graph: OnnxGraph, features: Sequence[str], weights: Weights, header: CheckpointHeader, planes: int
+) -> dict[str, str]:
+    """The second half of ``pix2face.networks.residual.ResidualUNet``, from the features that the first half found.
+
+    The other arguments and the answers are those of ``face_network``, without landmarks.
+    """
+    layers, widths, n_planes = _Layers(graph, weights), header.widths, header.planes
+    *skips, x = features
+    coarse, levels = "", []
+    for level, width in enumerate(widths[-2::-1]):
+        if level:
+            x = _outwards(layers, x, skips.pop(), level, widths)
+        levels.append((x, width))
+        if skips:
+            answer = layers.convolution(x, f"coarse_planes.{level}", width, n_planes, 1, has_bias=True, kept=planes)
+            coarse = layers.add(answer, layers.enlarged(coarse, 2, "linear")) if coarse else answer
+    # Four pixels of each plane at a time.
+    fine = layers.convolution(x, "planes", widths[0], 4 * n_planes, 3, has_bias=True, kept=4 * planes)
+    fine = graph.node("DepthToSpace", fine, blocksize=2, mode="CRD")
+    found = {"planes": layers.add(fine, layers.enlarged(coarse, 4, "linear"))}
+    if header.n_corrected:
+        found["seen"] = _seen(layers, levels[: len(CORRECTION_WIDTHS)][::-1], header.size_px)
+    return found
 
 
 def centre_network(graph: OnnxGraph, pictures: str, weights: Weights, widths: Sequence[int], neck: int) -> str:
@@ -149,36 +204,12 @@ def _paper(layers: "_Layers", image: str, header: CheckpointHeader, planes: int)
     return x
 
 
-def _residual(layers: "_Layers", image: str, header: CheckpointHeader, planes: int) -> dict[str, str]:
-    """``pix2face.networks.residual.ResidualUNet``."""
-    graph, widths, n_planes = layers.graph, header.widths, header.planes
-    x = layers.convolution(image, "stem", PLANES_IN, widths[0], 3, stride=2, norm="stem_norm")
-    x, skips = layers.relu(x), []
-    for level, (before, after) in enumerate(pairwise(widths)):
-        skips.append(x)
-        x = layers.block(x, f"encoder.{level}", before, after, ENCODER_CONVOLUTIONS[level], halves=True)
-    for place in range(INNER_BLOCKS):
-        x = layers.block(x, f"inner.{place}", widths[-1], widths[-1], 2, is_bounded=True)
-    found, coarse, levels = {}, "", []
-    for level, (before, after) in enumerate(pairwise(widths[::-1])):
-        narrowed = layers.convolution(x, f"narrow.{level}", before, after, 1)
-        x = layers.add(layers.enlarged(narrowed, 2, "nearest"), skips.pop())
-        if DECODER_CONVOLUTIONS[level]:
-            x = layers.block(x, f"decoder.{level}", after, after, DECODER_CONVOLUTIONS[level])
-        levels.append((x, after))
-        if level == 0 and header.n_landmarks:
-            found["landmarks"] = _landmarks(layers, x, after, header)
-        if level < len(widths) - 2:
-            answer = layers.convolution(x, f"coarse_planes.{level}", after, n_planes, 1, has_bias=True, kept=planes)
-            coarse = layers.add(answer, layers.enlarged(coarse, 2, "linear")) if coarse else answer
-    # Four pixels of each plane at a time.
-    fine = layers.convolution(x, "planes", widths[0], 4 * n_planes, 3, has_bias=True, kept=4 * planes)
-    fine = graph.node("DepthToSpace", fine, blocksize=2, mode="CRD")
-    found["planes"] = layers.add(fine, layers.enlarged(coarse, 4, "linear"))
-    if header.n_corrected:
-        seen_levels = levels[: len(CORRECTION_WIDTHS)][::-1]
-        found["seen"] = _seen(layers, seen_levels, header.size_px)
-    return found
+def _outwards(layers: "_Layers", x: str, skip: str, level: int, widths: Sequence[int]) -> str:
+    """A level of the decoder, counted from the innermost."""
+    before, after = widths[-1 - level], widths[-2 - level]
+    x = layers.add(layers.enlarged(layers.convolution(x, f"narrow.{level}", before, after, 1), 2, "nearest"), skip)
+    n_convolutions = DECODER_CONVOLUTIONS[level]
+    return layers.block(x, f"decoder.{level}", after, after, n_convolutions) if n_convolutions else x
 
 
 def _landmarks(layers: "_Layers", x: str, width: int, header: CheckpointHeader) -> str:

@@ -38,7 +38,6 @@ class OnnxSession:
             self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # the runtime's errors have no base of their own
             raise ValueError(str(error)) from error
-        self._input = self._session.get_inputs()[0].name
         self._outputs = [output.name for output in self._session.get_outputs()]
 
     @property
@@ -47,9 +46,9 @@ class OnnxSession:
         metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
         return metadata
 
-    def run(self, values: Float32[ndarray, "..."]) -> dict[str, Float32[ndarray, "..."]]:
-        """Returns all outputs by name."""
-        return dict(zip(self._outputs, self._session.run(self._outputs, {self._input: values}), strict=True))
+    def run(self, inputs: Mapping[str, Float32[ndarray, "..."]]) -> dict[str, Float32[ndarray, "..."]]:
+        """Returns all outputs by name, from all inputs by name."""
+        return dict(zip(self._outputs, self._session.run(self._outputs, dict(inputs)), strict=True))
 
 
 def open_onnx(path: Path) -> OnnxSession:

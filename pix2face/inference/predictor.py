@@ -118,9 +118,8 @@ class Predictor:
         """
         if not faces:
             return []
-        crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
-        pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
-        answers = self._network(pictures.astype(np.float32) / 255 - 0.5)
+        crops, pictures = self._crops(faces)
+        answers = self._network.answers(pictures)
         predictions = []
         for place, (crop, (image, box)) in enumerate(zip(crops, faces, strict=True)):
             maps, n_undefined = read_planes(answers.planes[place], self.header)
@@ -140,6 +139,28 @@ class Predictor:
         starts = range(0, len(faces), FACES_AT_A_TIME)
         return [own for start in starts for own in self.predict_batch(faces[start : start + FACES_AT_A_TIME])]
 
+    def predict_landmarks(
+        self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]
+    ) -> list[tuple[Crop, PredictedLandmarks]]:
+        """Predicts landmarks alone, in pixels of the crops, with a network that predicts them itself.
+
+        On the CPU, this takes half the time of ``predict_many``.
+        """
+        found = []
+        for start in range(0, len(faces), FACES_AT_A_TIME):
+            crops, pictures = self._crops(faces[start : start + FACES_AT_A_TIME])
+            numbers = self._network.landmarks(pictures)
+            found += [(crop, read_landmarks(own, crop.size_px)) for crop, own in zip(crops, numbers, strict=True)]
+        return found
+
+    def _crops(
+        self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]
+    ) -> tuple[list[Crop], Float32[ndarray, "b s s 3"]]:
+        """Crops, and what the network takes."""
+        crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
+        pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
+        return crops, pictures.astype(np.float32) / 255 - 0.5
+
     def _corrector(self, answers: Answers, place: int) -> FitCorrector | None:
         if self._correction is None or answers.seen is None:
             return None
@@ -149,7 +170,7 @@ class Predictor:
 def _on_device(path: Path, name: str | None) -> Predictor:
     """A checkpoint that torch runs, unless no device is named and torch or a GPU is missing."""
     try:
-        from pix2face.inference.torch_network import run_by_torch, torch_device
+        from pix2face.inference.torch_network import TorchNetwork, torch_device
     except ModuleNotFoundError as error:
         if name is None:
             return Predictor.load(path, "cpu")
@@ -166,7 +187,7 @@ def _on_device(path: Path, name: str | None) -> Predictor:
     if header.n_corrected:
         _, arrays = load_weights(path)
         correction = FitCorrection.of(Weights(arrays), header.n_corrected)
-    return Predictor(run_by_torch(network, device), header, correction)
+    return Predictor(TorchNetwork(network, device), header, correction)
 
 
 def read_planes(planes: Float32[ndarray, "s s planes"], header: CheckpointHeader) -> tuple[FaceMaps, int]:

@@ -1,5 +1,7 @@
 """Runs networks by torch: on GPUs, and while they are trained."""
 
+from typing import final
+
 import numpy as np
 import torch
 from jaxtyping import Float32
@@ -7,29 +9,42 @@ from numpy import ndarray
 from torch import nn
 
 from pix2face.errors import UsageError
-from pix2face.inference.answers import Answers, Network
+from pix2face.inference.answers import Answers
 from pix2face.networks.residual import ResidualUNet
 
 
-def run_by_torch(network: nn.Module, device: torch.device | str = "cpu") -> Network:
-    """A network as a function of arrays. It is moved to the device, and its norms are as in use."""
-    network = network.eval().to(device)
+@final
+class TorchNetwork:
+    """A ``pix2face.inference.answers.Network`` that torch runs. The network is moved to the device.
 
-    def answers(pictures: Float32[ndarray, "b s s 3"]) -> Answers:
+    Args:
+        network: Its norms are as in use from now on.
+        device: Where it is run.
+    """
+
+    def __init__(self, network: nn.Module, device: torch.device | str = "cpu") -> None:
+        self._network, self._device = network.eval().to(device), device
+
+    def answers(self, pictures: Float32[ndarray, "b s s 3"]) -> Answers:
+        """Everything that it answers."""
+        network = self._network
         with torch.inference_mode():
-            batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(device)
+            batch = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(self._device)
             landmarks = seen = None
             if isinstance(network, ResidualUNet):
                 planes, landmarks, levels = network.read(batch)
                 if network.correction is not None:
-                    seen = network.correction.seen([level.float() for level in levels])
+                    seen = network.correction.seen(levels)
             else:
                 planes = network(batch)
             found = (None if own is None else own.float().cpu().numpy() for own in (landmarks, seen))
-            last = planes.float().permute(0, 2, 3, 1).cpu().numpy()
-            return Answers(np.ascontiguousarray(last), *found)
+            return Answers(np.ascontiguousarray(planes.float().permute(0, 2, 3, 1).cpu().numpy()), *found)
 
-    return answers
+    def landmarks(self, pictures: Float32[ndarray, "b s s 3"]) -> Float32[ndarray, "b n 3"]:
+        """The landmarks alone."""
+        landmarks = self.answers(pictures).landmarks
+        assert landmarks is not None
+        return landmarks
 
 
 def torch_device(name: str | None) -> torch.device:

@@ -19,8 +19,8 @@ from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import expected_distances, expected_error, fit_face
 from pix2face.fitting.picture_measurement import LEAST_PIXELS
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
-from pix2face.geometry.crops import FaceBox
-from pix2face.geometry.maps import FaceMaps
+from pix2face.geometry.crops import Crop, FaceBox
+from pix2face.geometry.maps import FaceMaps, PredictedLandmarks
 from pix2face.inference.predictor import Prediction, Predictor
 from pix2face.models.morphable_model import MorphableModel
 
@@ -42,21 +42,22 @@ RESIDUAL_PIXELS = 2000
 @final
 @dataclass(frozen=True)
 class RefinedBox:
-    """What a prediction says of a box.
+    """What a first prediction says of a box.
 
     Attributes:
         box: Around the landmarks of the prediction, pixels of the picture.
         overlap: Intersection over union with the box that the prediction was made in.
-        seen_share: Visible share of the face; None if the network does not predict which part is visible.
         expected_error: Error that the network expects (``FaceFit.expected_error``); None if it does not predict it.
         residual_mm: How badly the maps fit a face, see above; None if it is not needed.
+        can_refute: Whether the network can tell that there is no face: if it says where faces are seen, or how wrong it
+            is. Other networks cannot, and the detector decides.
     """
 
     box: FaceBox
     overlap: float
-    seen_share: float | None
     expected_error: float | None = None
     residual_mm: float | None = None
+    can_refute: bool = True
 
     @property
     def is_plausible(self) -> bool:
@@ -67,8 +68,8 @@ class RefinedBox:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether a network that says what of a face a picture shows finds none here; others cannot tell."""
-        return self.seen_share is not None and not self.is_plausible
+        """Whether there is no face."""
+        return self.can_refute and not self.is_plausible
 
 
 def refine_boxes(
@@ -78,29 +79,48 @@ def refine_boxes(
 
     Each face is a picture (RGB) and the detected box of a face in it, in pixels.
     """
-    boxes = []
-    for prediction, (_, box) in zip(predictor.predict_many(faces), faces, strict=True):
-        better = refined_box(prediction, box, model)
-        boxes.append(better.box if better is not None and better.is_plausible else box)
-    return boxes
+    refined = refined_boxes(faces, predictor, model)
+    return [
+        box if better is None or not better.is_plausible else better.box
+        for better, (_, box) in zip(refined, faces, strict=True)
+    ]
 
 
-def refined_box(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:
-    """The refined box of a prediction; None if its maps determine no face."""
-    maps, landmarks = prediction.maps, prediction.maps.landmarks
+def refined_boxes(
+    faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]], predictor: Predictor, model: MorphableModel
+) -> list[RefinedBox | None]:
+    """What first predictions say of boxes, which are given as for ``refine_boxes``; None where there is no face."""
+    if predictor.header.n_landmarks:
+        return [
+            _around_landmarks(crop, landmarks, box)
+            for (crop, landmarks), (_, box) in zip(predictor.predict_landmarks(faces), faces, strict=True)
+        ]
+    return [
+        _around_fit(prediction, box, model)
+        for prediction, (_, box) in zip(predictor.predict_many(faces), faces, strict=True)
+    ]
+
+
+def _around_landmarks(crop: Crop, landmarks: PredictedLandmarks, box: FaceBox) -> RefinedBox | None:
+    try:
+        better = FaceBox.around(crop.to_image(landmarks.points2d))
+    except DegenerateGeometryError:
+        return None
+    error = expected_error(landmarks.points2d, expected_distances(landmarks))
+    return RefinedBox(better, overlap(better, box), expected_error=error)
+
+
+def _around_fit(prediction: Prediction, box: FaceBox, model: MorphableModel) -> RefinedBox | None:
+    maps = prediction.maps
     if maps.mask.sum() < LEAST_PIXELS:
         return None
     try:
-        if landmarks is not None:
-            better = FaceBox.around(prediction.crop.to_image(landmarks.points2d))
-            error = expected_error(landmarks.points2d, expected_distances(landmarks))
-            return RefinedBox(better, overlap(better, box), maps.seen_share, expected_error=error)
         fit = fit_face(maps, model)
         better = FaceBox.around(prediction.crop.to_image(fit.landmarks2d))
     except DegenerateGeometryError:
         return None
     residual_mm = _residual_px(maps, fit.camera) / nearest_weak_perspective(fit.camera).scale
-    return RefinedBox(better, overlap(better, box), maps.seen_share, residual_mm=residual_mm)
+    return RefinedBox(better, overlap(better, box), residual_mm=residual_mm, can_refute=maps.seen is not None)
 
 
 def _residual_px(maps: FaceMaps, camera: Camera) -> float:
@@ -121,9 +141,8 @@ def refine_faces(
     Left out are those that a network rejects that can tell, and all but the surest of those that turn out to be one.
     """
     kept = []
-    predictions = predictor.predict_many([(image, face.box) for face in faces])
-    for face, prediction in zip(faces, predictions, strict=True):
-        refined = refined_box(prediction, face.box, model)
+    found = refined_boxes([(image, face.box) for face in faces], predictor, model)
+    for face, refined in zip(faces, found, strict=True):
         if refined is not None and not refined.is_refuted:
             kept.append(DetectedFace(refined.box if refined.is_plausible else face.box, face.score))
     return sorted(without_doubles(kept, SAME_FACE_OVERLAP), key=lambda face: -face.box.longer_side)

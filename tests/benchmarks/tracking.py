@@ -57,7 +57,7 @@ STEPS = (
     (CentreDetector, "candidates", "detect"),
     (Predictor, "predict_batch", "crops, and maps from planes"),
     (OnnxSession, "run", "network"),
-    (refined_detection, "refined_box", "fits of first predictions"),
+    (refined_detection, "refined_boxes", "first predictions"),
     (clip_fit, "measure_picture", "fits of second predictions"),
     (track_files, "visible_landmarks", "visible landmarks"),
     (TrackFiles, "write", "landmarks.csv and track.npz"),

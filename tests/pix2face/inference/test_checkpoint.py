@@ -221,7 +221,7 @@ def test_residual_networks_of_the_third_schema_have_no_coarse_planes(tmp_path):
     save_file(weights, path, metadata={METADATA_KEY: json.dumps(fields)})
     picture = torch.rand(1, 3, 64, 64) - 0.5
     torch.testing.assert_close(load_checkpoint(path)[1](picture), network(picture), rtol=0, atol=0)
-    answers = open_network(path)[1](picture.permute(0, 2, 3, 1).numpy())
+    answers = open_network(path)[1].answers(picture.permute(0, 2, 3, 1).numpy())
     expected = network(picture).detach().permute(0, 2, 3, 1).numpy()
     np.testing.assert_allclose(answers.planes, expected, atol=1e-4 * np.ptp(expected))
     save_file(weights, path, metadata={METADATA_KEY: json.dumps(fields | {"schema_version": SCHEMA_VERSION})})

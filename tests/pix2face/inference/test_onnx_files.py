@@ -17,7 +17,7 @@ from pix2face.inference.checkpoint import METADATA_KEY, CheckpointHeader
 from pix2face.inference.onnx_files import INPUT_NAME, OUTPUT_NAME, export_onnx, load_onnx, open_network
 from pix2face.inference.predictor import Predictor
 from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
-from pix2face.inference.torch_network import run_by_torch
+from pix2face.inference.torch_network import TorchNetwork
 from pix2face.networks import SCALE_PLANE
 from pix2face.networks.blocks import BoundedBatchNorm
 from pix2face.networks.dimensions import residual_widths
@@ -92,22 +92,22 @@ def test_the_residual_network_answers_what_torch_does(tmp_path: Path, size_px: i
     header, network = load_checkpoint(path)
     own_header, run, correction = open_network(path)
     pictures = pictures_of(header)
-    found, expected = run(pictures), run_by_torch(network)(pictures)
+    found, expected = run.answers(pictures), TorchNetwork(network).answers(pictures)
     assert own_header == header
     assert correction is not None
     # Small variances of the innermost norms enlarge what is rounded.
     assert difference(found.planes, expected.planes[..., :SCALE_PLANE]) < 1e-3
     assert difference(found.landmarks, expected.landmarks) < 1e-3
     assert difference(found.seen, expected.seen) < 1e-3
-    alone = run(pictures[1:2])
+    alone = run.answers(pictures[1:2])
     np.testing.assert_array_equal(alone.planes[0], found.planes[1])
 
 
 def test_the_test_above_reaches_the_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     header, network = load_checkpoint(residual_checkpoint(tmp_path, 64))
-    within = run_by_torch(network)(pictures_of(header))
+    within = TorchNetwork(network).answers(pictures_of(header))
     monkeypatch.setattr("pix2face.networks.blocks.FARTHEST", 1e6)
-    assert difference(run_by_torch(network)(pictures_of(header)).planes, within.planes) > 0.01
+    assert difference(TorchNetwork(network).answers(pictures_of(header)).planes, within.planes) > 0.01
 
 
 def test_a_file_has_all_planes_and_no_correction(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_a_file_has_all_planes_and_no_correction(tmp_path: Path) -> None:
     assert header == found_header
     assert header.n_corrected == 0
     pictures = pictures_of(header)
-    found, expected = run(pictures), run_by_torch(network)(pictures)
+    found, expected = run.answers(pictures), TorchNetwork(network).answers(pictures)
     assert difference(found.planes, expected.planes) < 1e-3
     assert difference(found.landmarks, expected.landmarks) < 1e-3
     assert found.seen is None

@@ -13,7 +13,7 @@ from pix2face.geometry.crops import FaceBox, crop_image, square_crop
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
 from pix2face.inference.torch_checkpoint import save_checkpoint
-from pix2face.inference.torch_network import run_by_torch
+from pix2face.inference.torch_network import TorchNetwork
 from pix2face.networks.dimensions import paper_widths, residual_widths
 from pix2face.networks.paper import UNet
 from pix2face.networks.residual import ResidualUNet
@@ -105,7 +105,7 @@ def test_a_network_that_knows_its_masks_is_believed():
 
 def test_a_batch_is_the_same_as_its_faces_one_by_one():
     torch.manual_seed(2)
-    predictor = Predictor(run_by_torch(UNet(32, 4)), HEADER)
+    predictor = Predictor(TorchNetwork(UNet(32, 4)), HEADER)
     faces = [(picture(0), BOX), (picture(1)[:70], FaceBox(5, 5, 40, 60)), (picture(0), FaceBox(0, 0, 110, 100))]
     batch = predictor.predict_batch(faces)
     for together, (image, box) in zip(batch, faces, strict=True):

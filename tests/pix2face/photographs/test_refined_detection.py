@@ -1,22 +1,22 @@
 """A first prediction refines the boxes of a detector, and tells faces from what only looks like one."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from pix2face.detectors.protocol import DetectedFace, overlap
-from pix2face.geometry.crops import FaceBox
-from pix2face.geometry.maps import PredictedLandmarks
+from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, square_crop
 from pix2face.inference.predictor import FACES_AT_A_TIME, Predictor
 from pix2face.photographs.refined_detection import (
     RefinedBox,
     refine_boxes,
     refine_faces,
-    refined_box,
+    refined_boxes,
 )
 from tests.pix2face.coloured_faces import camera_at, colour_predictor, draw_faces, true_box
-from tests.pix2face.photographs.seen_faces import exact_predictor, photographed_face
+from tests.pix2face.photographs.seen_faces import exact_predictor, header_of, photographed_face
+from tests.pix2face.stub_networks import predictor_of
 from tests.synthetic_models import small_head_model
 
 CAMERAS = (camera_at(45, 55), camera_at(115, 60, yaw_deg=25))
@@ -47,8 +47,7 @@ def test_exact_maps_give_the_box_of_the_landmarks_to_a_fraction_of_a_pixel():
     model = small_head_model()
     face = photographed_face(model)
     predictor = exact_predictor(model, [face.maps()])
-    (prediction,) = predictor.predict_many([(face.photograph(), face.box)])
-    refined = refined_box(prediction, face.box, model)
+    (refined,) = refined_boxes([(face.photograph(), face.box)], predictor, model)
     assert refined is not None
     for side in ("left", "top", "right", "bottom"):
         assert getattr(refined.box, side) == pytest.approx(getattr(face.box, side), abs=0.4), side
@@ -64,21 +63,47 @@ def test_a_box_beside_every_face_stays_as_it_is(scene):
     assert refine_boxes([(noise, beside)], colour_predictor(model), model) == [beside]
 
 
-@pytest.mark.parametrize(("scale_px", "is_plausible"), [(1.0, True), (6.0, False)])
-def test_landmarks_of_the_network_and_their_expected_errors_decide_where_it_predicts_them(scale_px, is_plausible):
+@dataclass(frozen=True)
+class LandmarkNetwork:
+    """Predicts the same landmarks in every crop. Its maps are never asked for."""
+
+    numbers: np.ndarray
+
+    def answers(self, pictures):
+        raise AssertionError("landmarks alone are enough")
+
+    def landmarks(self, pictures):
+        return np.repeat(self.numbers[None], len(pictures), axis=0)
+
+
+def landmark_predictor(model, points2d: np.ndarray, scale: float) -> Predictor:
+    """Predicts points of crops, in units of their side from their middle, with one scale of their errors."""
+    numbers = np.column_stack([points2d, np.full(len(points2d), np.log(scale))]).astype(np.float32)
+    return Predictor(LandmarkNetwork(numbers), replace(header_of(model), n_landmarks=len(points2d)))
+
+
+@pytest.mark.parametrize(("scale", "is_plausible"), [(1 / 128, True), (6 / 128, False)])
+def test_landmarks_of_the_network_and_their_expected_errors_decide_where_it_predicts_them(scale, is_plausible):
     model = small_head_model()
     face = photographed_face(model)
-    (prediction,) = exact_predictor(model, [face.maps()]).predict_many([(face.photograph(), face.box)])
     shift_px = 3.0
-    landmarks = PredictedLandmarks(prediction.crop.to_crop(face.landmarks2d + shift_px), np.full(68, scale_px))
-    predicted = replace(prediction, maps=replace(prediction.maps, landmarks=landmarks))
-    refined = refined_box(predicted, face.box, model)
+    crop = square_crop(face.box, INFERENCE_SCALE, 128)
+    points2d = crop.to_crop(face.landmarks2d + shift_px) / 128 - 0.5
+    predictor = landmark_predictor(model, points2d, scale)
+    (refined,) = refined_boxes([(face.photograph(), face.box)], predictor, model)
     assert refined is not None
     assert refined.box.left == pytest.approx(face.box.left + shift_px, abs=1e-3)
     assert refined.is_plausible == is_plausible
+    assert refined.is_refuted != is_plausible
     assert refined.residual_mm is None
-    nothing = replace(predicted, maps=replace(predicted.maps, mask=np.zeros_like(predicted.maps.mask)))
-    assert refined_box(nothing, face.box, model) is None
+
+
+def test_a_network_whose_landmarks_are_not_finite_finds_no_face():
+    model = small_head_model()
+    face = photographed_face(model)
+    predictor = landmark_predictor(model, np.full((68, 2), np.nan), 0.01)
+    assert refined_boxes([(face.photograph(), face.box)], predictor, model) == [None]
+    assert refine_faces(face.photograph(), [DetectedFace(face.box, 2.0)], predictor, model) == []
 
 
 def test_many_boxes_at_once_are_refined_like_each_alone(scene):
@@ -115,9 +140,9 @@ def test_a_crowd_goes_through_the_network_in_portions(scene):
 
     def counting(pictures):
         sizes.append(len(pictures))
-        return whole._network(pictures)
+        return whole._network.network(pictures)
 
-    predictor = Predictor(counting, whole.header)
+    predictor = predictor_of(counting, whole.header)
     assert len(refine_boxes([(image, boxes[0])] * 20, predictor, model)) == 20
     refine_faces(image, [DetectedFace(boxes[0], 2.0)] * 20, predictor, model)
     assert sizes == [FACES_AT_A_TIME, 4] * 2
@@ -133,18 +158,18 @@ def test_of_two_detections_of_a_face_the_surer_stays(scene):
 
 
 @pytest.mark.parametrize(
-    ("residual_mm", "overlap_before", "seen_share", "is_plausible", "is_refuted"),
+    ("residual_mm", "overlap_before", "can_refute", "is_plausible", "is_refuted"),
     [
-        (2.4, 0.8, 0.9, True, False),
-        (2.4, 0.3, 0.9, False, True),  # a face, but beside the box
-        (6.5, 0.8, 0.9, False, True),
-        (6.5, 0.8, None, False, False),  # a network that was not trained for photographs: the detector decides
-        (2.4, 0.8, None, True, False),
+        (2.4, 0.8, True, True, False),
+        (2.4, 0.3, True, False, True),  # a face, but beside the box
+        (6.5, 0.8, True, False, True),
+        (6.5, 0.8, False, False, False),  # a network that was not trained for photographs: the detector decides
+        (2.4, 0.8, False, True, False),
     ],
 )
 def test_limits(
-    residual_mm: float, overlap_before: float, seen_share: float | None, is_plausible: bool, is_refuted: bool
+    residual_mm: float, overlap_before: float, can_refute: bool, is_plausible: bool, is_refuted: bool
 ) -> None:
-    refined = RefinedBox(FaceBox(0, 0, 10, 10), overlap_before, seen_share, residual_mm=residual_mm)
+    refined = RefinedBox(FaceBox(0, 0, 10, 10), overlap_before, residual_mm=residual_mm, can_refute=can_refute)
     assert refined.is_plausible is is_plausible
     assert refined.is_refuted is is_refuted
