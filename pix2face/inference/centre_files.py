@@ -1,7 +1,7 @@
 """Files of the face detector's network: weights as safetensors with one JSON header, or ONNX; run by onnxruntime."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, final
@@ -14,7 +14,7 @@ from pix2face.errors import InputFileError
 from pix2face.files.json_text import JsonObject, parse_json, typed
 from pix2face.inference.checkpoint import read_arrays, read_header
 from pix2face.inference.onnx_graph import OnnxGraph
-from pix2face.inference.onnx_networks import Weights, centre_network
+from pix2face.inference.onnx_layers import Layers, Weights
 from pix2face.inference.onnx_session import OnnxSession, open_onnx
 from pix2face.networks.dimensions import CENTRE_NECK, CENTRE_PLANES, CENTRE_WIDTHS, PLANES_IN
 
@@ -95,12 +95,44 @@ def _read(path: Path, *, half: bool) -> tuple[DetectorHeader, OnnxGraph]:
     pictures = graph.input(INPUT_NAME, ("batch", PLANES_IN, "height", "width"))
     try:
         weights = Weights(read_arrays(path))
-        cells = centre_network(graph, pictures, weights, header.widths, header.neck)
+        cells = _network(graph, pictures, weights, header.widths, header.neck)
         weights.check_empty()
     except ValueError as error:
         raise unusable_detector(path, error) from error
     graph.output(OUTPUT_NAME, cells, ("batch", CENTRE_PLANES, "rows", "columns"))
     return header, graph
+
+
+def _network(graph: OnnxGraph, pictures: str, weights: Weights, widths: Sequence[int], neck: int) -> str:
+    """``training.detection.centre_network.CentreNetwork``.
+
+    Raises:
+        ValueError: An array is missing or has another shape.
+    """
+    layers = Layers(graph, weights)
+
+    def layer(x: str, name: str, before: int, after: int, stride: int = 1) -> str:
+        return layers.relu(layers.convolution(x, f"{name}.0", before, after, 3, stride=stride, norm=f"{name}.1"))
+
+    def residual(x: str, name: str, width: int) -> str:
+        inner = layers.convolution(x, f"{name}.inner.0", width, width, 3, norm=f"{name}.inner.1")
+        change = layers.convolution(layers.relu(inner), f"{name}.inner.3", width, width, 3, norm=f"{name}.inner.4")
+        return layers.relu(layers.add(x, change))
+
+    def side(x: str, name: str, before: int) -> str:
+        return layers.convolution(x, f"{name}.0", before, neck, 1, norm=f"{name}.1")
+
+    at2, at4, at8, at16, at32 = widths
+    quarter = layer(layer(pictures, "to4.0", PLANES_IN, at2, 2), "to4.1", at2, at4, 2)
+    eighth = residual(layer(quarter, "to8.0", at4, at8, 2), "to8.1", at8)
+    sixteenth = layer(eighth, "to16.0", at8, at16, 2)
+    for name in ("to16.1", "to16.2"):
+        sixteenth = residual(sixteenth, name, at16)
+    coarse = side(residual(layer(sixteenth, "to32.0", at16, at32, 2), "to32.1", at32), "side32", at32)
+    for name, x, width in (("16", sixteenth, at16), ("8", eighth, at8)):
+        both = layers.relu(layers.add(side(x, f"side{name}", width), layers.enlarged(coarse, 2, "nearest")))
+        coarse = layer(both, f"mixed{name}", neck, neck)
+    return layers.convolution(coarse, "answer", neck, CENTRE_PLANES, 1, has_bias=True)
 
 
 def _runner(session: OnnxSession) -> CentreAnswers:

@@ -16,8 +16,8 @@ from pix2face.inference.answers import Answers, Network
 from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_weights, unusable
 from pix2face.inference.fit_correction import FitCorrection
 from pix2face.inference.onnx_graph import OnnxGraph, Shape
+from pix2face.inference.onnx_layers import Weights
 from pix2face.inference.onnx_networks import (
-    Weights,
     face_network,
     feature_shapes,
     residual_decoder,

@@ -17,7 +17,7 @@ from pix2face.inference.answers import Answers, Network
 from pix2face.inference.checkpoint import CheckpointHeader, load_weights
 from pix2face.inference.fit_correction import FitCorrection
 from pix2face.inference.onnx_files import load_onnx, open_network
-from pix2face.inference.onnx_networks import Weights
+from pix2face.inference.onnx_layers import Weights
 from pix2face.networks import MAP_PLANES, MASK_PLANE, SEEN_PLANE
 
 # The network is no faster with more faces at a time, and memory stays small.
@@ -170,15 +170,13 @@ class Predictor:
 def _on_device(path: Path, name: str | None) -> Predictor:
     """A checkpoint that torch runs, unless no device is named and torch or a GPU is missing."""
     try:
-        from pix2face.inference.torch_network import TorchNetwork, torch_device
+        from pix2face.inference.torch_networks import TorchNetwork, load_checkpoint, torch_device
     except ModuleNotFoundError as error:
         if name is None:
             return Predictor.load(path, "cpu")
         raise UsageError(
             f"expected --device cpu, or PyTorch, which {name!r} needs; run: pip install 'pix2face[train]'"
         ) from error
-    from pix2face.inference.torch_checkpoint import load_checkpoint
-
     device = torch_device(name)
     if name is None and device.type == "cpu":
         return Predictor.load(path, "cpu")

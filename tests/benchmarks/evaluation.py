@@ -18,7 +18,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_checkpoint import save_checkpoint
+from pix2face.inference.torch_networks import save_checkpoint
 from pix2face.networks.dimensions import paper_widths
 from pix2face.networks.paper import UNet
 from tests.benchmarks.surroundings import surroundings, write_report

@@ -27,7 +27,7 @@ from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_checkpoint import save_checkpoint
+from pix2face.inference.torch_networks import save_checkpoint
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
 from pix2face.networks.architectures import build_network

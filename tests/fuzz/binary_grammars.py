@@ -16,7 +16,7 @@ from pix2face.face_files.coefficients import load_coefficients
 from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import read_photograph
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.model_formats import read_model
 from pix2face.models.model_file import read_stored_model, write_stored_model
 from pix2face.networks.dimensions import paper_widths

@@ -7,7 +7,7 @@ import torch
 
 from pix2face.evaluation.cli import main
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.torch_checkpoint import save_checkpoint
+from pix2face.inference.torch_networks import save_checkpoint
 from pix2face.networks.dimensions import paper_widths
 from pix2face.networks.paper import UNet
 from tests.pix2face.benchmark_files import frontal_camera, landmarks_of, write_photograph, write_pts

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pix2face.inference.torch_checkpoint import load_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.shard_writing import write_shard
 from tests.synthetic_models import small_head_model

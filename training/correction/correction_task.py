@@ -12,7 +12,7 @@ from torch import nn
 from pix2face.errors import UsageError
 from pix2face.fitting.prepared_model import spread_vertices, vertex_basis
 from pix2face.geometry.landmarks import IBUG68
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.networks import SEEN_PLANE
 from pix2face.networks.correction import FitCorrection

@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 
 from pix2face.inference.centre_files import METADATA_KEY, DetectorHeader, detector_header, unusable_detector
-from pix2face.inference.torch_checkpoint import read_tensors, write_tensors
+from pix2face.inference.torch_networks import read_tensors, write_tensors
 from training.detection.centre_network import CentreNetwork
 
 

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.json_text import Count, JsonObject, parse_json, typed
 from pix2face.inference.checkpoint import read_header
-from pix2face.inference.torch_checkpoint import read_tensors, write_tensors
+from pix2face.inference.torch_networks import read_tensors, write_tensors
 from training.loop.learner import Learner
 
 METADATA_KEY = "pix2face-resume"

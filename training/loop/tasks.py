@@ -8,7 +8,7 @@ from typing import Any, Protocol, final, runtime_checkable
 from torch import nn
 
 from pix2face.errors import UsageError
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.networks import SEEN_PLANE
 from pix2face.networks.residual import ResidualUNet
 from training.data.loader import BatchLoader, DrawLoader

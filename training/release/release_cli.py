@@ -8,7 +8,7 @@ from rich.console import Console
 from pix2face.command_line import prepare_output_folder, say
 from pix2face.files.writing import write_file
 from pix2face.inference.onnx_files import export_onnx
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import load_landmarks
 from training.release.model_card import ONNX_NAME, model_card
 from training.train_config import ExportConfig

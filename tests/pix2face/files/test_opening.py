@@ -14,7 +14,7 @@ from pix2face.files.images import read_photograph, read_size_px
 from pix2face.files.opening import LARGEST_LINE_BYTES, check_regular, is_folder, is_regular, read_text_file, text_lines
 from pix2face.geometry.landmarks import read_pts
 from pix2face.inference.onnx_files import load_onnx
-from pix2face.inference.torch_checkpoint import load_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint
 from pix2face.model_formats import read_model
 from pix2face.tracking.video import open_frames
 

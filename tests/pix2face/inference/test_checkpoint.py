@@ -10,7 +10,7 @@ from safetensors.torch import load_file, save_file
 from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader
 from pix2face.inference.onnx_files import open_network
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.networks.dimensions import paper_widths, residual_widths
 from pix2face.networks.paper import UNet
 from pix2face.networks.residual import ResidualUNet
@@ -67,7 +67,7 @@ def test_a_failed_write_keeps_the_old_file(checkpoint, monkeypatch):
         raise OSError("disk full")
 
     before = checkpoint.read_bytes()
-    monkeypatch.setattr("pix2face.inference.torch_checkpoint.save_file", fail)
+    monkeypatch.setattr("pix2face.inference.torch_networks.save_file", fail)
     with pytest.raises(OSError, match="disk full"):
         save_checkpoint(checkpoint, HEADER, UNet(16, 4))
     assert checkpoint.read_bytes() == before

@@ -16,8 +16,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import METADATA_KEY, CheckpointHeader
 from pix2face.inference.onnx_files import INPUT_NAME, OUTPUT_NAME, export_onnx, load_onnx, open_network
 from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
-from pix2face.inference.torch_network import TorchNetwork
+from pix2face.inference.torch_networks import TorchNetwork, load_checkpoint, save_checkpoint
 from pix2face.networks import SCALE_PLANE
 from pix2face.networks.blocks import BoundedBatchNorm
 from pix2face.networks.dimensions import residual_widths

@@ -12,8 +12,7 @@ from pix2face.geometry.camera import affine_camera
 from pix2face.geometry.crops import FaceBox, crop_image, square_crop
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_checkpoint import save_checkpoint
-from pix2face.inference.torch_network import TorchNetwork
+from pix2face.inference.torch_networks import TorchNetwork, save_checkpoint
 from pix2face.networks.dimensions import paper_widths, residual_widths
 from pix2face.networks.paper import UNet
 from pix2face.networks.residual import ResidualUNet
@@ -142,8 +141,7 @@ def test_torch_and_onnxruntime_predict_the_same(checkpoint):
 
 def test_torch_is_needed_for_named_devices_only(checkpoint, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    for module in ("torch_network", "torch_checkpoint"):
-        monkeypatch.delitem(sys.modules, f"pix2face.inference.{module}")
+    monkeypatch.delitem(sys.modules, "pix2face.inference.torch_networks")
     monkeypatch.setattr("pix2face.inference.predictor.GPU_DRIVERS", [Path("/")])  # as if there were a GPU
     assert Predictor.load(checkpoint).predict(picture(), BOX).maps.pncc.any()
     with pytest.raises(

@@ -16,7 +16,7 @@ from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, crop_camera, squar
 from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_checkpoint import save_checkpoint
+from pix2face.inference.torch_networks import save_checkpoint
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import render_maps
 from pix2face.networks.dimensions import paper_widths

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.torch_checkpoint import save_checkpoint
+from pix2face.inference.torch_networks import save_checkpoint
 from pix2face.networks.dimensions import residual_widths
 from pix2face.networks.residual import ResidualUNet
 from tests.synthetic_models import small_head_model

@@ -19,7 +19,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from pix2face.inference.fit_correction import camera_of_rows
 from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.networks.correction import rotation_and_scale
 from pix2face.networks.residual import ResidualUNet
 from pix2face.shards.shard_reader import ShardReader, shard_paths

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pix2face.errors import InputFileError
-from pix2face.inference.torch_checkpoint import write_tensors
+from pix2face.inference.torch_networks import write_tensors
 from training.loop.resume import METADATA_KEY, SCHEMA_VERSION, steps_done
 
 HEADER = {"schema_version": SCHEMA_VERSION, "configuration": "{}", "step": 3, "best": None}

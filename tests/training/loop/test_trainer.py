@@ -12,7 +12,7 @@ from pix2face.errors import InputFileError, Pix2FaceError, UsageError
 from pix2face.files.images import encode_image
 from pix2face.geometry.jitter import JitterRange
 from pix2face.inference import CHECKPOINT_NAME
-from pix2face.inference.torch_checkpoint import load_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint
 from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
 from tests.training.random_batches import random_batch

@@ -13,7 +13,7 @@ from pix2face.errors import UsageError
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_checkpoint import load_checkpoint, save_checkpoint
+from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import save_landmarks, with_own_landmarks
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection
 from pix2face.networks.dimensions import residual_widths
