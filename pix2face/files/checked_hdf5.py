@@ -153,6 +153,12 @@ def read_version(attributes: h5py.AttributeManager, path: Path, name: str = "sch
     return int(attributes[name])
 
 
+def filters_of(dataset: h5py.Dataset) -> list[int]:
+    """Numbers of the HDF5 filters that compress a dataset."""
+    properties = dataset.id.get_create_plist()
+    return [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
+
+
 def _declared_bytes(item: h5py.Dataset, name: str, path: Path) -> int:
     """The memory that a dataset takes, or the largest piece of it that the library unfolds at once."""
     properties = item.id.get_create_plist()
@@ -177,8 +183,7 @@ def _check_chunks(item: h5py.Dataset, name: str, path: Path) -> None:
     if not item.chunks:
         return
     n_bytes = math.prod(item.chunks) * item.dtype.itemsize
-    properties = item.id.get_create_plist()
-    filters = [properties.get_filter(place)[0] for place in range(properties.get_nfilters())]
+    filters = filters_of(item)
     if set(filters) - {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}:
         return  # of other compressions only the library knows the size
     for number in range(item.id.get_num_chunks()):
