@@ -225,12 +225,12 @@ def test_folders_and_missing_files_are_refused(tmp_path: Path) -> None:
         read_size_px(tmp_path / "none.jpg")
 
 
-@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif"])
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif", "big.tif"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_the_size_is_that_of_the_picture_as_people_see_it(tmp_path: Path, suffix: str, orientation: int) -> None:
     tags, path = Exif(), tmp_path / f"picture.{suffix}"
     tags[274] = orientation
-    Image.fromarray(np.zeros((20, 33, 3), np.uint8)).save(path, exif=tags)
+    Image.fromarray(np.zeros((20, 33, 3), np.uint8)).save(path, exif=tags, big_tiff=suffix == "big.tif")
     assert orientation_tag(path.read_bytes()) == orientation
     assert read_size_px(path) == read_photograph(path).shape[:2] == ((33, 20) if orientation > 4 else (20, 33))
 
