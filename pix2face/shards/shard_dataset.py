@@ -4,7 +4,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from itertools import accumulate
 from operator import index as whole_number
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import SupportsIndex, final, overload
 
@@ -51,7 +51,7 @@ class ShardDataset(Sequence[Sample]):
         if isinstance(shards, str | PathLike):
             paths = shard_paths(Path(shards))
         else:
-            paths = [Path(fspath(path)) for path in shards]
+            paths = [Path(path) for path in shards]
         if not paths:
             raise UsageError("expected a folder of shards or the paths of some, found an empty list")
         self._readers = [ShardReader(path) for path in paths]
