@@ -1,6 +1,5 @@
 """The shard format: what goes in comes out, whatever the layers, sizes and compression."""
 
-import json
 import subprocess
 import sys
 import zlib
@@ -205,18 +204,6 @@ def test_a_coded_layer_under_another_name_is_refused(shard: Path) -> None:
         del file["pncc_coded"]
     with pytest.raises(InputFileError, match="the predictor of /pncc is not the one that its name says"):
         ShardReader(shard)
-
-
-def test_each_dataset_has_a_row_for_each_sample(shard: Path) -> None:
-    with h5py.File(shard) as file:
-        assert {len(dataset) for dataset in file.values()} == {4}
-
-
-def test_headers_may_be_longer_than_attributes_of_old_hdf5_files(tmp_path: Path) -> None:
-    path = tmp_path / "shard-00000.h5"
-    rejected = [[f"face/{number}", "no picture" * 20] for number in range(1000)]
-    write_shard(path, replace(HEADER, rejected=json.dumps(rejected)), [make_triplet(0)])
-    assert len(ShardReader(path).header.rejected_samples) == 1000
 
 
 def test_a_file_of_schema_2_is_read() -> None:
