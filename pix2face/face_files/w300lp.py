@@ -104,7 +104,7 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
         pose=PoseParameters(
             head=HeadPose(*np.degrees(pose[:3]).tolist()), translation_px=pose[3:6], scale=float(pose[6])
         ),
-        landmarks2d=None if points2d is None else matlab_to_pixels(points2d.reshape(68, 2)),
+        landmarks2d=None if points2d is None else points2d.reshape(68, 2) + ONE_BASED_TO_CENTRES_PX,
         landmarks3d=None if points3d is None else points3d.reshape(68, 3) * [1, 1, -towards_viewer] - [0.5, 0.5, 0],
         lighting=numbers.get("Illum_Para"),
     )
@@ -123,7 +123,7 @@ def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
     name = next((name for name in ("pts_3d", "pts_2d") if name in fields), None)
     if name is None:
         raise InputFileError(f"{path}: expected pts_3d or pts_2d of 300W-LP's landmarks folder, found neither")
-    return matlab_to_pixels(_rows_of(path, name, fields[name], 2))
+    return _rows_of(path, name, fields[name], 2) + ONE_BASED_TO_CENTRES_PX
 
 
 def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
@@ -144,7 +144,7 @@ def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
     if not np.isfinite(points).all():
         raise InputFileError(f"{path}: expected finite numbers in pt2d, found NaN or infinity")
     missing = points[:, :1] < 0
-    return np.where(missing, np.nan, matlab_to_pixels(points))
+    return np.where(missing, np.nan, points + ONE_BASED_TO_CENTRES_PX)
 
 
 def check_picture_height(file: CoefficientFile, image_height_px: int) -> None:
@@ -196,11 +196,6 @@ def pose_of_camera(camera: Camera, image_height_px: int) -> PoseParameters:
     tx, ty = parameters.translation_px
     translation = np.array([tx + 0.5, image_height_px - ty + 0.5, 0.0])
     return PoseParameters(head=published_pose(camera), translation_px=translation, scale=parameters.scale / 1000)
-
-
-def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:
-    """Converts 1-based coordinates with integer centres to the project's pixels (centres at +0.5)."""
-    return points + ONE_BASED_TO_CENTRES_PX
 
 
 def _rows_of(path: Path, name: str, values: ndarray, n_columns: int) -> Float64[ndarray, "68 d"]:
