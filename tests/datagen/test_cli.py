@@ -63,7 +63,9 @@ def test_sampling_takes_the_builtin_model_unless_told_otherwise(tmp_path: Path) 
     assert load_coefficients(tmp_path / "faces.h5").model_sha256 == builtin_model().sha256
 
 
-@pytest.mark.parametrize("arguments", [("--n", 0), ("--n", 10**8), ("--size", 8), ("--size", 10**5), ("--seed", -1)])
+@pytest.mark.parametrize(
+    "arguments", [("--n", 0), ("--n", 10_000_001), ("--size", 15), ("--size", 16385), ("--seed", -1)]
+)
 def test_a_draw_that_makes_no_sense_is_one_line(
     arguments: tuple[object, ...], tmp_path: Path, model_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
