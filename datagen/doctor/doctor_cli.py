@@ -6,14 +6,13 @@ from dataclasses import asdict, replace
 
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from datagen.datagen_config import DoctorConfig
 from datagen.doctor.doctor import Diagnosis, diagnose
 from datagen.doctor.gl_probe import PROCESSOR, BackendProbe, devices_apart, probe_backend_apart
 from datagen.doctor.gl_surroundings import Surroundings, survey, versions
 from datagen.opengl.gl_context import BACKENDS, GLSettings
-from pix2face.command_line import EXIT_ERROR, printable, progress_bar
+from pix2face.command_line import EXIT_ERROR, progress_bar, say
 
 console = Console(stderr=True)
 
@@ -46,17 +45,17 @@ def doctor(config: DoctorConfig) -> int:
 
 
 def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProbe], diagnosis: Diagnosis) -> None:
-    _print(out, "versions: " + ", ".join(f"{name} {number}" for name, number in versions().items()))
+    say(out, "versions: " + ", ".join(f"{name} {number}" for name, number in versions().items()))
     for device in surroundings.devices:
-        _print(out, f"EGL device {device.index}: {device.description}")
+        say(out, f"EGL device {device.index}: {device.description}")
     for name, value in surroundings.environment.items():
-        _print(out, f"{name}={value}")
+        say(out, f"{name}={value}")
     table = Table(
         "drawn by", "rasteriser", "mask px", "differ", "> 0.02 mm", "99.9 %, mm", "ms", title="against the oracle"
     )
     for probe in probes:
         if probe.renderer:
-            _print(out, f"{probe.backend}: {probe.renderer}, OpenGL {probe.gl_version}")
+            say(out, f"{probe.backend}: {probe.renderer}, OpenGL {probe.gl_version}")
         for check in probe.checks:
             pixels = [str(number) for number in (check.mask_px, check.mask_differs_px, check.off_px)]
             shown = [*pixels, f"{check.typical_worst_mm:.2g}", f"{check.milliseconds:.1f}"]
@@ -64,14 +63,10 @@ def _show(out: Console, surroundings: Surroundings, probes: Sequence[BackendProb
     if table.row_count:
         out.print(table)
     for finding in diagnosis.findings:
-        _print(out, f"{finding.level}: {finding.what}")
+        say(out, f"{finding.level}: {finding.what}")
         if finding.remedy:
-            _print(out, f"  remedy: {finding.remedy}")
+            say(out, f"  remedy: {finding.remedy}")
     if diagnosis.rasteriser:
-        _print(out, f"draws maps with the rasteriser {diagnosis.rasteriser} ({diagnosis.reason})")
-    _print(out, f"draws pictures with OpenGL by {diagnosis.backend}" if diagnosis.backend else "cannot draw pictures")
-    _print(out, "healthy" if diagnosis.is_healthy else "not healthy: see the errors above")
-
-
-def _print(out: Console, line: str) -> None:
-    out.print(Text(printable(line)), soft_wrap=True)
+        say(out, f"draws maps with the rasteriser {diagnosis.rasteriser} ({diagnosis.reason})")
+    say(out, f"draws pictures with OpenGL by {diagnosis.backend}" if diagnosis.backend else "cannot draw pictures")
+    say(out, "healthy" if diagnosis.is_healthy else "not healthy: see the errors above")

@@ -40,8 +40,8 @@ SECONDS_AT_MOST = 300
 PROGRAM = "import sys; from datagen.doctor.gl_probe import answer; sys.stdout.write(answer(sys.argv[1]))"
 # A pixel that is farther off shows another surface, or the driver computes something else.
 LIMIT_MM = 0.02
-# The settings to be probed are resolved already: the other process must not resolve them again.
 PROCESSOR = "processor"  # in the place of a backend: no OpenGL
+# The settings to be probed are resolved already: the other process must not resolve them again.
 OUR_VARIABLES = (ENVIRONMENT_VARIABLE, DEVICE_VARIABLE, RASTERISER_VARIABLE)
 
 

@@ -95,7 +95,10 @@ class TableSource(FaceSource):
         """Reads one row of the table. A photograph must have the size that the row says, and show a possible face."""
         face = self._table.face(index, self._folder)
         if face.image_path is not None:
-            size_px = _declared_size_px(face.image_path)
+            try:
+                size_px = read_size_px(face.image_path)
+            except InputFileError as error:
+                raise SampleRejectedError(str(error)) from error
             if size_px != (face.height_px, face.width_px):
                 raise SampleRejectedError(
                     f"{face.image_path}: expected a picture of {face.width_px} x {face.height_px} pixels, as the table "
@@ -177,14 +180,6 @@ def _table_sha256(table: FaceCoefficients) -> str:
     for values in (table.identity, table.expression, table.cameras, table.sizes_px):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
-
-
-def _declared_size_px(path: Path) -> tuple[int, int]:
-    """Height and width of a photograph, read from its header alone."""
-    try:
-        return read_size_px(path)
-    except InputFileError as error:
-        raise SampleRejectedError(str(error)) from error
 
 
 def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[Sequence[Path | None]]) -> str:

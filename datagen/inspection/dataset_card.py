@@ -114,7 +114,7 @@ def dataset_card(summary: DatasetSummary) -> str:
         "licence": _quoted(header.licence),
         "terms": "\n".join(f"- {line}" for line in terms(summary)),
         "example": f"To read one layer without the package:\n\n{_block(example, 'python')}\n\n" if example else "",
-        "configuration": _block(_pretty(header.configuration), "json"),
+        "configuration": _block(json.dumps(json.loads(header.configuration), indent=2, sort_keys=True), "json"),
     }
     return Template(own_file("dataset_card.md")).substitute(texts)
 
@@ -187,10 +187,6 @@ def _kinds(counts: Mapping[str, int]) -> str:
     if rest:
         texts.append(f"{len(rest)} others {sum(n for _, n in rest)}")
     return ", ".join(texts) or "none"
-
-
-def _pretty(configuration: str) -> str:
-    return json.dumps(json.loads(configuration), indent=2, sort_keys=True)
 
 
 def _quoted(text: str) -> str:

@@ -43,7 +43,7 @@ def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Sample]]) -> s
     for header, sample in samples:
         entries.append(_entry(sample))
         layers |= dict.fromkeys(name for name in LAYERS if name in sample.layers)
-        regions = [(name, _css_colour(i)) for i, name in enumerate(header.region_names)]
+        regions = [(name, f"#{bytes(region_colour(i)).hex()}") for i, name in enumerate(header.region_names)]
     has_regions = not {"regions", SEEN_REGIONS}.isdisjoint(layers)
     titled = [[name, layer_title(name), LEGENDS[name]] for name in layers]
     return _page(title, {"samples": entries, "layers": titled, "regions": regions if has_regions else []})
@@ -109,10 +109,6 @@ def _layer_url(name: str, layers: Mapping[str, ndarray]) -> str:
     alpha = layer_mask(name, layers)[..., None] * np.uint8(255)
     rgba = np.concatenate([layer_picture(name, layers), alpha], axis=2)
     return data_url("png", encode_image(scaled(rgba, min(LARGEST_SIDE_PX, max(alpha.shape)), cv2.INTER_NEAREST)))
-
-
-def _css_colour(index: int) -> str:
-    return "#" + "".join(f"{channel:02x}" for channel in region_colour(index))
 
 
 def _hash(content: str) -> str:

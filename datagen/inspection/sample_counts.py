@@ -181,8 +181,8 @@ def _check_number(sample_id: str, what: str, expected: int, found: int) -> None:
         )
 
 
-def _active_expressions(attributes: Mapping[str, str | float]) -> set[str]:
-    """Named expressions that are clearly to be seen; one of both sides counts once."""
+def _active_expressions(attributes: Mapping[str, str | float]) -> list[str]:
+    """Named expressions that are clearly to be seen, always in the same order; one of both sides counts once."""
     with suppress(ValueError, TypeError, AttributeError):  # a text that another program wrote
-        return {without_side(name) for name, strength in strengths_of(attributes).items() if strength >= ACTIVE}
-    return set()
+        return sorted({without_side(name) for name, strength in strengths_of(attributes).items() if strength >= ACTIVE})
+    return []

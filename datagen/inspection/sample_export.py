@@ -5,6 +5,7 @@ docs/reference/file_formats.md lists channels, files and units.
 
 import json
 from collections.abc import Callable, Mapping
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,9 @@ NORMAL_SIGNS = np.array([1, -1, -1], dtype=np.float32)
 # PNG: code = value * steps + zero, so that 0 is kept for pixels outside the mask where there is a zero.
 PNG_STEPS: Mapping[str, float] = {"pncc": 128, "offset": 128, "normals": 32767, "uv": 65534, "depth": 8}
 PNG_ZERO: Mapping[str, int] = {"pncc": 32768, "offset": 32768, "normals": 32768, "uv": 1, "depth": 0}
-# The number of the first picture of a sequence, as `%06d` writes it.
-NAME = "{:06d}"
 
 
-def export_samples(folder: Path, out: Path, file_format: str, on_sample: Callable[[bool], None]) -> int:
+def export_samples(folder: Path, out: Path, file_format: str, on_sample: Callable[[bool], None]) -> None:
     """Writes the files of every sample. What an earlier run has finished is kept.
 
     The file ``NUMBER.json`` is written last, and contains the checksum of the sample.
@@ -43,18 +42,15 @@ def export_samples(folder: Path, out: Path, file_format: str, on_sample: Callabl
         file_format: A name of ``EXPORTS``.
         on_sample: Called after each sample, with whether an earlier run had finished it.
 
-    Returns:
-        The number of samples.
-
     Raises:
         UsageError: There are no shards, ``out`` contains other samples, or a file cannot be written.
         InputFileError: A sample is damaged, or PNG files cannot hold its values.
     """
-    number = 0
+    numbers = count()
     for path in shard_paths(folder):
         reader = ShardReader(path)
         for index, checksum in enumerate(reader.column("checksum").tolist()):
-            name, key = NAME.format(number), {"format": file_format, "checksum": checksum}
+            name, key = f"{next(numbers):06d}", {"format": file_format, "checksum": checksum}
             description = out / f"{name}.json"
             is_done = description.exists()
             if is_done:
@@ -63,9 +59,7 @@ def export_samples(folder: Path, out: Path, file_format: str, on_sample: Callabl
                 sample = reader.read(index)
                 EXPORTS[file_format](out, name, sample)
                 write_file(description, json.dumps({**key, **_described(sample)}, indent=1))
-            number += 1
             on_sample(is_done)
-    return number
 
 
 def _check_same(description: Path, key: Mapping[str, Any]) -> None:

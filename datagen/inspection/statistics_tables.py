@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from datagen.inspection.dataset_statistics import CoefficientStatistics, DatasetStatistics, Histogram
-from pix2face.command_line import printable
+from pix2face.command_line import printable, say
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -100,7 +100,7 @@ def _print_rare(out: Console, rare: Sequence[str]) -> None:
         "rare, less than 1 % of the samples each (neighbouring ranges are summed):" if rare else "nothing is rare"
     )
     for text in rare:
-        out.print(Text(printable(f"  {text}")), soft_wrap=True)
+        say(out, f"  {text}")
 
 
 def statistics_picture(found: DatasetStatistics) -> "matplotlib.figure.Figure":

@@ -127,7 +127,7 @@ def look_into(
             continue
         _check_header(path, reader.header, expected)
         _check_samples(path, reader, job.sample_ids_of(source, units[path]))
-    missing = tuple(unit for path, unit in units.items() if path in set(damaged) or not path.exists())
+    missing = tuple(unit for path, unit in units.items() if path in damaged or not path.exists())
     return missing, tuple(damaged)
 
 

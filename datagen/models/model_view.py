@@ -74,18 +74,16 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
             mesh.visual.material.name = material_stem(out.stem)  # so that each .obj refers to files of its own
         if suffix == ".glb":
             mesh.vertices = mesh.vertices * M_PER_MM
-        beside: dict[str, bytes] = {}
         if suffix == ".obj":
             material = f"{material_stem(out.stem)}.mtl"
             content, beside = trimesh.exchange.obj.export_obj(mesh, return_texture=True, mtl_name=material)  # type: ignore[no-untyped-call]
+            for name, part in beside.items():
+                write_file(out.with_name(name), part)
         else:
             content = mesh.export(file_type=suffix.removeprefix("."))
-        for name, part in beside.items():
-            write_file(out.with_name(name), part)
         write_file(out, content)
     else:
-        sheet = component_sheet(model, n_components)
-        write_picture(out, sheet)
+        write_picture(out, component_sheet(model, n_components))
 
 
 def mesh_of(model: MorphableModel) -> "trimesh.Trimesh":

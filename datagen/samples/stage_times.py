@@ -1,6 +1,7 @@
 """Where the time of a job goes: seconds by stage, added up over workers."""
 
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import final
@@ -16,8 +17,8 @@ class StageTimes:
     """
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self.cpu_seconds: dict[str, float] = {}
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.cpu_seconds: dict[str, float] = defaultdict(float)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -26,16 +27,12 @@ class StageTimes:
         try:
             yield
         finally:
-            self._add(self.seconds, name, time.perf_counter() - started)
-            self._add(self.cpu_seconds, name, time.process_time() - cpu_started)
+            self.seconds[name] += time.perf_counter() - started
+            self.cpu_seconds[name] += time.process_time() - cpu_started
 
     def add(self, seconds: Mapping[str, float], cpu_seconds: Mapping[str, float]) -> None:
         """Adds what another stopwatch measured."""
         for name, value in seconds.items():
-            self._add(self.seconds, name, value)
+            self.seconds[name] += value
         for name, value in cpu_seconds.items():
-            self._add(self.cpu_seconds, name, value)
-
-    @staticmethod
-    def _add(total: dict[str, float], name: str, value: float) -> None:
-        total[name] = total.get(name, 0.0) + value
+            self.cpu_seconds[name] += value

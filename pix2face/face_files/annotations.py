@@ -1,9 +1,8 @@
 """Folders of photographs with 68 annotated points: ``.pts`` (iBUG), ``.mat`` with ``pt3d_68``, dlib's XML.
 
 What differs between them is settled here: where pixels are counted from, which picture belongs to which points, which
-points are missing, whether the points can belong to their picture, and
-whether the jaw points follow the outline in the photograph (annotated by hand) or are fixed points of a surface
-(projected from a 3D model).
+points are missing, whether the points can belong to their picture, and whether the jaw points follow the outline in the
+photograph (annotated by hand) or are fixed points of a surface (projected from a 3D model).
 """
 
 import os

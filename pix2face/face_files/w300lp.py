@@ -35,8 +35,6 @@ _LENGTHS = {
     "Exp_Para": N_EXPRESSION,
     "Pose_Para": 7,
     "Illum_Para": N_LIGHTING,
-    "pt2d": 2 * N_IBUG68,
-    "pt3d_68": 3 * N_IBUG68,
 }
 # The mean of the 68 landmarks of BFM 2009's mean face.
 LANDMARK_CENTRE_MM = np.array([0.0, -11.8, 89.8])
@@ -81,7 +79,7 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
     Raises:
         InputFileError: Missing, truncated or foreign file; wrong counts; values that are not finite.
     """
-    fields = read_mat(path, _LENGTHS.keys(), LARGEST_FILE_BYTES)
+    fields = read_mat(path, (*_LENGTHS, *_POINTS), LARGEST_FILE_BYTES)
     missing = [name for name in ("Shape_Para", "Exp_Para", "Pose_Para") if name not in fields]
     if missing:
         raise InputFileError(
@@ -90,10 +88,10 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
         )
     if "pt2d" in fields and fields["pt2d"].shape not in ((2, 68), (68, 2)):
         del fields["pt2d"]  # AFLW2000-3D has 21 points there, with -1 for missing ones
-    fields |= {name: _rows_of(path, name, fields[name], n) for name, n in _POINTS.items() if name in fields}
+    points = {name: _rows_of(path, name, fields.pop(name), n) for name, n in _POINTS.items() if name in fields}
+    points2d, points3d = points.get("pt2d"), points.get("pt3d_68")
     numbers = _numbers(path, fields)
-    pose, points2d, points3d = (numbers.get(name) for name in ("Pose_Para", "pt2d", "pt3d_68"))
-    assert pose is not None
+    pose = numbers["Pose_Para"]
     if pose[6] == 0:
         raise InputFileError(f"{path}: expected a scale in Pose_Para, found 0")
     towards_viewer = math.copysign(1, pose[6])
@@ -104,8 +102,8 @@ def read_coefficient_file(path: Path) -> CoefficientFile:
         pose=PoseParameters(
             head=HeadPose(*np.degrees(pose[:3]).tolist()), translation_px=pose[3:6], scale=float(pose[6])
         ),
-        landmarks2d=None if points2d is None else matlab_to_pixels(points2d.reshape(68, 2)),
-        landmarks3d=None if points3d is None else points3d.reshape(68, 3) * [1, 1, -towards_viewer] - [0.5, 0.5, 0],
+        landmarks2d=None if points2d is None else points2d + ONE_BASED_TO_CENTRES_PX,
+        landmarks3d=None if points3d is None else points3d * [1, 1, -towards_viewer] - [0.5, 0.5, 0],
         lighting=numbers.get("Illum_Para"),
     )
 
@@ -123,7 +121,7 @@ def read_landmark_file(path: Path) -> Float64[ndarray, "68 2"]:
     name = next((name for name in ("pts_3d", "pts_2d") if name in fields), None)
     if name is None:
         raise InputFileError(f"{path}: expected pts_3d or pts_2d of 300W-LP's landmarks folder, found neither")
-    return matlab_to_pixels(_rows_of(path, name, fields[name], 2))
+    return _rows_of(path, name, fields[name], 2) + ONE_BASED_TO_CENTRES_PX
 
 
 def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
@@ -144,7 +142,7 @@ def read_aflw21_landmarks(path: Path) -> Float64[ndarray, "21 2"]:
     if not np.isfinite(points).all():
         raise InputFileError(f"{path}: expected finite numbers in pt2d, found NaN or infinity")
     missing = points[:, :1] < 0
-    return np.where(missing, np.nan, matlab_to_pixels(points))
+    return np.where(missing, np.nan, points + ONE_BASED_TO_CENTRES_PX)
 
 
 def check_picture_height(file: CoefficientFile, image_height_px: int) -> None:
@@ -198,11 +196,6 @@ def pose_of_camera(camera: Camera, image_height_px: int) -> PoseParameters:
     return PoseParameters(head=published_pose(camera), translation_px=translation, scale=parameters.scale / 1000)
 
 
-def matlab_to_pixels(points: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n 2"]:
-    """Converts 1-based coordinates with integer centres to the project's pixels (centres at +0.5)."""
-    return points + ONE_BASED_TO_CENTRES_PX
-
-
 def _rows_of(path: Path, name: str, values: ndarray, n_columns: int) -> Float64[ndarray, "68 d"]:
     """68 points, one a row, from an array that has them as rows or as columns; NaN where a point is missing.
 
@@ -223,7 +216,7 @@ def _numbers(path: Path, fields: Mapping[str, ndarray]) -> dict[str, Float64[nda
     for name, values in numbers.items():
         if len(values) != _LENGTHS[name]:
             raise InputFileError(f"{path}: expected {_LENGTHS[name]} numbers in {name}, found {len(values)}")
-    bad = ", ".join(name for name, values in numbers.items() if name not in _POINTS and not np.isfinite(values).all())
+    bad = ", ".join(name for name, values in numbers.items() if not np.isfinite(values).all())
     if bad:
         raise InputFileError(f"{path}: expected finite numbers in {bad}, found NaN or infinity")
     return numbers

@@ -4,6 +4,7 @@ HDF5 can point at other files (external links, external storage, virtual dataset
 than what it stores. A model file needs neither.
 """
 
+import math
 from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -152,12 +153,18 @@ def read_version(attributes: h5py.AttributeManager, path: Path, name: str = "sch
     return int(attributes[name])
 
 
+def filters_of(dataset: h5py.Dataset) -> list[int]:
+    """Numbers of the HDF5 filters that compress a dataset."""
+    properties = dataset.id.get_create_plist()
+    return [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
+
+
 def _declared_bytes(item: h5py.Dataset, name: str, path: Path) -> int:
     """The memory that a dataset takes, or the largest piece of it that the library unfolds at once."""
     properties = item.id.get_create_plist()
     if properties.get_external_count() or item.is_virtual:
         raise InputFileError(f"{path}: expected all data in the file, found that {name} is stored outside of it")
-    declared = max(_product(item.shape or ()), _product(item.chunks or ())) * item.dtype.itemsize
+    declared = max(math.prod(item.shape or ()), math.prod(item.chunks or ())) * item.dtype.itemsize
     stored = item.id.get_storage_size()
     if stored > path.stat().st_size or (not item.chunks and declared > max(stored, UNWRITTEN_BYTES)):
         raise _too_large(path, name, declared, stored)
@@ -168,16 +175,15 @@ def _bytes_for_chunks(item: h5py.Dataset) -> int:
     """The memory that the library takes for chunks beside their content."""
     if not item.chunks:
         return 0
-    return BYTES_FOR_CHUNK * _product(tuple(-(-n // chunk) for n, chunk in zip(item.shape, item.chunks, strict=True)))
+    return BYTES_FOR_CHUNK * math.prod(-(-n // chunk) for n, chunk in zip(item.shape, item.chunks, strict=True))
 
 
 def _check_chunks(item: h5py.Dataset, name: str, path: Path) -> None:
     """Checks that each chunk unfolds to its declared size: the library reads as much, also beyond the end of less."""
     if not item.chunks:
         return
-    n_bytes = _product(item.chunks) * item.dtype.itemsize
-    properties = item.id.get_create_plist()
-    filters = [properties.get_filter(place)[0] for place in range(properties.get_nfilters())]
+    n_bytes = math.prod(item.chunks) * item.dtype.itemsize
+    filters = filters_of(item)
     if set(filters) - {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}:
         return  # of other compressions only the library knows the size
     for number in range(item.id.get_num_chunks()):
@@ -189,10 +195,6 @@ def _check_chunks(item: h5py.Dataset, name: str, path: Path) -> None:
                 raise OSError(f"a chunk of {name} cannot be unfolded ({error})") from error
         if len(content) < n_bytes:
             raise _too_large(path, f"a chunk of {name}", n_bytes, len(content))
-
-
-def _product(lengths: tuple[int, ...]) -> int:
-    return int(np.prod(lengths, dtype=object))
 
 
 def _too_large(path: Path, name: str, declared: int, stored: int) -> InputFileError:

@@ -120,7 +120,8 @@ def _opened(path: Path, largest_bytes: int) -> Iterator[tuple[bytes, BinaryIO]]:
 def _variables(header: bytes, file: BinaryIO) -> "Iterator[_Variable]":
     """The variables in their order; each can be read until the next is asked for."""
     if header[124:] not in _MAT5_ENDS:
-        raise _DamagedError(_foreign(header))
+        is_short = len(header) < _HEADER_BYTES
+        raise _DamagedError(f"{len(header)} bytes, too short for its header" if is_short else "no header of Matlab")
     order, at, size = "<" if header[126:128] == b"IM" else ">", _HEADER_BYTES, os.fstat(file.fileno()).st_size
     for _ in range(_MOST_VARIABLES):
         if at >= size:
@@ -162,12 +163,6 @@ def _fields(structure: "_Variable") -> "Iterator[_Variable]":
         if n_bytes:  # Matlab writes nothing for some empty arrays
             yield replace(_parsed(order, body.read(_FIRST_BYTES), body), name=f"{structure.name}.{field}")
         body.skip()
-
-
-def _foreign(header: bytes) -> str:
-    if len(header) < _HEADER_BYTES:
-        return f"{len(header)} bytes, too short for its header"
-    return "no header of Matlab"
 
 
 @final

@@ -5,6 +5,7 @@ compressions (bzip2, LZMA) that make gigabytes of a kilobyte. Here an array is r
 what the archive holds, and all arrays together against the size of the file.
 """
 
+import math
 import zipfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -94,7 +95,7 @@ def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, largest_bytes:
 def _read_array(stream: BufferedIOBase | IO[bytes], name: str, largest_bytes: int) -> ndarray:
     read_header = _HEADERS[npy_format.read_magic(stream)]
     shape, is_fortran, dtype = read_header(stream, max_header_size=_LARGEST_HEADER_BYTES)
-    declared = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    declared = math.prod(shape) * dtype.itemsize
     if dtype.kind not in "fiuSU" or declared > largest_bytes:
         raise ValueError(f"{name} declares {dtype} {shape}, at most {largest_bytes} bytes of numbers are possible")
     content = stream.read(declared)

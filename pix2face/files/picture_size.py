@@ -20,6 +20,7 @@ from PIL.ImageFile import ImageFile
 
 from pix2face.errors import InputFileError
 
+JPEG_START = b"\xff\xd8"
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # the latter two of BigTIFF
 # A file of some kilobytes may declare a picture that no memory holds.
 LARGEST_PICTURE_PX = 1 << 28
@@ -32,7 +33,7 @@ class _UnknownFormatError(Exception):
     """The file begins like none of the formats that are read."""
 
 
-class _Head(NamedTuple):
+class Head(NamedTuple):
     """How to open the head of a format, and the memory that OpenCV decodes it in."""
 
     open: Callable[[BytesIO | BufferedReader], ImageFile]
@@ -40,14 +41,14 @@ class _Head(NamedTuple):
 
 
 # Opened by format, since `PIL.Image.open` has a limit of its own that belongs to the whole process.
-_HEADS: Mapping[bytes, _Head] = {
-    b"\xff\xd8": _Head(JpegImagePlugin.JpegImageFile, 3),
-    b"\x89PNG": _Head(PngImagePlugin.PngImageFile, 6),
-    b"BM": _Head(BmpImagePlugin.BmpImageFile, 3),
-    b"RIFF": _Head(WebPImagePlugin.WebPImageFile, 7),
-    b"GIF8": _Head(GifImagePlugin.GifImageFile, 16),
-    **{b"P%d" % kind: _Head(PpmImagePlugin.PpmImageFile, 6) for kind in range(1, 7)},
-    **dict.fromkeys((b"\0\0\0\x0c", b"\xff\x4f\xff\x51"), _Head(Jpeg2KImagePlugin.Jpeg2KImageFile, 16)),
+HEADS: Mapping[bytes, Head] = {
+    JPEG_START: Head(JpegImagePlugin.JpegImageFile, 3),
+    b"\x89PNG": Head(PngImagePlugin.PngImageFile, 6),
+    b"BM": Head(BmpImagePlugin.BmpImageFile, 3),
+    b"RIFF": Head(WebPImagePlugin.WebPImageFile, 7),
+    b"GIF8": Head(GifImagePlugin.GifImageFile, 16),
+    **{b"P%d" % kind: Head(PpmImagePlugin.PpmImageFile, 6) for kind in range(1, 7)},
+    **dict.fromkeys((b"\0\0\0\x0c", b"\xff\x4f\xff\x51"), Head(Jpeg2KImagePlugin.Jpeg2KImageFile, 16)),
 }
 _AVIF_BYTES_PER_PIXEL, _AVIF_HEAD_BYTES, _PROGRESSIVE_BYTES_PER_PIXEL = 9, 1 << 16, 9
 # JPEG markers: segments that state their length, frames that every decoder knows, one of them of several passes.
@@ -83,6 +84,16 @@ def declared_size_px(content: bytes | BufferedReader, where: str) -> tuple[int, 
     return height, width
 
 
+def tiff_tags(file: BytesIO | BufferedReader) -> TiffImagePlugin.ImageFileDirectory_v2:
+    """The tags of a TIFF file; PIL opens fewer kinds than OpenCV, but reads the tags of all."""
+    head = file.read(8)
+    head += file.read(8) if b"+" in head[:4] else b""
+    tags = TiffImagePlugin.ImageFileDirectory_v2(head)
+    file.seek(tags.next)
+    tags.load(file)
+    return tags
+
+
 def _size_from_head(file: BytesIO | BufferedReader) -> tuple[int, int, int]:
     """Width, height, and the memory for a pixel while the picture is decoded."""
     start = file.read(12)
@@ -91,13 +102,13 @@ def _size_from_head(file: BytesIO | BufferedReader) -> tuple[int, int, int]:
         return _size_of_tiff(file)
     if start[4:8] == b"ftyp":
         return _size_of_avif(file.read(_AVIF_HEAD_BYTES))
-    head = next((head for magic, head in _HEADS.items() if start.startswith(magic)), None)
+    head = next((head for magic, head in HEADS.items() if start.startswith(magic)), None)
     if head is None:
         raise _UnknownFormatError
     width, height = head.open(file).size
     if min(width, height) < 1:
         raise ValueError(f"{width} x {height} pixels")
-    if start.startswith(b"\xff\xd8"):
+    if start.startswith(JPEG_START):
         file.seek(0)
         _check_scans(file.read())
         return width, height, _PROGRESSIVE_BYTES_PER_PIXEL
@@ -110,7 +121,7 @@ def _size_of_plain_jpeg(content: bytes) -> tuple[int, int, int] | None:
     A training decodes a picture for every sample. Pillow takes ten times as long to open one.
     """
     place, size, n_channels, is_progressive = 2, (0, 0), 0, False
-    while content.startswith(b"\xff\xd8") and place + 10 <= len(content) and content[place] == 0xFF:
+    while content.startswith(JPEG_START) and place + 10 <= len(content) and content[place] == 0xFF:
         marker, length = content[place + 1], int.from_bytes(content[place + 2 : place + 4])
         if marker in _JPEG_FRAMES:
             size, n_channels = struct.unpack_from(">HH", content, place + 5), content[place + 9]
@@ -119,7 +130,7 @@ def _size_of_plain_jpeg(content: bytes) -> tuple[int, int, int] | None:
             if is_progressive or content[place + 4] != n_channels:
                 _check_scans(content)
                 return size[1], size[0], _PROGRESSIVE_BYTES_PER_PIXEL
-            return size[1], size[0], _HEADS[b"\xff\xd8"].bytes_per_pixel
+            return size[1], size[0], HEADS[JPEG_START].bytes_per_pixel
         elif marker not in _JPEG_SEGMENTS or length < 2:
             return None
         place += 2 + length
@@ -133,12 +144,8 @@ def _check_scans(content: bytes) -> None:
 
 
 def _size_of_tiff(file: BytesIO | BufferedReader) -> tuple[int, int, int]:
-    """As `_size_from_head`; PIL opens fewer kinds of TIFF files than OpenCV, but reads the tags of all."""
-    head = file.read(8)
-    head += file.read(8) if b"+" in head[:4] else b""
-    tags = TiffImagePlugin.ImageFileDirectory_v2(head)
-    file.seek(tags.next)
-    tags.load(file)
+    """As `_size_from_head`."""
+    tags = tiff_tags(file)
     # Tiles are decoded whole, and may be larger than the picture.
     width, height = (max(int(tags[tag]) for tag in both if tag in tags) for both in (_TIFF_WIDTHS, _TIFF_HEIGHTS))
     if min(int(tags[_TIFF_WIDTHS[0]]), int(tags[_TIFF_HEIGHTS[0]])) < 1:

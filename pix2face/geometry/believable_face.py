@@ -25,9 +25,8 @@ class FaceLimits:
     """How far a face may go."""
 
     facing_deg: float  # angle between the direction of the face and that to the camera
-    coefficients: (
-        float  # Mahalanobis distance from the mean face, beyond that of a random face (the root of their number)
-    )
+    # Mahalanobis distance from the mean face, beyond that of a random face (the root of their number)
+    coefficients: float
     outside: float  # share of the landmarks outside of the picture
 
 

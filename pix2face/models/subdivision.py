@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float32, Int32
 from numpy import ndarray
-from scipy.sparse import coo_array, csr_array, vstack
+from scipy.sparse import csr_array, diags_array, vstack
 
 from pix2face.models.model_file import StoredModel
 
@@ -107,7 +107,7 @@ def _face_points(polygons: ndarray, n_vertices: int) -> csr_array:
     is_corner = polygons >= 0
     face = np.nonzero(is_corner)[0]
     weights = 1 / is_corner.sum(axis=1)[face]
-    return _sparse(weights, face, polygons[is_corner], (len(polygons), n_vertices))
+    return csr_array((weights, (face, polygons[is_corner])), shape=(len(polygons), n_vertices))
 
 
 def _edge_points(
@@ -115,10 +115,12 @@ def _edge_points(
 ) -> csr_array:
     """Boundary: the midpoint. Inside: the mean of both ends and both face points."""
     index = np.repeat(np.arange(len(edges)), 2)
-    ends = _sparse(np.where(is_boundary, 0.5, 0.25)[index], index, edges.ravel(), (len(edges), n_vertices))
+    to_end = np.where(is_boundary, 0.5, 0.25)[index]
+    ends = csr_array((to_end, (index, edges.ravel())), shape=(len(edges), n_vertices))
     face, corner = np.nonzero(edge_of_corner >= 0)
     edge = edge_of_corner[face, corner]
-    faces = _sparse(np.where(is_boundary, 0, 0.25)[edge], edge, face, (len(edges), face_points.shape[0]))
+    to_face = np.where(is_boundary, 0, 0.25)[edge]
+    faces = csr_array((to_face, (edge, face)), shape=(len(edges), face_points.shape[0]))
     return csr_array(ends + faces @ face_points)
 
 
@@ -136,13 +138,12 @@ def _vertex_points(
     along_boundary = np.concatenate([is_boundary, is_boundary])
     # R averages edge midpoints: half of it is P, so 2 R / n leaves P / n and 1 / n^2 for each neighbour.
     to_neighbour = np.where(inside[ends[:, 0]], 1 / n[ends[:, 0]] ** 2, np.where(along_boundary, 1 / 8, 0))
-    neighbours = _sparse(to_neighbour, ends[:, 0], ends[:, 1], (n_vertices, n_vertices))
+    neighbours = csr_array((to_neighbour, (ends[:, 0], ends[:, 1])), shape=(n_vertices, n_vertices))
     stay = np.where(inside, (n - 2) / n, np.where(on_boundary, 1 - np.asarray(neighbours.sum(axis=1)), 1))
-    everyone = np.arange(n_vertices)
-    own = _sparse(stay, everyone, everyone, (n_vertices, n_vertices))
+    own = diags_array(stay, format="csr")
     vertex, face = polygons[is_corner], np.nonzero(is_corner)[0]
     to_face = np.where(inside, 1 / n**2, 0)[vertex]
-    faces = _sparse(to_face, vertex, face, (n_vertices, len(polygons)))
+    faces = csr_array((to_face, (vertex, face)), shape=(n_vertices, len(polygons)))
     return csr_array(own + neighbours + faces @ face_points)
 
 
@@ -159,7 +160,3 @@ def _apply(operator: csr_array, values: Float32[ndarray, "k v 3"]) -> Float32[nd
     k, v, _ = values.shape
     refined = operator @ values.transpose(1, 0, 2).reshape(v, 3 * k)
     return np.ascontiguousarray(refined.reshape(-1, k, 3).transpose(1, 0, 2), dtype=np.float32)
-
-
-def _sparse(weights: ndarray, rows: ndarray, columns: ndarray, shape: tuple[int, int]) -> csr_array:
-    return csr_array(coo_array((weights, (rows, columns)), shape=shape))

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
+from pix2face.files.checked_hdf5 import filters_of
 from pix2face.shards.image_storage import IMAGE_END
 from pix2face.shards.layers import IMAGE
-from pix2face.shards.shard_layout import filters_of
 
 
 @final

@@ -7,8 +7,6 @@ ISA-L does that several times as fast as the zlib inside HDF5 (docs/explanation/
 box a layer is 0 and costs next to nothing, here as in the file.
 """
 
-from typing import Any
-
 import cv2
 import numpy as np
 from isal import isal_zlib
@@ -63,9 +61,9 @@ def unpack_layer(
     height, width = size_px
     raw = inflate(packed, height * width * layer.n_channels * layer.stored.itemsize)
     planes = np.frombuffer(raw, dtype=np.uint8).reshape(-1, height, width * layer.n_channels)
-    rows = _from_byte_planes(planes[:, box[0], _columns(layer, box)], layer.stored)
+    rows = _from_byte_planes(planes[:, box[0], _columns(layer, box)])
     steps = rows.reshape(layer.shape(*(side.stop - side.start for side in box)))
-    return undo_prediction(steps.view(_unsigned(steps.dtype))) if is_predicted else steps
+    return undo_prediction(steps) if is_predicted else steps.view(layer.stored)
 
 
 def deflate(raw: UInt8[ndarray, " n"]) -> bytes:
@@ -124,19 +122,11 @@ def predict(steps: Shaped[ndarray, "y x *c"]) -> Shaped[ndarray, "yy xx *c"]:
 
 def _to_zigzag(signed: Shaped[ndarray, "*shape"]) -> Shaped[ndarray, "*shape"]:
     """0, -1, 1, -2, ... to 0, 1, 2, 3, ...: small numbers of either sign have no bits in their upper byte."""
-    return ((signed << 1) ^ (signed >> (8 * signed.itemsize - 1))).view(_unsigned(signed.dtype))
+    return ((signed << 1) ^ (signed >> (8 * signed.itemsize - 1))).view(f"<u{signed.itemsize}")
 
 
 def _from_zigzag(unsigned: Shaped[ndarray, "*shape"]) -> Shaped[ndarray, "*shape"]:
-    return ((unsigned >> 1) ^ -(unsigned & 1)).view(_signed(unsigned.dtype))
-
-
-def _unsigned(dtype: Any) -> Any:
-    return np.dtype(f"<u{np.dtype(dtype).itemsize}")
-
-
-def _signed(dtype: Any) -> Any:
-    return np.dtype(f"<i{np.dtype(dtype).itemsize}")
+    return ((unsigned >> 1) ^ -(unsigned & 1)).view(f"<i{unsigned.itemsize}")
 
 
 def _columns(layer: Layer, box: Box) -> slice:
@@ -150,9 +140,9 @@ def _byte_planes(rows: Shaped[ndarray, "y x"]) -> list[UInt8[ndarray, "y x"]]:
     return list(cv2.split(rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)))
 
 
-def _from_byte_planes(planes: UInt8[ndarray, "b y x"], dtype: Any) -> Shaped[ndarray, "y x"]:
-    values = planes[-1].astype(_unsigned(dtype))
+def _from_byte_planes(planes: UInt8[ndarray, "b y x"]) -> Shaped[ndarray, "y x"]:
+    values = planes[-1].astype(f"<u{len(planes)}")
     for plane in planes[-2::-1]:
         values <<= 8
         values |= plane
-    return values.view(dtype)
+    return values

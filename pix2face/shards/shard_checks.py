@@ -47,7 +47,6 @@ class FolderReport:
     problems: tuple[str, ...]  # in words, one for each
     damaged: tuple[Path, ...]  # shards to delete, so that rendering writes them anew
     doubtful: tuple[str, ...]  # in words, samples whose bytes are intact and whose ground truth cannot be true
-    n_shards: int  # shards that were read
     n_samples: int  # samples of the shards without problems
     n_old: int  # shards of an earlier schema among those without problems
 
@@ -86,8 +85,7 @@ def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> 
         on_shard()
     problems += _differences(headers)
     problems += _missing(folder, list(headers.values()))
-    n_shards = len(shard_paths(folder))
-    return FolderReport(tuple(problems), tuple(damaged), tuple(doubtful), n_shards, len(shard_of), n_old)
+    return FolderReport(tuple(problems), tuple(damaged), tuple(doubtful), len(shard_of), n_old)
 
 
 def verify_shard(path: Path) -> list[str]:

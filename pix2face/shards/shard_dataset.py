@@ -4,7 +4,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from itertools import accumulate
 from operator import index as whole_number
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import SupportsIndex, final, overload
 
@@ -48,10 +48,7 @@ class ShardDataset(Sequence[Sample]):
     def __init__(
         self, shards: str | PathLike[str] | Iterable[str | PathLike[str]], layers: Sequence[str] | None = None
     ) -> None:
-        if isinstance(shards, str | PathLike):
-            paths = shard_paths(Path(shards))
-        else:
-            paths = [Path(fspath(path)) for path in shards]
+        paths = shard_paths(Path(shards)) if isinstance(shards, str | PathLike) else [Path(path) for path in shards]
         if not paths:
             raise UsageError("expected a folder of shards or the paths of some, found an empty list")
         self._readers = [ShardReader(path) for path in paths]

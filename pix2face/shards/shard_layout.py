@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.face_files.coefficients import LARGEST_SIDE_PX
-from pix2face.files.checked_hdf5 import check_contained, read_text, read_version
+from pix2face.files.checked_hdf5 import check_contained, filters_of, read_text, read_version
 from pix2face.files.json_text import JsonObject, Positive, parse_json, typed
 from pix2face.shards.image_storage import check_images
 from pix2face.shards.layers import DEFAULT_LAYERS, IMAGE, LAYER_NAMES, LAYERS, WHOLE_PICTURE_LAYERS
@@ -248,12 +248,6 @@ def is_predicted(dataset: h5py.Dataset) -> bool:
     if found not in (PREDICTED.encode(), PLAIN.encode()):
         raise ValueError(f"{dataset.name} has the predictor {found!r}, expected {PREDICTED} or {PLAIN}")
     return found == PREDICTED.encode()
-
-
-def filters_of(dataset: h5py.Dataset) -> list[int]:
-    """Numbers of the HDF5 filters that compress a dataset."""
-    properties = dataset.id.get_create_plist()
-    return [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
 
 
 def has_foreign_filter(dataset: h5py.Dataset) -> bool:

@@ -18,7 +18,7 @@ from jaxtyping import Shaped
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.checked_hdf5 import open_unchecked, read_version
+from pix2face.files.checked_hdf5 import filters_of, open_unchecked, read_version
 from pix2face.files.text_columns import read_attributes
 from pix2face.geometry.camera import Camera
 from pix2face.shards.file_places import bytes_at, chunk_places, column_place, image_places
@@ -35,7 +35,6 @@ from pix2face.shards.shard_layout import (
     ShardHeader,
     check_layout,
     content_checksum,
-    filters_of,
     is_predicted,
     layer_boxes,
     open_datasets,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datagen.appearance.appearance_config import DEFAULT, HARD, PRESETS, load_configuration
+from datagen.appearance.appearance_config import DEFAULT, PRESETS, load_configuration
 from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, check_parts, check_weights
 from pix2face.errors import InputFileError, UsageError
 
@@ -66,7 +66,7 @@ def test_every_list_has_its_length(table: str, name: str) -> None:
             check_limits(table, holding(config, name, wrong))
 
 
-@pytest.mark.parametrize("preset", [DEFAULT, HARD])
+@pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("table", TABLES)
 def test_presets_are_within_their_limits(preset: str, table: str) -> None:
     getattr(PRESETS[preset], table).check()

@@ -109,7 +109,7 @@ MISTAKES = (
     Mistake("dlib: half a pixel in XML annotations", "pix2face/face_files",
             "return mark_missing(points) + 0.5", "return mark_missing(points)", FACE_FILES),
     Mistake("AFLW: half a pixel in the 21 points", "pix2face/face_files",
-            "np.where(missing, np.nan, matlab_to_pixels(points))", "np.where(missing, np.nan, points)", FACE_FILES),
+            "np.where(missing, np.nan, points + ONE_BASED_TO_CENTRES_PX)", "np.where(missing, np.nan, points)", FACE_FILES),
     # Rasteriser, models.
     Mistake("rasteriser: height for width of the picture's limits", "pix2face/models",
             "limit = np.array([width, height])", "limit = np.array([height, width])", MODELS),

@@ -86,11 +86,6 @@ class Comparison:
     n_drawn: int  # how many images (or clips) a resample consists of
     points: dict[str, PointComparison]  # the figures of each point set
 
-    @property
-    def has_same_faces(self) -> bool:
-        """Whether both reports are of the same faces."""
-        return not self.only_a and not self.only_b
-
 
 def read_report(path: Path) -> StoredReport:
     """Reads what ``evaluate`` wrote.

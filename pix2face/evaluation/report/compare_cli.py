@@ -64,13 +64,13 @@ def _notes(a: StoredReport, b: StoredReport, comparison: Comparison, bootstrap: 
         f"Split {benchmark['split']}, truth {benchmark['truth']}, normaliser {benchmark['normaliser']}, threshold "
         f"{100 * float(benchmark['threshold']):g} %."
     )
-    if comparison.has_same_faces:
-        notes.append(f"Both are of the same {counted(comparison.n_common, 'image')}.")
-    else:
+    if comparison.only_a or comparison.only_b:
         notes.append(
             f"NOT of the same images: {comparison.n_common} in common (all figures are over these), "
             f"{len(comparison.only_a)} in A alone, {len(comparison.only_b)} in B alone."
         )
+    else:
+        notes.append(f"Both are of the same {counted(comparison.n_common, 'image')}.")
     notes.append(
         f"Means are over the images that both found; shares, AUC and failures over all in common. Brackets: "
         f"{100 * CONFIDENCE:g} % intervals, paired bootstrap, {bootstrap.n_resamples} resamples of "

@@ -75,11 +75,6 @@ Detect = Callable[[BenchmarkFace], FaceDetection]
 OWN_FRAME = np.eye(3)
 
 
-def true_box(face: BenchmarkFace) -> FaceBox:
-    """The tight box of the true landmarks, as the benchmarks prescribe."""
-    return FaceBox.around(face.landmarks2d)
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class NetworkSubject:
@@ -97,7 +92,9 @@ class NetworkSubject:
         detections = [None if self.detect is None else self.detect(face) for face in faces]
         wanted: dict[int, tuple[UInt8[ndarray, "h w 3"], FaceBox]] = {}
         for index, (face, detection) in enumerate(zip(faces, detections, strict=True)):
-            image, box = face.with_image().image, true_box(face) if detection is None else detection.box
+            image = face.with_image().image
+            # The tight box of the true landmarks, as the benchmarks prescribe.
+            box = FaceBox.around(face.landmarks2d) if detection is None else detection.box
             assert image is not None
             if box is not None:
                 wanted[index] = image, box

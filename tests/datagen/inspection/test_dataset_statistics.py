@@ -248,11 +248,6 @@ def test_the_command_prints_tables_json_page_and_picture(
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
 
 
-def test_what_cannot_be_written_is_one_line_before_counting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["stats", str(tmp_path), "--out", str(tmp_path / "x.gif")]) == 2
-    assert "expected a file ending in .html or .png as --out, found '.gif'" in capsys.readouterr().err
-
-
 def test_the_same_statistics_give_the_same_picture(write: Writer, base: tuple[ShardHeader, Sample]) -> None:
     found = count_samples(write([base[1]]))
     assert picture_png(statistics_picture(found)) == picture_png(statistics_picture(found))

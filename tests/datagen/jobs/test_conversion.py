@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,15 +11,13 @@ import scipy.io
 
 from datagen.cli import main
 from datagen.faces.sources import TableSource, W300LPFolder
-from datagen.inspection.coefficient_summary import group_reasons, summarise_table
+from datagen.inspection.coefficient_summary import group_reasons
 from datagen.jobs.conversion import FACES_PER_TASK, ConversionJob, ConversionSummary, convert
 from datagen.process_pool import process_pool
 from pix2face.errors import UsageError
 from pix2face.face_files.coefficients import load_coefficients
-from pix2face.model_formats.bfm2009 import PUBLISHED_BASIS
-from pix2face.models.model_file import write_stored_model
 from pix2face.models.morphable_model import MorphableModel, load_model
-from tests.model_files import stored_small_head, write_small_head
+from tests.model_files import write_small_head
 
 SIZE_PX = 60
 
@@ -136,27 +133,6 @@ def test_more_workers_give_the_same_bytes(
     assert out.read_bytes() == converted[0].read_bytes()
 
 
-def test_with_bfm_the_coefficients_of_the_files_are_converted(folder: Path, tmp_path: Path) -> None:
-    stored = stored_small_head()
-    vertices = len(stored.mean)
-    bfm = replace(
-        stored,
-        identity_basis=np.zeros((199, vertices, 3), np.float32),
-        expression_basis=np.zeros((29, vertices, 3), np.float32),
-        named_expressions={},
-        published_basis=PUBLISHED_BASIS,
-        identity_unit=np.full(199, 4.0),
-        expression_unit=np.full(29, 0.5),
-    )
-    write_stored_model(bfm, tmp_path / "bfm.h5")
-    job = ConversionJob(folder, "300wlp", str(tmp_path / "bfm.h5"))
-    convert(job, tmp_path / "faces.h5", None, lambda n: None)
-    table = load_coefficients(tmp_path / "faces.h5")
-    file = scipy.io.loadmat(folder / f"{table.sample_ids[5]}.mat")
-    np.testing.assert_allclose(table.identity[5] * 4, file["Shape_Para"][:, 0], rtol=1e-6)
-    np.testing.assert_allclose(table.expression[5] * 0.5, file["Exp_Para"][:, 0], rtol=1e-6)
-
-
 def test_the_command_says_what_it_did(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, model = tmp_path / "photographs", load_model(model_path)
     for index in range(5):
@@ -238,10 +214,3 @@ def test_a_folder_of_bad_files_alone_is_an_error_and_leaves_no_table(tmp_path: P
 def test_reasons_are_grouped_whatever_file_they_name() -> None:
     rejected = [(f"a/b_{i}", f"/data/a/b_{i}.mat: expected numbers") for i in range(3)] + [("c", "no picture of c")]
     assert group_reasons(rejected) == (("... expected numbers", 3), ("no picture of ...", 1))
-
-
-def test_rare_poses_are_named(converted: tuple[Path, ConversionSummary]) -> None:
-    found = summarise_table(load_coefficients(converted[0])).statistics
-    yaw = next(one for one in found.histograms if one.name == "yaw")
-    assert yaw.counts.sum() == found.n_samples == 133
-    assert "yaw 15 to 180 °: 0 of 133 (0.00 %)" in found.rare()

@@ -18,6 +18,7 @@ from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.model_files import stored_small_head, write_small_head
 from tests.pix2face.benchmark_files import frontal_camera, write_mat, write_photograph
+from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl
 
@@ -72,7 +73,7 @@ def render(sandbox: Path, coefficients: Path, out: Path) -> int:
 
 def write_pair(folder: Path, name: str) -> None:
     """A face of the small head with its photograph."""
-    model, camera = load_small_head(), frontal_camera(0.5)
+    model, camera = small_head_model(), frontal_camera(0.5)
     points = model.mean[model.landmarks["ibug68"]].astype(np.float64)
     pixels = camera.project(points)
     nearer = 0.5 * points[:, 2]
@@ -80,12 +81,6 @@ def write_pair(folder: Path, name: str) -> None:
     write_mat(folder / "t.mat", pixels, 0.0, pt3d_68=np.vstack([pixels.T + 0.5, nearer]))
     (folder / "t.jpg").rename(folder / f"{name}.jpg")
     (folder / "t.mat").rename(folder / f"{name}.mat")
-
-
-def load_small_head():  # type: ignore[no-untyped-def]
-    from tests.synthetic_models import small_head_model
-
-    return small_head_model()
 
 
 def test_names_of_files_stay_inside_and_lose_no_sample(sandbox: Path, capfd: pytest.CaptureFixture[str]) -> None:

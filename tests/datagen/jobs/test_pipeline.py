@@ -23,6 +23,7 @@ from pix2face.shards.layers import DEFAULT_LAYERS
 from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.model_files import write_small_head
+from tests.synthetic_models import small_head_model
 
 pytestmark = pytest.mark.gl
 
@@ -125,7 +126,7 @@ def test_a_summary_says_where_the_time_went(inputs: Path, tmp_path: Path) -> Non
 
 def mat_fields(**changes: object) -> dict[str, object]:
     """A face of the small head seen from the front at 2 px per mm, as AFLW2000-3D would describe it."""
-    model = load_small()
+    model = small_head_model()
     points = model.mean[model.landmarks["ibug68"]].astype(np.float64)
     pixels = np.stack([points[:, 0] * 0.5 + 60.5, 60.5 - points[:, 1] * 0.5, points[:, 2] * 0.5])
     fields: dict[str, object] = {
@@ -136,12 +137,6 @@ def mat_fields(**changes: object) -> dict[str, object]:
     }
     fields.update(changes)
     return fields
-
-
-def load_small():  # type: ignore[no-untyped-def]
-    from tests.synthetic_models import small_head_model
-
-    return small_head_model()
 
 
 def test_bad_samples_are_listed_and_nothing_else_is_lost(inputs: Path, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from datagen.cli import main
-from pix2face.face_files.coefficients import load_coefficients
 from pix2face.fitting.face_fit import fit_face
 from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.geometry.camera import HeadPose
@@ -30,13 +29,6 @@ def path(tmp_path: Path) -> Path:
 @pytest.fixture
 def model(path: Path) -> MorphableModel:
     return load_model(path)
-
-
-def test_faces_are_sampled(tmp_path: Path, path: Path) -> None:
-    assert main(["sample", "--n", "3", "--model", str(path), "--out", str(tmp_path / "a.h5")]) == 0
-    table = load_coefficients(tmp_path / "a.h5")
-    assert table.expression.shape == (3, 0)
-    assert np.abs(table.identity).max() > 0
 
 
 @pytest.mark.gl

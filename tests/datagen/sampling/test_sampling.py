@@ -6,7 +6,6 @@ import pytest
 from datagen.random_streams import generator_for
 from datagen.sampling.faces import SampledView, draw_expression, draw_view, sample_faces
 from datagen.sampling.sampling_config import DEFAULT_GEOMETRY
-from pix2face.errors import UsageError
 from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.face_files.coefficients import FaceCoefficients
 from pix2face.geometry.camera import Camera, head_pose, pinhole_of, published_pose
@@ -75,22 +74,6 @@ def test_profiles_have_their_yaw_and_no_pitch_of_their_backs() -> None:
     beyond = [pose for pose in poses if abs(pose.yaw_deg) > 90]
     assert len(beyond) > 3
     assert sum(abs(published_pose(camera).pitch_deg) > 90 for camera in cameras) == len(beyond)
-
-
-@pytest.mark.parametrize(
-    ("n", "seed", "size", "message"),
-    [
-        (0, 0, 128, "--n: expected 1 to 10000000 faces, found 0"),
-        (10_000_001, 0, 128, "--n: expected 1 to 10000000 faces, found 10000001"),
-        (10**30, 0, 128, "--n: expected"),
-        (5, -1, 128, "--seed: expected 0 or more, found -1"),
-        (5, 0, 8, "--size: expected 16 to 16384 pixels, found 8"),
-        (5, 0, 16385, "--size: expected 16 to 16384 pixels, found 16385"),
-    ],
-)
-def test_impossible_requests_are_refused(n: int, seed: int, size: int, message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        sample_faces(small_head_model(), n, seed, size)
 
 
 def draws(n: int) -> list[SampledView]:

@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 from datagen.cli import main
 from datagen.random_streams import generator_for
 from datagen.sampling.faces import sample_faces
-from datagen.sampling.sampling_config import (
-    DEFAULT_GEOMETRY,
-    HARD_GEOMETRY,
-    PLAIN_GEOMETRY,
-    GeometryConfig,
-)
+from datagen.sampling.sampling_config import DEFAULT_GEOMETRY, HARD_GEOMETRY, GeometryConfig
 from datagen.sampling.views import PhotographedView, camera_attributes, draw_photographed_view, photograph_face
 from pix2face.errors import UsageError
 from pix2face.face_files.coefficients import load_coefficients
@@ -145,11 +140,6 @@ def test_identities_have_far_ones_but_are_else_normal() -> None:
     assert far > (np.abs(usual.identity[:, :10]) > 1.79).any(axis=1).mean() + 0.1
     assert np.abs(table.identity).max() <= 2.7
     assert abs(float(usual.identity.std()) - 1) < 0.03
-
-
-@pytest.mark.parametrize("geometry", [DEFAULT_GEOMETRY, HARD_GEOMETRY, PLAIN_GEOMETRY])
-def test_presets_are_sound(geometry: GeometryConfig) -> None:
-    geometry.check()
 
 
 @pytest.mark.parametrize(

@@ -218,15 +218,6 @@ def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small
     np.testing.assert_array_equal(measured[0], range(68) if is_own else MODEL.landmarks["ibug68"])
 
 
-def test_training_shards_are_no_benchmark(tmp_path, small_model, capsys):
-    write_heldout(tmp_path / "shards", MODEL, seed=0)
-    assert run(tmp_path, "--data", tmp_path / "shards", split="builtin-heldout") == 2
-    error = capsys.readouterr().err
-    assert "found seed0/0000000" in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_file_in_the_way_of_the_report_is_said_before_evaluating(tmp_path, small_model, monkeypatch, capsys):
     write_ibug(tmp_path)
     (tmp_path / "out").write_bytes(b"kept")

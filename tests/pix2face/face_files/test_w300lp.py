@@ -1,8 +1,8 @@
 """The reader of 300W-LP files against the files themselves and against damage."""
 
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import scipy.io
@@ -20,34 +20,23 @@ from pix2face.face_files.w300lp import (
     read_landmark_file,
 )
 from pix2face.geometry.camera import HeadPose, head_pose, rotation_of_pose
-from tests.keypoint_model import KeypointModel, fit_keypoint_model_to, points_of_pose
+from tests.keypoint_model import design_row, fit_keypoint_model_to, points_of_pose, unposed_mm
 
 
-def keypoint_residual_px(files: list[CoefficientFile], height_px: int = 450, **changes: object) -> float:
+def keypoint_residual_px(
+    files: list[CoefficientFile], height_px: int = 450, shift_px: tuple[float, float] = (0, 0)
+) -> float:
     """The exact check of docs/reference/conventions.md: undo each pose with our camera, regress on the coefficients.
 
     The 204 coordinates of the undone ``pt3d_68`` must be linear in the coefficients, since they are keypoints of a
     linear model. What is left over, in pixels, tells whether every part of the convention is right.
     """
-    unposed, scales = [], []
-    for file in files:
-        assert file.landmarks3d is not None
-        camera = camera_of_pose(file.pose, height_px)
-        target = np.column_stack([file.landmarks3d[:, :2], file.landmarks3d[:, 2] + file.pose.translation_px[2]])
-        target = changed(target, **changes)
-        # Camera rows are scale * rotation for pixels and rotation for depth in mm.
-        scale = float(np.linalg.norm(camera.matrix[0, :3]))
-        matrix = np.vstack([camera.matrix[:2], scale * camera.matrix[2]])
-        unposed.append(np.linalg.solve(matrix[:, :3], (target - matrix[:, 3]).T).T.ravel())
-        scales.append(scale)
-    design = np.stack([np.concatenate([[1], file.identity, file.expression]) for file in files])
+    shifted = [replace(file, landmarks3d=file.landmarks3d + np.append(shift_px, 0)) for file in files]
+    unposed = np.stack([unposed_mm(file, height_px).ravel() for file in shifted])
+    design = np.stack([design_row(file) for file in files])
     design /= np.abs(design).max(axis=0)
-    residual = np.stack(unposed) - design @ np.linalg.lstsq(design, np.stack(unposed), rcond=None)[0]
-    return float(np.abs(residual * np.array(scales)[:, None]).max())
-
-
-def changed(points: ndarray, shift_px: tuple[float, float] = (0, 0)) -> ndarray:
-    return points + np.append(shift_px, 0)
+    residual_mm = unposed - design @ np.linalg.lstsq(design, unposed, rcond=None)[0]
+    return float(np.abs(residual_mm * [[1000 * file.pose.scale] for file in files]).max())
 
 
 def test_exact_check_holds(dev_files: list[CoefficientFile]) -> None:
@@ -213,9 +202,7 @@ def test_foreign_files_are_refused_by_name(shared_dir: Path) -> None:
             read_coefficient_file(path)
 
 
-def test_missing_and_huge_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="found no such file"):
-        read_coefficient_file(tmp_path / "nothing.mat")
+def test_huge_files_are_refused(tmp_path: Path) -> None:
     huge = tmp_path / "huge.mat"
     huge.write_bytes(b"\0" * (5 << 20))
     with pytest.raises(InputFileError, match="found 5 MB"):
@@ -278,31 +265,10 @@ def test_a_file_beside_a_picture_of_another_height_is_told(dev_files: list[Coeff
                 check_picture_height(file, height_px)
 
 
-def test_landmarks_sit_on_the_photographs(shared_dir: Path, dev_files: list[CoefficientFile]) -> None:
-    for file in dev_files[:20]:
-        image = cv2.imread(str(file.path.with_suffix(".jpg")))
-        assert image.shape[:2] == (450, 450)
-        assert file.landmarks3d is not None
-        centre = file.landmarks3d[:, :2].mean(axis=0)
-        assert ((centre > 100) & (centre < 350)).all()
-
-
-def test_coefficients_reproduce_the_landmarks_of_every_file(
-    dev_files: list[CoefficientFile], keypoints: KeypointModel
-) -> None:
-    """Coefficients -> the keypoints' linear model -> our camera: pt3d_68 to 0.01 px, all 400 files, all 68 points."""
-    largest = 0.0
-    for file in dev_files:
-        assert file.landmarks3d is not None
-        pixels = camera_of_pose(file.pose, 450).project(keypoints.keypoints_mm(file))
-        largest = max(largest, float(np.linalg.norm(pixels - file.landmarks3d[:, :2], axis=1).max()))
-    assert largest < 0.01
-
-
 def test_the_linear_model_of_the_landmarks_holds_for_files_that_it_has_not_seen(
     dev_files: list[CoefficientFile],
 ) -> None:
-    """The check above is no tautology: 300 files (the rank is 229) predict the other 100."""
+    """The exact check is no tautology: 300 files (the rank is 229) predict the other 100."""
     model = fit_keypoint_model_to(dev_files[:300])
     errors = [
         np.abs(camera_of_pose(file.pose, 450).project(model.keypoints_mm(file)) - file.landmarks3d[:, :2]).max()

@@ -1,6 +1,7 @@
 """Files that are none: only regular files of a fitting size are read."""
 
 import os
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,9 +29,15 @@ def make_giant(path: Path) -> None:
     os.truncate(path, 1 << 33)
 
 
+def make_socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(str(path))
+
+
 @pytest.mark.parametrize(
     ("make", "found"),
     [
+        (make_socket, "found a device, pipe or socket; name a file"),
         (make_pipe, "found a device, pipe or socket; name a file"),
         (lambda path: path.symlink_to("/dev/zero"), "found a device, pipe or socket; name a file"),
         (lambda path: path.symlink_to("/dev/null"), "found a device, pipe or socket; name a file"),

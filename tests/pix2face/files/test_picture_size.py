@@ -168,14 +168,6 @@ def test_numbers_that_are_no_brightness_are_refused(tmp_path: Path) -> None:
         read_photograph(tmp_path / "signed.tif")
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".bmp", ".webp", ".tif"])
-@pytest.mark.parametrize("shape", [(17, 40, 3), (300, 20)])
-def test_every_format_gives_the_decoded_size(tmp_path: Path, suffix: str, shape: tuple[int, ...]) -> None:
-    path = tmp_path / f"picture{suffix}"
-    cv2.imwrite(str(path), np.zeros(shape, np.uint8))
-    assert read_size_px(path) == shape[:2]
-
-
 def test_progressive_jpeg_and_long_heads_are_understood(tmp_path: Path) -> None:
     path = tmp_path / "picture.jpg"
     cv2.imwrite(str(path), np.zeros((33, 55, 3), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])
@@ -191,14 +183,6 @@ def test_the_photographs_at_hand_have_their_decoded_size(shared_dir: Path) -> No
     assert len(paths) > 400
     for path in [*paths[:20], *paths[400:]]:
         assert read_size_px(path) == decode_image(path.read_bytes(), path.name).shape[:2]
-
-
-@pytest.mark.parametrize("content", [b"", b"\xff\xd8", b"\xff\xd8\xff\xc0\x00", b"\x89PNG\r\n\x1a\n", b"text"])
-def test_what_is_no_picture_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "picture.jpg"
-    path.write_bytes(content)
-    with pytest.raises(InputFileError, match=r"picture\.jpg: expected a picture"):
-        read_size_px(path)
 
 
 def test_no_damage_hangs_or_crashes(tmp_path: Path) -> None:
@@ -218,19 +202,12 @@ def test_no_damage_hangs_or_crashes(tmp_path: Path) -> None:
         assert 0 < width < 65_536
 
 
-def test_folders_and_missing_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="found a folder"):
-        read_size_px(tmp_path)
-    with pytest.raises(InputFileError, match="found no such file"):
-        read_size_px(tmp_path / "none.jpg")
-
-
-@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif"])
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif", "big.tif"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_the_size_is_that_of_the_picture_as_people_see_it(tmp_path: Path, suffix: str, orientation: int) -> None:
     tags, path = Exif(), tmp_path / f"picture.{suffix}"
     tags[274] = orientation
-    Image.fromarray(np.zeros((20, 33, 3), np.uint8)).save(path, exif=tags)
+    Image.fromarray(np.zeros((20, 33, 3), np.uint8)).save(path, exif=tags, big_tiff=suffix == "big.tif")
     assert orientation_tag(path.read_bytes()) == orientation
     assert read_size_px(path) == read_photograph(path).shape[:2] == ((33, 20) if orientation > 4 else (20, 33))
 

@@ -115,8 +115,3 @@ def test_marks_of_missing_points_are_read_as_missing(tmp_path, marker):
     points = read_pts(path)
     assert np.flatnonzero(np.isnan(points).any(axis=1)).tolist() == [7]
     assert np.isnan(points[7]).all()
-
-
-def test_missing_annotation_is_named(tmp_path):
-    with pytest.raises(InputFileError, match=r"gone\.pts"):
-        read_pts(tmp_path / "gone.pts")

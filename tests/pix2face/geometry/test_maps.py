@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pix2face.errors import InputFileError
 from pix2face.geometry.maps import (
     FaceMaps,
     fixed_point_to_maps,
@@ -27,23 +26,6 @@ def test_fixed_point_is_at_most_half_a_step_off(values_mm: np.ndarray) -> None:
     back = fixed_point_to_maps(to_stored(LAYERS["pncc"], values_mm))
     assert back.dtype == np.float32
     assert np.abs(back.astype(np.float64) - values_mm).max() <= HALF_A_STEP_MM
-
-
-@given(hnp.arrays(np.int16, (7, 2, 3), elements=st.integers(-32755, 32755)))
-def test_coding_twice_changes_nothing(steps: np.ndarray) -> None:
-    np.testing.assert_array_equal(to_stored(LAYERS["pncc"], fixed_point_to_maps(steps)), steps)
-
-
-@pytest.mark.parametrize("value", [256.0, -256.0, 3e4, np.inf, -np.inf, np.nan])
-def test_values_beyond_the_range_are_refused(value: float) -> None:
-    values = np.zeros((4, 4, 3), dtype=np.float32)
-    values[2, 1, 0] = value
-    with pytest.raises(InputFileError, match=r"within ±255\.9 mm, found .*are model and coefficients sound, in mm"):
-        to_stored(LAYERS["pncc"], values)
-
-
-def test_maps_without_a_pixel_are_coded_too() -> None:
-    assert to_stored(LAYERS["pncc"], np.zeros((0, 0, 3), dtype=np.float32)).shape == (0, 0, 3)
 
 
 def pncc_of_length(length_mm: np.ndarray) -> np.ndarray:

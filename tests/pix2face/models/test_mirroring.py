@@ -5,7 +5,7 @@ import pytest
 
 from pix2face.errors import UsageError
 from pix2face.geometry.landmarks import IBUG68
-from pix2face.models.mirroring import mirror_obstacle, mirrored_coefficients, mirrored_landmarks, mirrored_points
+from pix2face.models.mirroring import mirror_obstacle, mirrored_coefficients, mirrored_points
 from pix2face.models.morphable_model import builtin_model
 
 
@@ -37,12 +37,6 @@ def test_landmarks_that_lie_on_one_side_are_refused():
     moved = model.landmarks[IBUG68].copy()
     moved[36] = moved[45]
     assert "landmarks" in str(mirror_obstacle(replace(model, landmarks={IBUG68: moved})))
-
-
-@pytest.mark.parametrize("shape", [(68, 3), (68, 2), (68,)])
-def test_mirroring_landmarks_twice_is_the_identity(shape):
-    values = np.random.default_rng(0).normal(size=shape)
-    np.testing.assert_array_equal(mirrored_landmarks(mirrored_landmarks(values)), values)
 
 
 def test_mirroring_changes_the_sign_of_x_alone():

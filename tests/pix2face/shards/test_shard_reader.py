@@ -1,6 +1,5 @@
 """Reading samples from their places in the file: as the HDF5 library reads them, checked, in any process."""
 
-import pickle
 import sys
 from pathlib import Path
 
@@ -111,12 +110,6 @@ def test_no_file_stays_open(shard: Path, compression: str) -> None:
     samples = [reader.read(index) for index in range(3)]
     assert len(list(OPEN_FILES.iterdir())) == before
     assert len({sample.image_bytes for sample in samples}) == 3
-
-
-def test_a_reader_travels_to_other_processes(shard: Path) -> None:
-    reader = ShardReader(shard)
-    copy = pickle.loads(pickle.dumps(reader))
-    np.testing.assert_array_equal(copy.read(1).maps.pncc, reader.read(1).maps.pncc)
 
 
 def test_only_layers_that_are_asked_for_are_read(tmp_path: Path) -> None:

@@ -1,8 +1,5 @@
 """The shard format: what goes in comes out, whatever the layers, sizes and compression."""
 
-import json
-import subprocess
-import sys
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -155,29 +152,6 @@ def test_the_checksum_is_that_of_zlib_over_the_content_as_documented(shard: Path
         assert file["checksum"][1] == found
 
 
-@pytest.mark.parametrize("compression", ["coded", "plain"])
-def test_any_hdf5_library_reads_a_shard(tmp_path: Path, compression: str) -> None:
-    """Here h5py alone, in a process that knows nothing of the project: the lines of docs/reference/file_formats.md."""
-    path = tmp_path / "shard-00000.h5"
-    write(path, HEADER, [make_triplet(seed) for seed in range(3)], compression)
-    code = f"""
-import h5py, numpy as np, zlib
-with h5py.File({str(path)!r}) as file:
-    if "pncc_coded" in file:
-        stored, steps_per_mm = file["pncc_coded"][2], file["pncc_coded"].attrs["steps_per_unit"]
-        signed = ((stored >> 1) ^ -(stored & 1)).view("i2")
-        pncc_mm = signed.cumsum(0, dtype="i2").cumsum(1, dtype="i2") / steps_per_mm
-    else:
-        pncc_mm = file["pncc"][2]
-    picture = file["image"][1, : file["image_length"][1]].tobytes()
-    print(file["sample_id"][2].decode(), zlib.crc32(pncc_mm.astype("f4").tobytes()), zlib.crc32(picture))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    reader = ShardReader(path)
-    expected = zlib.crc32(reader.read(2).maps.pncc.tobytes()), zlib.crc32(reader.read(1).image_bytes)
-    assert done.stdout.split() == ["face/2", *map(str, expected)]
-
-
 def test_what_is_coded_has_another_name_and_plain_values_are_true(tmp_path: Path) -> None:
     header, triplets = every_layer(2)
     coded, plain = tmp_path / "shard-00000.h5", tmp_path / "shard-00001.h5"
@@ -205,18 +179,6 @@ def test_a_coded_layer_under_another_name_is_refused(shard: Path) -> None:
         del file["pncc_coded"]
     with pytest.raises(InputFileError, match="the predictor of /pncc is not the one that its name says"):
         ShardReader(shard)
-
-
-def test_each_dataset_has_a_row_for_each_sample(shard: Path) -> None:
-    with h5py.File(shard) as file:
-        assert {len(dataset) for dataset in file.values()} == {4}
-
-
-def test_headers_may_be_longer_than_attributes_of_old_hdf5_files(tmp_path: Path) -> None:
-    path = tmp_path / "shard-00000.h5"
-    rejected = [[f"face/{number}", "no picture" * 20] for number in range(1000)]
-    write_shard(path, replace(HEADER, rejected=json.dumps(rejected)), [make_triplet(0)])
-    assert len(ShardReader(path).header.rejected_samples) == 1000
 
 
 def test_a_file_of_schema_2_is_read() -> None:

@@ -22,7 +22,6 @@ from tests.pix2face.benchmark_files import (
     StubPredictor,
     frontal_camera,
     landmarks_of,
-    square_maps,
     stub_fit,
 )
 from tests.pix2face.photographs.seen_faces import SureDetector
@@ -167,13 +166,6 @@ def test_the_oracle_lets_jaw_points_slide_where_the_outline_was_annotated():
         for contour in ("off", "2d")
     )
     assert sliding < 0.5 * fixed
-
-
-def test_the_oracle_fits_true_maps_where_there_are_some():
-    empty = square_maps()
-    empty.mask[:] = False
-    (found,) = OracleSubject(MODEL).find([face(maps=empty)])
-    assert "only background" in found.failure
 
 
 def test_too_few_true_landmarks_for_the_oracle_are_said():
