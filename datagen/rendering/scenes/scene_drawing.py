@@ -33,13 +33,11 @@ from datagen.rendering.scenes.scene_meshes import ObjectMeshes, Run, Window
 from datagen.rendering.scenes.scene_openings import Openings
 from datagen.rendering.scenes.scene_program import (
     HEAD_KINDS,
-    KINDS,
-    PURPOSES,
     UNITS,
     SceneProgram,
     SceneTextures,
-    compile_head,
-    compile_object,
+    compile_programs,
+    is_ordinary,
     set_uniforms,
     used_programs,
 )
@@ -77,18 +75,12 @@ class SceneDrawer:
         self._gl = gl
         context = self._context = gl.context
         self._textures = SceneTextures(textures, context)
-        self._programs = {name: compile_head(context, name) for name in HEAD_KINDS}
-        for kind in KINDS:
-            for purpose in PURPOSES:
-                self._programs[f"{kind} {purpose}"] = compile_object(context, kind, purpose)
         self._head = SceneHead(model, context, head_paint, occlusion)
-        drawn = {name: program for name, program in self._programs.items() if "vertex" in program.attributes}
         self._openings = Openings(model)
-        self._objects = ObjectMeshes(context, drawn)
-        self._whole = {name: context.vertex_array(self._programs[name].program, []) for name in HEAD_KINDS}
         self._shadows = ShadowMaps(context, UNITS["shadow_maps"])
         self._targets = lru_cache(SIZES_KEPT)(partial(make_target, context))
-        set_uniforms(list(self._programs.values()), self._textures.units)
+        self._variants = lru_cache(2)(self._compiled)
+        self._programs, self._objects, self._whole = self._variants(True)
 
     def draw(self, scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
         """Draws a scene.
@@ -106,6 +98,7 @@ class SceneDrawer:
         """
         self._gl.make_current()
         uniforms = view_scene(scene, camera, height, width)
+        self._programs, self._objects, self._whole = self._variants(is_ordinary(scene.uniforms))
         self._head.load(scene.head)
         self._objects.load(scene.meshes)
         self._textures.bind()
@@ -124,6 +117,16 @@ class SceneDrawer:
         picture, labels = resolve(samples, edges.middle, colours, over, over_labels)
         self._gl.check()
         return ScenePicture(radiance=picture[..., :3], coverage=np.clip(picture[..., 3], 0, 1), labels=labels)
+
+    def _compiled(
+        self, for_ordinary: bool
+    ) -> tuple[dict[str, SceneProgram], ObjectMeshes, dict[str, moderngl.VertexArray]]:
+        """Programs, and what they draw: objects, and one triangle over the whole picture for each of `HEAD_KINDS`."""
+        programs = compile_programs(self._context, for_ordinary=for_ordinary)
+        set_uniforms(list(programs.values()), self._textures.units)
+        drawn = {name: program for name, program in programs.items() if "vertex" in program.attributes}
+        whole = {name: self._context.vertex_array(programs[name].program, []) for name in HEAD_KINDS}
+        return programs, ObjectMeshes(self._context, drawn), whole
 
     def _draw_shadows(self, scene: Scene, used: Mapping[str, SceneProgram]) -> dict[str, UniformValue]:
         """Step 1. Returns the uniforms of the shadow maps."""

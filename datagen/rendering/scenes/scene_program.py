@@ -121,21 +121,41 @@ class SceneTextures:
             array.use(self.units[name])
 
 
-def compile_head(context: moderngl.Context, kind: str) -> SceneProgram:
+def is_ordinary(uniforms: Mapping[str, UniformValue]) -> bool:
+    """Whether a scene lacks what few have: a gobo and face paint.
+
+    Software drivers execute both branches of an ``if``, so ordinary scenes have programs without that code.
+    """
+    paint: Any = uniforms.get("skin_face_paint_a", (0, 0, 0, 0))
+    return not uniforms.get("light_gobo", 0) and not paint[3]
+
+
+def compile_programs(context: moderngl.Context, *, for_ordinary: bool) -> dict[str, SceneProgram]:
+    """All programs by name: ``HEAD_KINDS``, and a kind and a purpose of objects."""
+    defines = ("ORDINARY",) if for_ordinary else ()
+    programs = {kind: _compile_head(context, kind, defines) for kind in HEAD_KINDS}
+    for kind in KINDS:
+        for purpose in PURPOSES:
+            programs[f"{kind} {purpose}"] = _compile_object(context, kind, purpose, defines)
+    return programs
+
+
+def _compile_head(context: moderngl.Context, kind: str, defines: Sequence[str]) -> SceneProgram:
     """The program that paints and lights one of ``HEAD_KINDS`` where it is seen."""
-    program = SceneProgram(
-        context, ("whole_vertex",), (*_BEFORE, "lamps", "light", "skin", "head_fragment"), (kind, "NO_STRANDS")
-    )
+    fragment = (*_BEFORE, "lamps", "light", "skin", "head_fragment")
+    program = SceneProgram(context, ("whole_vertex",), fragment, (kind, "NO_STRANDS", *defines))
     program.set({"whole_depth": 0.5 * HEAD_KINDS.index(kind) - 0.75})  # just before its kind in scene_edges.py
     return program
 
 
-def compile_object(context: moderngl.Context, kind: MaterialKind, purpose: str) -> SceneProgram:
+def _compile_object(
+    context: moderngl.Context, kind: MaterialKind, purpose: str, defines: Sequence[str]
+) -> SceneProgram:
     """A program for objects of one kind: ``object`` (opaque), ``blended`` or ``object_shadow``."""
     paint = ("object_inputs", "lamps", "light", _PAINT[kind], "object_surface", f"{purpose}_fragment")
     is_hair = kind == "hair"
     vertex = ("colour", "shadow", "lamps", "hair_vertex") if is_hair else ("scene_vertex",)
-    defines = [kind.upper()]
+    defines = [kind.upper(), *defines]
     if purpose == "object_shadow":
         defines.append("SHADOW")
     if not is_hair:

@@ -38,7 +38,11 @@ float lamp_reaches(int i, vec3 point, vec3 normal, float thin) {
     vec3 raised = point + normal * offset + (14.0 * thin) * light_direction[i];
     float bias = 1.0 + 0.4 * (light_edge_mm[i] - NARROWEST_EDGE_MM);
     float found = lit_fraction(i, raised, bias, 0.75 * radius);
+#ifndef ORDINARY
     return i == 0 && light_gobo > 0 ? found * gobo(point) : found;
+#else
+    return found;
+#endif
 }
 
 // How many lamps there are to work out.

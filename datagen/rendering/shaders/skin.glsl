@@ -140,7 +140,9 @@ Surface outside_of_head(Surface s, vec2 uv, vec3 place, vec4 paint0, vec4 paint1
     albedo = mix(albedo, skin_blusher.rgb * shade, skin_blusher.a * cheek);
     albedo = mix(albedo, vec3(0.012, 0.010, 0.010), skin_make_up.y * ramp(2.2, 0.8, lid_mm));
     albedo = mix(albedo, skin_lipstick.rgb * (0.55 + 0.45 * shade) * (1.0 - 0.2 * groove), skin_lipstick.a * lips);
+#ifndef ORDINARY
     albedo = skin_face_paint_a.w > 0.0 ? face_painted(albedo, place, spotted.b) : albedo;
+#endif
 
     // Relief and shine.
     vec3 n = s.smooth_normal;
