@@ -52,15 +52,24 @@ def test_no_module_of_datagen_loads_torch() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    calls = [(PROGRAMS[program].__module__, words) for program, *words in map(str.split, PAGES)]
-    code = f"""
+    def help_of(pages: list[str]) -> str:
+        calls = [(PROGRAMS[program].__module__, words) for program, *words in map(str.split, pages)]
+        return f"""
 import contextlib, importlib, io
 for module, words in {calls}:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
         importlib.import_module(module).main([*words, "--help"])
 """
-    helped, more = loaded_by(code, "import pix2face.shards.shard_reader")
-    assert {"tyro", "datagen", "training", "pix2face"} <= helped
+
+    of_training = [page for page in PAGES if page.startswith("train")]
+    light, helped, more = loaded_by(
+        help_of([page for page in PAGES if page not in of_training]),
+        help_of(of_training),
+        "import pix2face.shards.shard_reader",
+    )
+    assert {"tyro", "datagen", "pix2face"} <= light
+    assert not light & {"numpy", "cv2", "jaxtyping"}
+    assert {"training", "numpy"} <= helped
     assert not helped & HELP_NEEDS_NO
     assert "h5py" in more & HELP_NEEDS_NO
 
