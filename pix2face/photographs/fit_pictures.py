@@ -16,7 +16,7 @@ from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, squa
 from pix2face.geometry.maps import FaceMaps, map_picture, point_cloud, smooth_maps
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import interpolate, rasterise
-from pix2face.photographs.texture import facing
+from pix2face.models.surface_attributes import facing
 
 LANDMARK_COLOUR, HIDDEN_COLOUR = (60, 255, 60), (255, 80, 80)
 # How many times as large as the radius of a dot a face is; the smallest radius is one pixel.

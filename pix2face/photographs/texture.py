@@ -20,7 +20,7 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import nearest_inside
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import rasterise
-from pix2face.models.surface_attributes import vertex_normals
+from pix2face.models.surface_attributes import facing
 
 # The smallest texture with so many texels for the face is taken: three times as many as a crop has pixels.
 FACE_TEXELS = 180_000
@@ -255,12 +255,6 @@ def _texture_layout(model: MorphableModel, size_px: int) -> _TextureLayout:
     distance, nearest = nearest_inside(is_drawn)
     is_around = (distance > 0) & (distance <= PADDING_PX)
     return _TextureLayout(size_px, texel[is_drawn], points, texel[is_around], texel.reshape(-1)[nearest[is_around]])
-
-
-def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], camera: Camera) -> Float64[ndarray, " v"]:
-    """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
-    towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
-    return np.asarray(vertex_normals(vertices, triangles) @ towards, dtype=np.float64)
 
 
 @lru_cache(maxsize=2)
