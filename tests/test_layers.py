@@ -15,16 +15,21 @@ DATAGEN_MODULES = sorted(
 )
 TRAINING_NEEDS_NO = {"moderngl", "glcontext", "datagen"}
 HELP_NEEDS_NO = {"torch", "scipy", "skimage", "matplotlib", "h5py", "trimesh", "PIL", "moderngl", "OpenEXR", "numba"}
+PHOTOGRAPHS_NEED_NO = {"trimesh", "networkx", "numba", "skimage", "matplotlib", "OpenEXR", "onnx", "scipy.optimize"}
 INFERENCE_NEEDS_NO = {"h5py", "moderngl", "glcontext", "datagen", "training", "matplotlib", "skimage"}
 
 
-def loaded_by(*steps: str) -> list[set[str]]:
-    """Top-level modules that are there after one step of code after the other, in a fresh process."""
-    show = "print(*{name.partition('.')[0] for name in sys.modules})"
-    code = "\n".join(["import sys", *(f"{step}\n{show}" for step in steps)])
+def modules_after(*steps: str) -> list[set[str]]:
+    """Modules that are there after one step of code after the other, in a fresh process."""
+    code = "\n".join(["import sys", *(f"{step}\nprint(*sys.modules)" for step in steps)])
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return [set(line.split()) for line in run.stdout.splitlines()]
+
+
+def loaded_by(*steps: str) -> list[set[str]]:
+    """The same without what is inside packages."""
+    return [{name.partition(".")[0] for name in names} for names in modules_after(*steps)]
 
 
 # The last step shows each time that what the others have not loaded would be seen.
@@ -41,6 +46,34 @@ def test_each_part_loads_no_more_than_it_needs() -> None:
     assert {"training", "h5py"} <= training
     assert not training & TRAINING_NEEDS_NO
     assert {"moderngl", "datagen"} <= more & TRAINING_NEEDS_NO
+
+
+def test_photographs_load_no_more_than_they_need() -> None:
+    write = """
+import tempfile
+from pathlib import Path
+from pix2face.models.morphable_model import builtin_model
+from pix2face.photographs.fit_pictures import write_point_cloud
+from pix2face.photographs.mesh_files import FaceMesh, write_mesh
+model = builtin_model()
+colours = model.mean.astype("uint8")
+with tempfile.TemporaryDirectory() as folder:
+    for suffix in ("obj", "ply", "glb"):
+        write_mesh(Path(folder, f"face.{suffix}"), FaceMesh(model.mean, model, colours))
+    write_point_cloud(Path(folder, "points.ply"), model.mean, colours)
+"""
+    predicting, fitting, written, more = modules_after(
+        "import pix2face.commands.predict_cli",
+        "import pix2face.commands.fit_cli",
+        write,
+        "import pix2face.commands.view_cli",
+    )
+    assert "scipy.linalg" in predicting
+    assert not predicting & (PHOTOGRAPHS_NEED_NO | {"scipy.spatial"})
+    assert "scipy.spatial" in fitting
+    assert not fitting & PHOTOGRAPHS_NEED_NO
+    assert not written & PHOTOGRAPHS_NEED_NO
+    assert {"trimesh", "networkx", "scipy.optimize"} <= more & PHOTOGRAPHS_NEED_NO
 
 
 def test_no_module_of_datagen_loads_torch() -> None:
