@@ -123,7 +123,7 @@ class PhotographColours:
         weight *= self._uncovered(points, colour)
         below = self._around(points, colour, weight > 0.5)
         if self._model.symmetry is not None:
-            unsure = np.flatnonzero(weight < 1)
+            unsure = np.flatnonzero(weight != 1)  # rounding makes some a little larger
             mirrored = SurfacePoints(self._model.symmetry[points.corners[unsure]], points.weights[unsure])
             colour_there, weight_there = self._seen(mirrored)
             weight_there *= self._uncovered(mirrored, colour_there)
