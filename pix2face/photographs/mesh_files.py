@@ -17,9 +17,9 @@ from jaxtyping import Float, Float64, Int, UInt8
 from numpy import ndarray
 
 from pix2face.errors import UsageError
-from pix2face.files.glb import GlbContent
 from pix2face.files.images import encode_image, srgb_to_linear
-from pix2face.files.ply import encode_ply
+from pix2face.files.meshes.glb import GlbContent
+from pix2face.files.meshes.ply import encode_ply
 from pix2face.files.writing import write_file
 from pix2face.geometry.other_cameras import M_PER_MM
 from pix2face.models.morphable_model import MorphableModel

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
-from pix2face.files.glb import INDICES, VERTEX_DATA, GlbContent
+from pix2face.files.meshes.glb import INDICES, VERTEX_DATA, GlbContent
 from pix2face.files.writing import write_file
 from pix2face.geometry.other_cameras import M_PER_MM, NEAREST_SEEN_M, ORTHOGRAPHIC_DISTANCE_MM
 from pix2face.models.morphable_model import MorphableModel

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pix2face.files.glb import COLUMNS, VERTEX_DATA, GlbContent, Shape
+from pix2face.files.meshes.glb import COLUMNS, VERTEX_DATA, GlbContent, Shape
 
 pygltflib = pytest.importorskip("pygltflib", reason="pip install 'pix2face[dev]'")
 ARRAYS: list[tuple[Shape, str, int]] = [

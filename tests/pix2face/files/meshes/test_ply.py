@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pix2face.files.ply import encode_ply
+from pix2face.files.meshes.ply import encode_ply
 
 RNG = np.random.default_rng(1)
 POINTS = RNG.normal(0, 50, (30, 3)).astype(np.float32)
