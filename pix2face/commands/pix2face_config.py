@@ -9,7 +9,6 @@ import tyro
 from pix2face.command_line import optional
 from pix2face.detectors import DEFAULT_DETECTOR, SURE_SCORE
 from pix2face.errors import UsageError
-from pix2face.face_files import LARGEST_BOX_PX
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.inference import PACKAGED
 from pix2face.models import BUILTIN_MODEL
@@ -91,6 +90,8 @@ class PhotographOptions:
         """
         if self.box is None:
             return
+        from pix2face.face_files.box_files import LARGEST_BOX_PX  # loads NumPy
+
         if self.faces.boxes is not None:
             raise UsageError("expected --box or --boxes, found both")
         left, top, right, bottom = self.box

@@ -15,13 +15,13 @@ from typing import Any, final
 import numpy as np
 
 from pix2face.errors import InputFileError
-from pix2face.face_files import LARGEST_BOX_PX
 from pix2face.files.json_text import read_json_file
 from pix2face.files.opening import text_lines
 from pix2face.geometry.crops import FaceBox
 
 COLUMNS = ("left", "top", "right", "bottom")
 NAME_COLUMNS = ("image", "frame")
+LARGEST_BOX_PX = 1e6
 # A million faces.
 LARGEST_FILE_BYTES = 64 << 20
 
