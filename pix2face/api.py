@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.detectors import DEFAULT_DETECTOR
+from pix2face.detectors import DEFAULT_DETECTOR, SURE_SCORE
 from pix2face.detectors.centre_detector import CentreDetector
 from pix2face.detectors.detection import DetectedFace, Detector, open_detector
-from pix2face.detectors.protocol import SURE_SCORE, box_and_score, sure_faces
+from pix2face.detectors.protocol import box_and_score, sure_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions

@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 from numpy import ndarray
 
+from pix2face.detectors import SURE_SCORE
 from pix2face.detectors.centre_detector import CentreDetector
-from pix2face.detectors.protocol import SURE_SCORE, overlap
+from pix2face.detectors.protocol import overlap
 from pix2face.files.images import encode_photograph
 from pix2face.geometry.crops import FaceBox
 from training.data.shard_folders import parse_shard_folders

@@ -27,16 +27,31 @@ HELP_NEEDS_NO = {
     "OpenEXR",
     "numba",
 }
+PHOTOGRAPHS_NEED_NO = {
+    "torch",
+    "trimesh",
+    "networkx",
+    "numba",
+    "skimage",
+    "matplotlib",
+    "OpenEXR",
+    "onnx",
+    "scipy.optimize",
+}
 INFERENCE_NEEDS_NO = {"torch", "onnx", "h5py", "moderngl", "glcontext", "datagen", "training", "matplotlib", "skimage"}
 
 
-def loaded_by(*steps: str) -> list[set[str]]:
-    """Top-level modules that are there after one step of code after the other, in a fresh process."""
-    show = "print(*{name.partition('.')[0] for name in sys.modules})"
-    code = "\n".join(["import sys", *(f"{step}\n{show}" for step in steps)])
+def modules_after(*steps: str) -> list[set[str]]:
+    """Modules that are there after one step of code after the other, in a fresh process."""
+    code = "\n".join(["import sys", *(f"{step}\nprint(*sys.modules)" for step in steps)])
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return [set(line.split()) for line in run.stdout.splitlines()]
+
+
+def loaded_by(*steps: str) -> list[set[str]]:
+    """The same without what is inside packages."""
+    return [{name.partition(".")[0] for name in names} for names in modules_after(*steps)]
 
 
 # The last step shows each time that what the others have not loaded would be seen.
@@ -55,6 +70,34 @@ def test_each_part_loads_no_more_than_it_needs() -> None:
     assert {"moderngl", "datagen"} <= more & TRAINING_NEEDS_NO
 
 
+def test_photographs_load_no_more_than_they_need() -> None:
+    write = """
+import tempfile
+from pathlib import Path
+from pix2face.models.morphable_model import builtin_model
+from pix2face.photographs.fit_pictures import write_point_cloud
+from pix2face.photographs.mesh_files import FaceMesh, write_mesh
+model = builtin_model()
+colours = model.mean.astype("uint8")
+with tempfile.TemporaryDirectory() as folder:
+    for suffix in ("obj", "ply", "glb"):
+        write_mesh(Path(folder, f"face.{suffix}"), FaceMesh(model.mean, model, colours))
+    write_point_cloud(Path(folder, "points.ply"), model.mean, colours)
+"""
+    predicting, fitting, written, more = modules_after(
+        "import pix2face.commands.predict_cli",
+        "import pix2face.commands.fit_cli",
+        write,
+        "import pix2face.commands.view_cli",
+    )
+    assert "scipy.linalg" in predicting
+    assert not predicting & (PHOTOGRAPHS_NEED_NO | {"scipy.spatial"})
+    assert "scipy.spatial" in fitting
+    assert not fitting & PHOTOGRAPHS_NEED_NO
+    assert not written & PHOTOGRAPHS_NEED_NO
+    assert {"trimesh", "networkx", "scipy.optimize"} <= more & PHOTOGRAPHS_NEED_NO
+
+
 def test_no_module_of_datagen_loads_torch() -> None:
     assert {"datagen.cli", "datagen.rendering.renderer", "datagen.appearance.scene"} <= set(DATAGEN_MODULES)
     loaded, more = loaded_by(f"import {', '.join(DATAGEN_MODULES)}", "import training.loop.losses")
@@ -64,15 +107,24 @@ def test_no_module_of_datagen_loads_torch() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    calls = [(PROGRAMS[program].__module__, words) for program, *words in map(str.split, PAGES)]
-    code = f"""
+    def help_of(pages: list[str]) -> str:
+        calls = [(PROGRAMS[program].__module__, words) for program, *words in map(str.split, pages)]
+        return f"""
 import contextlib, importlib, io
 for module, words in {calls}:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
         importlib.import_module(module).main([*words, "--help"])
 """
-    helped, more = loaded_by(code, "import pix2face.shards.shard_reader")
-    assert {"tyro", "datagen", "training", "pix2face"} <= helped
+
+    of_training = [page for page in PAGES if page.startswith("train")]
+    light, helped, more = loaded_by(
+        help_of([page for page in PAGES if page not in of_training]),
+        help_of(of_training),
+        "import pix2face.shards.shard_reader",
+    )
+    assert {"tyro", "datagen", "pix2face"} <= light
+    assert not light & {"numpy", "cv2", "jaxtyping"}
+    assert {"training", "numpy"} <= helped
     assert not helped & HELP_NEEDS_NO
     assert "h5py" in more & HELP_NEEDS_NO
 

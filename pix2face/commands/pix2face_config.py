@@ -7,12 +7,9 @@ from typing import Annotated, Literal, final
 import tyro
 
 from pix2face.command_line import optional
-from pix2face.detectors import DEFAULT_DETECTOR
-from pix2face.detectors.protocol import SURE_SCORE
+from pix2face.detectors import DEFAULT_DETECTOR, SURE_SCORE
 from pix2face.errors import UsageError
-from pix2face.face_files.box_files import LARGEST_BOX_PX
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
-from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference import PACKAGED
 from pix2face.models import BUILTIN_MODEL
 from pix2face.tracking import IDENTITY_FRAMES, Smoothing
@@ -93,6 +90,8 @@ class PhotographOptions:
         """
         if self.box is None:
             return
+        from pix2face.face_files.box_files import LARGEST_BOX_PX  # loads NumPy
+
         if self.faces.boxes is not None:
             raise UsageError("expected --box or --boxes, found both")
         left, top, right, bottom = self.box
@@ -255,7 +254,7 @@ class LandmarksSelectConfig:
 
     data: Path
     out: Path = Path("landmarks.json")
-    scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = IBUG68
+    scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = "ibug68"
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
     coeffs: Annotated[Path | None, optional("PATH")] = None
     folds: int = 5
@@ -274,7 +273,7 @@ class LandmarksShowConfig:
 
     file: Annotated[Path | None, tyro.conf.Positional, optional("PATH")] = None
     out: Path = Path("landmarks.png")
-    scheme: str = IBUG68
+    scheme: str = "ibug68"
     model: str = BUILTIN_MODEL
 
 

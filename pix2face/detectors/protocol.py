@@ -7,9 +7,8 @@ from typing import Protocol, final, runtime_checkable
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from pix2face.detectors import SURE_SCORE
 from pix2face.geometry.crops import FaceBox
-
-SURE_SCORE = 1.0  # from this score on, a detector is sure of a face
 
 
 @final

@@ -18,9 +18,8 @@ from pix2face.command_line import (
     progress_bar,
     say,
 )
-from pix2face.detectors import DEFAULT_DETECTOR
+from pix2face.detectors import DEFAULT_DETECTOR, SURE_SCORE
 from pix2face.detectors.detection import open_detector
-from pix2face.detectors.protocol import SURE_SCORE
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFiles
 from pix2face.evaluation.benchmarks.benchmark_search import find_benchmark

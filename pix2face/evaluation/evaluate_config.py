@@ -8,8 +8,7 @@ import tyro
 
 from pix2face.command_line import choices, optional
 from pix2face.commands.pix2face_config import NetworkOptions
-from pix2face.detectors import DEFAULT_DETECTOR
-from pix2face.detectors.protocol import SURE_SCORE
+from pix2face.detectors import DEFAULT_DETECTOR, SURE_SCORE
 from pix2face.evaluation.benchmarks.manifest import Split
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
 from pix2face.geometry import Alignment, Normaliser

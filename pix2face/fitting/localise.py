@@ -6,7 +6,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
 from numpy import ndarray
-from scipy.spatial import cKDTree
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.least_squares.robust import lengths
@@ -100,6 +99,8 @@ def check_finite_pixels(values: Float[ndarray, "n c"]) -> None:
 
 
 def _nearest_by_tree(pncc: Float32[ndarray, "n 3"], targets: Float64[ndarray, "m 3"]) -> Int[ndarray, " m"]:
+    from scipy.spatial import cKDTree  # a sixth of a second, which commands that fit nothing save
+
     # Neighbouring pixels are neighbours in space, so a tree that is built in a hurry is as good as a balanced one.
     tree = cKDTree(pncc, balanced_tree=False, compact_nodes=False)
     return np.asarray(tree.query(targets)[1])  # Eq. (2)

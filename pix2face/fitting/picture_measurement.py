@@ -20,7 +20,6 @@ from pix2face.fitting.localise import ValidPixels, VertexPixels, localise_prepar
 from pix2face.fitting.noise import FIRST_REGULARISATION, estimated_regularisation, without_white_noise
 from pix2face.fitting.prepared_model import PreparedModel, evenly_spread, prepared_model
 from pix2face.fitting.silhouette import FaceSurface, OutsideDistance, fit_camera_to_silhouette, with_silhouette
-from pix2face.fitting.surface_pixels import surface_rows
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.maps import FaceMaps, FitCorrector
 from pix2face.models.morphable_model import MorphableModel
@@ -135,6 +134,8 @@ def _on_surface(
     camera: Camera, model: MorphableModel, pixels: ValidPixels, regularisation: float | None
 ) -> PictureMeasurement:
     """Sets up and solves the system of pixels inside the triangles of the mean face."""
+    from pix2face.fitting.surface_pixels import surface_rows  # loads scipy.spatial
+
     regularisation = EXACT_SURFACE_REGULARISATION if regularisation is None else regularisation
     rows = surface_rows(model, pixels, SURFACE_PIXELS)
     system = image_system(*rows, regularisation, robust_rounds=ROBUST_ROUNDS)

@@ -3,6 +3,7 @@
 The gathering takes tenths of a second; a fit then touches a few megabytes instead of the whole basis.
 """
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import final
@@ -10,7 +11,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 from numpy import ndarray
-from scipy.spatial import cKDTree
 
 from pix2face.models.morphable_model import MorphableModel
 
@@ -37,11 +37,18 @@ class VertexGrid:
         """Makes the grid of some vertices (mm, model frame)."""
         origin = points.min(axis=0) - np.float32(REACH_MM)
         shape = np.ceil((points.max(axis=0) + REACH_MM - origin) / CELL_MM).astype(int)
-        centres = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3) + 0.5
-        tree = cKDTree(points)
-        nearest = tree.query(origin + CELL_MM * centres, distance_upper_bound=REACH_MM)[1].astype(np.int32)
-        nearest[nearest == len(points)] = -1
-        return cls(origin - np.float32(CELL_MM), np.pad(nearest.reshape(shape), 1, constant_values=-1))
+        centres = [start + CELL_MM * (np.arange(n) + 0.5) for start, n in zip(origin, shape, strict=True)]
+        nearest, least = np.full(shape, -1, dtype=np.int32), np.full(shape, REACH_MM**2)
+        # A point reaches few cells: looking at them is ten times as fast as asking a tree for each cell of the grid.
+        reach = math.ceil(REACH_MM / CELL_MM)
+        first = np.maximum(((points - origin) / CELL_MM).astype(int) - reach, 0)
+        for index, (point, start) in enumerate(zip(points.astype(np.float64), first, strict=True)):
+            cells = tuple(slice(begin, begin + 2 * reach + 1) for begin in start)
+            x, y, z = ((own[part] - at) ** 2 for own, part, at in zip(centres, cells, point, strict=True))
+            squared = x[:, None, None] + y[:, None] + z
+            is_nearer = squared < least[cells]
+            least[cells][is_nearer], nearest[cells][is_nearer] = squared[is_nearer], index
+        return cls(origin - np.float32(CELL_MM), np.pad(nearest, 1, constant_values=-1))
 
     def look_up(self, points: Float32[ndarray, "n 3"]) -> Int32[ndarray, " n"]:
         """The vertex of the cell that each point (mm, finite) is in; -1 where there is none."""

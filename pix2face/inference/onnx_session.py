@@ -14,8 +14,8 @@ from pix2face.files.opening import is_regular, read_regular
 
 LARGEST_FILE_BYTES = 1 << 30  # larger weights lie in a file of their own, which is not read
 ERRORS_ONLY = 3
-# Threads of a network; as for other libraries, OMP_NUM_THREADS sets them. onnxruntime's own choice, 0, would bind threads
-# to cores, which fails with a message where a container has only some of them.
+# Threads of a network. As for other libraries, OMP_NUM_THREADS sets them. onnxruntime's own choice, 0, would bind
+# threads to cores, which fails with a message where a container has only some of them.
 _given = os.environ.get("OMP_NUM_THREADS", "")
 _threads = (int(_given) if _given.isdecimal() else 0) or len(os.sched_getaffinity(0))
 

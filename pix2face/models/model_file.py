@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast, final
+from typing import Any, final
 
 import h5py
 import numpy as np
@@ -139,37 +139,49 @@ def read_stored_model(path: Path) -> tuple[StoredModel, str]:
     try:
         with open_hdf5(path) as file:
             _check_format(file, path)
-            return _checked(_read(file, path), path), _content_sha256(file, path)
+            arrays = _arrays(file)
+            sha256 = _content_sha256(file, arrays, path)
+            return _checked(_read(file, arrays, path), path), sha256
     except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
         raise InputFileError(
             f"{path}: expected a model in the project's .h5 layout, found a file that cannot be read as one ({error})"
         ) from error
 
 
-def _read(file: h5py.File, path: Path) -> StoredModel:
+def _arrays(file: h5py.File) -> dict[str, ndarray]:
+    """All arrays by their names, as they are stored: unfolding them takes most of the time, and is done once."""
+    items: list[tuple[str, h5py.Dataset]] = []
+    file.visititems(lambda name, item: items.append((name, item)) if isinstance(item, h5py.Dataset) else None)
+    for name, item in items:
+        if item.shape is None or item.dtype.kind not in "fiubS":  # damaged text of variable length can end the process
+            raise TypeError(f"{name} is no array of numbers")
+    return {name: item[()] for name, item in items}
+
+
+def _read(file: h5py.File, arrays: Mapping[str, ndarray], path: Path) -> StoredModel:
     content: dict[str, Any] = {
         **{name: read_text(file.attrs, path, name) for name in _TEXTS},
         **{name: parse_json(read_text(file.attrs, path, name), tuple[str, ...]) for name in _LISTS},
-        **{name: _array(file, name, dtype) for name, dtype in _ARRAYS.items() if name in file},
+        **{name: _array(arrays, name, dtype) for name, dtype in _ARRAYS.items() if name in file},
     }
     return StoredModel(
         **content,
-        identity_basis=_read_basis(file, "identity_basis"),
-        expression_basis=_read_basis(file, "expression_basis"),
-        landmarks={name: _array(file, f"landmarks/{name}", np.int32) for name in file.get("landmarks", ())},
+        identity_basis=_read_basis(arrays, "identity_basis"),
+        expression_basis=_read_basis(arrays, "expression_basis"),
+        landmarks={name: _array(arrays, f"landmarks/{name}", np.int32) for name in file.get("landmarks", ())},
         named_expressions={
-            name: _array(file, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
+            name: _array(arrays, f"named_expressions/{name}", np.float32) for name in file.get("named_expressions", ())
         },
         refinement_steps=read_version(file.attrs, path, "refinement_steps"),
-        alignment=_read_alignment(file),
+        alignment=_read_alignment(arrays),
     )
 
 
-def _read_alignment(file: h5py.File) -> Alignment | None:
-    if "alignment" not in file:
+def _read_alignment(arrays: Mapping[str, ndarray]) -> Alignment | None:
+    if not any(name.startswith("alignment/") for name in arrays):
         return None
-    frame = _array(file, "alignment/frame_from_file", np.float64)
-    residual, scale = (float(file[f"alignment/{name}"][()]) for name in _ALIGNMENT[1:])
+    frame = _array(arrays, "alignment/frame_from_file", np.float64)
+    residual, scale = (float(arrays[f"alignment/{name}"]) for name in _ALIGNMENT[1:])
     return Alignment(frame_from_file=frame, residual_mm=residual, landmark_scale=scale)
 
 
@@ -231,34 +243,29 @@ def _write_basis(file: h5py.File, name: str, basis: ndarray, quantise: bool) -> 
     _write_array(file, f"{name}_step", step)
 
 
-def _read_basis(file: h5py.File, name: str) -> Float32[ndarray, "k v 3"]:
-    basis = _array(file, name, np.float32)
-    if f"{name}_step" in file:
-        basis *= _array(file, f"{name}_step", np.float32)[:, None, None]
+def _read_basis(arrays: Mapping[str, ndarray], name: str) -> Float32[ndarray, "k v 3"]:
+    basis = _array(arrays, name, np.float32)
+    if f"{name}_step" in arrays:
+        basis *= _array(arrays, f"{name}_step", np.float32)[:, None, None]
     return basis
 
 
-def _array(file: h5py.File, name: str, dtype: Any) -> ndarray:
-    item = file[name]
-    if not isinstance(item, h5py.Dataset) or item.shape is None or item.dtype.kind not in "fiub":
+def _array(arrays: Mapping[str, ndarray], name: str, dtype: Any) -> ndarray:
+    if arrays[name].dtype.kind not in "fiub":
         raise TypeError(f"{name} is no array of numbers")
     with np.errstate(invalid="ignore", over="ignore"):  # NaN as a number of a vertex is found below
-        return cast(ndarray, item[()].astype(dtype))
+        return np.asarray(arrays[name]).astype(dtype, copy=False)
 
 
-def _content_sha256(file: h5py.File, path: Path) -> str:
+def _content_sha256(file: h5py.File, arrays: Mapping[str, ndarray], path: Path) -> str:
     digest = hashlib.sha256()
     for name in sorted(file.attrs):
         is_text = name in (*_TEXTS, *_LISTS, "format")
         digest.update(
             f"{name}={read_text(file.attrs, path, name) if is_text else read_version(file.attrs, path, name)};".encode()
         )
-    names: list[str] = []
-    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
-    for name in sorted(names):
-        if file[name].dtype.kind not in "fiubS":  # damaged text of variable length can end the process
-            raise TypeError(f"{name} is no array of numbers")
-        array = np.ascontiguousarray(file[name][()])
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
         digest.update(f"{name}:{array.dtype.str}:{array.shape};".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()

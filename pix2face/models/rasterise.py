@@ -52,22 +52,23 @@ def rasterise(
         DegenerateGeometryError: A vertex lies in or behind the plane of a pinhole, or is not finite.
     """
     homogeneous = project_homogeneous(camera_matrix, vertices)
-    corners = homogeneous[triangles]  # t, vertex, (u w, v w, depth, w)
-    screen = corners[..., :2] / corners[..., 3:]
+    # A row for each corner, since NumPy gathers and adds long rows fastest.
+    depths, w = (homogeneous[:, k][triangles.T] for k in (2, 3))
+    screen = (homogeneous[:, :2] / homogeneous[:, 3:])[triangles]
     nearest = np.full(height * width, np.inf)
     triangle = np.full(height * width, -1, dtype=np.int32)
     weights = np.zeros((height * width, 3))
     for index, row, column in _candidates(screen, height, width):
-        inside, flat_weights = _cover(screen[index], row, column)
-        covering, pixel = index[inside], (row * width + column)[inside]
-        true_weights = flat_weights[inside] / corners[covering, :, 3]
-        true_weights /= true_weights.sum(axis=1, keepdims=True)
-        depth = (true_weights * corners[covering, :, 2]).sum(axis=1)
-        order = np.lexsort((covering, depth, pixel))
-        first = order[np.unique(pixel[order], return_index=True)[1]]
-        first = first[depth[first] < nearest[pixel[first]]]
-        seen = pixel[first]
-        nearest[seen], triangle[seen], weights[seen] = depth[first], covering[first], true_weights[first]
+        inside, true_weights = _cover(screen, index, row, column)
+        covering, pixel = index.take(inside), (row * width + column).take(inside)
+        true_weights /= w.take(covering, axis=1)
+        true_weights /= true_weights.sum(axis=0)
+        depth = (true_weights * depths.take(covering, axis=1)).sum(axis=0)
+        near = np.flatnonzero(depth < nearest.take(pixel))
+        np.minimum.at(nearest, pixel.take(near), depth.take(near))
+        seen = near[depth.take(near) == nearest.take(pixel.take(near))]
+        seen = seen[::-1]  # the last that is written stays: of equally near triangles, the first
+        triangle[pixel[seen]], weights[pixel[seen]] = covering[seen], true_weights[:, seen].T
     shape = (height, width)
     return Fragments(triangle.reshape(shape), weights.reshape(*shape, 3), nearest.reshape(shape))
 
@@ -200,24 +201,29 @@ def _candidates(
         counts = (columns * rows)[start:stop]
         index = np.repeat(np.arange(start, stop), counts)
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        yield index, first[index, 1] + within // columns[index], first[index, 0] + within % columns[index]
+        down, right = np.divmod(within, columns[index])
+        yield index, first[index, 1] + down, first[index, 0] + right
 
 
 def _cover(
-    corners: Float64[ndarray, "n 3 2"], row: Int64[ndarray, " n"], column: Int64[ndarray, " n"]
-) -> tuple[Bool[ndarray, " n"], Float64[ndarray, "n 3"]]:
-    """Whether each pixel centre is in its triangle, and its barycentric weights in the image plane."""
-    centre = np.stack([column, row], axis=1) + 0.5
-    area = _doubled_area(corners)
+    screen: Float64[ndarray, "t 3 2"],
+    index: Int64[ndarray, " n"],
+    row: Int64[ndarray, " n"],
+    column: Int64[ndarray, " n"],
+) -> tuple[Int64[ndarray, " m"], Float64[ndarray, "3 m"]]:
+    """Which of the pixel centres are in the triangles of these indices, and their weights in the image plane."""
+    area = _doubled_area(screen)
     turn = np.where(area < 0, -1.0, 1.0)  # after it, inside is positive for every winding
-    inside = area != 0
-    weights = np.empty((len(corners), 3))
+    x, y = screen.transpose(2, 1, 0).copy()
+    inside, sides = np.flatnonzero(area.take(index)), np.empty((0, len(index)))
     for k in range(3):
-        start, end = corners[:, (k + 1) % 3], corners[:, (k + 2) % 3]
-        edge, to_centre = (end - start) * turn[:, None], centre - start
-        side = edge[:, 0] * to_centre[:, 1] - edge[:, 1] * to_centre[:, 0]
+        start, end = (k + 1) % 3, (k + 2) % 3
+        edge_x, edge_y = (x[end] - x[start]) * turn, (y[end] - y[start]) * turn
         # An edge that runs up is a left one, a level one to the right is a top one: they own the centres on them.
-        owns = (edge[:, 1] < 0) | ((edge[:, 1] == 0) & (edge[:, 0] > 0))
-        inside &= (side > 0) | ((side == 0) & owns)
-        weights[:, k] = side
-    return inside, weights / np.where(area == 0, 1, np.abs(area))[:, None]
+        owns = (edge_y < 0) | ((edge_y == 0) & (edge_x > 0))
+        own = index.take(inside)
+        to_x, to_y = column.take(inside) + 0.5 - x[start].take(own), row.take(inside) + 0.5 - y[start].take(own)
+        side = edge_x.take(own) * to_y - edge_y.take(own) * to_x
+        kept = np.flatnonzero((side > 0) | ((side == 0) & owns.take(own)))
+        inside, sides = inside.take(kept), np.vstack([sides.take(kept, axis=1), side.take(kept)])
+    return inside, sides / np.abs(area).take(index.take(inside))

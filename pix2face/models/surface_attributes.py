@@ -51,6 +51,12 @@ def vertex_normals(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3
     return np.asarray(total / np.where(lengths > 0, lengths, 1), dtype=np.float64)
 
 
+def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], camera: Camera) -> Float64[ndarray, " v"]:
+    """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
+    towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
+    return np.asarray(vertex_normals(vertices, triangles) @ towards, dtype=np.float64)
+
+
 def normals_in_camera(
     model: MorphableModel, vertices: Float32[ndarray, "v 3"], camera: Camera
 ) -> Float32[ndarray, "v 3"]:

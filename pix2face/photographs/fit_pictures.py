@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 from numpy import ndarray
 
+from pix2face.files.meshes.ply import encode_ply
+from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
 from pix2face.geometry.maps import FaceMaps, map_picture, point_cloud, smooth_maps
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import interpolate, rasterise
-from pix2face.photographs.texture import facing
+from pix2face.models.surface_attributes import facing
 
 LANDMARK_COLOUR, HIDDEN_COLOUR = (60, 255, 60), (255, 80, 80)
 # How many times as large as the radius of a dot a face is; the smallest radius is one pixel.
@@ -127,9 +129,7 @@ def photograph_cloud(
 
 def write_point_cloud(path: Path, points: Float32[ndarray, "n 3"], colours: UInt8[ndarray, "n 3"]) -> None:
     """Writes points with their colours as .ply."""
-    import trimesh  # half a second, which commands that write no points save
-
-    trimesh.PointCloud(points, colours).export(path)  # type: ignore[no-untyped-call]
+    write_file(path, encode_ply(points, colours))
 
 
 YAWS_DEG = (0.0, 45.0, 90.0)

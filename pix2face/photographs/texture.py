@@ -20,7 +20,7 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import nearest_inside
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import rasterise
-from pix2face.models.surface_attributes import vertex_normals
+from pix2face.models.surface_attributes import facing
 
 # The smallest texture with so many texels for the face is taken: three times as many as a crop has pixels.
 FACE_TEXELS = 180_000
@@ -68,8 +68,16 @@ class SurfacePoints:
 
     def interpolate(self, attribute: Float[ndarray, "v ..."]) -> Float64[ndarray, "n ..."]:
         """Interpolates a quantity that is given per vertex at the points."""
-        weights = self.weights.reshape(*self.weights.shape, *[1] * (attribute.ndim - 1))
-        return np.asarray((attribute[self.corners] * weights).sum(axis=1), dtype=np.float64)
+        # Column by column, since NumPy gathers and adds long rows fastest.
+        columns = np.ascontiguousarray(attribute.reshape(len(attribute), -1).T)
+        total = sum(
+            columns.take(own, axis=1) * weight for own, weight in zip(self.corners.T, self.weights.T, strict=True)
+        )
+        return np.asarray(total, dtype=np.float64).T.reshape(-1, *attribute.shape[1:])
+
+    def some(self, chosen: Int[ndarray, " m"]) -> "SurfacePoints":
+        """Some of the points."""
+        return SurfacePoints(self.corners[chosen], self.weights[chosen])
 
 
 @final
@@ -115,9 +123,11 @@ class PhotographColours:
         weight *= self._uncovered(points, colour)
         below = self._around(points, colour, weight > 0.5)
         if self._model.symmetry is not None:
-            mirrored = SurfacePoints(self._model.symmetry[points.corners], points.weights)
+            unsure = np.flatnonzero(weight != 1)  # rounding makes some a little larger
+            mirrored = SurfacePoints(self._model.symmetry[points.corners[unsure]], points.weights[unsure])
             colour_there, weight_there = self._seen(mirrored)
-            below = _blend(colour_there, weight_there * self._uncovered(mirrored, colour_there), below)
+            weight_there *= self._uncovered(mirrored, colour_there)
+            below[unsure] = _blend(colour_there, weight_there, below[unsure])
         return np.clip(np.rint(_blend(colour, weight, below)), 0, 255).astype(np.uint8)
 
     def _skin(self, is_middle: Bool[ndarray, " v"]) -> Float64[ndarray, "3"]:
@@ -140,32 +150,37 @@ class PhotographColours:
         below = np.tile(self.skin, (len(sure), 1))
         if not sure.any():
             return below
-        places = points.interpolate(self._model.mean)
-        unsure = ~sure & (points.interpolate(self._share) == 1) & ~self._is_ear[points.corners].any(axis=1)
+        unsure = np.flatnonzero(~sure & ~self._is_ear[points.corners].any(axis=1))
+        unsure = unsure[points.some(unsure).interpolate(self._share) == 1]
         known = np.flatnonzero(sure)[:: max(1, int(sure.sum()) // MOST_NEIGHBOURS)]
         neighbours = list(range(1, min(NEIGHBOURS, len(known)) + 1))
-        distance, nearest = cKDTree(places[known]).query(
-            places[unsure], k=neighbours, distance_upper_bound=REACH_FADES * FADE_MM
-        )
+        known_places, places = (points.some(own).interpolate(self._model.mean) for own in (known, unsure))
+        # Among the many points of a texture, a tree that is built in a hurry answers twice as fast.
+        tree = cKDTree(known_places, compact_nodes=len(known) < MOST_NEIGHBOURS)
+        distance, nearest = tree.query(places, k=neighbours, distance_upper_bound=REACH_FADES * FADE_MM)
         near = np.isfinite(distance).all(axis=1)
         share = np.exp(-((distance[near].mean(axis=1, keepdims=True) / FADE_MM) ** 2))
         around = colour[known[nearest[near]]].mean(axis=1)
-        below[np.flatnonzero(unsure)[near]] = share * around + (1 - share) * self.skin
+        below[unsure[near]] = share * around + (1 - share) * self.skin
         return below
 
     def _seen(self, points: SurfacePoints) -> tuple[Float32[ndarray, "n 3"], Float64[ndarray, " n"]]:
         """The photograph's colour where each point is projected, and how much it is worth, 0 to 1."""
-        places = points.interpolate(self._vertices)
         cosines = points.interpolate(self._cosines)
         weight = np.clip((cosines - LEAST_COSINE) / (FULL_COSINE - LEAST_COSINE), 0, 1)
-        own_depth, pixel = self._depth_camera.depth(places), self._depth_camera.project(places)
-        here, nearest, farthest = (_sample(plane, pixel, cv2.INTER_NEAREST) for plane in self._depths)
-        weight *= own_depth <= here + DEPTH_TOLERANCE_MM
-        weight *= (nearest >= own_depth - STEP_MM) & (farthest <= own_depth + STEP_MM)
-        pixels = self._to_picture.to_crop(self._camera.project(places))
-        weight *= _sample(self._inside, pixels, cv2.INTER_LINEAR) >= 255
         weight *= points.interpolate(self._share)
-        return _sample(self._picture, pixels, cv2.INTER_LINEAR), weight
+        colour = np.zeros((len(weight), 3), dtype=np.float32)
+        maybe = np.flatnonzero(weight)  # the rest is not looked up in the photograph
+        places = points.some(maybe).interpolate(self._vertices)
+        own_depth, pixel = self._depth_camera.depth(places), self._depth_camera.project(places)
+        here, nearest, farthest = _sample(self._depths, pixel, cv2.INTER_NEAREST).T
+        is_seen = own_depth <= here + DEPTH_TOLERANCE_MM
+        is_seen &= (nearest >= own_depth - STEP_MM) & (farthest <= own_depth + STEP_MM)
+        pixels = self._to_picture.to_crop(self._camera.project(places))
+        is_seen &= _sample(self._inside, pixels, cv2.INTER_LINEAR) >= 255
+        weight[maybe] *= is_seen
+        colour[maybe] = _sample(self._picture, pixels, cv2.INTER_LINEAR)
+        return colour, weight
 
 
 def vertex_colours(image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel) -> UInt8[ndarray, "v 3"]:
@@ -223,23 +238,23 @@ def _texture_layout(model: MorphableModel, size_px: int) -> _TextureLayout:
     assert model.uv is not None
     assert model.uv_triangles is not None
     is_face = model.is_face_triangle
-    places = np.column_stack([model.uv[:, 0] * size_px, (1 - model.uv[:, 1]) * size_px, np.zeros(len(model.uv))])
-    texels = rasterise(np.eye(4), places, model.uv_triangles[is_face], size_px, size_px)
-    is_drawn = texels.triangle >= 0
-    drawn = np.flatnonzero(is_drawn)
-    corners = model.triangles[is_face][texels.triangle[is_drawn]]
-    points = SurfacePoints(corners, texels.barycentric[is_drawn])
-    if not len(drawn):
-        return _TextureLayout(size_px, drawn, points, drawn, drawn)
+    triangles = model.uv_triangles[is_face]
+    places = np.column_stack([model.uv[:, 0] * size_px, (1 - model.uv[:, 1]) * size_px]).astype(np.float64)
+    # The part of the texture where the face is: of the built-in model's a seventh.
+    margin, of_face = PADDING_PX + 1, places[np.unique(triangles)]
+    left, top = np.clip(np.floor(of_face.min(axis=0, initial=size_px)).astype(int) - margin, 0, size_px)
+    right, bottom = np.clip(np.ceil(of_face.max(axis=0, initial=0)).astype(int) + margin, 0, size_px)
+    texel = size_px * np.arange(top, bottom)[:, None] + np.arange(left, right)
+    in_part = np.column_stack([places - [left, top], np.zeros(len(places))])
+    fragments = rasterise(np.eye(4), in_part, triangles, *texel.shape)
+    is_drawn = fragments.triangle >= 0
+    corners = model.triangles[is_face][fragments.triangle[is_drawn]]
+    points = SurfacePoints(corners, fragments.barycentric[is_drawn])
+    if not len(corners):
+        return _TextureLayout(size_px, texel[is_drawn], points, texel[is_drawn], texel[is_drawn])
     distance, nearest = nearest_inside(is_drawn)
-    around = np.flatnonzero((distance > 0) & (distance <= PADDING_PX))
-    return _TextureLayout(size_px, drawn, points, around, nearest.reshape(-1)[around])
-
-
-def facing(vertices: Float[ndarray, "v 3"], triangles: Int[ndarray, "t 3"], camera: Camera) -> Float64[ndarray, " v"]:
-    """How much each vertex faces the viewer: the cosine between its normal and the direction towards the camera."""
-    towards = -camera.matrix[2, :3] / np.linalg.norm(camera.matrix[2, :3])
-    return np.asarray(vertex_normals(vertices, triangles) @ towards, dtype=np.float64)
+    is_around = (distance > 0) & (distance <= PADDING_PX)
+    return _TextureLayout(size_px, texel[is_drawn], points, texel[is_around], texel.reshape(-1)[nearest[is_around]])
 
 
 @lru_cache(maxsize=2)
@@ -252,7 +267,8 @@ def _share_of_photograph(model: MorphableModel) -> Float64[ndarray, " v"]:
         graph = coo_array((np.ones(edges.shape[1]), edges), shape=(len(share), len(share)))
         part_of_vertex = connected_components(graph, directed=False)[1]
         head = part_of_vertex == np.bincount(part_of_vertex[np.unique(others)]).argmax()
-        share *= np.clip(cKDTree(model.mean[head]).query(model.mean)[0] / BORDER_FADE_MM, 0, 1)
+        distance = cKDTree(model.mean[head]).query(model.mean, distance_upper_bound=BORDER_FADE_MM)[0]
+        share *= np.clip(distance / BORDER_FADE_MM, 0, 1)
     return share
 
 
@@ -262,15 +278,13 @@ def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"]) ->
     return next((size for size in TEXTURE_SIZES_PX if area * size**2 >= FACE_TEXELS), TEXTURE_SIZES_PX[-1])
 
 
-def _depths(
-    fit: FaceFit, model: MorphableModel, crop: Crop
-) -> tuple[Camera, tuple[Float32[ndarray, "s s"], Float32[ndarray, "s s"], Float32[ndarray, "s s"]]]:
+def _depths(fit: FaceFit, model: MorphableModel, crop: Crop) -> tuple[Camera, Float32[ndarray, "s s 3"]]:
     """Depth of whatever part of the head is in front, the nearest and the farthest around, and their camera."""
     camera = crop_camera(fit.camera, crop)
     depth = rasterise(camera.matrix, fit.vertices, model.triangles, crop.size_px, crop.size_px).depth
     here = np.minimum(depth, 1e9).astype(np.float32)
     around = np.ones((2 * STEP_REACH_PX + 1,) * 2, dtype=np.uint8)
-    return camera, (here, cv2.erode(here, around), cv2.dilate(here, around))
+    return camera, np.dstack([here, cv2.erode(here, around), cv2.dilate(here, around)])
 
 
 def _sample(picture: ndarray, pixels: Float[ndarray, "n 2"], how: int) -> ndarray:

@@ -21,9 +21,10 @@ import cv2
 import numpy as np
 from numpy import ndarray
 
+from pix2face.detectors import SURE_SCORE
 from pix2face.detectors.centre_detector import CentreDetector
 from pix2face.detectors.detection import open_detector
-from pix2face.detectors.protocol import SURE_SCORE, DetectedFace, overlap
+from pix2face.detectors.protocol import DetectedFace, overlap
 from pix2face.face_files.annotations import find_annotations
 from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import IMAGE_SUFFIXES, read_photograph

@@ -4,8 +4,9 @@ import time
 from dataclasses import dataclass
 from typing import final
 
+from pix2face.detectors import SURE_SCORE
 from pix2face.detectors.detection import DetectedFace, Detector
-from pix2face.detectors.protocol import SURE_SCORE, overlap, sure_faces
+from pix2face.detectors.protocol import overlap, sure_faces
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.figures.detection_summary import FaceDetection, is_of_face
 from pix2face.geometry.crops import FaceBox

@@ -10,7 +10,6 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
-from scipy.spatial.transform import Rotation
 
 from pix2face.geometry.camera import Camera, WeakPerspective, weak_perspective_camera
 
@@ -92,4 +91,6 @@ def rotation_jacobian(turned: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 3 3"
 
 def rotated(rotation: Float64[ndarray, "3 3"], increment: Float64[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
     """exp([increment]x) @ rotation."""
+    from scipy.spatial.transform import Rotation  # a sixth of a second, which commands that fit nothing save
+
     return np.asarray(Rotation.from_rotvec(increment).as_matrix() @ rotation, dtype=np.float64)

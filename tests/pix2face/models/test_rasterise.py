@@ -86,6 +86,18 @@ def test_the_nearest_triangle_wins_whatever_the_order() -> None:
         assert (fragments.depth[fragments.triangle >= 0] == 2).all()
 
 
+@pytest.mark.parametrize("at_a_time", [1, 500_000])
+def test_of_equally_near_triangles_the_first_wins(at_a_time: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where they are not looked at together."""
+    monkeypatch.setattr("pix2face.models.rasterise.CANDIDATES_AT_A_TIME", at_a_time)
+    vertices = np.array([[0.0, 0, 5], [8, 0, 5], [0, 8, 5], [0, 0, 9], [8, 0, 9], [0, 8, 9]])
+    triangles = np.array([[3, 4, 5], [0, 1, 2], [1, 2, 0], [0, 2, 1]], dtype=np.int32)
+    fragments = rasterise(FLAT.matrix, vertices, triangles, 8, 8)
+    assert set(np.unique(fragments.triangle)) == {-1, 1}
+    points = interpolate(fragments, vertices, triangles)[fragments.triangle == 1]
+    np.testing.assert_allclose(points[:, 2], 5)
+
+
 def test_the_mean_face_has_no_offset_and_its_own_points_as_pncc() -> None:
     model = small_head_model()
     maps = render_maps(model, model.mean, AFFINE, SIZE, SIZE)

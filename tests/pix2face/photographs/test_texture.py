@@ -21,12 +21,12 @@ from pix2face.geometry.camera import (
 )
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import interpolate, rasterise
+from pix2face.models.surface_attributes import facing
 from pix2face.photographs.texture import (
     BORDER_FADE_MM,
     MIDDLE_MM,
     NO_COLOUR,
     face_texture,
-    facing,
     vertex_colours,
 )
 from tests.synthetic_models import small_head_model

@@ -1,0 +1,1 @@
+"""The containers of meshes and points: `.glb` and `.ply`."""
