@@ -84,16 +84,18 @@ with tempfile.TemporaryDirectory() as folder:
         write_mesh(Path(folder, f"face.{suffix}"), FaceMesh(model.mean, model, colours))
     write_point_cloud(Path(folder, "points.ply"), model.mean, colours)
 """
-    predicting, fitting, written, more = modules_after(
+    predicting, fitting, viewing, written, more = modules_after(
         "import pix2face.commands.predict_cli",
         "import pix2face.commands.fit_cli",
-        write,
         "import pix2face.commands.view_cli",
+        write,
+        "import trimesh, scipy.optimize",
     )
     assert "scipy.linalg" in predicting
     assert not predicting & (PHOTOGRAPHS_NEED_NO | {"scipy.spatial"})
     assert "scipy.spatial" in fitting
     assert not fitting & PHOTOGRAPHS_NEED_NO
+    assert not viewing & PHOTOGRAPHS_NEED_NO
     assert not written & PHOTOGRAPHS_NEED_NO
     assert {"trimesh", "networkx", "scipy.optimize"} <= more & PHOTOGRAPHS_NEED_NO
 

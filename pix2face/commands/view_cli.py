@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from rich.console import Console
@@ -88,6 +87,8 @@ def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:
 def _stored_points(path: Path) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:
     if not is_regular(path):
         return np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.uint8)
+    import trimesh  # more than a second, which pages of photographs save
+
     try:
         # trimesh converts what a damaged file holds without a look at it; NumPy would warn.
         with open_regular(path, "a point cloud", LARGEST_CLOUD_BYTES) as file, np.errstate(all="ignore"):
