@@ -30,6 +30,7 @@ class Mistake:
 
 GEOMETRY, TRAINING, RENDERING = "tests/pix2face/geometry", "tests/training", "tests/datagen/rendering"
 FACE_FILES, MODELS, FITTING = "tests/pix2face/face_files", "tests/pix2face/models", "tests/pix2face/fitting"
+INFERENCE = "tests/pix2face/inference"
 PHOTOGRAPHS, EVALUATION, SAMPLES = "tests/pix2face/photographs", "tests/pix2face/evaluation", "tests/datagen/samples"
 
 # fmt: off
@@ -116,10 +117,9 @@ MISTAKES = (
     Mistake("normals: towards the viewer instead of away", "pix2face/models",
             "axes[2] *= np.sign(", "axes[2] *= -np.sign(", MODELS),
     Mistake("rasteriser: half a pixel at pixel centres", "pix2face/models",
-            "centre = np.stack([column, row], axis=1) + 0.5", "centre = np.stack([column, row], axis=1) + 0.0", MODELS),
+            "to_x, to_y = column.take(inside) + 0.5 -", "to_x, to_y = column.take(inside) + 0.0 -", MODELS),
     Mistake("rasteriser: no perspective correction", "pix2face/models",
-            "true_weights = flat_weights[inside] / corners[covering, :, 3]", "true_weights = flat_weights[inside] / 1.0",
-            MODELS),
+            "true_weights /= w.take(covering, axis=1)", "true_weights /= 1.0", MODELS),
     Mistake("rasteriser: the outside is the inside", "pix2face/models",
             "_doubled_area(screen) * handedness(camera) < 0", "_doubled_area(screen) * handedness(camera) > 0", MODELS),
     Mistake("mirroring: y instead of x", "pix2face/models",
@@ -153,8 +153,16 @@ MISTAKES = (
             "np.clip(pixels - 0.5, -10, 1e6)", "np.clip(pixels, -10, 1e6)", PHOTOGRAPHS + "/test_texture.py"),
     Mistake("texture: v runs down", "pix2face/photographs",
             "(1 - model.uv[:, 1]) * size_px", "model.uv[:, 1] * size_px", PHOTOGRAPHS + "/test_texture.py"),
-    Mistake("texture: the back of the head faces the viewer", "pix2face/photographs",
+    Mistake("texture: the back of the head faces the viewer", "pix2face/models",
             "towards = -camera.matrix[2, :3]", "towards = camera.matrix[2, :3]", PHOTOGRAPHS + "/test_texture.py"),
+    Mistake("networks: half a pixel where planes are enlarged", "pix2face/inference",
+            'coordinate_transformation_mode="half_pixel"', 'coordinate_transformation_mode="asymmetric"', INFERENCE + "/test_onnx_files.py"),
+    Mistake("networks: mean of a norm lost", "pix2face/inference",
+            "bias = shift - mean * gain / deviation", "bias = shift", INFERENCE + "/test_onnx_files.py"),
+    Mistake("correction: from the corner of the crop", "pix2face/inference",
+            "rows[:, 3] -= 0.5", "rows[:, 3] -= 0.0", INFERENCE + "/test_fit_correction.py"),
+    Mistake("correction: a turn to the other side", "pix2face/inference",
+            "cv2.Rodrigues(TURN * changes[:3])", "cv2.Rodrigues(-TURN * changes[:3])", INFERENCE + "/test_fit_correction.py"),
     Mistake("refinement: half a pixel at the residual", "pix2face/photographs",
             "centres = np.column_stack([columns, rows]) + 0.5", "centres = np.column_stack([columns, rows])", PHOTOGRAPHS + "/test_refined_detection.py"),
     Mistake("refinement: the box stays in the crop's pixels", "pix2face/photographs",
