@@ -99,7 +99,7 @@ class Pix2Face:
         Args:
             checkpoint: Checkpoint of a training; None uses the packaged one.
             model: ``builtin``, the path of a model file, or a model; None if only maps are wanted.
-            device: Name of a torch device; None uses a GPU if there is one.
+            device: "cpu", or the name of a device of PyTorch; None uses a GPU if there is one and PyTorch is installed.
             detector: Name or file of a face detector, as ``pix2face.detectors.detection.open_detector`` takes it.
             refine: As in the class.
             own_landmarks: Whether the landmarks in the checkpoint are used instead of those of the model. None uses

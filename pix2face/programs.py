@@ -86,7 +86,7 @@ class Invocation:
             module, _, name = function.partition(":")
             function = getattr(importlib.import_module(module), name)
         # Fits solve systems of some hundred unknowns: threads of the linear algebra only wait for each other, and
-        # beside any other job they make a solve up to a hundred times slower. torch has threads of its own.
+        # beside any other job they make a solve up to a hundred times slower. Networks have threads of their own.
         with threadpool_limits(1, user_api="blas"):  # limits only what is loaded by now
             return function(self.options)
 

@@ -34,21 +34,19 @@ def page(config: PageConfig) -> int:
     """Runs ``pix2face page``."""
     check_output_file(config.out, (".html",))
     model = open_model_with(config.model, config.landmarks)
-    network, detector = config.checkpoint or PACKAGED, config.detector or PACKAGED_DETECTOR
-    if _is_onnx(network):
-        header, content = load_onnx(network)[0], network.read_bytes()
+    checkpoint, detector = config.checkpoint or PACKAGED, config.detector or PACKAGED_DETECTOR
+    if _is_onnx(checkpoint):
+        header, network = load_onnx(checkpoint)[0], checkpoint.read_bytes()
     else:
-        header, content = export_onnx(network, half=True)
+        header, network = export_onnx(checkpoint, half=True)
     header.check_model(model.name, model.sha256)
     if _is_onnx(detector):
         load_detector(detector)
-    networks = PageNetworks(
-        content,
-        header,
-        detector.read_bytes() if _is_onnx(detector) else export_detector(detector, half=True),
-        with_own_landmarks(model, header) if config.landmarks is None else model,
-    )
-    content = reader_page(networks)
+        finder = detector.read_bytes()
+    else:
+        finder = export_detector(detector, half=True)
+    own_model = with_own_landmarks(model, header) if config.landmarks is None else model
+    content = reader_page(PageNetworks(network, header, finder, own_model))
     write_file(config.out, content)
     say(Console(stderr=True), f"{len(content) / 1e6:.1f} MB -> {config.out}")
     return 0

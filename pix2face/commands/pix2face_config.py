@@ -27,7 +27,7 @@ class NetworkOptions:
         model: `builtin`, or the model file that the checkpoint was trained for.
         landmarks: File from `pix2face landmarks select` that lists the vertices of the landmarks. Default: the
             landmarks in the checkpoint. If it has none, and for renders, those of the model.
-        device: Torch device, such as cpu or cuda. Default: a GPU if there is one.
+        device: `cpu`, or a device of PyTorch, such as cuda. Default: a GPU, if there is one and PyTorch is installed.
     """
 
     checkpoint: Annotated[Path | None, optional("PATH")] = None

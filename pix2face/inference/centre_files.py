@@ -4,8 +4,9 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final, final
+from typing import Annotated, Final, final
 
+import msgspec
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
@@ -16,12 +17,13 @@ from pix2face.inference.checkpoint import read_arrays, read_header
 from pix2face.inference.onnx_graph import OnnxGraph
 from pix2face.inference.onnx_layers import Layers, Weights
 from pix2face.inference.onnx_session import OnnxSession, open_onnx
-from pix2face.networks.dimensions import CENTRE_NECK, CENTRE_PLANES, CENTRE_WIDTHS, PLANES_IN
+from pix2face.networks.dimensions import CENTRE_NECK, CENTRE_PLANES, CENTRE_WIDTHS, MOST_FILTERS, PLANES_IN
 
 METADATA_KEY = "pix2face-detector"
 SCHEMA_VERSION = 1
 INPUT_NAME: Final = "pictures"
 OUTPUT_NAME: Final = "cells"
+Filters = Annotated[int, msgspec.Meta(ge=1, le=MOST_FILTERS)]
 # From pictures to the planes of each cell (``pix2face.networks.dimensions.CENTRE_PLANES``).
 CentreAnswers = Callable[[UInt8[ndarray, "b h w 3"]], Float32[ndarray, "b y x 5"]]
 
@@ -31,8 +33,8 @@ CentreAnswers = Callable[[UInt8[ndarray, "b h w 3"]], Float32[ndarray, "b y x 5"
 class DetectorHeader:
     """What is needed to use the weights, and where they come from."""
 
-    widths: tuple[int, ...] = CENTRE_WIDTHS  # filters of each level
-    neck: int = CENTRE_NECK  # filters of the pyramid
+    widths: tuple[Filters, ...] = CENTRE_WIDTHS  # filters of each level
+    neck: Filters = CENTRE_NECK  # filters of the pyramid
     licence: str  # terms that the training data put on the weights
     configuration: str  # of the training, as JSON
     samples: int  # scenes seen in training
@@ -49,6 +51,10 @@ def load_detector(path: Path) -> tuple[DetectorHeader, CentreAnswers]:
         session = open_onnx(path)
         try:
             header: DetectorHeader = typed(parse_json(session.metadata[METADATA_KEY], JsonObject), DetectorHeader)
+            if header.schema_version > SCHEMA_VERSION:
+                raise InputFileError(f"{path}: schema {header.schema_version} is newer than {SCHEMA_VERSION}; upgrade")
+            if session.shapes.keys() != {INPUT_NAME, OUTPUT_NAME}:
+                raise ValueError("other inputs and outputs")
         except (KeyError, ValueError) as error:
             raise InputFileError(f"{path}: expected a detector as ONNX, found another file ({error})") from error
         return header, _runner(session)
@@ -104,7 +110,7 @@ def _read(path: Path, *, half: bool) -> tuple[DetectorHeader, OnnxGraph]:
 
 
 def _network(graph: OnnxGraph, pictures: str, weights: Weights, widths: Sequence[int], neck: int) -> str:
-    """``training.detection.centre_network.CentreNetwork``.
+    """Adds ``training.detection.centre_network.CentreNetwork`` to a graph.
 
     Raises:
         ValueError: An array is missing or has another shape.

@@ -17,7 +17,7 @@ from pix2face.files.opening import check_regular, is_folder, is_regular
 from pix2face.geometry.crops import INFERENCE_SCALE
 from pix2face.inference import CHECKPOINT_NAME
 from pix2face.networks import MAP_PLANES
-from pix2face.networks.dimensions import LARGEST_SIDE_PX, MOST_FILTERS, paper_widths
+from pix2face.networks.dimensions import LARGEST_SIDE_PX, MOST_FILTERS, check_network, paper_widths
 
 Side = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_SIDE_PX)]
 Widths = Annotated[tuple[Annotated[int, msgspec.Meta(ge=1, le=MOST_FILTERS)], ...], msgspec.Meta(max_length=16)]
@@ -123,6 +123,11 @@ def load_weights(path: Path) -> tuple[CheckpointHeader, dict[str, ndarray]]:
     """
     fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
     header, arrays = _header_of(path, fields), read_arrays(path)
+    numbers = header.planes, header.n_landmarks, header.n_corrected
+    try:
+        check_network(header.architecture, header.size_px, header.widths, *numbers)
+    except ValueError as error:
+        raise unusable(path, error) from error
     if fields["schema_version"] < FIRST_WITH_COARSE_PLANES and header.architecture == "residual":
         for place, width in enumerate(header.widths[-2:0:-1]):
             arrays[f"coarse_planes.{place}.weight"] = np.zeros((header.planes, width, 1, 1), np.float32)
@@ -171,7 +176,14 @@ def read_arrays(path: Path) -> dict[str, ndarray]:
         InputFileError: The file is missing, truncated or foreign, or has arrays of a type that NumPy does not know.
     """
     with open_safetensors(path, "numpy") as file:
-        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+        try:
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+            for name, own in arrays.items():
+                if own.dtype.kind not in "fiu":
+                    raise TypeError(f"{name} is {own.dtype}")
+        except (TypeError, AttributeError) as error:
+            raise InputFileError(f"{path}: expected arrays in float16 or float32, found others ({error})") from error
+    return arrays
 
 
 @contextmanager
@@ -179,7 +191,7 @@ def open_safetensors(path: Path, framework: str) -> Iterator[Any]:
     """Opens a safetensors file, which checks that it is whole.
 
     Raises:
-        InputFileError: The file is missing, truncated or foreign, or has tensors that the framework does not know.
+        InputFileError: The file is missing, truncated or foreign.
     """
     if is_folder(path):
         raise InputFileError(f"{path}: expected a checkpoint, found a folder; training writes {path / CHECKPOINT_NAME}")
@@ -189,8 +201,7 @@ def open_safetensors(path: Path, framework: str) -> Iterator[Any]:
     try:
         with safe_open(path, framework=framework) as file:
             yield file
-    except (SafetensorError, OSError, MemoryError, TypeError, AttributeError) as error:
-        # MemoryError: of a file that cannot be mapped; the last two: of types of numbers that NumPy does not have
+    except (SafetensorError, OSError, MemoryError) as error:  # MemoryError: of a file that cannot be mapped
         raise InputFileError(
             f"{path}: expected a complete safetensors file, found one that cannot be read ({error}); "
             "fetch or write it again"

@@ -25,7 +25,7 @@ from pix2face.inference.onnx_networks import (
 )
 from pix2face.inference.onnx_session import OnnxSession, open_onnx
 from pix2face.networks import LANDMARK_NUMBERS, SCALE_PLANE
-from pix2face.networks.dimensions import PLANES_IN, check_network
+from pix2face.networks.dimensions import PLANES_IN
 
 INPUT_NAME, OUTPUT_NAME, LANDMARKS_NAME, SEEN_NAME = "image", "maps", "landmarks", "seen"
 CORRECTION: Final = "correction."
@@ -51,7 +51,6 @@ def open_network(checkpoint: Path) -> tuple[CheckpointHeader, Network, FitCorrec
     header, arrays = load_weights(checkpoint)
     planes, weights = min(header.planes, SCALE_PLANE), Weights(arrays)
     try:
-        _check(header)
         if not header.n_landmarks:
             graph = OnnxGraph()
             correction = _add_network(graph, header, weights, planes)
@@ -91,7 +90,6 @@ def export_onnx(checkpoint: Path, *, half: bool = False) -> tuple[CheckpointHead
     own, graph = replace(header, n_corrected=0), OnnxGraph(half=half)
     arrays = {name: values for name, values in arrays.items() if not name.startswith(CORRECTION)}
     try:
-        _check(own)
         _add_network(graph, own, Weights(arrays), own.planes)
     except ValueError as error:
         raise unusable(checkpoint, error) from error
@@ -110,15 +108,15 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
         if typed(fields.get("schema_version"), Integer) > SCHEMA_VERSION:
             raise InputFileError(f"{path}: schema {fields['schema_version']} is newer than {SCHEMA_VERSION}; upgrade")
         header = CheckpointHeader.from_json(fields)
+        sides = [header.size_px, header.size_px]
+        expected = {INPUT_NAME: [PLANES_IN, *sides], OUTPUT_NAME: [header.planes, *sides]}
+        if header.n_landmarks:
+            expected[LANDMARKS_NAME] = [header.n_landmarks, LANDMARK_NUMBERS]
+        if session.shapes != expected:
+            raise ValueError("a graph that does not fit its header")
     except (KeyError, ValueError) as error:
         raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
     return header, _OnnxNetwork(session)
-
-
-def _check(header: CheckpointHeader) -> None:
-    check_network(
-        header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks, header.n_corrected
-    )
 
 
 def _add_network(graph: OnnxGraph, header: CheckpointHeader, weights: Weights, planes: int) -> FitCorrection | None:

@@ -46,14 +46,17 @@ class OnnxGraph:
         return self.node("Identity", value, output=name)
 
     def array(self, values: ndarray) -> str:
-        """A constant, float32 or int64."""
-        return self._stored(values)
+        """A constant: float32, float16 or int64."""
+        name = f"array_{next(self._numbers)}"
+        self._arrays.append(_tensor(name, values))
+        return name
 
     def weight(self, values: Float32[ndarray, "..."]) -> str:
         """A constant that may be stored in float16."""
         if not self._half or values.ndim < 2:
-            return self._stored(values)
-        return self.node("Cast", self._stored(values.astype(np.float16)), to=DATA_TYPES["float32"])
+            return self.array(values)
+        with np.errstate(over="ignore"):
+            return self.node("Cast", self.array(values.astype(np.float16)), to=DATA_TYPES["float32"])
 
     def node(self, operator: str, *inputs: str, output: str | None = None, **attributes: Attribute) -> str:
         """Applies an operator of ONNX (https://onnx.ai/onnx/operators/)."""
@@ -81,11 +84,6 @@ class OnnxGraph:
             (8, _message((2, OPSET))),
             *((14, _message((1, name), (2, value))) for name, value in metadata.items()),
         )
-
-    def _stored(self, values: ndarray) -> str:
-        name = f"array_{next(self._numbers)}"
-        self._arrays.append(_tensor(name, values))
-        return name
 
 
 _Field = int | float | str | bytes

@@ -36,13 +36,15 @@ class Weights:
         found = self._left.pop(name, None)
         if found is None or found.shape != shape:
             raise ValueError(f"{name} should be {shape} and is {'missing' if found is None else found.shape}")
-        return found.astype(np.float32)
+        with np.errstate(over="ignore"):
+            return found.astype(np.float32)
 
     def take_norm(self, name: str, width: int) -> tuple[Float32[ndarray, " c"], Float32[ndarray, " c"]]:
         """Mean, and deviation with the epsilon that torch adds, of a batch norm."""
         self._left.pop(f"{name}.num_batches_tracked", None)
         mean, variance = (self.take(f"{name}.{part}", width) for part in ("running_mean", "running_var"))
-        return mean, np.sqrt(variance + np.float32(NORM_EPSILON))
+        with np.errstate(invalid="ignore"):  # where a file is damaged, maps are not finite, and that is said
+            return mean, np.sqrt(variance + np.float32(NORM_EPSILON))
 
     def check_empty(self) -> None:
         """Checks that everything was taken.
@@ -80,22 +82,25 @@ class Layers:
         has_bias: bool = False,
         kept: int | None = None,
     ) -> str:
-        """A convolution with the batch norm after it, if that has a name; ``kept`` are the first planes of the output.
+        """A convolution with the batch norm after it, if that has a name.
+
+        ``kept`` is the number of planes that are computed, the first ones; None for all.
 
         Raises:
             ValueError: An array is missing or has another shape.
         """
         weight = self._weights.take(f"{name}.weight", after, before, kernel, kernel)
         shift = self._weights.take(f"{name}.bias", after) if has_bias else None
-        gain = None
+        bounds: dict[str, Float32[ndarray, " c"]] = {}
         if norm is not None:
             mean, deviation = self._weights.take_norm(norm, after)
-            gain, shift = (self._weights.take(f"{norm}.{part}", after) for part in ("weight", "bias"))
-            weight = weight * (gain / deviation)[:, None, None, None]
-            bias = shift - mean * gain / deviation
-        else:
-            bias = shift
-        arrays = [weight] if bias is None else [weight, bias]
+            gain, centre = (self._weights.take(f"{norm}.{part}", after) for part in ("weight", "bias"))
+            with np.errstate(all="ignore"):
+                weight = weight * (gain / deviation)[:, None, None, None]
+                shift = centre - mean * gain / deviation
+                if is_bounded:
+                    bounds = {"Max": centre - FARTHEST * np.abs(gain), "Min": centre + FARTHEST * np.abs(gain)}
+        arrays = [weight] if shift is None else [weight, shift]
         found = self.graph.node(
             "Conv",
             x,
@@ -104,12 +109,7 @@ class Layers:
             strides=[stride, stride],
             pads=[(kernel - 1) // 2] * 4,
         )
-        if not is_bounded:
-            return found
-        assert gain is not None
-        assert shift is not None
-        farthest = FARTHEST * np.abs(gain)
-        for operator, bound in (("Max", shift - farthest), ("Min", shift + farthest)):
+        for operator, bound in bounds.items():
             found = self.graph.node(operator, found, self.graph.array(bound[None, :, None, None]))
         return found
 

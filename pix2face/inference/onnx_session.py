@@ -16,7 +16,7 @@ LARGEST_FILE_BYTES = 1 << 30  # larger weights lie in a file of their own, which
 ERRORS_ONLY = 3
 # Threads of a network. As for other libraries, OMP_NUM_THREADS sets them. onnxruntime's own choice, 0, would bind
 # threads to cores, which fails with a message where a container has only some of them.
-_given = os.environ.get("OMP_NUM_THREADS", "")
+_given = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()  # a list has one for each nested level
 _threads = (int(_given) if _given.isdecimal() else 0) or len(os.sched_getaffinity(0))
 
 
@@ -47,6 +47,11 @@ class OnnxSession:
         """What the file says of itself."""
         metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
         return metadata
+
+    @property
+    def shapes(self) -> dict[str, list[int | str]]:
+        """The shapes of inputs and outputs by name, without the size of the batch."""
+        return {own.name: own.shape[1:] for own in (*self._session.get_inputs(), *self._session.get_outputs())}
 
     def run(self, inputs: Mapping[str, Float32[ndarray, "..."]]) -> dict[str, Float32[ndarray, "..."]]:
         """Returns all outputs by name, from all inputs by name."""

@@ -14,7 +14,7 @@ from pix2face.errors import DegenerateGeometryError, UsageError
 from pix2face.geometry.crops import Crop, FaceBox, crop_image, pixels_in_image, square_crop
 from pix2face.geometry.maps import FaceMaps, FitCorrector, PredictedLandmarks, eroded, smooth_maps, valid_pixels
 from pix2face.inference.answers import Answers, Network
-from pix2face.inference.checkpoint import CheckpointHeader, load_weights
+from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.fit_correction import FitCorrection
 from pix2face.inference.onnx_files import load_onnx, open_network
 from pix2face.inference.onnx_layers import Weights
@@ -171,20 +171,18 @@ def _on_device(path: Path, name: str | None) -> Predictor:
     """A checkpoint that torch runs, unless no device is named and torch or a GPU is missing."""
     try:
         from pix2face.inference.torch_networks import TorchNetwork, load_checkpoint, torch_device
-    except ModuleNotFoundError as error:
+    except (ImportError, OSError) as error:  # OSError: of an installation whose libraries cannot be loaded
         if name is None:
             return Predictor.load(path, "cpu")
         raise UsageError(
-            f"expected --device cpu, or PyTorch, which {name!r} needs; run: pip install 'pix2face[train]'"
+            f"expected --device cpu, or PyTorch, which {name!r} needs; run: pip install 'pix2face[train]' ({error})"
         ) from error
     device = torch_device(name)
     if name is None and device.type == "cpu":
         return Predictor.load(path, "cpu")
     header, network = load_checkpoint(path)
-    correction = None
-    if header.n_corrected:
-        _, arrays = load_weights(path)
-        correction = FitCorrection.of(Weights(arrays), header.n_corrected)
+    arrays = {weight: own.numpy() for weight, own in network.state_dict().items()}
+    correction = FitCorrection.of(Weights(arrays), header.n_corrected) if header.n_corrected else None
     return Predictor(TorchNetwork(network, device), header, correction)
 
 

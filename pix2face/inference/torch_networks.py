@@ -112,7 +112,7 @@ class TorchNetwork:
     """A ``pix2face.inference.answers.Network`` that torch runs. The network is moved to the device.
 
     Args:
-        network: Its norms are as in use from now on.
+        network: It is put into evaluation mode.
         device: Where it is run.
     """
 

@@ -16,7 +16,8 @@ from pix2face.face_files.coefficients import load_coefficients
 from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import read_photograph
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
+from pix2face.inference.onnx_files import open_network
+from pix2face.inference.torch_networks import save_checkpoint
 from pix2face.model_formats import read_model
 from pix2face.models.model_file import read_stored_model, write_stored_model
 from pix2face.networks.dimensions import paper_widths
@@ -210,6 +211,6 @@ BINARY_GRAMMARS = {
     "flame": Grammar(flame_pickle, read_model, ".pkl"),
     "mat": Grammar(mat, read_coefficient_file, ".mat"),
     "surrey": Grammar(surrey, read_model, ".bin"),
-    "checkpoint": Grammar(checkpoint, load_checkpoint, ".safetensors"),
+    "checkpoint": Grammar(checkpoint, open_network, ".safetensors"),
     "picture": Grammar(picture, read_photograph, ".jpg"),
 }

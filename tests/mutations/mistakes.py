@@ -158,7 +158,7 @@ MISTAKES = (
     Mistake("networks: half a pixel where planes are enlarged", "pix2face/inference",
             'coordinate_transformation_mode="half_pixel"', 'coordinate_transformation_mode="asymmetric"', INFERENCE + "/test_onnx_files.py"),
     Mistake("networks: mean of a norm lost", "pix2face/inference",
-            "bias = shift - mean * gain / deviation", "bias = shift", INFERENCE + "/test_onnx_files.py"),
+            "shift = centre - mean * gain / deviation", "shift = centre", INFERENCE + "/test_onnx_files.py"),
     Mistake("correction: from the corner of the crop", "pix2face/inference",
             "rows[:, 3] -= 0.5", "rows[:, 3] -= 0.0", INFERENCE + "/test_fit_correction.py"),
     Mistake("correction: a turn to the other side", "pix2face/inference",

@@ -5,6 +5,7 @@ import platform
 from dataclasses import asdict
 from hashlib import sha256
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,9 @@ def _landmarks_of_model(config: EvaluateConfig) -> str:
 
 def versions() -> dict[str, str]:
     """The versions of the project and of everything that influences the figures."""
-    names = ("numpy", "scipy", "torch", "opencv-python-headless", "matplotlib")
+    names = ["numpy", "scipy", "onnxruntime", "opencv-python-headless", "matplotlib"]
+    if find_spec("torch") is not None:  # it runs networks on GPUs
+        names.append("torch")
     return {"pix2face": __version__, "python": platform.python_version()} | {name: version(name) for name in names}
 
 

@@ -14,8 +14,8 @@ from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import read_photograph, read_size_px
 from pix2face.files.opening import LARGEST_LINE_BYTES, check_regular, is_folder, is_regular, read_text_file, text_lines
 from pix2face.geometry.landmarks import read_pts
-from pix2face.inference.onnx_files import load_onnx
-from pix2face.inference.torch_networks import load_checkpoint
+from pix2face.inference.centre_files import load_detector
+from pix2face.inference.onnx_files import load_onnx, open_network
 from pix2face.model_formats import read_model
 from pix2face.tracking.video import open_frames
 
@@ -91,7 +91,8 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * b"0"
 PAGE = b"\n<!DOCTYPE html><html><head><title>Sign in</title></head></html>"
 READERS: dict[str, Callable[[Path], object]] = {
     "model.mat": read_model,
-    "network.safetensors": load_checkpoint,
+    "network.safetensors": open_network,
+    "detector.safetensors": load_detector,
     "network.onnx": load_onnx,
     "face.jpg": read_photograph,
     "size.jpg": read_size_px,

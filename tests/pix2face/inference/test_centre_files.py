@@ -78,6 +78,12 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     for load in (load_detector, load_centre_network):
         with pytest.raises(InputFileError, match=r"do not make a detector"):
             load(path)
+    save_detector(path, replace(HEADER, neck=0), CentreNetwork(), torch.float32)
+    with pytest.raises(InputFileError, match=r"do not make a detector .*>= 1"):
+        load_detector(path)
+    save_detector(path, replace(HEADER, schema_version=99), CentreNetwork(), torch.float32)
+    with pytest.raises(InputFileError, match=r"schema 99 is newer"):
+        load_detector(path)
     (tmp_path / "wrong.onnx").write_bytes(b"no network")
     with pytest.raises(InputFileError, match=r"wrong\.onnx: expected an ONNX file"):
         load_detector(tmp_path / "wrong.onnx")

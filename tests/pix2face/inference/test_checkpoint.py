@@ -157,6 +157,35 @@ def test_a_header_that_is_none_is_refused(tmp_path, header, load):
 
 
 @both_ways
+@pytest.mark.parametrize("planes", [-1, 10**9])
+def test_planes_of_an_earlier_schema_are_checked_before_memory_is_taken(tmp_path, planes, load):
+    fields = asdict(replace(HEADER, architecture="residual", size_px=64, widths=residual_widths(2)))
+    header = json.dumps(fields | {"schema_version": 3, "planes": planes})
+    save_file({"weight": torch.zeros(1)}, tmp_path / "c.safetensors", metadata={METADATA_KEY: header})
+    with pytest.raises(InputFileError, match=r"header and weights do not make a network .expected 6 to 9 planes"):
+        load(tmp_path / "c.safetensors")
+
+
+@both_ways
+def test_numbers_that_are_not_real_are_refused(checkpoint, load):
+    weights = load_file(checkpoint)
+    weights["encoder.0.bias"] = weights["encoder.0.bias"].to(torch.bfloat16)
+    save_file(weights, checkpoint, metadata={METADATA_KEY: json.dumps(asdict(HEADER))})
+    with pytest.raises(InputFileError, match="expected arrays in float16 or float32, found others"):
+        load(checkpoint)
+
+
+def test_damaged_weights_are_opened_without_a_warning(checkpoint):
+    """Warnings are errors in tests. The maps are then not finite, and that is said where they are used."""
+    path = checkpoint.parent / "residual.safetensors"
+    network = ResidualUNet(residual_widths(2))
+    network.stem_norm.running_var.fill_(-1)
+    save_checkpoint(path, replace(HEADER, architecture="residual", size_px=64, widths=residual_widths(2)), network)
+    answers = open_network(path)[1].answers(np.zeros((1, 64, 64, 3), np.float32))
+    assert not np.isfinite(answers.planes).all()
+
+
+@both_ways
 def test_a_newer_schema_is_refused(tmp_path, load):
     path = tmp_path / "c.safetensors"
     save_checkpoint(path, replace(HEADER, schema_version=SCHEMA_VERSION + 1), UNet(16, 4))

@@ -179,6 +179,16 @@ def test_a_network_of_somebody_else_is_named(exported: Path, tmp_path: Path) -> 
         load_onnx(tmp_path / "foreign.onnx")
 
 
+@pytest.mark.parametrize("change", [{"size_px": 64}, {"planes": 7}, {"n_landmarks": 68}])
+def test_a_graph_that_does_not_fit_its_header_is_refused(exported: Path, tmp_path: Path, change: dict) -> None:
+    model = onnx.load(str(exported))
+    fields = json.loads(model.metadata_props[0].value) | change
+    onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(fields)})
+    onnx.save(model, str(tmp_path / "other.onnx"))
+    with pytest.raises(InputFileError, match=r"other\.onnx: expected a network that `pix2face export` wrote"):
+        load_onnx(tmp_path / "other.onnx")
+
+
 def test_a_newer_schema_is_refused(exported: Path, tmp_path: Path) -> None:
     model = onnx.load(str(exported))
     fields = json.loads(model.metadata_props[0].value) | {"schema_version": 99}
