@@ -10,7 +10,7 @@ from numpy import ndarray
 @final
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Of some pictures."""
+    """What a network answers for some pictures."""
 
     planes: Float32[ndarray, "b s s planes"]  # maps in units of the header's scales, then logits of masks
     landmarks: Float32[ndarray, "b n 3"] | None = None  # ``pix2face.networks.LANDMARK_NUMBERS``

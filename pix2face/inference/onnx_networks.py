@@ -96,7 +96,7 @@ def residual_decoder(
     fine = graph.node("DepthToSpace", fine, blocksize=2, mode="CRD")
     found = {"planes": layers.add(fine, layers.enlarged(coarse, 4, "linear"))}
     if header.n_corrected:
-        found["seen"] = _seen(layers, levels[: len(CORRECTION_WIDTHS)][::-1], header.size_px)
+        found["seen"] = _seen(layers, levels[: len(CORRECTION_WIDTHS)][::-1], header)
     return found
 
 
@@ -132,14 +132,14 @@ def _outwards(layers: Layers, x: str, skip: str, level: int, widths: Sequence[in
 
 def _landmarks(layers: Layers, x: str, width: int, header: CheckpointHeader) -> str:
     """``pix2face.networks.residual.LandmarkHead``."""
-    flat = layers.pooled(x, header.size_px // 32, LANDMARK_PLACES)
+    flat = layers.pooled(x, feature_shapes(header)[-1][1], LANDMARK_PLACES)
     n_numbers = header.n_landmarks * LANDMARK_NUMBERS
     first = layers.linear(flat, "landmarks.first", width * LANDMARK_PLACES**2, LANDMARK_FEATURES)
     second = layers.linear(layers.relu(first), "landmarks.second", LANDMARK_FEATURES, n_numbers)
     return layers.reshaped(second, header.n_landmarks, LANDMARK_NUMBERS)
 
 
-def _seen(layers: Layers, levels: Sequence[tuple[str, int]], size_px: int) -> str:
+def _seen(layers: Layers, levels: Sequence[tuple[str, int]], header: CheckpointHeader) -> str:
     """``pix2face.networks.correction.FitCorrection.seen``."""
     narrowed = [
         layers.convolution(
@@ -152,4 +152,4 @@ def _seen(layers: Layers, levels: Sequence[tuple[str, int]], size_px: int) -> st
         x = layers.block(x, f"correction.blocks.{place}", before, after, 2, halves=True)
         x = layers.relu(layers.add(x, narrowed[place + 1]))
     x = layers.block(x, "correction.last", CORRECTION_WIDTHS[-1], CORRECTION_WIDTHS[-1], 2)
-    return layers.pooled(x, size_px // 32, CORRECTION_PLACES)
+    return layers.pooled(x, feature_shapes(header)[-1][1], CORRECTION_PLACES)

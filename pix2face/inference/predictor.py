@@ -20,7 +20,7 @@ from pix2face.inference.onnx_files import load_onnx, open_network
 from pix2face.inference.onnx_layers import Weights
 from pix2face.networks import MAP_PLANES, MASK_PLANE, SEEN_PLANE
 
-# The network is no faster with more faces at a time, and memory stays small.
+# The network is hardly faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
 # What there is where a GPU may be that torch can use.
 GPU_DRIVERS = Path("/dev/nvidiactl"), Path("/dev/kfd"), Path("/dev/dxg")
@@ -66,7 +66,7 @@ class Predictor:
     """A network with its pre- and postprocessing. It keeps no state between calls.
 
     Args:
-        network: What it runs.
+        network: Predicts the planes of crops.
         header: Header of its checkpoint.
         correction: Corrects fits to its maps, if it can.
     """

@@ -5,23 +5,28 @@ import json
 import pickle
 import struct
 import zlib
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from datagen.inspection.coefficient_summary import summarise_table
 from pix2face.evaluation.subjects.predictions_file import read_predictions
 from pix2face.face_files.coefficients import load_coefficients
 from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.files.images import read_photograph
+from pix2face.inference.centre_files import DetectorHeader, load_detector
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.onnx_files import open_network
 from pix2face.inference.torch_networks import save_checkpoint
 from pix2face.model_formats import read_model
 from pix2face.models.model_file import read_stored_model, write_stored_model
-from pix2face.networks.dimensions import paper_widths
+from pix2face.networks.dimensions import paper_widths, residual_widths
 from pix2face.networks.paper import UNet
+from pix2face.networks.residual import ResidualUNet
 from tests.fuzz.array_grammars import hdf5_of, npz_of, originals
 from tests.fuzz.grammar import Grammar
 from tests.fuzz.picture_grammars import picture
@@ -29,6 +34,8 @@ from tests.fuzz.shard_originals import read_shard, write_small_shard, write_tabl
 from tests.fuzz.values import LENGTHS, NUMBERS, Rng, mutated, one, several, written
 from tests.model_files import stored_small_head
 from tests.published_models import tiny_solid, write_flame, write_gnm, write_statismo, write_surrey
+from training.detection.centre_network import CentreNetwork
+from training.detection.detector_files import save_detector
 
 
 def flame_pickle(path: Path, rng: Rng) -> None:
@@ -152,33 +159,57 @@ def surrey(path: Path, rng: Rng) -> None:
     path.write_bytes(content)
 
 
-def checkpoint(path: Path, rng: Rng) -> None:
-    def save(folder: Path) -> None:
-        header = CheckpointHeader(
-            model_name="a",
-            model_sha256="b",
-            size_px=16,
-            widths=paper_widths(16, 4),
-            pncc_scale_mm=1.0,
-            offset_scale_mm=1.0,
-            smallest_radius_mm=1.0,
-            licence="",
-            configuration='{"seed": 0}',
-            epoch=1,
-        )
-        save_checkpoint(folder / "a", header, UNet(16, 4))
+def save_paper_network(folder: Path) -> None:
+    save_checkpoint(folder / "a", header_of(16, paper_widths(16, 4)), UNet(16, 4))
 
-    content = originals(save)["a"]
-    n_bytes = struct.unpack("<Q", content[:8])[0]
-    fields = json.loads(content[8 : 8 + n_bytes])
-    if rng.random() < 0.7:
-        inner = json.loads(fields["__metadata__"]["pix2face-checkpoint"])
-        fields["__metadata__"]["pix2face-checkpoint"] = written(several(rng, lambda known: mutated(known, rng), inner))
-    else:
-        fields = several(rng, lambda known: mutated(known, rng), fields)
-    text = written(fields).encode("utf-8", "replace")
-    length = len(text) if rng.random() < 0.95 else int(one(rng, LENGTHS))
-    path.write_bytes(struct.pack("<Q", length) + text + content[8 + n_bytes :])
+
+def save_residual_network(folder: Path) -> None:
+    widths = residual_widths(1)
+    header = replace(header_of(64, widths), architecture="residual", planes=9, n_landmarks=2, n_corrected=3)
+    save_checkpoint(folder / "a", header, ResidualUNet(widths, 9, 2, 3))
+
+
+def save_small_detector(folder: Path) -> None:
+    header = DetectorHeader(widths=(1, 1, 1, 1, 1), neck=1, licence="", configuration='{"seed": 0}', samples=1)
+    save_detector(folder / "a", header, CentreNetwork(header.widths, header.neck), torch.float32)
+
+
+def header_of(size_px: int, widths: tuple[int, ...]) -> CheckpointHeader:
+    return CheckpointHeader(
+        model_name="a",
+        model_sha256="b",
+        size_px=size_px,
+        widths=widths,
+        pncc_scale_mm=1.0,
+        offset_scale_mm=1.0,
+        smallest_radius_mm=1.0,
+        licence="",
+        configuration='{"seed": 0}',
+        epoch=1,
+    )
+
+
+def safetensors_of(save: Callable[[Path], None]) -> Callable[[Path, Rng], None]:
+    """What writes the file of a network with changes in its heads; all but the numbers of its weights."""
+
+    def write(path: Path, rng: Rng) -> None:
+        content = originals(save)["a"]
+        n_bytes = struct.unpack("<Q", content[:8])[0]
+        fields = json.loads(content[8 : 8 + n_bytes])
+        kind = rng.random()
+        if kind < 0.1:  # a file that is right
+            pass
+        elif kind < 0.7:
+            (key,) = fields["__metadata__"]
+            inner = json.loads(fields["__metadata__"][key])
+            fields["__metadata__"][key] = written(several(rng, lambda known: mutated(known, rng), inner))
+        else:
+            fields = several(rng, lambda known: mutated(known, rng), fields)
+        text = written(fields).encode("utf-8", "replace")
+        length = len(text) if rng.random() < 0.95 else int(one(rng, LENGTHS))
+        path.write_bytes(struct.pack("<Q", length) + text + content[8 + n_bytes :])
+
+    return write
 
 
 GNM = {
@@ -211,6 +242,8 @@ BINARY_GRAMMARS = {
     "flame": Grammar(flame_pickle, read_model, ".pkl"),
     "mat": Grammar(mat, read_coefficient_file, ".mat"),
     "surrey": Grammar(surrey, read_model, ".bin"),
-    "checkpoint": Grammar(checkpoint, open_network, ".safetensors"),
+    "checkpoint": Grammar(safetensors_of(save_paper_network), open_network, ".safetensors"),
+    "residual checkpoint": Grammar(safetensors_of(save_residual_network), open_network, ".safetensors"),
+    "detector": Grammar(safetensors_of(save_small_detector), load_detector, ".safetensors"),
     "picture": Grammar(picture, read_photograph, ".jpg"),
 }

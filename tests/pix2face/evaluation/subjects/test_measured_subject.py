@@ -1,10 +1,13 @@
-"""Poses are compared in the frame that a benchmark states them in."""
+"""What is measured: poses in the frame that a benchmark states them in, and the versions of what influences figures."""
 
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pix2face.evaluation.benchmarks.manifest import load_manifest
+from pix2face.evaluation.subjects import measured_subject
 from pix2face.evaluation.subjects.measured_subject import BFM_IN_BUILTIN_DEG, model_from_stated
 from pix2face.evaluation.subjects.subjects import pose_of
 from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
@@ -12,6 +15,22 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.rigid_alignment import fit_rigid
 from pix2face.models.morphable_model import builtin_model
 from scripts.measure_correspondence import bfm_mean
+
+
+def test_a_report_states_what_ran_the_network_and_torch_only_where_it_is_installed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert {"onnxruntime", "torch"} <= measured_subject.versions().keys()
+    monkeypatch.setattr(measured_subject, "find_spec", lambda name: None)
+    monkeypatch.setattr(measured_subject, "version", installed_without_torch)
+    assert "onnxruntime" in measured_subject.versions()
+    assert "torch" not in measured_subject.versions()
+
+
+def installed_without_torch(name: str) -> str:
+    if name == "torch":
+        raise PackageNotFoundError(name)
+    return version(name)
 
 
 def test_a_frontal_face_of_the_stated_frame_has_no_pitch() -> None:
