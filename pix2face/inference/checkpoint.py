@@ -181,7 +181,7 @@ def read_arrays(path: Path) -> dict[str, ndarray]:
             for name, own in arrays.items():
                 if own.dtype.kind not in "fiu":
                     raise TypeError(f"{name} is {own.dtype}")
-        except (TypeError, AttributeError) as error:
+        except (TypeError, AttributeError, ValueError) as error:  # ValueError: of more dimensions than NumPy has
             raise InputFileError(f"{path}: expected arrays in float16 or float32, found others ({error})") from error
     return arrays
 

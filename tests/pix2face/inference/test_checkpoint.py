@@ -175,6 +175,15 @@ def test_numbers_that_are_not_real_are_refused(checkpoint, load):
         load(checkpoint)
 
 
+@both_ways
+def test_arrays_of_more_dimensions_than_numpy_has_are_refused(checkpoint, load):
+    weights = load_file(checkpoint)
+    weights["encoder.0.bias"] = weights["encoder.0.bias"].reshape([1] * 100 + [-1])
+    save_file(weights, checkpoint, metadata={METADATA_KEY: json.dumps(asdict(HEADER))})
+    with pytest.raises(InputFileError, match="expected arrays in float16 or float32, found others"):
+        load(checkpoint)
+
+
 def test_damaged_weights_are_opened_without_a_warning(checkpoint):
     """Warnings are errors in tests. The maps are then not finite, and that is said where they are used."""
     path = checkpoint.parent / "residual.safetensors"
