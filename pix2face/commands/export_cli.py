@@ -10,7 +10,7 @@ from pix2face.detectors.centre_detector import PACKAGED as PACKAGED_DETECTOR
 from pix2face.files.writing import write_file
 from pix2face.inference import PACKAGED
 from pix2face.inference.centre_files import export_detector, load_detector
-from pix2face.inference.onnx_files import export_onnx, load_onnx
+from pix2face.inference.onnx_files import export_onnx, export_parts, load_onnx
 from pix2face.landmark_choice.landmark_file import open_model_with, with_own_landmarks
 from pix2face.photographs.reader_page import PageNetworks, reader_page
 
@@ -36,9 +36,9 @@ def page(config: PageConfig) -> int:
     model = open_model_with(config.model, config.landmarks)
     checkpoint, detector = config.checkpoint or PACKAGED, config.detector or PACKAGED_DETECTOR
     if _is_onnx(checkpoint):
-        header, network = load_onnx(checkpoint)[0], checkpoint.read_bytes()
+        header, parts = load_onnx(checkpoint)[0], [checkpoint.read_bytes()]
     else:
-        header, network = export_onnx(checkpoint, half=True)
+        header, parts = export_parts(checkpoint)
     header.check_model(model.name, model.sha256)
     if _is_onnx(detector):
         load_detector(detector)
@@ -46,7 +46,7 @@ def page(config: PageConfig) -> int:
     else:
         finder = export_detector(detector, half=True)
     own_model = with_own_landmarks(model, header) if config.landmarks is None else model
-    content = reader_page(PageNetworks(network, header, finder, own_model))
+    content = reader_page(PageNetworks(parts, header, finder, own_model, are_predicted=config.landmarks is None))
     write_file(config.out, content)
     say(Console(stderr=True), f"{len(content) / 1e6:.1f} MB -> {config.out}")
     return 0

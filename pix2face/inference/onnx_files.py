@@ -49,36 +49,17 @@ def open_network(checkpoint: Path) -> tuple[CheckpointHeader, Network, FitCorrec
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
     header, arrays = load_weights(checkpoint)
-    planes, weights = min(header.planes, SCALE_PLANE), Weights(arrays)
     try:
-        if not header.n_landmarks:
-            graph = OnnxGraph()
-            correction = _add_network(graph, header, weights, planes)
-            return header, _OnnxNetwork(OnnxSession(graph.content())), correction
-        encoder, decoder = OnnxGraph(), OnnxGraph()
-        image = encoder.input(INPUT_NAME, ("batch", PLANES_IN, header.size_px, header.size_px))
-        features, found = residual_encoder(encoder, image, weights, header)
-        inputs = []
-        for number, (name, shape) in enumerate(zip(features, feature_shapes(header), strict=True)):
-            encoder.output(f"features{number}", name, ("batch", *shape))
-            inputs.append(decoder.input(f"features{number}", ("batch", *shape)))
-        _add_outputs(encoder, found, header, planes)
-        _add_outputs(decoder, residual_decoder(decoder, inputs, weights, header, planes), header, planes)
-        correction = _correction(weights, header)
-        weights.check_empty()
-        return header, _OnnxNetwork(OnnxSession(encoder.content()), OnnxSession(decoder.content())), correction
+        graphs, correction = _parts(header, arrays, min(header.planes, SCALE_PLANE))
+        return header, _OnnxNetwork(*(OnnxSession(graph.content()) for graph in graphs)), correction
     except ValueError as error:
         raise unusable(checkpoint, error) from error
 
 
-def export_onnx(checkpoint: Path, *, half: bool = False) -> tuple[CheckpointHeader, bytes]:
+def export_onnx(checkpoint: Path) -> tuple[CheckpointHeader, bytes]:
     """The network of a checkpoint as an ONNX file, with the checkpoint's header as JSON in its metadata.
 
     The batch may have any size. The correction of fits is not part of it.
-
-    Args:
-        checkpoint: The checkpoint.
-        half: Whether weights are stored in float16. The network computes in float32.
 
     Returns:
         The header, and the content of the file.
@@ -86,14 +67,33 @@ def export_onnx(checkpoint: Path, *, half: bool = False) -> tuple[CheckpointHead
     Raises:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
     """
-    header, arrays = load_weights(checkpoint)
-    own, graph = replace(header, n_corrected=0), OnnxGraph(half=half)
-    arrays = {name: values for name, values in arrays.items() if not name.startswith(CORRECTION)}
+    header, arrays = _without_correction(checkpoint)
+    graph = OnnxGraph()
     try:
-        _add_network(graph, own, Weights(arrays), own.planes)
+        _add_network(graph, header, Weights(arrays), header.planes)
     except ValueError as error:
         raise unusable(checkpoint, error) from error
-    return own, graph.content({METADATA_KEY: json.dumps(asdict(own), sort_keys=True)}, DESCRIPTION)
+    return header, graph.content({METADATA_KEY: json.dumps(asdict(header), sort_keys=True)}, DESCRIPTION)
+
+
+def export_parts(checkpoint: Path) -> tuple[CheckpointHeader, list[bytes]]:
+    """The network of a checkpoint as ONNX files to be run one after the other, with weights in float16.
+
+    A network that predicts landmarks has two: the first answers landmarks and what the second needs. The networks
+    compute in float32. The plane of scales and the correction of fits are not part of them.
+
+    Returns:
+        The header, and the contents of the files.
+
+    Raises:
+        InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
+    """
+    header, arrays = _without_correction(checkpoint)
+    try:
+        graphs, _ = _parts(header, arrays, min(header.planes, SCALE_PLANE), half=True)
+    except ValueError as error:
+        raise unusable(checkpoint, error) from error
+    return header, [graph.content() for graph in graphs]
 
 
 def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
@@ -117,6 +117,40 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
     except (KeyError, ValueError) as error:
         raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
     return header, _OnnxNetwork(session)
+
+
+def _without_correction(checkpoint: Path) -> tuple[CheckpointHeader, dict[str, ndarray]]:
+    """Header and weights of a checkpoint, as if its network did not correct fits."""
+    header, arrays = load_weights(checkpoint)
+    kept = {name: values for name, values in arrays.items() if not name.startswith(CORRECTION)}
+    return replace(header, n_corrected=0), kept
+
+
+def _parts(
+    header: CheckpointHeader, arrays: Mapping[str, ndarray], planes: int, *, half: bool = False
+) -> tuple[list[OnnxGraph], FitCorrection | None]:
+    """The graphs of a network, to be run one after the other, and its correction of fits, if it has one.
+
+    Those of a network that predicts landmarks are its two halves.
+
+    Raises:
+        ValueError: The weights are not those of the network.
+    """
+    weights, encoder = Weights(arrays), OnnxGraph(half=half)
+    if not header.n_landmarks:
+        return [encoder], _add_network(encoder, header, weights, planes)
+    decoder = OnnxGraph(half=half)
+    image = encoder.input(INPUT_NAME, ("batch", PLANES_IN, header.size_px, header.size_px))
+    features, found = residual_encoder(encoder, image, weights, header)
+    inputs = []
+    for number, (name, shape) in enumerate(zip(features, feature_shapes(header), strict=True)):
+        encoder.output(f"features{number}", name, ("batch", *shape))
+        inputs.append(decoder.input(f"features{number}", ("batch", *shape)))
+    _add_outputs(encoder, found, header, planes)
+    _add_outputs(decoder, residual_decoder(decoder, inputs, weights, header, planes), header, planes)
+    correction = _correction(weights, header)
+    weights.check_empty()
+    return [encoder, decoder], correction
 
 
 def _add_network(graph: OnnxGraph, header: CheckpointHeader, weights: Weights, planes: int) -> FitCorrection | None:

@@ -7,6 +7,7 @@ import base64
 import gzip
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -36,10 +37,11 @@ SEEN_MM = 10.0
 class PageNetworks:
     """What a page runs."""
 
-    network: bytes  # ONNX, from a crop of a face to its maps
+    parts: Sequence[bytes]  # ONNX, from a crop of a face to its maps: the network, or its two halves
     header: CheckpointHeader  # of the network
     detector: bytes  # ONNX
     model: MorphableModel  # the model of the network, whose landmarks are shown
+    are_predicted: bool  # whether these landmarks are those that the network predicts itself, if it predicts any
 
 
 def reader_page(networks: PageNetworks) -> bytes:
@@ -50,8 +52,9 @@ def reader_page(networks: PageNetworks) -> bytes:
         "runtime": _asset("onnxruntime.wasm.gz"),
         "notices": _asset("onnxruntime-notices.txt.gz"),
         "detector": gzip.compress(networks.detector, mtime=0),
-        "network": gzip.compress(networks.network, mtime=0),
     }
+    for name, part in zip(("network", "decoder"), networks.parts, strict=False):  # a whole network has no decoder
+        blobs[name] = gzip.compress(part, mtime=0)
     header = networks.header
     shown = {
         # Neither a connection nor another script: what is not named here is forbidden.
@@ -100,6 +103,7 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
             "plausible_mm": PLAUSIBLE_MM,
             "plausible_error": PLAUSIBLE_ERROR,
             "landmarks_output": LANDMARKS_NAME,
+            "are_predicted": networks.are_predicted and header.n_landmarks == len(model.landmarks[IBUG68]),
             "error_of_scale": ERROR_OF_FIT * MEAN_OF_SCALE,
             "plausible_overlap": PLAUSIBLE_OVERLAP,
             "seen_mm": SEEN_MM,

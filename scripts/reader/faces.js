@@ -1,5 +1,5 @@
-// From the box of a face to its maps, camera and landmarks, as pix2face/inference and pix2face/fitting do, in short:
-// landmarks are read off the maps, and no coefficients are fitted.
+// From the box of a face to its maps, camera and landmarks, as pix2face/inference and pix2face/fitting do, in short: no
+// coefficients are fitted.
 
 import { overlap } from "./detector.js";
 import { resampled } from "./picture.js";
@@ -7,64 +7,79 @@ import { resampled } from "./picture.js";
 const LEAST_PIXELS = 100; // with fewer, there is no face in the crop
 
 // The faces of some boxes, without those in which the network finds no face. Each box is corrected by the landmarks of
-// a first prediction. `report` is told the number of the face.
-export async function readFaces(picture, boxes, predict, settings, report) {
+// a first look, as pix2face/photographs/refined_detection.py does. `report` is told the number of the face.
+export async function readFaces(picture, boxes, halves, settings, report) {
   const faces = [];
   for (const [index, { box, score }] of boxes.entries()) {
     await report(index);
-    const first = await readFace(picture, box, predict, settings);
-    const better = first && boxAround(first.points);
-    const isFace = first && isPlausible(first, settings) && overlap(better, box) >= settings.plausible_overlap;
-    const knows = settings.planes > settings.seen_plane; // whether the network can tell that there is no face
-    if (!first || (knows && !isFace)) continue;
-    const face = isFace ? await readFace(picture, better, predict, settings) : first;
+    const first = await firstLook(picture, box, halves, settings);
+    const isFace = first && first.isPlausible && overlap(first.better, box) >= settings.plausible_overlap;
+    if (!first || (first.canRefute && !isFace)) continue;
+    const look = await encoded(picture, isFace ? first.better : box, halves, settings);
+    const face = await readFace(look, halves, settings);
     const isDouble = face && faces.some((other) => overlap(other.box, face.box) > settings.plausible_overlap);
     if (face && !isDouble) faces.push({ ...face, score });
   }
   return faces.sort((a, b) => longerSide(b.box) - longerSide(a.box));
 }
 
-// What the network predicts for the face in a box; null where it finds too little of a face.
-async function readFace(picture, box, predict, settings) {
-  const size = settings.size_px;
-  const side = settings.crop_scale * longerSide(box);
+// The better box, around the landmarks that the network predicts itself, for which its first half is enough, or around
+// those of its maps; whether it is that of a face; and whether the network can tell that it is not.
+async function firstLook(picture, box, halves, settings) {
+  const look = await encoded(picture, box, halves, settings);
+  if (!look.outputs[settings.landmarks_output]) {
+    const face = await readFace(look, halves, settings);
+    if (!face) return null;
+    const isPlausible = residualMm(face, settings.size_px) <= settings.plausible_mm;
+    return { better: boxAround(face.landmarks), isPlausible, canRefute: settings.planes > settings.seen_plane };
+  }
+  const landmarks = predictedLandmarks(look, settings);
+  const better = boxAround(landmarks);
+  const meanScale = landmarks.reduce((sum, { scale }) => sum + scale, 0) / landmarks.length;
+  const size = Math.sqrt((better.right - better.left) * (better.bottom - better.top));
+  const expectedError = (settings.error_of_scale * meanScale) / size;
+  return { better, isPlausible: expectedError <= settings.plausible_error, canRefute: true };
+}
+
+// What the whole network predicts for the face in a box that its first half has seen; null where it finds too little of
+// a face.
+async function readFace(look, halves, settings) {
+  const { box, crop, outputs } = look;
+  const maps = readMaps((await halves.decode(outputs))[settings.output].data, settings);
+  if (maps.pixels.length < LEAST_PIXELS) return null;
+  const camera = fitCamera(maps, crop, settings.size_px);
+  if (!camera) return null;
+  const landmarks = landmarksOfMaps(maps, camera, crop, settings);
+  if (settings.are_predicted) {
+    // The errors of the two differ, so the middle is more exact than either (docs/how_to/browser_page.md).
+    const predicted = predictedLandmarks(look, settings);
+    for (const [i, landmark] of landmarks.entries()) {
+      landmark.x = (landmark.x + predicted[i].x) / 2;
+      landmark.y = (landmark.y + predicted[i].y) / 2;
+    }
+  }
+  return { box, crop, maps, camera, landmarks };
+}
+
+// A box, the part of the picture that the network is shown for it, and what its first half says of that.
+async function encoded(picture, box, { encode }, { size_px: size, crop_scale: scale }) {
+  const side = scale * longerSide(box);
   const left = (box.left + box.right - side) / 2;
   const top = (box.top + box.bottom - side) / 2;
   const crop = { left, top, stepX: side / size, stepY: side / size };
-  const outputs = await predict(resampled(picture, crop, size, size, 0), size, size);
-  const maps = readMaps(outputs[settings.output].data, settings);
-  if (maps.pixels.length < LEAST_PIXELS) return null;
-  const camera = fitCamera(maps, crop, size);
-  if (!camera) return null;
-  const landmarks = landmarksOfMaps(maps, camera, crop, settings);
-  const predicted = outputs[settings.landmarks_output]; // of a network that predicts them, too
-  const points = predicted ? predictedPoints(predicted.data, crop, side) : landmarks;
-  const expectedError = predicted ? (settings.error_of_scale * meanScale(predicted.data) * side) / sizeOf(points) : null;
-  return { box, crop, maps, landmarks, points, expectedError, residualMm: residualMm(maps, camera, crop, size) };
+  return { box, crop, outputs: await encode(resampled(picture, crop, size, size, 0), size, size) };
 }
 
-// As pix2face/photographs/refined_detection.py decides.
-const isPlausible = ({ expectedError, residualMm }, settings) =>
-  expectedError === null ? residualMm <= settings.plausible_mm : expectedError <= settings.plausible_error;
-
-// The landmarks that the network predicts itself: x and y from the middle of the crop, in units of its side, and a third
-// number for each. Those of the maps are more exact, but these are enough for a box.
-const predictedPoints = (values, crop, side) =>
-  Array.from({ length: values.length / 3 }, (_, i) => ({
-    x: crop.left + (values[3 * i] + 0.5) * side,
-    y: crop.top + (values[3 * i + 1] + 0.5) * side,
+// The landmarks that the network predicts itself, and the scales of the errors that it expects of them, pixels of the
+// picture. It answers x and y from the middle of the crop and the logarithm of the scale, in units of the crop's side.
+function predictedLandmarks({ crop, outputs }, settings) {
+  const { data } = outputs[settings.landmarks_output];
+  const side = settings.size_px * crop.stepX;
+  return Array.from({ length: data.length / 3 }, (_, i) => ({
+    x: crop.left + (data[3 * i] + 0.5) * side,
+    y: crop.top + (data[3 * i + 1] + 0.5) * side,
+    scale: Math.exp(data[3 * i + 2]) * side,
   }));
-
-// Mean scale of the errors that the network expects of its landmarks, in units of the crop's side: the third number of
-// each is its logarithm.
-function meanScale(values) {
-  const scales = values.filter((_, i) => i % 3 === 2).map(Math.exp);
-  return scales.reduce((sum, scale) => sum + scale, 0) / scales.length;
-}
-
-function sizeOf(landmarks) {
-  const { left, top, right, bottom } = boxAround(landmarks);
-  return Math.sqrt((right - left) * (bottom - top));
 }
 
 // PNCC and offset in mm (x, y, z of each pixel), the mask, its visible part, and the indices of the mask's pixels.
@@ -153,7 +168,7 @@ function nearestPixel({ pncc, pixels }, [x, y, z]) {
 }
 
 // How badly the maps fit a face: the median distance of the pixels from where the camera projects their points, in mm.
-function residualMm(maps, camera, crop, size) {
+function residualMm({ maps, camera, crop }, size) {
   const distances = maps.pixels.map((i) => {
     const [x, y] = projected(camera, pointOf(maps, i));
     const [u, v] = centreOf(i, crop, size);

@@ -1,8 +1,9 @@
-// The two networks of the page, run by onnxruntime-web. All files lie in script elements as base64 of gzip.
+// The networks of the page, run by onnxruntime-web. All files lie in script elements as base64 of gzip.
 
 import { env, InferenceSession, Tensor } from "onnxruntime-web/wasm";
 
-// Opens the detector and the network for faces; `report` is told what is being done.
+// Opens the detector (`find`) and the network for faces: its first half (`encode`), which answers the landmarks that it
+// predicts itself, and its second (`decode`), which adds the maps. `report` is told what is being done.
 export async function openNetworks(report) {
   await report("Loading onnxruntime…");
   env.wasm.numThreads = 1; // more need a server that sends special headers
@@ -10,7 +11,7 @@ export async function openNetworks(report) {
   await report("Loading the face detector…");
   const find = await openNetwork("detector");
   await report("Loading the network…");
-  return { find, predict: await openNetwork("network") };
+  return { find, encode: await openNetwork("network"), decode: await openDecoder() };
 }
 
 // Takes the content of a script element out of the page, which frees its memory.
@@ -24,9 +25,21 @@ export async function unpacked(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
+const openSession = async (id) => InferenceSession.create(await unpacked(id), { executionProviders: ["wasm"] });
+
 // A function from planes (3, height, width) to the outputs of the network by name.
 async function openNetwork(id) {
-  const session = await InferenceSession.create(await unpacked(id), { executionProviders: ["wasm"] });
+  const session = await openSession(id);
   const [input] = session.inputNames;
   return async (planes, width, height) => session.run({ [input]: new Tensor("float32", planes, [1, 3, height, width]) });
+}
+
+// A function from the outputs of the first half of the network to those of both; some networks are in one part.
+async function openDecoder() {
+  if (!document.getElementById("decoder")) return (outputs) => outputs;
+  const session = await openSession("decoder");
+  return async (outputs) => {
+    const features = session.inputNames.map((name) => [name, outputs[name]]);
+    return { ...outputs, ...(await session.run(Object.fromEntries(features))) };
+  };
 }

@@ -35,14 +35,14 @@ async function read(open) {
     photograph = await open();
     faces = [];
     show();
-    const { find, predict } = await networks;
+    const { find, ...halves } = await networks;
     const start = performance.now();
     const picture = pixelsOf(photograph.canvas);
     await report("Looking for faces…");
     const boxes = await findFaces(picture, find, settings.detector);
     const found = performance.now();
     const of = (index) => (boxes.length > 1 ? ` of face ${index + 1} of ${boxes.length}` : " of the face");
-    faces = await readFaces(picture, boxes, predict, settings.network, (index) => report(`Reading the maps${of(index)}…`));
+    faces = await readFaces(picture, boxes, halves, settings.network, (index) => report(`Reading the maps${of(index)}…`));
     if (!faces.length) throw new Problem(NO_FACE);
     show();
     await report(summary(found - start, performance.now() - found), "ready");

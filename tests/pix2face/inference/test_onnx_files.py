@@ -14,7 +14,7 @@ from pix2face.commands.cli import main
 from pix2face.errors import InputFileError, UsageError
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import METADATA_KEY, CheckpointHeader
-from pix2face.inference.onnx_files import INPUT_NAME, OUTPUT_NAME, export_onnx, load_onnx, open_network
+from pix2face.inference.onnx_files import INPUT_NAME, OUTPUT_NAME, export_onnx, export_parts, load_onnx, open_network
 from pix2face.inference.predictor import Predictor
 from pix2face.inference.torch_networks import TorchNetwork, load_checkpoint, save_checkpoint
 from pix2face.networks import SCALE_PLANE
@@ -126,7 +126,7 @@ def test_a_file_has_all_planes_and_no_correction(tmp_path: Path) -> None:
 
 def test_a_file_with_half_the_bytes_computes_nearly_the_same(checkpoint: Path) -> None:
     header, whole = export_onnx(checkpoint)
-    _, half = export_onnx(checkpoint, half=True)
+    _, (half,) = export_parts(checkpoint)
     onnx.checker.check_model(onnx.load_from_string(half), full_check=True)
     assert len(half) < 0.6 * len(whole)
     images = pictures_of(header).transpose(0, 3, 1, 2)
@@ -135,6 +135,19 @@ def test_a_file_with_half_the_bytes_computes_nearly_the_same(checkpoint: Path) -
         for content in (half, whole)
     )
     assert 1e-5 < difference(found, expected) < 1e-2
+
+
+def test_two_files_one_after_the_other_compute_what_the_network_does(tmp_path: Path) -> None:
+    path = residual_checkpoint(tmp_path, 64)
+    header, parts = export_parts(path)
+    encoder, decoder = (onnxruntime.InferenceSession(part, providers=["CPUExecutionProvider"]) for part in parts)
+    pictures = pictures_of(header)
+    names = [output.name for output in encoder.get_outputs()]
+    first = dict(zip(names, encoder.run(None, {INPUT_NAME: pictures.transpose(0, 3, 1, 2)}), strict=True))
+    maps = decoder.run([OUTPUT_NAME], {own.name: first[own.name] for own in decoder.get_inputs()})[0]
+    expected = TorchNetwork(load_checkpoint(path)[1]).answers(pictures)
+    assert difference(first["landmarks"], expected.landmarks) < 1e-2
+    assert difference(maps.transpose(0, 2, 3, 1), expected.planes[..., :SCALE_PLANE]) < 1e-2
 
 
 def test_it_is_a_valid_file_that_says_what_it_is(checkpoint: Path, exported: Path) -> None:

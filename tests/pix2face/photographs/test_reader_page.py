@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import astuple
@@ -18,6 +19,8 @@ from skimage.data import astronaut, brick
 from pix2face import Pix2Face
 from pix2face.commands.cli import main
 from pix2face.fitting.face_fit import FaceFit
+from pix2face.geometry.landmarks import IBUG68
+from pix2face.models.morphable_model import builtin_model
 from tests.browser import OpenPage, opened
 
 ASTRONAUT: ndarray = np.ascontiguousarray(astronaut())
@@ -97,6 +100,29 @@ def test_landmarks_and_boxes_are_those_of_fit(browser: OpenPage, fit: FaceFit, t
     assert np.mean(face["visible"]) > 0.8
     status = browser.evaluate("document.getElementById('status').textContent")
     assert re.fullmatch(r"1 face\. Finding took \d+\.\d\d s, reading \d+\.\d\d s\.", status)
+
+
+def test_a_network_in_one_part_finds_the_same(
+    browser: OpenPage, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    photograph, network, page = (tmp_path / name for name in ("astronaut.png", "network.onnx", "whole.html"))
+    (expected,) = read(browser, write_astronaut(photograph))["faces"]
+    assert main(["export", "--out", str(network)]) == 0
+    assert main(["page", "--checkpoint", str(network), "--out", str(page)]) == 0
+    with opened(page, tmp_path_factory.mktemp("browser")) as whole:
+        whole.evaluate(LOADED)
+        (found,) = read(whole, photograph)["faces"]
+    np.testing.assert_allclose(found["box"], expected["box"], atol=0.5)
+    np.testing.assert_allclose(found["landmarks"], expected["landmarks"], atol=0.5)
+
+
+def test_landmarks_of_the_user_are_not_mixed_with_predicted_ones(page: Path, tmp_path: Path) -> None:
+    model, own, out = builtin_model(), tmp_path / "landmarks.json", tmp_path / "own.html"
+    content = {"format": "pix2face-landmarks", "schema_version": 1, "scheme": IBUG68, "vertices": list(range(68))}
+    own.write_text(json.dumps(content | {"model": {"name": model.name, "sha256": model.sha256}}))
+    assert main(["page", "--landmarks", str(own), "--out", str(out)]) == 0
+    assert '"are_predicted": true' in page.read_text()
+    assert '"are_predicted": false' in out.read_text()
 
 
 def test_the_picture_shows_landmarks_and_maps(browser: OpenPage, tmp_path: Path) -> None:
