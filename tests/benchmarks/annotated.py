@@ -8,7 +8,6 @@ picture. ``refined`` starts from a box that is a fifth too large and a tenth asi
 fit for the second box, as after a detector. Faces that would be taken for false alarms in their true boxes are named.
 """
 
-import argparse
 from pathlib import Path
 
 import cv2
@@ -23,14 +22,14 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmark_metrics import landmark_errors
 from pix2face.geometry.landmarks import IBUG68, INNER51
 from pix2face.photographs.refined_detection import refined_boxes
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 OVERLAY_PX = 320
 
 
 def main() -> None:
     """Measures every face and writes the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--checkpoint", type=Path)
     parser.add_argument("--boxes", choices=("truth", "refined"), default="truth")
@@ -67,7 +66,6 @@ def main() -> None:
         "refuted as no faces": refuted,
         "largest expected error in their true boxes": round(max(expected, default=0.0), 3),
         "each": {name: round(100 * error, 2) for name, error in sorted(errors.items(), key=lambda item: -item[1])},
-        "surroundings": surroundings(),
     }
     write_report(report)
 

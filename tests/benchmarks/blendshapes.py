@@ -13,7 +13,6 @@ not 0, and the correlation of found and true weights over faces: of all weights,
 Names that fewer than ten faces show have no correlation. Frontal faces have a yaw of at most 30 degrees.
 """
 
-import argparse
 import sys
 from collections import defaultdict
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from pix2face.geometry.camera import head_pose
 from pix2face.geometry.crops import FaceBox
 from pix2face.shards.shard_dataset import ShardDataset
 from pix2face.tracking.export.blendshapes import ARKIT_NAMES, BlendshapeSolver
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 FRAMES_OF_A_CLIP = 24
 LEAST_FACES = 10
@@ -109,17 +108,16 @@ def figures(found: ndarray, truth: ndarray) -> dict[str, object]:
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("folder", type=Path, help="folder of shards, or a table of coefficients with --as-clips")
     parser.add_argument("--as-clips", action="store_true", help="only give faces in a row the same identity")
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args(arguments)
     if options.as_clips:
         make_clips(options.folder)
         return 0
     pix2face = Pix2Face.load()
     faces, solver = fit_all(options.folder, pix2face), BlendshapeSolver(pix2face.model)
-    report: dict[str, object] = {"surroundings": surroundings()}
+    report: dict[str, object] = {}
     for name, expressions in (("exact maps", faces.exact), ("predicted maps", faces.predicted)):
         found = np.array([solver.weights(own) for own in expressions])
         report[name] = figures(found, faces.weights)

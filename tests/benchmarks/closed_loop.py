@@ -9,11 +9,8 @@ faces. Landmarks are in % of the eye distance (3D distance of the outer corners 
 one face being one number.
 """
 
-import argparse
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy import ndarray
@@ -23,7 +20,7 @@ from pix2face.fitting.picture_measurement import COEFFICIENT_VERTICES
 from pix2face.geometry.camera import HeadPose, pinhole_of
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 from tests.fits import paper_fit
 from tests.full_size_model import full_size_model
 from tests.pix2face.fitting.rendered_faces import KnownFace, render_known_face
@@ -110,9 +107,9 @@ def summary(errors: list[dict[str, float]]) -> dict[str, dict[str, float]]:
     }
 
 
-def main() -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--model", choices=sorted(MODELS), default="builtin")
     parser.add_argument("--faces", type=int, default=200)
     parser.add_argument(
@@ -123,7 +120,6 @@ def main() -> int:
     parser.add_argument("--regularisation", type=float, default=None, help="lambda in mm^2; left out: estimated")
     parser.add_argument("--vertices", type=int, default=COEFFICIENT_VERTICES, help="how many vertices to look for")
     parser.add_argument("--constraints", choices=("vertices", "surface"), default="vertices")
-    parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     model = MODELS[options.model]()
     regularisation = options.regularisation or "estimate"
@@ -142,9 +138,8 @@ def main() -> int:
         model, options.faces, fit, options.noise_mm, options.outliers, perspective=options.camera == "pinhole"
     )
     chosen = {name: str(value) for name, value in vars(options).items() if name != "out"}
-    write_report({"options": chosen, "errors": summary(errors), "measured_on": surroundings()}, options.out)
-    return 0
+    write_report({"options": chosen, "errors": summary(errors)}, options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -6,7 +6,6 @@ time counts, and converts them into a table. The copies differ in their numbers,
 files' own pages.
 """
 
-import argparse
 import io
 import resource
 import shutil
@@ -22,7 +21,7 @@ import numpy as np
 import scipy.io
 
 from pix2face.face_files.w300lp import read_coefficient_file
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 FOLDERS = ("AFW", "HELEN", "IBUG", "LFPW", "AFW_Flip", "HELEN_Flip", "IBUG_Flip", "LFPW_Flip")
 FULL_SIZE = 122_450
@@ -94,12 +93,11 @@ def measure_conversion(root: Path, model: str, workers: int) -> dict[str, float]
 
 def main() -> None:
     """Measures and writes JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--original", type=Path, required=True, help="one real file of 300W-LP or AFLW2000-3D")
     parser.add_argument("--n", type=int, default=5000)
     parser.add_argument("--model", help="convert with this model as well: builtin (fits), or an imported BFM (reads)")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         paths = make_data_set(Path(name), options.original, options.n)
@@ -107,7 +105,6 @@ def main() -> None:
             "original": options.original.name,
             "files": len(paths),
             "files_per_second": files_per_second(paths),
-            "measured_on": surroundings(),
         }
         if options.model:
             conversion = measure_conversion(Path(name), options.model, options.workers)

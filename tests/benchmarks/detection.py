@@ -9,8 +9,6 @@ face's own box, seconds of one core for a photograph, and what its calibration s
 faces. With a checkpoint, the same after a first prediction has refined the boxes.
 """
 
-import argparse
-import sys
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +24,7 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import builtin_model
 from pix2face.photographs.refined_detection import refine_faces
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 HIT, FALSE = 0.5, 0.3
 
@@ -96,25 +94,23 @@ def refined(detector: Detector, predictor: Predictor) -> Finder:
     return find
 
 
-def main() -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/detection.json"))
     parser.add_argument("--faces", type=Path, required=True, help="annotated photographs, such as dlib's examples")
     parser.add_argument("--detectors", default=",".join(DETECTORS))
     parser.add_argument("--checkpoint", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("out/detection.json"))
     options = parser.parse_args()
     faces = annotated_faces(options.faces)
     predictor = Predictor.load(options.checkpoint, "cpu") if options.checkpoint else None
-    report: dict[str, object] = {"measured_on": surroundings()}
+    report: dict[str, object] = {}
     for name in options.detectors.split(","):
         detector = open_detector(name)
         report[name] = measure(detector.detect, faces)
         if predictor is not None:
             report[f"{name}, refined"] = measure(refined(detector, predictor), faces)
     write_report(report, options.out)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -3,7 +3,6 @@
 python -m tests.benchmarks.developing [--size 256] [--n 400]
 """
 
-import argparse
 import time
 from collections import defaultdict
 
@@ -13,11 +12,11 @@ import numpy as np
 from datagen.appearance.photograph.faults import draw_photograph
 from datagen.appearance.photograph.photograph import develop, encode
 from datagen.appearance.photograph.photograph_config import HARD_PHOTOGRAPH, PhotographConfig
-from tests.benchmarks.surroundings import write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--n", type=int, default=400)
     options = parser.parse_args()

@@ -5,9 +5,6 @@ training sees them, against maps rendered at the crop. Faces of the built-in mod
 pinholes and affine cameras. The tests hold the same figures to their limits.
 """
 
-import argparse
-from pathlib import Path
-
 import cv2
 import numpy as np
 from numpy import ndarray
@@ -23,7 +20,7 @@ from pix2face.geometry.maps import FaceMaps, fixed_point_to_maps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from pix2face.models.rasterise import render_maps
 from pix2face.shards.layers import LAYERS, to_stored
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 # Side of the picture, and faces in it.
 RENDERED = ((64, 12), (200, 6), (256, 6), (450, 3))
@@ -117,9 +114,8 @@ def _jittered(n: int, picture_px: int, crop_px: int) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--faces", type=int, default=24, help="jittered faces")
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     with create_gl_context() as gl:
         names = ["processor", "compute"] if gl.version_code >= 430 else ["processor"]
@@ -129,7 +125,6 @@ def main() -> None:
                 f"{picture} px to {crop} px": _jittered(options.faces, picture, crop)
                 for picture, crop in ((450, 256), (256, 256), (256, 128))
             },
-            "measured_on": surroundings(),
         }
     write_report(result, options.out)
 

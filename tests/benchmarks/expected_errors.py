@@ -9,7 +9,6 @@ fitted to the true points. "constants" are those of ``pix2face.fitting.face_fit`
 photographs would be the same.
 """
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -29,17 +28,16 @@ from pix2face.fitting.from_landmarks import fit_landmarks
 from pix2face.geometry.camera import nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmarks import IBUG68
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 GROUPS = 8
 
 
 def main() -> int:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/expected_errors.json"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--checkpoint", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("out/expected_errors.json"))
     options = parser.parse_args()
     pix2face = Pix2Face.load(options.checkpoint)
     expected, true, sizes, angles = [], [], [], []
@@ -74,7 +72,6 @@ def main() -> int:
         },
         "landmarks": groups((px * percent).ravel(), (true_px * percent).ravel()),
         "faces": groups(of_faces, (true_px * percent).mean(axis=1), DEGREES_PER_PERCENT * of_faces, np.array(angles)),
-        "measured_on": surroundings(),
     }
     write_report(report, options.out)
     return 0

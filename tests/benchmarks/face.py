@@ -8,14 +8,11 @@ in the photograph (scikit-image's astronaut unless another is given); reading it
 those of `pix2face fit`: as it is, not held to the silhouette, and with the regularisation estimated.
 """
 
-import argparse
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
 from time import process_time
 from typing import Any
-from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -32,7 +29,7 @@ from pix2face.fitting.silhouette import OutsideDistance
 from pix2face.geometry.crops import crop_image, square_crop
 from pix2face.inference import PACKAGED, predictor
 from pix2face.inference.onnx_session import OnnxSession, keep_networks_in_one_thread
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import StepTimes, options_parser, processor_ms, write_report
 
 
 def stages(faces: Pix2Face, image: UInt8[ndarray, "h w 3"]) -> dict[str, Callable[[], object]]:
@@ -83,42 +80,18 @@ STEPS: dict[str, Sequence[tuple[Any, str]]] = {
 
 def step_milliseconds(run: Callable[[], object], repeats: int) -> dict[str, float]:
     """The median processor time of each step, without the steps that it calls itself."""
-    spent: dict[str, float] = dict.fromkeys(STEPS, 0.0)
-    inside = [0.0]
-
-    def timed(name: str, function: Callable[..., object]) -> Callable[..., object]:
-        def call(*args: Any, **options: Any) -> object:
-            inside.append(0.0)
-            began = process_time()
-            try:
-                return function(*args, **options)
-            finally:
-                took = process_time() - began
-                spent[name] += took - inside.pop()
-                inside[-1] += took
-
-        return call
-
-    rows = []
-    with ExitStack() as patches:
-        for name, functions in STEPS.items():
-            for owner, attribute in functions:
-                patches.enter_context(patch.object(owner, attribute, timed(name, getattr(owner, attribute))))
+    times, rows = StepTimes(process_time), []
+    with times.of((name, *function) for name, functions in STEPS.items() for function in functions):
         for _ in range(repeats + 1):
-            spent.update(dict.fromkeys(STEPS, 0.0))
+            times.seconds.clear()
             run()
-            rows.append(dict(spent))
+            rows.append({name: sum(times.seconds[name]) for name in STEPS})
     return {name: round(1e3 * median(row[name] for row in rows[1:]), 2) for name in STEPS}
 
 
 def milliseconds(run: Callable[[], object], repeats: int) -> dict[str, float]:
-    """Least and median processor time, after one call that is not counted."""
-    run()
-    times = []
-    for _ in range(repeats):
-        began = process_time()
-        run()
-        times.append(1e3 * (process_time() - began))
+    """Least and median processor time."""
+    (times,) = processor_ms({"run": run}, repeats).values()
     return {"least_ms": round(min(times), 2), "median_ms": round(median(times), 2)}
 
 
@@ -131,11 +104,10 @@ def astronaut() -> UInt8[ndarray, "h w 3"]:
 
 def main() -> None:
     """Times one photograph's largest face and writes the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--checkpoint", type=Path)
     parser.add_argument("--image", type=Path)
     parser.add_argument("--repeats", type=int, default=30)
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     keep_networks_in_one_thread()
@@ -148,7 +120,6 @@ def main() -> None:
         steps = step_milliseconds(ways["all of it"], options.repeats)
     header = faces.predictor.header
     report: dict[str, Any] = {
-        **surroundings(),
         "network": {"size_px": header.size_px, "architecture": header.architecture, "widths": list(header.widths)},
         "one_core": rows,
         "steps_median_ms": steps,

@@ -10,8 +10,6 @@ from the decoded picture to boxes.
 """
 
 import argparse
-import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +29,7 @@ from pix2face.files.images import IMAGE_SUFFIXES, read_photograph
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.tracking.video import open_frames
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, processor_ms, write_report
 
 Find = Callable[[ndarray], Sequence[DetectedFace]]
 YAWS = {"to 30": (0.0, 30.0), "to 60": (30.0, 60.0), "above": (60.0, 181.0)}
@@ -122,12 +120,8 @@ def times_ms(find: Find) -> dict[str, float]:
     results = {}
     for height, width in TIMED:
         image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
-        seconds = []
-        for _ in range(10):
-            started = time.process_time()
-            find(image)
-            seconds.append(time.process_time() - started)
-        results[f"{width} x {height}"] = round(1000 * float(np.median(seconds[1:])), 1)
+        (times,) = processor_ms({"find": lambda image=image: find(image)}, 9).values()
+        results[f"{width} x {height}"] = round(float(np.median(times)), 1)
     return results
 
 
@@ -177,9 +171,9 @@ def _sets(options: argparse.Namespace) -> Iterator[tuple[str, Mapping[Path, Sequ
         yield folder.stem, {path: [] for path in paths if path.suffix.lower() in IMAGE_SUFFIXES}
 
 
-def main() -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/face_finding.json"))
     parser.add_argument("--detector", default="cnn")
     parser.add_argument("--network", type=Path, help="a detector that `train detector` wrote")
     parser.add_argument("--min-score", type=float, default=SURE_SCORE)
@@ -188,12 +182,11 @@ def main() -> int:
     parser.add_argument("--clips", type=Path, nargs="*", default=[])
     parser.add_argument("--time", action="store_true")
     parser.add_argument("--sheets", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("out/face_finding.json"))
     options = parser.parse_args()
     keep_networks_in_one_thread()
     cv2.setNumThreads(1)
     find = (CentreDetector.load(options.network) if options.network else open_detector(options.detector)).candidates
-    report: dict[str, object] = {"measured_on": surroundings(), "min_score": options.min_score}
+    report: dict[str, object] = {"min_score": options.min_score}
     for name, photographs in _sets(options):
         seen = look(find, photographs)
         report[name] = figures(seen, options.min_score)
@@ -202,8 +195,7 @@ def main() -> int:
     report |= {path.name: clip_figures(find, path, options.min_score) for path in options.clips}
     report |= {"milliseconds": times_ms(find)} if options.time else {}
     write_report(report, options.out)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -7,9 +7,6 @@ the same run, alternately, so that figures of two machines can be compared. Erro
 (1 mm, 5 % gross outliers) with lambda estimated, means over 12 faces.
 """
 
-import argparse
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -31,7 +28,7 @@ from pix2face.fitting.picture_measurement import (
 from pix2face.fitting.prepared_model import prepared_model
 from pix2face.models.morphable_model import MorphableModel
 from tests.benchmarks.closed_loop import MODELS, known_face, measure, summary
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, processor_ms, write_report
 from tests.fits import paper_fit
 
 VERTEX_COUNTS = (600, 1250, COEFFICIENT_VERTICES, 5000, 10_000)
@@ -79,14 +76,8 @@ def parts(model: MorphableModel) -> dict[str, Callable[[], object]]:
 
 
 def least_ms(functions: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """The least processor time of each function in milliseconds, timed in turn."""
-    times = dict.fromkeys(functions, np.inf)
-    for _ in range(repeats):
-        for name, function in functions.items():
-            started = time.process_time()
-            function()
-            times[name] = min(times[name], time.process_time() - started)
-    return {name: round(1e3 * seconds, 3) for name, seconds in times.items()}
+    """The least processor time of each function in milliseconds."""
+    return {name: round(min(times), 3) for name, times in processor_ms(functions, repeats).items()}
 
 
 def subsets(model: MorphableModel, n_faces: int, repeats: int) -> list[dict[str, float]]:
@@ -98,7 +89,6 @@ def subsets(model: MorphableModel, n_faces: int, repeats: int) -> list[dict[str,
         def fit(count: int = count) -> object:
             return fit_face(maps, model, paper_fit(regularisation=REGULARISATION), n_vertices=count)  # noqa: B023
 
-        fit()
         errors = summary(
             measure(model, n_faces, lambda _, own, n=count: fit_face(own, model, paper_fit(), n_vertices=n), 1.0, 0.05)
         )
@@ -112,12 +102,11 @@ def subsets(model: MorphableModel, n_faces: int, repeats: int) -> list[dict[str,
     return out
 
 
-def main() -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/fitting.json"))
     parser.add_argument("--repeats", type=int, default=30)
     parser.add_argument("--faces", type=int, default=12)
-    parser.add_argument("--out", type=Path, default=Path("out/fitting.json"))
     options = parser.parse_args()
     square = np.random.default_rng(0).standard_normal((1500, 1500))
     report: dict[str, object] = {}
@@ -131,9 +120,8 @@ def main() -> int:
                 "milliseconds": least_ms(functions, options.repeats),
                 "subsets": subsets(model, options.faces, options.repeats),
             }
-    write_report(report | {"measured_on": surroundings()}, options.out)
-    return 0
+    write_report(report, options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

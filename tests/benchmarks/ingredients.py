@@ -20,7 +20,7 @@ from types import MappingProxyType
 from pix2face.errors import UsageError
 from pix2face.shards.sample_filter import SAMPLE_ID, SampleFilter
 from pix2face.shards.shard_reader import ShardReader, shard_paths
-from tests.benchmarks.surroundings import surroundings
+from tests.benchmarks.measuring import options_parser, write_report
 
 # What a sample fulfils where the ingredient is not in it.
 INGREDIENTS: Mapping[str, str] = MappingProxyType(
@@ -35,12 +35,11 @@ INGREDIENTS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def main() -> int:
+def main() -> None:
     """Trains, evaluates, prints."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/ingredients"))
     parser.add_argument("--shards", type=Path, required=True, help="synthetic photographs of preset default")
     parser.add_argument("--data", type=Path, required=True, help="folder of AFLW2000-3D")
-    parser.add_argument("--out", type=Path, default=Path("out/ingredients"))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--samples", type=int, default=300_000)
     parser.add_argument("--size", type=int, default=64)
@@ -48,13 +47,12 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", choices=INGREDIENTS, default=list(INGREDIENTS))
     parser.add_argument("--at-once", type=int, default=1, help="trainings side by side, which share the cores")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
     conditions, n_pictures = equal_conditions(options.shards)
     rows: dict[str, dict[str, float]] = {}
 
     def add(name: str, seed: int) -> None:
         out = options.out / f"{name.replace(' ', '-')}-{seed}"
-        rows[f"{name}, seed {seed}"] = row = measured(options, conditions[name], seed, out)
+        rows[f"{name}, seed {seed}"] = measured(options, conditions[name], seed, out)
         summary = {
             "pictures": n_pictures,
             "samples": options.samples,
@@ -62,15 +60,11 @@ def main() -> int:
             "conditions": conditions,
             "rows": rows,
         }
-        text = json.dumps({**summary, "measured_on": surroundings()}, indent=2)
-        (options.out / "ingredients.json").write_text(text + "\n", encoding="utf-8")
-        sys.stdout.write(json.dumps({f"{name}, seed {seed}": row}) + "\n")
-        sys.stdout.flush()
+        write_report(summary, options.out / "ingredients.json")
 
     with ThreadPoolExecutor(options.at_once) as pool:
         for done in [pool.submit(add, name, seed) for seed in options.seeds for name in options.only]:
             done.result()
-    return 0
 
 
 def equal_conditions(shards: Path) -> tuple[dict[str, str], int]:
@@ -119,4 +113,4 @@ def run(module: str, arguments: Sequence[object], threads: int) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -9,8 +9,6 @@ is the root mean square over the coefficients, in standard deviations: all, thos
 root mean square distance of the vertices of the face, in mm.
 """
 
-import argparse
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +20,7 @@ from pix2face.fitting.joint_fit import fit_joint
 from pix2face.geometry.camera import HeadPose
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import SIZE_PX, KnownFace, render_known_face
 
@@ -67,11 +65,10 @@ def identity_errors(model: MorphableModel, found: np.ndarray, true: np.ndarray) 
     }
 
 
-def main() -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/joint_fit.json"))
     parser.add_argument("--people", type=int, default=3)
-    parser.add_argument("--out", type=Path, default=Path("out/joint_fit.json"))
     options = parser.parse_args()
     model = builtin_model()
     errors: dict[str, dict[int, list[dict[str, float]]]] = {
@@ -107,11 +104,9 @@ def main() -> int:
             }
             for kind, by_n in errors.items()
         },
-        "measured_on": surroundings(),
     }
     write_report(report, options.out)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

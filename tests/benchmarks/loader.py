@@ -9,7 +9,6 @@ machine counts little. On worker processes (``--workers``): by the clock, so tha
 by the same code as in a training. The best of some rounds, each of as many draws as there are samples.
 """
 
-import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import islice
@@ -24,7 +23,7 @@ import torch
 from pix2face.files.images import decode_image
 from pix2face.geometry.jitter import JitterRange, draw_jitter
 from pix2face.shards.layers import IMAGE
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 from training.data.batches import batch_row, empty_batch
 from training.data.cropping import cut, cut_around_box, resample, vary_colours
 from training.data.dataset import middle_corner
@@ -153,17 +152,16 @@ def _forgotten(batches: Iterator[object]) -> Iterator[None]:
 
 def main() -> None:
     """Measures every folder and writes the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--shards", nargs="+", required=True, metavar="FOLDER:SIZE")
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--draws", type=int, default=6000)
     parser.add_argument("--workers", type=int, default=2, help="0 leaves out what they load by the clock")
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
     folders = {text: measure(text, options.rounds, options.draws, options.workers) for text in options.shards}
-    write_report({**surroundings(), "folders": folders}, options.out)
+    write_report({"folders": folders}, options.out)
 
 
 if __name__ == "__main__":

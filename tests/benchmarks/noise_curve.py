@@ -3,8 +3,6 @@
 python -m tests.benchmarks.noise_curve [--faces 20] [--out out/noise_curve.json] [--picture docs/images/fit_noise.png]
 """
 
-import argparse
-import sys
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -14,7 +12,7 @@ from pix2face.fitting.fit_options import EXACT_MAPS_REGULARISATION, PREDICTED_MA
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.morphable_model import builtin_model
 from tests.benchmarks.closed_loop import measure, summary
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 from tests.fits import paper_fit
 from tests.pix2face.fitting.rendered_faces import KnownFace
 
@@ -62,19 +60,17 @@ def draw(found: dict[str, dict[str, list[float]]], path: Path) -> None:
     figure.savefig(path, dpi=100, metadata={"Software": None})
 
 
-def main() -> int:
+def main() -> None:
     """Measures, writes and draws."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/noise_curve.json"))
     parser.add_argument("--faces", type=int, default=20)
-    parser.add_argument("--out", type=Path, default=Path("out/noise_curve.json"))
     parser.add_argument("--picture", type=Path, default=Path("docs/images/fit_noise.png"))
     options = parser.parse_args()
     found = curves(options.faces)
     draw(found, options.picture)
     report = {"faces": options.faces, "outliers": OUTLIERS, "noise_mm": NOISE_MM, "mean_error_percent": found}
-    write_report(report | {"measured_on": surroundings()}, options.out)
-    return 0
+    write_report(report, options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

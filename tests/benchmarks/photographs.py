@@ -11,10 +11,8 @@ shards are kept, and a run that was stopped goes on; pictures a second are then 
 
 import argparse
 import os
-import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,8 +26,8 @@ from pix2face.face_files.coefficients import save_coefficients
 from pix2face.models import BUILTIN_MODEL
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, SEEN, order_layers
+from tests.benchmarks.measuring import options_parser, write_report
 from tests.benchmarks.render import by_stage
-from tests.benchmarks.surroundings import surroundings, write_report
 
 
 def measure(place: Path, options: argparse.Namespace) -> dict[str, object]:
@@ -69,9 +67,9 @@ def measure(place: Path, options: argparse.Namespace) -> dict[str, object]:
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/photographs.json"))
     parser.add_argument("--n", type=int, default=600)
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--appearance", default=DEFAULT, help="preset, or TOML file, as of `datagen render`")
@@ -79,14 +77,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--shard-size", type=int, default=20)
     parser.add_argument("--shards", type=Path, help="folder to keep; without it everything is removed")
-    parser.add_argument("--out", type=Path, default=Path("out/photographs.json"))
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         found = measure(options.shards or Path(name), options)
     described = {name: getattr(options, name) for name in ("size", "appearance", "seed", "workers", "shard_size")}
-    write_report({**described, **found, "measured_on": surroundings()}, options.out)
-    return 0
+    write_report({**described, **found}, options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

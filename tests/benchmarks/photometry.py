@@ -7,7 +7,6 @@ is seen if the shards say so (of photographs, hair over the forehead counts as f
 left out, and pictures without colour from the figures of colour.
 """
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from numpy import ndarray
 
 from pix2face.shards.sample_filter import SampleFilter
 from pix2face.shards.shard_reader import ShardReader, shard_paths
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 LEAST_PIXELS = 200
 # Bytes by which a channel must lead.
@@ -68,14 +67,13 @@ def summarise(faces: Float64[ndarray, "n 4"]) -> dict[str, Any]:
 
 def main() -> None:
     """Measures each folder and writes the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("shards", type=Path, nargs="+")
     parser.add_argument("--where", default="")
     parser.add_argument("--most", type=int, default=1000)
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     measured = {str(folder): summarise(face_colours(folder, options.where, options.most)) for folder in options.shards}
-    write_report({"quantiles": QUANTILES, "sets": measured, **surroundings()}, options.out)
+    write_report({"quantiles": QUANTILES, "sets": measured}, options.out)
 
 
 if __name__ == "__main__":

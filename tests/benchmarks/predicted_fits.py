@@ -9,7 +9,6 @@ left where size and place are put right, and where the camera is (the one that p
 the true points); and milliseconds of processor time a face, one core.
 """
 
-import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -42,7 +41,7 @@ from pix2face.inference.onnx_session import keep_networks_in_one_thread
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import with_own_landmarks
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 
 Fit = Callable[[FaceMaps], FaceFit]
 
@@ -121,13 +120,12 @@ def row(faces: Sequence[PredictedFace], fit: Fit) -> dict[str, float]:
     }
 
 
-def main() -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/predicted_fits.json"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--checkpoint", type=Path)
     parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=Path("out/predicted_fits.json"))
     options = parser.parse_args()
     cv2.setNumThreads(1)
     keep_networks_in_one_thread()
@@ -139,9 +137,8 @@ def main() -> int:
         for name, fit in variants(model).items():
             rows[name] = {key: round(value, 3) for key, value in row(faces, fit).items()}
             sys.stderr.write(f"{name}: {rows[name]}\n")
-    write_report({"faces": len(faces), "rows": rows, "measured_on": surroundings()}, options.out)
-    return 0
+    write_report({"faces": len(faces), "rows": rows}, options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

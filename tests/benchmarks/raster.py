@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter, process_time
+from time import perf_counter
 
 if __name__ == "__main__":  # read when the driver is loaded
     os.environ.setdefault("LP_NUM_THREADS", "0")
@@ -33,7 +33,7 @@ from datagen.rendering.screen_projection import project_to_screen
 from pix2face.errors import GLUnavailableError
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, processor_ms, write_report
 from tests.benchmarks.z_buffer import ZBuffer
 from tests.meshes import mesh_model, sheet
 
@@ -78,13 +78,8 @@ def reference_kernel() -> None:
 
 def milliseconds(work: dict[str, Callable[[], object]], repeats: int) -> dict[str, dict[str, float]]:
     """Least and median time of the processor for each, taken in turns."""
-    seconds: dict[str, list[float]] = {name: [] for name in work}
-    for _ in range(repeats):
-        for name, call in work.items():
-            start = process_time()
-            call()
-            seconds[name].append(process_time() - start)
-    return {name: {"least": 1e3 * min(s), "median": 1e3 * float(np.median(s))} for name, s in seconds.items()}
+    times = processor_ms(work, repeats)
+    return {name: {"least": min(own), "median": float(np.median(own))} for name, own in times.items()}
 
 
 def stages(model: MorphableModel, vertices: ndarray, size_px: int, repeats: int) -> dict[str, float]:
@@ -120,8 +115,6 @@ def measure(model: MorphableModel, gl: GLContext | None, repeats: int, folder: P
         if z_buffer is not None:
             screen = z_buffer.project(vertices, camera)
             work["z-buffer in C++"] = lambda screen=screen, size=size: z_buffer.draw(screen, size)
-        for call in work.values():
-            call()  # what happens only once
         least = milliseconds({**work, "reference": reference_kernel}, repeats)
         of_processor = least["processor"]["least"]
         rows.append(
@@ -151,7 +144,6 @@ def growth(repeats: int) -> dict[str, object]:
         sized, camera = renderer.with_size(size, size), camera_for(size)
         if model is not renderer.model:
             sized = Renderer(model, size, size)
-        sized.render(model.mean, camera)
         return lambda: [sized.render(model.mean, camera) for _ in range(n)]
 
     amounts: dict[str, dict[int, Callable[[], object]]] = {
@@ -191,12 +183,11 @@ def processes(seconds: float) -> dict[str, float]:
 
 def main() -> None:
     """Measures and writes JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--bfm-mean", type=Path, help="folder with u_shp.npy, u_exp.npy, model_info.mat: measured too")
     parser.add_argument("--processes", type=float, default=0, help="seconds for one and for two processes")
     parser.add_argument("--worker", type=float, help=argparse.SUPPRESS)
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     if options.worker:
         print(drawn_in(options.worker))  # noqa: T201
@@ -215,7 +206,6 @@ def main() -> None:
         "growth": growth(max(3, options.repeats // 3)),
         "processes": processes(options.processes) if options.processes else {},
         "opengl": f"{gl.renderer}, {gl.version_code}" if gl else "none",
-        "measured_on": surroundings(),
     }
     write_report(result, options.out)
 

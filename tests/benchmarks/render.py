@@ -14,10 +14,8 @@ Without --originals the faces are invented: coefficients drawn from their standa
 
 import argparse
 import os
-import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +29,7 @@ from datagen.jobs.pipeline import JobSummary, Listener, open_job, run_job
 from datagen.jobs.render_job import RenderJob
 from datagen.rendering.renderer import Renderer
 from pix2face.models.morphable_model import load_model
+from tests.benchmarks.measuring import options_parser, write_report
 from tests.benchmarks.photograph_folder import (
     EXPRESSION_UNIT,
     IDENTITY_UNIT,
@@ -38,7 +37,6 @@ from tests.benchmarks.photograph_folder import (
     write_folder,
     write_full_size_model,
 )
-from tests.benchmarks.surroundings import surroundings, write_report
 
 SIZES_PX = (NATIVE_PX, 256)
 N_REFERENCE = 30
@@ -162,15 +160,14 @@ def measure_long(place: Path, model: Path, options: argparse.Namespace) -> dict[
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/render.json"))
     parser.add_argument("--originals", type=Path, help="folder of 300W-LP or AFLW2000-3D files to be copied")
     parser.add_argument("--n", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--long", type=int, help="one run of so many samples at 450 px instead")
-    parser.add_argument("--out", type=Path, default=Path("out/render.json"))
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     result: dict[str, object] = {"workers": options.workers, "faces": "copied" if options.originals else "invented"}
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
@@ -180,9 +177,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             for size_px in SIZES_PX:
                 result[f"{size_px} px"] = measure_size(place, model, size_px, options)
-    write_report(result | {"measured_on": surroundings()}, options.out)
-    return 0
+    write_report(result, options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -6,16 +6,10 @@ Prints and writes JSON: milliseconds of processor time a picture, by stage, mean
 calling thread and finishes each stage before the next begins.
 """
 
-import argparse
 import os
-import sys
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
-from unittest import mock
 
 import numpy as np
 
@@ -35,20 +29,20 @@ from datagen.sampling.faces import sample_faces
 from pix2face.face_files.coefficients import Face
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import StepTimes, options_parser, write_report
 
-STAGES = {
-    "upload head": (SceneHead, "load"),
-    "upload objects": (ObjectMeshes, "load"),
-    "sort transparent objects": (ObjectMeshes, "blended"),
-    "shadow maps": (SceneDrawer, "_draw_shadows"),
-    "what is seen": (SceneDrawer, "_see"),
-    "edges": (SceneDrawer, "_find_edges"),
-    "clear, upload": (SceneTarget, "clear"),
-    "transparent objects": (SceneDrawer, "_draw_blended"),
-    "head and opaque objects": (SceneDrawer, "_draw_opaque"),
-    "picture": (scene_drawing, "resolve"),
-}
+STAGES = (
+    ("upload head", SceneHead, "load"),
+    ("upload objects", ObjectMeshes, "load"),
+    ("sort transparent objects", ObjectMeshes, "blended"),
+    ("shadow maps", SceneDrawer, "_draw_shadows"),
+    ("what is seen", SceneDrawer, "_see"),
+    ("edges", SceneDrawer, "_find_edges"),
+    ("clear, upload", SceneTarget, "clear"),
+    ("transparent objects", SceneDrawer, "_draw_blended"),
+    ("head and opaque objects", SceneDrawer, "_draw_opaque"),
+    ("picture", scene_drawing, "resolve"),
+)
 WARM_UP = 6
 
 
@@ -62,46 +56,24 @@ def scenes(model: MorphableModel, config: AppearanceConfig, n: int, size_px: int
         yield maker.scene(draw_appearance(7, f"sample {index}", config), face, vertices), face.camera
 
 
-@contextmanager
-def timed_stages(times: dict[str, list[float]], finish: Callable[[], None]) -> Iterator[None]:
-    """Each stage finishes, and says what it took."""
-    patches = []
-    for name, (owner, method) in STAGES.items():
-        original = getattr(owner, method)
-
-        def wrapper(*arguments: Any, _name: str = name, _original: Any = original) -> Any:
-            started = time.process_time()
-            result = _original(*arguments)
-            finish()
-            times[_name].append(time.process_time() - started)
-            return result
-
-        patches.append(mock.patch.object(owner, method, wrapper))
-    for patch in patches:
-        patch.start()
-    yield
-    for patch in patches:
-        patch.stop()
-
-
 def measure(n: int, size_px: int, preset: str) -> dict[str, object]:
     """Draws n scenes after some that do not count."""
     model = builtin_model()
     made = list(scenes(model, load_configuration(preset), n + WARM_UP, size_px))
-    times: dict[str, list[float]] = defaultdict(list)
-    totals = []
+    totals: list[float] = []
     with create_gl_context() as gl:
         drawer = SceneDrawer(model, gl, appearance_textures(), head_paint(model), head_occlusion(model))
-        with timed_stages(times, gl.context.finish):
+        times = StepTimes(time.process_time, gl.context.finish)
+        with times.of(STAGES):
             for index, (scene, camera) in enumerate(made):
                 if index == WARM_UP:
-                    times.clear()
+                    times.seconds.clear()
                     totals.clear()
                 started = time.process_time()
                 drawer.draw(scene, camera, size_px, size_px)
                 totals.append(time.process_time() - started)
     triangles = [sum(len(mesh.triangles) for mesh in scene.meshes) for scene, _ in made[WARM_UP:]]
-    stages = {name: _summary(values) for name, values in times.items()}
+    stages = {name: _summary(values) for name, values in times.seconds.items()}
     return {
         "pictures": n,
         "size_px": size_px,
@@ -124,19 +96,17 @@ def _summary(seconds: Sequence[float]) -> dict[str, float]:
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/scene.json"))
     parser.add_argument("--n", type=int, default=40)
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--preset", default="default")
-    parser.add_argument("--out", type=Path, default=Path("out/scene.json"))
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     os.environ["LP_NUM_THREADS"] = "0"  # before the driver is loaded
-    result = measure(options.n, options.size, options.preset) | {"measured_on": surroundings()}
+    result = measure(options.n, options.size, options.preset)
     write_report(result, options.out)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -3,8 +3,6 @@
 python -m tests.benchmarks.skin [--people 60]
 """
 
-import argparse
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -17,7 +15,7 @@ from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.tone import albedo_of_skin, density_of_melanin, lab_of_linear
 from datagen.opengl.gl_context import create_gl_context
 from pix2face.models.morphable_model import builtin_model
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, processor_ms, write_report
 from tests.datagen.appearance.skin.painted_skin import ALBEDO, PaintedSkin, painted_skin
 
 RUNS = 20
@@ -25,10 +23,10 @@ GREY = "Surface skin(Surface s, vec2 uv, vec3 place, vec4 p0, vec4 p1, float pix
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--people", type=int, default=60)
     options = parser.parse_args()
-    write_report({"surroundings": surroundings(), "melanin": _sweep(), **_drawn(options.people)})
+    write_report({"melanin": _sweep(), **_drawn(options.people)})
 
 
 def individual_typology_angle_deg(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:
@@ -84,12 +82,8 @@ def _cheek(paint: PaintedSkin, rng: np.random.Generator) -> np.ndarray:
 
 def _milliseconds(work: Callable[[], object]) -> float:
     """CPU time of one run, the median of some."""
-    times = []
-    for _ in range(RUNS):
-        start = time.process_time()
-        work()
-        times.append(time.process_time() - start)
-    return round(1000 * float(np.median(times)), 2)
+    (times,) = processor_ms({"work": work}, RUNS).values()
+    return round(float(np.median(times)), 2)
 
 
 if __name__ == "__main__":

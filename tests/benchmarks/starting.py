@@ -6,7 +6,6 @@ and of the processor, and the files that they write; ``--no-photograph`` leaves 
 from another copy of the project, to compare two of them.
 """
 
-import argparse
 import os
 import resource
 import subprocess
@@ -17,7 +16,7 @@ from pathlib import Path
 
 from skimage import data
 
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, write_report
 from tests.test_help import PAGES, PROGRAMS
 
 ROOT = Path(__file__).parents[2]
@@ -61,25 +60,22 @@ def of_photograph(call: str, tree: Path, rounds: int) -> dict[str, object]:
     return {"clock_s": found[0], "processor_s": found[1], "file_bytes": sizes}
 
 
-def main() -> int:
+def main() -> None:
     """Runs the benchmark."""
-    parser = argparse.ArgumentParser(description="Start-up of every command, and one photograph.")
+    parser = options_parser(__doc__)
     parser.add_argument("--tree", type=Path, default=ROOT, help="copy of the project that is measured")
     parser.add_argument("--rounds", type=int, default=3, help="runs of each command")
     parser.add_argument("--calls", nargs="+", default=PAGES, metavar="CALL", help="commands, such as 'pix2face fit'")
     parser.add_argument("--no-photograph", action="store_true", help="measure start-up alone")
-    parser.add_argument("--out", type=Path, help="also write the report to this file")
     arguments = parser.parse_args()
     tree = arguments.tree.resolve()
     report: dict[str, object] = {
-        **surroundings(),
         "start_up_processor_s": {call: start_up_s(call, tree, arguments.rounds) for call in arguments.calls},
     }
     if not arguments.no_photograph:
         report["photograph"] = {call: of_photograph(call, tree, arguments.rounds) for call in CALLS}
     write_report(report, arguments.out)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -7,7 +7,6 @@ own gzip of plain values is the reference that ratios refer to. Reading by two p
 too, which counts only where nothing else runs.
 """
 
-import argparse
 import hashlib
 import multiprocessing
 import tempfile
@@ -29,7 +28,7 @@ from pix2face.shards.map_storage import predict, undo_prediction
 from pix2face.shards.sample import MAP_LAYERS, Sample
 from pix2face.shards.shard_reader import ShardHeader, ShardReader, shard_paths
 from pix2face.shards.shard_writing import ShardWriter, write_shard
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import options_parser, processor_ms, write_report
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -133,12 +132,8 @@ PICTURES: dict[str, tuple[str, list[int]]] = {
 
 def best_ms(work: Callable[[], object], n: int, rounds: int) -> float:
     """Milliseconds of the processor for one of n, the best of some rounds."""
-    times = []
-    for _ in range(rounds):
-        start = process_time()
-        work()
-        times.append(process_time() - start)
-    return round(1000 * min(times) / n, 3)
+    (times,) = processor_ms({"work": work}, rounds).values()
+    return round(min(times) / n, 3)
 
 
 def measure_way(way: Way, maps: Sequence[np.ndarray], folder: Path, rounds: int) -> dict[str, float]:
@@ -298,15 +293,13 @@ def measure_folder(shards: Path, n: int, rounds: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measures every folder and writes the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--shards", type=Path, nargs="+", required=True)
     parser.add_argument("--n", type=int, default=24)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     report = {
-        **surroundings(),
         "h5py_hdf5": h5py.version.hdf5_version,
         "folders": {folder.name: measure_folder(folder, options.n, options.rounds) for folder in options.shards},
     }

@@ -20,14 +20,8 @@ import resource
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 from numpy import ndarray
@@ -42,27 +36,27 @@ from pix2face.tracking import clip_fit, track_files
 from pix2face.tracking.smoothing import SMOOTHINGS, JitterMeter, open_smoother
 from pix2face.tracking.track_files import TrackFiles
 from pix2face.tracking.video import OverlayVideo, open_frames
-from tests.benchmarks.surroundings import surroundings, write_report
+from tests.benchmarks.measuring import StepTimes, options_parser, write_report
 
 FPS = 25.0
 NOISE = 0.01
 LOOPS = 20
 
 PASSES = (
-    (track_cli, "_detect", "boxes"),
-    (track_cli, "find_identities", "identity"),
-    (track_cli, "_follow", "fits"),
+    ("boxes", track_cli, "_detect"),
+    ("identity", track_cli, "find_identities"),
+    ("fits", track_cli, "_follow"),
 )
 STEPS = (
-    (CentreDetector, "candidates", "detect"),
-    (Predictor, "predict_batch", "crops, and maps from planes"),
-    (OnnxSession, "run", "network"),
-    (refined_detection, "refined_boxes", "first predictions"),
-    (clip_fit, "measure_picture", "fits of second predictions"),
-    (track_files, "visible_landmarks", "visible landmarks"),
-    (TrackFiles, "write", "landmarks.csv and track.npz"),
-    (track_cli, "draw_frame", "overlay.mp4"),
-    (OverlayVideo, "write", "overlay.mp4"),
+    ("detect", CentreDetector, "candidates"),
+    ("crops, and maps from planes", Predictor, "predict_batch"),
+    ("network", OnnxSession, "run"),
+    ("first predictions", refined_detection, "refined_boxes"),
+    ("fits of second predictions", clip_fit, "measure_picture"),
+    ("visible landmarks", track_files, "visible_landmarks"),
+    ("landmarks.csv and track.npz", TrackFiles, "write"),
+    ("overlay.mp4", track_cli, "draw_frame"),
+    ("overlay.mp4", OverlayVideo, "write"),
 )
 
 
@@ -170,30 +164,6 @@ def measure_memory() -> dict[str, float]:
     }
 
 
-class StepTimes:
-    """Processor time of functions, without that of the functions inside them that are timed as well."""
-
-    def __init__(self) -> None:
-        self.seconds: Counter[str] = Counter()
-        self._thread, self._lock = threading.local(), threading.Lock()
-
-    def timed(self, step: str, function: Callable[..., Any], clock: Callable[[], float] = time.thread_time) -> Any:
-        """The function, whose time is added to a step."""
-
-        def run(*arguments: Any, **named: Any) -> Any:
-            outer, self._thread.inner = getattr(self._thread, "inner", 0.0), 0.0
-            start = clock()
-            try:
-                return function(*arguments, **named)
-            finally:
-                spent = clock() - start
-                with self._lock:
-                    self.seconds[step] += spent - self._thread.inner
-                self._thread.inner = outer + spent
-
-        return run
-
-
 def measure_speed(clip: Path, folder: Path) -> dict[str, object]:
     """Tracks a clip twice: as a command, and here with a clock at each step."""
     command = [sys.executable, "-m", "pix2face.commands.cli", "track", str(clip), "--out", str(folder / "command")]
@@ -204,53 +174,49 @@ def measure_speed(clip: Path, folder: Path) -> dict[str, object]:
     start_s = time.process_time()
     n_frames = sum(1 for _ in source.frames())
     decoding_s = time.process_time() - start_s
-    passes, steps = StepTimes(), StepTimes()
-    with ExitStack() as stack:
-        for places, times, clock in ((PASSES, passes, time.perf_counter), (STEPS, steps, time.thread_time)):
-            for owner, name, step in places:
-                stack.enter_context(patch.object(owner, name, times.timed(step, getattr(owner, name), clock)))
+    passes, steps = StepTimes(time.perf_counter), StepTimes()
+    with passes.of(PASSES), steps.of(STEPS):
         start_s = time.process_time()
         if pix2face_main(["track", str(clip), "--out", str(folder / "steps")]):
             raise SystemExit("tracking failed")
         processor_s = time.process_time() - start_s
-    steps.seconds["decode (three times)"] = 3 * decoding_s
-    steps.seconds["load the network, and all else"] = processor_s - sum(steps.seconds.values())
+    pass_s = {name: sum(calls) for name, calls in passes.seconds.items()}
+    step_s = {name: sum(calls) for name, calls in steps.seconds.items()} | {"decode (three times)": 3 * decoding_s}
+    step_s["load the network, and all else"] = processor_s - sum(step_s.values())
     return {
         "frames": n_frames,
         "frames_per_second": {
-            **{name: round(n_frames / seconds, 1) for name, seconds in passes.seconds.items()},
-            "all passes": round(n_frames / sum(passes.seconds.values()), 1),
+            **{name: round(n_frames / seconds, 1) for name, seconds in pass_s.items()},
+            "all passes": round(n_frames / sum(pass_s.values()), 1),
             "command": round(n_frames / command_s, 1),
         },
         "command_s": round(command_s, 2),
         "command_processor_s": round(spent.ru_utime + spent.ru_stime, 2),
-        "processor_ms_per_frame": {name: round(1000 * own / n_frames, 2) for name, own in steps.seconds.items()},
+        "processor_ms_per_frame": {name: round(1000 * own / n_frames, 2) for name, own in step_s.items()},
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__, Path("out/tracking.json"))
     parser.add_argument("--tracks", default="")
     parser.add_argument("--clip", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("out/tracking.json"))
     parser.add_argument("--only-memory", type=int, help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         if options.only_memory:
             sys.stdout.write(f"{track_drawn_clip(options.only_memory, Path(name))}\n")
-            return 0
+            return
         if options.clip is not None:
             speed = measure_speed(options.clip, Path(name))
-            write_report({"speed": speed, "measured_on": surroundings()}, options.out)
-            return 0
+            write_report({"speed": speed}, options.out)
+            return
         report: dict[str, object] = {"smoothing": {kind: measure_smoother(kind) for kind in SMOOTHINGS}}
         tracks = [Path(own) for own in options.tracks.split(",") if own]
         report["clips"] = {own.parent.name: measure_track(own) for own in tracks}
         report["memory"] = measure_memory()
-    write_report(report | {"measured_on": surroundings()}, options.out)
-    return 0
+    write_report(report, options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

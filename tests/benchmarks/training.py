@@ -3,15 +3,13 @@
 The preset ``paper`` against a plain float32 implementation of the same network in torch's own layers, planes first in
 memory, from the same weights, with the same pictures, in turns; then where the time goes, and the losses of both over
 some more steps (``--curve-steps 500``; at a smaller ``--curve-size-px`` that takes minutes instead of an hour); then
-the residual network, and inference on one core. Times are of the processor, summed over threads, since other jobs
-disturb them least; ``wall`` is what a clock on the wall says.
+the residual network. Times are of the processor, summed over threads, since other jobs disturb them least; ``wall`` is
+what a clock on the wall says.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,21 +17,8 @@ import torch
 import tyro
 from torch import Tensor
 
-from pix2face.fitting.face_fit import fit_face
-from pix2face.fitting.fit_options import PREDICTED_MAPS_REGULARISATION
-from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
-from pix2face.geometry.crops import FaceBox
-from pix2face.geometry.maps import FaceMaps
-from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.onnx_session import keep_networks_in_one_thread
-from pix2face.inference.predictor import Predictor
-from pix2face.inference.torch_networks import save_checkpoint
-from pix2face.models.morphable_model import builtin_model
-from pix2face.models.rasterise import render_maps
-from pix2face.networks.architectures import build_network
+from tests.benchmarks.measuring import write_report
 from tests.benchmarks.plain_unet import PlainUNet
-from tests.benchmarks.surroundings import surroundings, write_report
-from tests.fits import paper_fit
 from training.data.batches import Batch, as_input, target_planes
 from training.loop.learner import ADAM_BETAS, Learner
 from training.loop.losses import LossPlan
@@ -42,7 +27,6 @@ from training.recipe.recipe import Recipe
 
 SCALES_MM = (100.0, 20.0)
 STEPS_A_POINT = 10  # of a curve
-N_INFERENCES = 30
 
 
 @dataclass(frozen=True)
@@ -56,7 +40,6 @@ class Options:
         curve_size_px: Side of the pictures of the curves.
         paper: Whether to time the preset ``paper``.
         residual: Whether to time the residual network.
-        inference: Whether to time inference.
     """
 
     steps: int = 2
@@ -65,7 +48,6 @@ class Options:
     curve_size_px: int = 256
     paper: bool = True
     residual: bool = True
-    inference: bool = True
 
 
 class PlainTraining:
@@ -166,48 +148,6 @@ def residual_steps(options: Options) -> dict[str, Any]:
     return result
 
 
-def inference(options: Options) -> dict[str, Any]:
-    """Milliseconds a face on one core: crop and network, and the fit of its maps; medians, of the processor."""
-    keep_networks_in_one_thread()
-    recipe, model = PRESETS["cpu"], builtin_model()
-    torch.manual_seed(0)
-    network = build_network(recipe.architecture, recipe.size_px, recipe.widths, recipe.planes)
-    header = CheckpointHeader(
-        model_name=model.name,
-        model_sha256=model.sha256,
-        size_px=recipe.size_px,
-        widths=recipe.widths,
-        pncc_scale_mm=SCALES_MM[0],
-        offset_scale_mm=SCALES_MM[1],
-        smallest_radius_mm=model.smallest_radius_mm,
-        licence=model.licence,
-        configuration="{}",
-        epoch=0,
-        architecture=recipe.architecture,
-        planes=recipe.planes,
-    )
-    with TemporaryDirectory() as folder:
-        save_checkpoint(Path(folder) / "c.safetensors", header, network)
-        predictor = Predictor.load(Path(folder) / "c.safetensors", "cpu")
-    box = FaceBox(100, 100, 300, 320)
-    image = np.random.default_rng(0).integers(0, 255, (450, 450, 3)).astype(np.uint8)
-    pose = weak_perspective_camera(
-        WeakPerspective(0.5, rotation_of_pose(HeadPose(5, 20, 0)), np.full(2, recipe.size_px / 2))
-    )
-    rendered = render_maps(model, model.mean, pose, recipe.size_px, recipe.size_px)
-    maps = FaceMaps(rendered["pncc"], rendered["offset"], rendered["mask"])
-    ways = {
-        "network": lambda: predictor.predict(image, box),
-        "fit": lambda: fit_face(maps, model, paper_fit(regularisation=PREDICTED_MAPS_REGULARISATION)),
-        "fit, held to the silhouette": lambda: fit_face(
-            maps, model, paper_fit(regularisation=PREDICTED_MAPS_REGULARISATION, silhouette=True)
-        ),
-    }
-    found = {name: round(1000 * median_seconds(way), 1) for name, way in ways.items()}
-    torch.set_num_threads(options.threads)
-    return found | {"network and fit": round(found["network"] + found["fit, held to the silhouette"], 1)}
-
-
 def new_learner(recipe: Recipe) -> Learner:
     plan = LossPlan(
         pncc_scale_mm=SCALES_MM[0], offset_scale_mm=SCALES_MM[1], weights=recipe.weights, over=recipe.loss_over
@@ -228,16 +168,6 @@ def timed_in_turns(ways: dict[str, Callable[[], object]], rounds: int) -> dict[s
     return {name: {clock: round(value, 4) for clock, value in own.items()} for name, own in least.items()}
 
 
-def median_seconds(way: Callable[[], object]) -> float:
-    way()
-    seconds = []
-    for _ in range(N_INFERENCES):
-        began = time.process_time()
-        way()
-        seconds.append(time.process_time() - began)
-    return float(np.median(seconds))
-
-
 def profile(step: Callable[[], object]) -> dict[str, float]:
     """Share of the processor's time of each operation of one step, those above 1 %."""
     activities = [torch.profiler.ProfilerActivity.CPU]
@@ -256,15 +186,13 @@ def _channels_last(planes: Tensor) -> Tensor:
 
 def main(options: Options) -> None:
     torch.set_num_threads(options.threads)
-    result: dict[str, Any] = {"surroundings": surroundings(), "threads": options.threads}
+    result: dict[str, Any] = {"threads": options.threads}
     if options.paper:
         result["preset_paper"] = compared_steps(options)
     if options.curve_steps:
         result["losses"] = curves(options)
     if options.residual:
         result["preset_cpu"] = residual_steps(options)
-    if options.inference:
-        result["inference_ms"] = inference(options)
     write_report(result)
 
 
