@@ -142,7 +142,7 @@ def nap(unit: int) -> int:
 
 def test_processes_that_die_end_in_one_clear_error() -> None:
     with pytest.raises(UsageError, match=f"unit 7: workers died {ATTEMPTS} times"):
-        finish_units([7], ProcessPool(1), lambda executor, unit: executor.submit(die, unit), lambda unit, result: None)
+        finish_units([7], ProcessPool(2), lambda executor, unit: executor.submit(die, unit), lambda unit, result: None)
 
 
 def test_processes_end_at_once_when_the_job_stops() -> None:
