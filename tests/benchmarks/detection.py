@@ -10,7 +10,6 @@ faces. With a checkpoint, the same after a first prediction has refined the boxe
 """
 
 import time
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -24,22 +23,12 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import builtin_model
 from pix2face.photographs.refined_detection import refine_faces
+from tests.benchmarks.face_finding import annotated_photographs
 from tests.benchmarks.measuring import options_parser, write_report
 
 HIT, FALSE = 0.5, 0.3
 
 Finder = Callable[[ndarray], list[FaceBox]]
-
-
-def annotated_faces(folder: Path) -> dict[Path, list[FaceBox]]:
-    """The box of the 68 points of every face, by photograph; dlib counts pixels from 0 with integers at the centres."""
-    faces: dict[Path, list[FaceBox]] = {}
-    for path in sorted(folder.glob("*_with_face_landmarks.xml")):
-        for image in ET.parse(path).getroot().iter("image"):
-            for box in image.iter("box"):
-                points = [[float(part.get("x")) + 0.5, float(part.get("y")) + 0.5] for part in box.iter("part")]
-                faces.setdefault(folder / image.get("file"), []).append(FaceBox.around(np.array(points)))
-    return faces
 
 
 def measure(find: Finder, faces: Mapping[Path, Sequence[FaceBox]]) -> dict[str, object]:
@@ -101,7 +90,8 @@ def main() -> None:
     parser.add_argument("--detectors", default=",".join(DETECTORS))
     parser.add_argument("--checkpoint", type=Path)
     options = parser.parse_args()
-    faces = annotated_faces(options.faces)
+    photographs = annotated_photographs(options.faces)
+    faces = {path: [box for box, _ in own] for path, own in photographs.items()}
     predictor = Predictor.load(options.checkpoint, "cpu") if options.checkpoint else None
     report: dict[str, object] = {}
     for name in options.detectors.split(","):
