@@ -23,7 +23,8 @@ def test_there_are_enough_with_names_of_their_own() -> None:
     assert len({mistake.name for mistake in MISTAKES}) == len(MISTAKES) >= 40
 
 
-def test_noticed_and_surviving_mistakes_are_told_apart(tmp_path: Path) -> None:
+def test_noticed_and_surviving_mistakes_are_told_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # plugins take longer to load than the tests to run
     (tmp_path / "area.py").write_text("def area(w, h):\n    return w * h  # right\n")
     (tmp_path / "test_area.py").write_text("from area import area\n\ndef test_it():\n    assert area(2, 3) == 6\n")
     (tmp_path / "pytest.ini").write_text("[pytest]\n")

@@ -4,14 +4,22 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from datagen.cli import main
-from datagen.doctor import gl_probe
-from datagen.doctor.gl_probe import BackendProbe, check_rendering, devices_apart, probe_backend_apart
+from datagen.doctor import doctor_cli, gl_probe
+from datagen.doctor.gl_probe import (
+    PROCESSOR,
+    BackendProbe,
+    check_rendering,
+    devices_apart,
+    probe_backend,
+    probe_backend_apart,
+)
 from datagen.opengl import Rasteriser
 from datagen.opengl.gl_context import COMPUTE_VERSION, GLContext, GLSettings
 from datagen.opengl.osmesa_context import OSMESA_LIBRARIES
@@ -63,11 +71,22 @@ def test_a_driver_that_ends_its_process_is_a_failure_like_any_other(monkeypatch:
         assert devices_apart() == ((), message)
 
 
+def leave_out(monkeypatch: pytest.MonkeyPatch, probe: Callable[[GLSettings], BackendProbe], *backends: str) -> None:
+    """Lets the command probe no more than the other backends: each takes a process of its own unless told otherwise."""
+
+    def probed(settings: GLSettings) -> BackendProbe:
+        backend = str(settings.backend)
+        return BackendProbe(backend, "left out") if backend in backends else probe(settings)
+
+    monkeypatch.setattr(doctor_cli, "probe_backend_apart", probed)
+
+
 @pytest.mark.gl
 def test_a_forced_backend_without_driver_ends_in_2_and_its_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The whole command, with a driver that does not exist."""
+    leave_out(monkeypatch, probe_backend_apart, "osmesa", PROCESSOR)
     monkeypatch.setenv("PIX2FACE_GL", "egl")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", str(tmp_path / "nothing.json"))
     assert main(["doctor"]) == 2
@@ -102,6 +121,7 @@ def test_libraries_that_cannot_be_loaded_are_found_out(tmp_path: Path) -> None:
 def test_the_doctor_reports_in_json(
     gl: GLContext, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    leave_out(monkeypatch, probe_backend, *({"egl", "osmesa"} - {gl.backend}))
     monkeypatch.setenv("PIX2FACE_GL_DEVICE", "")
     assert main(["doctor", "--gl", gl.backend, "--rasteriser", "processor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

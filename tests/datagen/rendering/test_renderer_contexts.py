@@ -4,7 +4,9 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -12,11 +14,14 @@ import pytest
 from datagen.appearance.plain_appearance import draw_plain_appearance
 from datagen.opengl.gl_context import GLContext, GLSettings, create_gl_context
 from datagen.rendering.renderer import Renderer
+from datagen.sampling.faces import sample_faces
 from pix2face.errors import GLUnavailableError
-from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.models.morphable_model import builtin_model
+from pix2face.models.rasterise import render_maps
 from tests.synthetic_models import small_head_model
 
-pytestmark = pytest.mark.gl
+pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("maps by back ends")]  # which are rendered once
 
 CAMERA = weak_perspective_camera(WeakPerspective(0.3, rotation_of_pose(HeadPose(0, 30, 0)), np.full(2, 32.0)))
 RENDER = """
@@ -28,46 +33,48 @@ from datagen.sampling.faces import sample_faces
 from pix2face.geometry.camera import Camera
 from pix2face.errors import GLUnavailableError
 from pix2face.models.morphable_model import builtin_model
-from pix2face.models.rasterise import render_maps
 model = builtin_model()
 table = sample_faces(model, 6, 3, 192)
 vertices = model.vertices(table.identity, table.expression)
 faces = [(v, Camera(m)) for v, m in zip(vertices, table.cameras)]
-if sys.argv[2] == "oracle":
-    maps = [render_maps(model, v, c, 192, 192) for v, c in faces]
-else:
-    try:
-        gl = create_gl_context()
-        renderer = Renderer(model, 192, 192, gl)
-    except GLUnavailableError as error:
-        sys.exit(f"not here: {error}")
-    assert renderer.rasteriser == sys.argv[2], renderer.rasteriser
-    maps = [renderer.render(v, c) for v, c in faces]
+try:
+    gl = create_gl_context()
+    renderer = Renderer(model, 192, 192, gl)
+except GLUnavailableError as error:
+    sys.exit(f"not here: {error}")
+assert renderer.rasteriser == "compute", renderer.rasteriser
+maps = [renderer.render(v, c) for v, c in faces]
 np.savez(sys.argv[1], **{name: np.stack([m[name] for m in maps]) for name in ("pncc", "offset", "mask")})
 """
 
 
-def rendered_by(backend: str, rasteriser: str, threads: str, out: Path) -> dict[str, np.ndarray]:
-    environment = {**os.environ, "PIX2FACE_GL": backend, "PIX2FACE_RASTERISER": rasteriser, "LP_NUM_THREADS": threads}
-    environment = {name: value for name, value in environment.items() if value}
-    command = [sys.executable, "-W", "error", "-c", RENDER, str(out), rasteriser or "oracle"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    if done.returncode and "not here" in done.stderr:
-        pytest.skip(f"{backend}, {rasteriser}: {done.stderr.strip()}")
-    assert done.returncode == 0, done.stderr
-    with np.load(out, allow_pickle=False) as arrays:
-        return dict(arrays)
+@cache
+def rendered_by(backend: str, threads: int) -> dict[str, np.ndarray]:
+    environment = {"PIX2FACE_GL": backend, "PIX2FACE_RASTERISER": "compute", "LP_NUM_THREADS": str(threads)}
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "maps.npz"
+        command = [sys.executable, "-W", "error", "-c", RENDER, str(out)]
+        done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True)
+        if done.returncode and "not here" in done.stderr:
+            pytest.skip(f"{backend}: {done.stderr.strip()}")
+        assert done.returncode == 0, done.stderr
+        with np.load(out, allow_pickle=False) as arrays:
+            return dict(arrays)
 
 
 @pytest.fixture(scope="module")
-def truth(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
-    return rendered_by("", "", "", tmp_path_factory.mktemp("oracle") / "maps.npz")
+def truth() -> dict[str, np.ndarray]:
+    model = builtin_model()
+    table = sample_faces(model, 6, 3, 192)
+    vertices = model.vertices(table.identity, table.expression)
+    maps = [render_maps(model, v, Camera(m), 192, 192) for v, m in zip(vertices, table.cameras, strict=True)]
+    return {name: np.stack([own[name] for own in maps]) for name in ("pncc", "offset", "mask")}
 
 
 @pytest.mark.parametrize("backend", ["egl", "osmesa"])
-def test_each_back_end_renders_the_same(tmp_path: Path, truth: dict[str, np.ndarray], backend: str) -> None:
+def test_each_back_end_renders_the_same(truth: dict[str, np.ndarray], backend: str) -> None:
     """Within a step of the fixed point of each other: half a step from the oracle."""
-    found = rendered_by(backend, "compute", "", tmp_path / "maps.npz")
+    found = rendered_by(backend, 4)
     both = found["mask"] & truth["mask"]
     assert both.sum() > 50_000
     assert (found["mask"] != truth["mask"]).sum() <= 1e-4 * both.sum()
@@ -76,11 +83,10 @@ def test_each_back_end_renders_the_same(tmp_path: Path, truth: dict[str, np.ndar
         assert (error > 0.5 / 128).sum() <= 1e-4 * both.sum()
 
 
-def test_threads_do_not_change_a_byte(tmp_path: Path) -> None:
-    first, *others = (rendered_by("egl", "compute", n, tmp_path / f"{n}.npz") for n in ("0", "1", "4"))
-    for other in others:
-        for name, values in first.items():
-            assert values.tobytes() == other[name].tobytes()
+def test_threads_do_not_change_a_byte() -> None:
+    several = rendered_by("egl", 4)
+    for name, values in rendered_by("egl", 0).items():
+        assert values.tobytes() == several[name].tobytes()
 
 
 def test_the_choice_follows_capability_and_can_be_forced(gl: GLContext) -> None:

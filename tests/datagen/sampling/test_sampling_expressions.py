@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -29,11 +30,19 @@ from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation
 from pix2face.models.morphable_model import builtin_model
 from tests.synthetic_models import small_head_model
 
+pytestmark = pytest.mark.xdist_group("expressions")  # they are drawn once
+
 NAMES = tuple(builtin_model().named_expressions)
 
 
+@cache
+def one_drawn(index: int, config: GeometryConfig) -> DrawnExpression:
+    return draw_named_expression(generator_for(3, str(index)), config, NAMES)
+
+
 def drawn(n: int, config: GeometryConfig = DEFAULT_GEOMETRY) -> list[DrawnExpression]:
-    return [draw_named_expression(generator_for(3, str(index)), config, NAMES) for index in range(n)]
+    """The first of those that several tests look at."""
+    return [one_drawn(index, config) for index in range(n)]
 
 
 def test_recipes_speak_of_the_models_own_expressions() -> None:
