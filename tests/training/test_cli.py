@@ -16,20 +16,10 @@ from training.loop.plan_report import duration_in_words, summary
 from training.recipe.presets import PRESETS
 from training.train_cli import next_command
 
-SMALL = [
-    "--preset",
-    "tiny",
-    "--size-px",
-    "32",
-    "--filters",
-    "4",
-    "--epochs",
-    "2",
-    "--epoch-size",
-    "4",
-    "--workers",
-    "0",
-]
+pytestmark = pytest.mark.xdist_group("train")  # the network is trained once
+
+SMALL = ["--preset", "tiny", "--size-px", "32", "--filters", "4"]
+SMALL += ["--epochs", "2", "--epoch-size", "4", "--workers", "0"]
 
 
 def test_from_shards_to_a_checkpoint(shards_dir, tmp_path, capsys):
@@ -72,12 +62,16 @@ def test_the_summary_names_the_arithmetic_that_is_computed(has_bfloat16, device,
     assert f"batches of {PRESETS['tiny'].batch_size}, {computed}\n" in said
 
 
-def test_restart_replaces_a_training(shards_dir, tmp_path, capsys):
-    arguments = ["--shards", str(shards_dir), "--out", str(tmp_path), *SMALL]
-    assert main(arguments) == 0
-    assert main([*arguments, "--seed", "1"]) == 2
+def test_restart_replaces_a_training_and_one_of_another_size_does_not_go_on_from_it(shards_dir, tmp_path, capsys):
+    arguments = ["--shards", str(shards_dir), *SMALL]
+    out = ["--out", str(tmp_path / "run")]
+    assert main([*arguments, *out]) == 0
+    start = ["--init", str(tmp_path / "run" / "checkpoint.safetensors"), "--out", str(tmp_path / "next")]
+    assert main([*arguments, "--size-px", "64", *start]) == 2
+    assert "--init: expected a network" in capsys.readouterr().err
+    assert main([*arguments, *out, "--seed", "1"]) == 2
     assert "seed 0 -> 1" in capsys.readouterr().err
-    assert main([*arguments, "--seed", "1", "--restart"]) == 0
+    assert main([*arguments, *out, "--seed", "1", "--restart"]) == 0
 
 
 def residual(shards_dir, out, *more: str) -> list[str]:
@@ -100,15 +94,22 @@ def test_a_dry_run_says_what_a_training_takes_and_writes_nothing(shards_dir, tmp
     assert not (tmp_path / "run").exists()
 
 
-def test_a_training_goes_on_at_another_size(shards_dir, tmp_path, capsys):
-    first, second = tmp_path / "64", tmp_path / "128"
-    assert main(residual(shards_dir, first)) == 0
-    start = ["--init", str(first / "checkpoint.safetensors")]
+@pytest.fixture(scope="module")
+def trained(shards_dir, tmp_path_factory):
+    """The checkpoint of a residual network."""
+    out = tmp_path_factory.mktemp("trained")
+    assert main(residual(shards_dir, out)) == 0
+    return out / "checkpoint.safetensors"
+
+
+def test_a_training_goes_on_at_another_size(trained, shards_dir, tmp_path, capsys):
+    second = tmp_path / "128"
+    start = ["--init", str(trained)]
     assert main([*residual(shards_dir, second, *start), "--size-px", "128", "--learning-rate", "1e-12"]) == 0
     header, network = load_checkpoint(second / "checkpoint.safetensors")
     assert header.size_px == 128
     assert "initial_sha256" in header.configuration
-    before = load_checkpoint(first / "checkpoint.safetensors")[1].state_dict()
+    before = load_checkpoint(trained)[1].state_dict()
     for name, tensor in network.state_dict().items():  # at so small a rate the weights are the start's
         if "norm" not in name:
             torch.testing.assert_close(tensor, before[name], rtol=1e-4, atol=1e-7)
@@ -117,26 +118,18 @@ def test_a_training_goes_on_at_another_size(shards_dir, tmp_path, capsys):
     assert "--init: expected a network residual 2-4-8-12-16-16 with 6 planes, 0 landmarks" in capsys.readouterr().err
 
 
-def test_a_training_goes_on_with_landmarks_added(shards_dir, tmp_path):
-    first, second = tmp_path / "maps", tmp_path / "landmarks"
-    assert main(residual(shards_dir, first)) == 0
-    start = ["--init", str(first / "checkpoint.safetensors"), "--n-landmarks", "68", "--learning-rate", "1e-12"]
+def test_a_training_goes_on_with_landmarks_added(trained, shards_dir, tmp_path):
+    second = tmp_path / "landmarks"
+    start = ["--init", str(trained), "--n-landmarks", "68", "--learning-rate", "1e-12"]
     assert main(residual(shards_dir, second, *start, "--validation", "0.5")) == 0
     header, network = load_checkpoint(second / "checkpoint.safetensors")
     assert header.n_landmarks == 68
-    before = load_checkpoint(first / "checkpoint.safetensors")[1].state_dict()
+    before = load_checkpoint(trained)[1].state_dict()
     after = network.state_dict()
     torch.testing.assert_close(after["planes.weight"], before["planes.weight"], rtol=1e-4, atol=1e-7)
     lines = [json.loads(line) for line in (second / "log.jsonl").read_text().splitlines()]
     assert all("landmarks" in line or "validation" in line for line in lines)
     assert 0 < next(line["validation"]["landmark_nme"] for line in lines if "validation" in line) <= 1
-
-
-def test_a_network_of_one_size_does_not_go_on_at_another(shards_dir, tmp_path, capsys):
-    assert main(["--shards", str(shards_dir), "--out", str(tmp_path / "run"), *SMALL]) == 0
-    start = ["--init", str(tmp_path / "run" / "checkpoint.safetensors"), "--out", str(tmp_path / "next")]
-    assert main(["--shards", str(shards_dir), *SMALL, "--size-px", "64", *start]) == 2
-    assert "--init: expected a network" in capsys.readouterr().err
 
 
 def test_validation_finds_the_best_and_tells_the_log(shards_dir, tmp_path):

@@ -5,8 +5,10 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -36,14 +38,17 @@ from training.loop.losses import LossPlan
 from training.loop.trainer import Observers, train_task
 from training.recipe.recipe import LossWeights
 
+pytestmark = pytest.mark.xdist_group("correction")  # the whole training runs once
+
 MODEL = small_head_model()
 VERTICES = spread_vertices(MODEL, 30)
 FACE = MODEL.mean[VERTICES], vertex_basis(MODEL, VERTICES)
 
 
-@pytest.fixture(autouse=True)
-def _small_head(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(task_cli, "open_model", lambda name: MODEL)
+@pytest.fixture(autouse=True, scope="module")
+def _small_head() -> Iterator[None]:
+    with patch.object(task_cli, "open_model", lambda name: MODEL):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -104,25 +109,36 @@ def arguments(shards: Path, network: Path, out: Path, *more: str) -> list[str]:
     return ["correction", *sources, "--out", str(out), *numbers, *more]
 
 
-def test_it_goes_on_where_it_was_stopped(
-    shards_dir: Path, network_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
-    assert main(arguments(shards_dir, network_path, tmp_path / "whole")) == 0
+@pytest.fixture(scope="module")
+def corrected(
+    _small_head: None, shards_dir: Path, network_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The checkpoint of a whole training."""
+    out = tmp_path_factory.mktemp("corrected")
+    assert main(arguments(shards_dir, network_path, out)) == 0
+    return out / "checkpoint.safetensors"
 
+
+def weights(path: Path) -> dict[str, torch.Tensor]:
+    return load_checkpoint(path)[1].state_dict()
+
+
+def test_it_goes_on_where_it_was_stopped(
+    corrected: Path, shards_dir: Path, network_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
     def stopped(task, out, surroundings, observers):
         return train_task(task, out, surroundings, observers=Observers(should_stop=lambda: True))
 
-    with monkeypatch.context() as patch:
-        patch.setattr(task_run, "train_task", stopped)
+    with monkeypatch.context() as patched:
+        patched.setattr(task_run, "train_task", stopped)
         assert main(arguments(shards_dir, network_path, tmp_path / "parts")) == 143
     assert main(arguments(shards_dir, network_path, tmp_path / "parts", "--seed", "1")) == 2
     assert "seed 0 -> 1" in capsys.readouterr().err
     assert main(arguments(shards_dir, network_path, tmp_path / "parts")) == 0
-    whole, parts = ((tmp_path / name / "checkpoint.safetensors") for name in ("whole", "parts"))
-    assert whole.read_bytes() == parts.read_bytes()
+    assert (tmp_path / "parts" / "checkpoint.safetensors").read_bytes() == corrected.read_bytes()
     assert main(arguments(shards_dir, network_path, tmp_path / "parts", "--seed", "1", "--restart")) == 0
     before, _ = load_checkpoint(network_path)
-    header, _ = load_checkpoint(whole)
+    header, _ = load_checkpoint(corrected)
     assert header.n_corrected == MODEL.n_identity + MODEL.n_expression
     assert json.loads(header.configuration)["correction"]["fits"] == 16
     assert (header.samples, header.widths) == (before.samples, before.widths)
@@ -147,27 +163,17 @@ def test_two_processes_share_the_work(shards_dir: Path, network_path: Path, tmp_
     assert load_checkpoint(out / "checkpoint.safetensors")[0].n_corrected
 
 
-@pytest.mark.parametrize("frozen", [True, False])
-def test_the_network_learns_unless_it_is_frozen(
-    shards_dir: Path, network_path: Path, tmp_path: Path, frozen: bool
-) -> None:
-    more = ["--frozen"] if frozen else []
-    assert main(arguments(shards_dir, network_path, tmp_path, *more)) == 0
-    paths = network_path, tmp_path / "checkpoint.safetensors"
-    before, after = (load_checkpoint(path)[1].state_dict() for path in paths)
-    changed = {name for name, weights in before.items() if not torch.equal(after[name], weights)}
-    if frozen:
-        assert not changed
-    else:  # all weights, but no statistics of norms
-        assert changed == {name for name in before if name.endswith((".weight", ".bias"))}
+def test_all_weights_of_the_network_learn_and_no_statistics_of_norms(corrected: Path, network_path: Path) -> None:
+    before, after = weights(network_path), weights(corrected)
+    changed = {name for name in before if not torch.equal(after[name], before[name])}
+    assert changed == {name for name in before if name.endswith((".weight", ".bias"))}
 
 
-def test_a_corrected_network_can_be_trained_further(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
+def test_a_corrected_network_can_be_trained_further(corrected: Path, shards_dir: Path, tmp_path: Path) -> None:
     """Its maps change, so what corrected their fits is left behind."""
-    assert main(arguments(shards_dir, network_path, tmp_path / "corrected")) == 0
     network = ["--preset", "tiny", "--architecture", "residual", "--size-px", "64", "--filters", "4", "--planes", "7"]
     amount = ["--epochs", "1", "--epoch-size", "4", "--workers", "0"]
-    start = ["--init", str(tmp_path / "corrected" / "checkpoint.safetensors")]
+    start = ["--init", str(corrected)]
     assert main(["--shards", str(shards_dir), "--out", str(tmp_path / "further"), *network, *amount, *start]) == 0
     header, further = load_checkpoint(tmp_path / "further" / "checkpoint.safetensors")
     assert header.n_corrected == 0
@@ -178,6 +184,8 @@ def test_fits_become_better(shards_dir: Path, network_path: Path, tmp_path: Path
     """The maps of this network say nothing of the face, so what is right is what its features say, and the mean."""
     longer = "--frozen", "--epoch-size", "120", "--learning-rate", "0.003", "--warm-up", "40", "--ema", "0.9"
     assert main(arguments(shards_dir, network_path, tmp_path / "out", *longer)) == 0
+    after = weights(tmp_path / "out" / "checkpoint.safetensors")
+    assert all(torch.equal(after[name], own) for name, own in weights(network_path).items())  # frozen
     predictor = Predictor.load(tmp_path / "out" / "checkpoint.safetensors", "cpu")
     errors = []
     for path in shard_paths(shards_dir):
@@ -187,8 +195,8 @@ def test_fits_become_better(shards_dir: Path, network_path: Path, tmp_path: Path
             fits = [fit_face(prediction.maps, MODEL, FitOptions(correction=own)) for own in (False, True)]
             found = [fit.in_image(prediction.crop).landmarks2d for fit in fits]
             errors.append([np.linalg.norm(points - sample.landmarks2d, axis=1).mean() for points in found])
-    before, after = np.mean(errors, axis=0)
-    assert after < 0.95 * before
+    uncorrected_px, corrected_px = np.mean(errors, axis=0)
+    assert corrected_px < 0.95 * uncorrected_px
 
 
 def test_networks_that_cannot_be_corrected_are_refused(shards_dir: Path, tmp_path: Path, capsys) -> None:
@@ -226,10 +234,8 @@ def test_a_damaged_sample_is_told(shards_dir: Path, network_path: Path, tmp_path
     assert "shard-000001.h5" in capsys.readouterr().err
 
 
-def test_the_card_tells_of_the_training(shards_dir: Path, network_path: Path, tmp_path: Path) -> None:
-    assert main(arguments(shards_dir, network_path, tmp_path / "out")) == 0
-    checkpoint = str(tmp_path / "out" / "checkpoint.safetensors")
-    assert main(["export", checkpoint, "--out", str(tmp_path / "release"), "--no-onnx"]) == 0
+def test_the_card_tells_of_the_training(corrected: Path, tmp_path: Path) -> None:
+    assert main(["export", str(corrected), "--out", str(tmp_path / "release"), "--no-onnx"]) == 0
     card = (tmp_path / "release" / "README.md").read_text()
     assert "The last training, with the correction of fits, took 16 draws of 5 others (hash: " in card
 

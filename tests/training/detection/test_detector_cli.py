@@ -19,7 +19,7 @@ def arguments(people: Path, backgrounds: Path, out: Path, *more: str) -> list[st
 
 
 def test_a_training_goes_on_where_it_was_stopped(
-    people_dir: Path, backgrounds_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    people_dir: Path, backgrounds_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     assert main(arguments(people_dir, backgrounds_dir, tmp_path / "whole")) == 0
 
@@ -30,18 +30,14 @@ def test_a_training_goes_on_where_it_was_stopped(
         patch.setattr(task_run, "train_task", stopped)
         patch.setattr(task_run, "exit_of", lambda signals: 143)
         assert main(arguments(people_dir, backgrounds_dir, tmp_path / "parts")) == 143
+    assert main(arguments(people_dir, backgrounds_dir, tmp_path / "parts", "--seed", "3")) == 2
+    assert "holds a training with another configuration (seed 0 -> 3)" in capsys.readouterr().err
     assert main(arguments(people_dir, backgrounds_dir, tmp_path / "parts")) == 0
     whole, parts = ((tmp_path / name / "checkpoint.safetensors") for name in ("whole", "parts"))
     assert whole.read_bytes() == parts.read_bytes()
     header, _ = load_detector(whole)
     assert (header.samples, header.licence) == (8, "CC0-1.0")
     assert CentreDetector.load(whole).candidates(np.zeros((30, 40, 3), np.uint8)) is not None
-
-
-def test_other_numbers_are_another_training(people_dir: Path, backgrounds_dir: Path, tmp_path: Path, capsys) -> None:
-    assert main(arguments(people_dir, backgrounds_dir, tmp_path / "out")) == 0
-    assert main(arguments(people_dir, backgrounds_dir, tmp_path / "out", "--seed", "3")) == 2
-    assert "holds a training with another configuration (seed 0 -> 3)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,16 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from pix2face.inference.checkpoint import read_header
+from training import train_cli
 from training.cli import main
 from training.loop.resume import METADATA_KEY, SCHEMA_VERSION
-from training.loop.trainer import LOG_NAME, RESUME_NAME
+from training.loop.trainer import LOG_NAME, RESUME_NAME, train
 
 PATIENCE_SECONDS = 60
 SMALL = ["--preset", "tiny", "--size-px", "32", "--filters", "4", "--batch-size", "4", "--precision", "float32"]
@@ -72,7 +74,7 @@ def test_two_processes_have_the_losses_of_one(shards_dir, tmp_path):
     assert losses(tmp_path / "two") == pytest.approx(losses(tmp_path / "one"), rel=1e-3)
 
 
-def test_when_one_process_is_killed_the_state_goes_on(shards_dir, tmp_path):
+def test_when_one_process_is_killed_the_state_goes_on(shards_dir, tmp_path, monkeypatch):
     out = tmp_path / "run"
     arguments = options(shards_dir, out, "--epochs", "1", "--state-minutes", "0")
     pair = start_two([*arguments, "--epoch-size", "4000"])
@@ -84,10 +86,14 @@ def test_when_one_process_is_killed_the_state_goes_on(shards_dir, tmp_path):
     assert "Did another process end? The same command goes on from the last state" in said
     done = steps_in(out)
     assert done >= 2
-    alone = start([*arguments, "--epoch-size", "4000"])
-    wait_for_steps(out, done + 2, alone)
-    alone.terminate()
-    alone.communicate()
+
+    def stopped(*given, **named):
+        stop = replace(named.pop("observers"), should_stop=lambda: steps_in(out) >= done + 2)
+        return train(*given, **named, observers=stop)
+
+    monkeypatch.setattr(train_cli, "train", stopped)
+    assert main([*arguments, "--epoch-size", "4000"]) == 143
+    assert steps_in(out) >= done + 2
 
 
 def test_a_signal_to_one_of_two_stops_both(shards_dir, tmp_path):
