@@ -5,6 +5,8 @@ training sees them, against maps rendered at the crop. Faces of the built-in mod
 pinholes and affine cameras. The tests hold the same figures to their limits.
 """
 
+from functools import cache
+
 import cv2
 import numpy as np
 from numpy import ndarray
@@ -42,13 +44,19 @@ def faces(model: MorphableModel, n: int, size_px: int) -> list[tuple[ndarray, Ca
     return [(vertices[i], linearised(camera) if i % 2 else camera) for i, camera in enumerate(cameras)]
 
 
+@cache
+def rendered_by_the_oracle(size_px: int, n: int) -> list[tuple[ndarray, Camera, dict[str, ndarray]]]:
+    """Faces with their true maps, which are made once for all rasterisers."""
+    model = builtin_model()
+    return [(v, c, render_maps(model, v, c, size_px, size_px)) for v, c in faces(model, n, size_px)]
+
+
 def rendering_errors(gl: GLContext | None, rasteriser: str, size_px: int, n: int) -> tuple[ndarray, int]:
     """Errors of all face pixels of some faces, mm, and in how many pixels the masks differ."""
-    model = builtin_model()
-    renderer = Renderer(model, size_px, size_px, gl, rasteriser)
+    renderer = Renderer(builtin_model(), size_px, size_px, gl, rasteriser)
     errors, mask_differs = [], 0
-    for vertices, camera in faces(model, n, size_px):
-        found, expected = renderer.render(vertices, camera), render_maps(model, vertices, camera, size_px, size_px)
+    for vertices, camera, expected in rendered_by_the_oracle(size_px, n):
+        found = renderer.render(vertices, camera)
         errors.append(errors_mm(found, expected))
         mask_differs += int((found["mask"] != expected["mask"]).sum())
     return np.concatenate(errors), mask_differs

@@ -16,6 +16,8 @@ from pix2face.models.morphable_model import builtin_model
 from pix2face.shards import Sample, ShardDataset
 from pix2face.shards.layers import LAYERS
 
+pytestmark = pytest.mark.xdist_group("own trainers")  # the shards are rendered once
+
 ROOT = Path(__file__).parents[2]
 N_FACES, SIZE = 6, 48
 

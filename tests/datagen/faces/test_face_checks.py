@@ -201,13 +201,6 @@ def test_a_model_without_landmarks_is_checked_as_far_as_possible(tmp_path: Path)
         check_face(wrong["nobody has its coefficients"], None, GIVEN)
 
 
-def test_no_good_annotation_is_refused(shared_dir: Path) -> None:
-    for name in ("300w", "300vw", "dlib_faces"):
-        source = AnnotatedFolder(shared_dir / "data" / name, builtin_model())
-        for index in range(len(source.sample_ids)):
-            source.face(index)
-
-
 def test_no_good_file_is_refused(shared_dir: Path) -> None:
     source = W300LPFolder(shared_dir / "data" / "aflw2000_3d" / "dev", builtin_model())
     for index in range(0, len(source.sample_ids), 4):

@@ -18,6 +18,8 @@ from pix2face.geometry.camera import HeadPose
 from pix2face.models.morphable_model import builtin_model
 from tests.keypoint_model import KeypointModel, fit_keypoint_model
 
+pytestmark = pytest.mark.xdist_group("retargeting")  # the copies are written once
+
 SIZE_PX = 450
 YAWS_OF_COPIES = (None, 40.0, 65.0, 85.0)
 

@@ -3,8 +3,6 @@
 import base64
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -26,6 +24,7 @@ from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PI
 from pix2face.shards.sample import Sample
 from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.shard_writing import write_shard
+from tests.browser import visit
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&lt;\u2028\"'"
 
@@ -219,26 +218,13 @@ def test_the_command_writes_a_page(shards: Path, tmp_path: Path, capsys: pytest.
     assert f"-> {out}" in capsys.readouterr().err
 
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
-QUIET += " --disable-component-update --disable-sync --virtual-time-budget=4000 --enable-logging=stderr --dump-dom"
-
-
 def in_a_browser(page: str, folder: Path) -> str:
     """The page after its script has run; what the console says goes to an AssertionError."""
-    if CHROMIUM is None:
-        pytest.skip("no chromium to open the page with")
     file = folder / "page.html"
     file.write_text(page, encoding="utf-8")
-    done = subprocess.run(
-        [CHROMIUM, *QUIET.split(), f"--user-data-dir={folder / 'profile'}", str(file)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    assert complaints == []
-    return done.stdout
+    seen = visit(file, folder)
+    assert seen.console == []
+    return seen.document
 
 
 def test_a_browser_shows_the_page_without_complaint(shards: Path, tmp_path: Path) -> None:

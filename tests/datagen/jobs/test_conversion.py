@@ -19,6 +19,8 @@ from pix2face.face_files.coefficients import load_coefficients
 from pix2face.models.morphable_model import MorphableModel, load_model
 from tests.model_files import write_small_head
 
+pytestmark = pytest.mark.xdist_group("conversion")  # the folder is converted once
+
 SIZE_PX = 60
 
 
@@ -139,18 +141,8 @@ def test_the_command_says_what_it_did(model_path: Path, tmp_path: Path, capsys: 
         write_face(folder / "AFW" / f"face_{index}.mat", model, index)
     spoil(folder / "AFW", model)
     out = tmp_path / "faces.h5"
-    arguments = [
-        "coeffs",
-        "convert",
-        "--from",
-        str(folder),
-        "--model",
-        str(model_path),
-        "--out",
-        str(out),
-        "--workers",
-        "1",
-    ]
+    arguments = ["coeffs", "convert", "--from", str(folder), "--model", str(model_path), "--out", str(out)]
+    arguments += ["--workers", "1"]
     assert main(arguments) == 3
     said = capsys.readouterr().err
     assert "5 faces ->" in said
@@ -161,13 +153,7 @@ def test_the_command_says_what_it_did(model_path: Path, tmp_path: Path, capsys: 
     capsys.readouterr()
     assert main(["coeffs", "info", str(out)]) == 0
     shown = capsys.readouterr().out
-    for expected in (
-        "5 (5 with a photograph)",
-        "small synthetic head",
-        "beyond 3 sd",
-        "60 x 60",
-        "10 numbers a face",
-    ):
+    for expected in ("5 (5 with a photograph)", "small synthetic head", "beyond 3 sd", "60 x 60", "10 numbers a face"):
         assert expected in shown
     assert main(["coeffs", "info", str(folder)]) == 0
     shown = capsys.readouterr().out

@@ -25,7 +25,7 @@ from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.model_files import write_small_head
 from tests.synthetic_models import small_head_model
 
-pytestmark = pytest.mark.gl
+pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("pipeline")]  # the shards are rendered once
 
 
 @pytest.fixture(scope="module")

@@ -180,7 +180,7 @@ def test_rendering_without_gl_ends_in_one_line(
     save_coefficients(sample_faces(model, 2, 0, 32), tmp_path / "faces.h5")
     monkeypatch.setenv("PIX2FACE_GL", "egl")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", str(tmp_path / "nothing.json"))
-    arguments = ["render", "--coeffs", str(tmp_path / "faces.h5"), "--out", str(tmp_path / "out"), "--workers", "1"]
+    arguments = ["render", "--coeffs", str(tmp_path / "faces.h5"), "--out", str(tmp_path / "out"), "--workers", "2"]
     assert main([*arguments, "--model", str(tmp_path / "model.h5")]) == 2
     last = capfd.readouterr().err.strip().splitlines()[-1]
     assert last.startswith("datagen: error: expected OpenGL 3.3 without a display, found none (egl: ")

@@ -29,6 +29,8 @@ from tests.benchmarks.exactness import LIMIT_MM, RENDERED, errors_mm, faces, ren
 from tests.meshes import mesh_model, ray_casting, sheet, touching_lips
 from tests.synthetic_models import small_head_model
 
+pytestmark = pytest.mark.xdist_group("exactness")  # rays are cast and the oracle renders once
+
 RASTERISERS = ("processor", pytest.param("compute", marks=pytest.mark.gl))
 RAY_SIZE = 40
 FRONTAL = rotation_of_pose(HeadPose(0, 0, 0))

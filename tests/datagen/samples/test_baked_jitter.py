@@ -19,6 +19,8 @@ from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader
 from tests.model_files import stored_small_head
 
+pytestmark = pytest.mark.xdist_group("baked jitter")  # the shards are rendered once
+
 N_FACES, N_VARIANTS, SIZE_PX = 3, 4, 96
 
 

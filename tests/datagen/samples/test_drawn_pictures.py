@@ -37,7 +37,7 @@ from pix2face.shards.shard_writing import ShardWriter
 from tests.pix2face.files.test_images import with_orientation
 from tests.synthetic_models import small_head_model
 
-pytestmark = pytest.mark.gl
+pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("drawn pictures")]  # the pictures are drawn once
 
 SIZE, SEED, N = 96, 5, 4
 LAYERS = (*DEFAULT_LAYERS, "regions", *SCENE_LAYERS)

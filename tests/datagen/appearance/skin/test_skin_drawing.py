@@ -86,18 +86,21 @@ def test_nothing_of_an_eye_is_seen_between_closed_lids(paint: PaintedSkin):
     assert shares[1] < 0.02 * shares[0]
 
 
-def test_the_iris_moves_with_the_gaze(paint: PaintedSkin):
+def test_irises_move_with_the_gaze(paint: PaintedSkin):
     marked = {"skin_eye_inner": np.full((2, 3), [0.0, 0.9, 0.0]), "skin_eye_outer": np.full((2, 3), [0.0, 0.9, 0.0])}
 
-    def middle(expression) -> float:
+    def middle(*looks: str) -> np.ndarray:
+        """Row and column of what is green."""
+        expression = {f"eyeLook{look}": 0.7 for look in looks}
         picture, _ = paint.draw(SKIN, expression, window_mm=(0.0, 27.0, 50.0), changed=marked)
-        return float(np.nonzero(picture[..., 1] > 2.5 * picture[..., 0])[1].mean())
+        return np.mean(np.nonzero(picture[..., 1] > 2.5 * picture[..., 0]), axis=1)
 
-    left = {"eyeLookOutLeft": 0.7, "eyeLookInRight": 0.7}
-    right = {"eyeLookInLeft": 0.7, "eyeLookOutRight": 0.7}
-    assert middle(left) - middle({}) > 4
-    assert middle({}) - middle(right) > 4
-    assert middle({}) == pytest.approx(128, abs=2)
+    straight = middle()
+    assert middle("OutLeft", "InRight")[1] - straight[1] > 4
+    assert straight[1] - middle("InLeft", "OutRight")[1] > 4
+    assert straight[1] == pytest.approx(128, abs=2)
+    assert straight[0] - middle("UpLeft", "UpRight")[0] > 2
+    assert middle("DownLeft", "DownRight")[0] - straight[0] > 2
 
 
 def test_age_and_expressions_fold_the_skin(gl_session: GLContext):
@@ -194,18 +197,6 @@ def test_freckles_are_small_dark_spots_where_the_sun_comes(paint: PaintedSkin):
     assert darker.min() > -0.02
     spots, _ = cv2.connectedComponents((cheeks > 0.1).astype(np.uint8))
     assert spots > 20
-
-
-def test_eyes_that_look_up_and_down_move_with_their_irises(paint: PaintedSkin):
-    marked = {"skin_eye_inner": np.full((2, 3), [0.0, 0.9, 0.0]), "skin_eye_outer": np.full((2, 3), [0.0, 0.9, 0.0])}
-
-    def row(expression) -> float:
-        picture, _ = paint.draw(SKIN, expression, window_mm=(0.0, 27.0, 50.0), changed=marked)
-        return float(np.nonzero(picture[..., 1] > 2.5 * picture[..., 0])[0].mean())
-
-    up, down = ({f"eyeLook{way}{side}": 0.7 for side in ("Left", "Right")} for way in ("Up", "Down"))
-    assert row({}) - row(up) > 2
-    assert row(down) - row({}) > 2
 
 
 def test_a_tongue_that_is_put_out_is_red_and_below_the_lips(paint: PaintedSkin):
