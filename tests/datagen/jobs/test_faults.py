@@ -106,7 +106,7 @@ def test_signals_stop_cleanly(
 def test_a_second_job_in_the_same_folder_is_refused(
     inputs: Inputs, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
-    process = inputs.start(tmp_path, workers=1)
+    process = inputs.start(tmp_path)
     wait_for_shards(tmp_path, 1, process)
     process.send_signal(signal.SIGSTOP)  # it holds the folder, and does not end meanwhile
     second = inputs.start(tmp_path)
