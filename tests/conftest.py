@@ -21,6 +21,11 @@ settings.register_profile("without deadlines", deadline=None)
 settings.load_profile("without deadlines")
 
 
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Keeps the names of tests short: workers send them to and fro, and one was 24 MB of JSON."""
+    return f"{val[:40]!r}..." if isinstance(val, str | bytes) and len(val) > 100 else None
+
+
 @pytest.fixture(scope="session", autouse=True)
 def coverage_of_processes() -> Iterator[dict[str, str]]:
     """Keeps coverage from measuring the programs that tests start, most of whose time is their start.

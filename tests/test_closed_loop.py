@@ -22,7 +22,8 @@ from pix2face.shards.shard_reader import ShardReader
 from pix2face.shards.shard_writing import write_shard
 from tests.fits import paper_fit
 
-N_FACES = 12
+pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("closed loop")]  # the shards are made once
+N_FACES = 6
 LIMIT = 0.001  # of the eye distance
 
 
@@ -50,7 +51,6 @@ def shard_of(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return paths
 
 
-@pytest.mark.gl
 @pytest.mark.parametrize("kind", ["pinhole", "affine"])
 def test_shards_give_camera_and_landmarks_back(shard_of: dict[str, Path], kind: CameraKind) -> None:
     model = builtin_model()

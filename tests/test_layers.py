@@ -1,4 +1,4 @@
-"""What importing a part of the project brings along, seen in a process of its own, and the contracts between parts."""
+"""What importing a part of the project brings along, seen in a process of its own; contracts can be broken."""
 
 import pkgutil
 import shutil
@@ -131,19 +131,8 @@ for module, words in {calls}:
     assert "h5py" in more & HELP_NEEDS_NO
 
 
-def check_contracts(folder: Path) -> subprocess.CompletedProcess[str]:
-    program = shutil.which("lint-imports", path=str(Path(sys.executable).parent)) or shutil.which("lint-imports")
-    assert program is not None, "import-linter is not installed: pip install -e '.[dev]'"
-    return subprocess.run([program, "--no-cache"], cwd=folder, capture_output=True, text=True)
-
-
-def test_contracts_between_packages_hold() -> None:
-    run = check_contracts(ROOT)
-    assert run.returncode == 0, run.stdout
-    assert "0 broken" in run.stdout
-
-
 def test_broken_contracts_would_be_seen(tmp_path: Path) -> None:
+    """That ``make layers`` can fail."""
     broken = [
         ("pix2face/geometry/camera.py", "training.loop.losses"),
         ("datagen/sampling/faces.py", "torch"),
@@ -157,7 +146,9 @@ def test_broken_contracts_would_be_seen(tmp_path: Path) -> None:
     for path, imported in broken:
         with (tmp_path / path).open("a") as file:
             file.write(f"\nimport {imported}\n")
-    run = check_contracts(tmp_path)
+    program = shutil.which("lint-imports", path=str(Path(sys.executable).parent)) or shutil.which("lint-imports")
+    assert program is not None, "import-linter is not installed: pip install -e '.[dev]'"
+    run = subprocess.run([program, "--no-cache"], cwd=tmp_path, capture_output=True, text=True)
     assert run.returncode != 0
     assert "0 broken" not in run.stdout
     for path, imported in broken:

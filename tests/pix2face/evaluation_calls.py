@@ -51,8 +51,8 @@ def write_ibug(folder, names=("image_003_1", "image_004_1")):
         write_pts(folder / "ibug" / f"{name}.pts", LANDMARKS)
 
 
-def predictions_for(path, names, landmarks2d=LANDMARKS, n=None):
-    np.savez(path, names=names, landmarks=np.stack([landmarks2d - 0.5] * (len(names) if n is None else n)))
+def predictions_for(path, names):
+    np.savez(path, names=names, landmarks=np.stack([LANDMARKS - 0.5] * len(names)))
     return path
 
 

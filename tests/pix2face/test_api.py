@@ -94,13 +94,6 @@ def test_many_faces_go_through_the_network_in_portions() -> None:
     assert sizes == [16, 16, 5]
 
 
-@pytest.mark.parametrize("camera", ["affine", "weak-perspective", "pinhole"])
-def test_every_kind_of_camera_is_offered(face: PhotographedFace, camera: str) -> None:
-    (fit,) = seeing(face).fit(face.photograph(), options=replace(EXACT, camera=camera))
-    np.testing.assert_allclose(fit.landmarks2d, face.landmarks2d, atol=0.3)
-    assert fit.camera.is_affine == (camera != "pinhole")
-
-
 def test_a_joint_fit_has_one_identity_and_an_expression_for_each_photograph() -> None:
     first = photographed_face(MODEL, 0)
     second = replace(photographed_face(MODEL, 7, (120, 115)), identity=first.identity)

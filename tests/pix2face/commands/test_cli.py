@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,13 +71,14 @@ def exact(face: PhotographedFace, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def fit(exact: None, face: PhotographedFace, model_path: Path, tmp_path: Path) -> Run:
-    """Fits the photographs to ``out``, with the true box and a prior for exact maps."""
+    """Fits the photographs to ``out``, with the true box, a prior for exact maps, and meshes without colours."""
 
     def run(*arguments: object, box: FaceBox | None = face.box) -> int:
         where = ["--box", box.left, box.top, box.right, box.bottom] if box else []
         options = ["--model", model_path, "--checkpoint", "any", "--regularisation", "1e-3", "--no-silhouette", *where]
-        out = [] if "--out" in arguments else ["--out", tmp_path / "out"]
-        return call("fit", *arguments, *options, *out)
+        options += [] if "--out" in arguments else ["--out", tmp_path / "out"]
+        options += [] if "--colour" in arguments else ["--colour", "none"]
+        return call("fit", *arguments, *options)
 
     return run
 
@@ -85,6 +86,25 @@ def fit(exact: None, face: PhotographedFace, model_path: Path, tmp_path: Path) -
 @pytest.fixture
 def untrained(model: MorphableModel, tmp_path: Path) -> Path:
     return write_checkpoint(tmp_path / "untrained.safetensors", model)
+
+
+@pytest.fixture
+def predict(untrained: Path, tmp_path: Path) -> Run:
+    """Predicts maps of the photographs to ``out``, with a network that has learned nothing."""
+
+    def run(*arguments: object) -> int:
+        out = [] if "--out" in arguments else ["--out", tmp_path / "out"]
+        return call("predict", *arguments, "--box", 80, 40, 200, 160, "--checkpoint", untrained, *out)
+
+    return run
+
+
+def copies(photograph: Path, folder: Path, names: Sequence[str]) -> list[Path]:
+    paths = [folder / name for name in names]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(photograph.read_bytes())
+    return paths
 
 
 def call(*arguments: object) -> int:
@@ -211,16 +231,16 @@ def test_mesh_and_cloud_open_elsewhere(fit: Run, face: PhotographedFace, photogr
     assert overlay.std() > 20
 
 
-@pytest.mark.parametrize("kind", ["affine", "weak-perspective", "pinhole"])
-def test_every_camera_finds_the_landmarks(
-    fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path, kind: str
+def test_the_camera_is_of_the_kind_that_was_asked_for(
+    fit: Run, face: PhotographedFace, photograph: Path, tmp_path: Path
 ) -> None:
-    assert fit(photograph, "--camera", kind) == 0
-    found = json.loads((tmp_path / "out" / "person-0.json").read_text())
-    np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.3)
-    if kind == "pinhole":
-        principal_point = pinhole_of(Camera(np.array(found["camera_matrix"]))).principal_point_px
-        np.testing.assert_allclose(principal_point, [WIDTH_PX / 2, HEIGHT_PX / 2], atol=1e-3)
+    for kind in ("affine", "weak-perspective", "pinhole"):
+        assert fit(photograph, "--camera", kind, "--mesh", "none") == 0
+        found = json.loads((tmp_path / "out" / "person-0.json").read_text())
+        np.testing.assert_allclose(found["landmarks2d_px"], face.landmarks2d, atol=0.3)
+    assert found["camera_kind"] == "pinhole"
+    principal_point = pinhole_of(Camera(np.array(found["camera_matrix"]))).principal_point_px
+    np.testing.assert_allclose(principal_point, [WIDTH_PX / 2, HEIGHT_PX / 2], atol=1e-3)
 
 
 def test_no_face_is_one_line_and_the_rest_is_done(
@@ -268,12 +288,11 @@ def test_a_box_beside_one_photograph_leaves_the_others(
     assert "person-0.json" in written(tmp_path / "out")
 
 
-def test_nothing_is_overwritten_whatever_the_names(fit: Run, face: PhotographedFace, tmp_path: Path) -> None:
+def test_nothing_is_overwritten_whatever_the_names(predict: Run, photograph: Path, tmp_path: Path) -> None:
     names = ("a/x.png", "b/x.png", "x.2.png", "X-0.png", "c/X.png", "y.png")
-    assert fit(*(write_picture(tmp_path / name, face.photograph()) for name in names)) == 0
-    fits = {name.removesuffix(".json") for name in written(tmp_path / "out") if name.endswith(".json")}
-    assert fits == {"x-0", "x.3-0", "x.2-0", "X-0-0", "X.4-0", "y-0"}
-    assert len(written(tmp_path / "out")) == len(names) * len(FIT_FILES)
+    assert predict(*copies(photograph, tmp_path, names)) == 0
+    expected = ("x-0", "x.3-0", "x.2-0", "X-0-0", "X.4-0", "y-0")
+    assert written(tmp_path / "out") == {f"{name}{suffix}" for name in expected for suffix in PREDICT_FILES}
 
 
 @pytest.fixture
@@ -324,19 +343,19 @@ def test_a_face_that_cannot_be_fitted_leaves_the_other_one(
     assert any(line.startswith("photographs: 1, faces: 1 ") for line in lines)
 
 
-@pytest.mark.parametrize(
-    "name", ["[red]me[", "..", "a:smile:b", "tab\tline\nescape\x1b[31m", "-x", os.fsdecode(b"caf\xe9")]
-)
 def test_names_are_kept_in_files_and_shown_as_they_stand(
-    fit: Run, face: PhotographedFace, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+    predict: Run, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    photograph = write_picture(tmp_path / "in" / f"{name}.png", face.photograph())
-    missing = tmp_path / f"{name}.png"
-    assert fit(photograph, missing) == 3
-    assert written(tmp_path / "out") == {f"{name}-0{suffix}" for suffix in FIT_FILES}
-    assert written(tmp_path) == {"in", "out"}
-    shown = name.translate({9: "\\t", 10: "\\n", 27: "\\x1b", 0xDCE9: "\\udce9"})
-    assert f"{tmp_path}/{shown}.png: expected a picture" in capsys.readouterr().err
+    names = ["[red]me[", "..", "a:smile:b", "tab\tline\nescape\x1b[31m", "-x", os.fsdecode(b"caf\xe9")]
+    before = written(tmp_path)
+    missing = [tmp_path / f"{name}.png" for name in names]
+    assert predict(*copies(photograph, tmp_path / "in", [path.name for path in missing]), *missing) == 3
+    assert written(tmp_path / "out") == {f"{name}-0{suffix}" for name in names for suffix in PREDICT_FILES}
+    assert written(tmp_path) == before | {"in", "out"}
+    error = capsys.readouterr().err
+    for name in names:
+        shown = name.translate({9: "\\t", 10: "\\n", 27: "\\x1b", 0xDCE9: "\\udce9"})
+        assert f"{tmp_path}/{shown}.png: expected a picture" in error
 
 
 def test_the_checkpoint_trained_last_is_the_default(
@@ -351,9 +370,9 @@ def test_the_checkpoint_trained_last_is_the_default(
 def test_a_second_run_replaces_its_own_files_and_gives_the_same_bytes(
     fit: Run, photograph: Path, tmp_path: Path
 ) -> None:
-    assert fit(photograph) == 0
+    assert fit(photograph, "--colour", "vertex") == 0
     before = {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")}
-    assert fit(photograph) == 0
+    assert fit(photograph, "--colour", "vertex") == 0
     assert {name: (tmp_path / "out" / name).read_bytes() for name in written(tmp_path / "out")} == before
 
 
@@ -372,20 +391,19 @@ def test_fewer_faces_than_before_leave_none_of_the_earlier_run(
 
 
 def test_a_folder_and_a_pattern_stand_for_their_photographs(
-    fit: Run, face: PhotographedFace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    predict: Run, photograph: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "photos"
-    for name in ("b10.png", "b9.png", "sub/c.png"):
-        write_picture(folder / name, face.photograph())
+    copies(photograph, folder, ("b10.png", "b9.png", "sub/c.png"))
     (folder / "notes.txt").write_text("no picture")
     out = ("--out", folder)  # results beside the photographs are no photographs
     for given in (folder, folder / "*.png"):
-        assert fit(given, *out) == 0
+        assert predict(given, *out) == 0
         assert "photographs: 2, faces: 2 ->" in capsys.readouterr().err
-    assert fit(folder / "**" / "c.*") == 0
-    assert {name for name in written(tmp_path / "out") if name.endswith(".json")} == {"c-0.json"}
+    assert predict(folder / "**" / "c.*") == 0
+    assert written(tmp_path / "out") == {f"c-0{suffix}" for suffix in PREDICT_FILES}
     (tmp_path / "empty").mkdir()
-    assert fit(tmp_path / "empty") == 2
+    assert predict(tmp_path / "empty") == 2
     assert "in the folder, found none" in capsys.readouterr().err
-    assert fit(folder / "*.gif") == 2
+    assert predict(folder / "*.gif") == 2
     assert f"{folder}/*.gif: expected a picture" in capsys.readouterr().err

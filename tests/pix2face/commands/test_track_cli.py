@@ -6,6 +6,8 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -35,6 +37,7 @@ from tests.pix2face.coloured_faces import (
 from tests.pix2face.scene_readers import GltfScene, usd_pixels
 from tests.synthetic_models import small_head_model
 
+pytestmark = pytest.mark.usefixtures("stand_ins")
 N_FRAMES = 8
 CAMERAS = tuple(camera_at(50 + 4 * index, 60, yaw_deg=4.0 * index - 12) for index in range(N_FRAMES))
 
@@ -46,9 +49,13 @@ def model() -> MorphableModel:
 
 @pytest.fixture(scope="module")
 def frames(model, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("frames")
-    for index, camera in enumerate(CAMERAS):
-        (folder / f"{index:04d}.png").write_bytes(encode_image(draw_faces(model, [camera])))
+    return write_frames(tmp_path_factory.mktemp("frames"), [draw_faces(model, [camera]) for camera in CAMERAS])
+
+
+def write_frames(folder: Path, images: Iterable[np.ndarray]) -> Path:
+    folder.mkdir(exist_ok=True)
+    for index, image in enumerate(images):
+        (folder / f"{index:04d}.png").write_bytes(encode_image(image))
     return folder
 
 
@@ -73,7 +80,6 @@ def landmarks_of(row: dict[str, str]) -> np.ndarray:
     return np.array([[float(row[f"x{index}"]), float(row[f"y{index}"])] for index in range(68)])
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
     assert track(frames, "--out", tmp_path, "--write", "csv,npz,pts,video,glb,usdc", "--smoothing", "none") == 0
     rows = rows_of(tmp_path / "landmarks.csv")
@@ -115,15 +121,10 @@ def test_all_files_say_the_same_and_the_truth(tmp_path, frames, model, capsys):
     assert "jitter" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_a_clip_that_starts_blank_has_no_landmarks_there(tmp_path, frames, capsys):
-    (tmp_path / "clip").mkdir()
-    blank = encode_image(np.full((HEIGHT_PX, WIDTH_PX, 3), 90, np.uint8))
-    for index in range(3):
-        (tmp_path / "clip" / f"{index}.png").write_bytes(blank)
-    for index in range(3):
-        (tmp_path / "clip" / f"{index + 3}.png").write_bytes((frames / f"{index:04d}.png").read_bytes())
-    assert track(tmp_path / "clip", "--out", tmp_path / "out", "--write", "csv,npz,pts,video") == 0
+    blank = np.full((HEIGHT_PX, WIDTH_PX, 3), 90, np.uint8)
+    clip = write_frames(tmp_path / "clip", [*[blank] * 3, *islice(open_frames(frames).frames(), 3)])
+    assert track(clip, "--out", tmp_path / "out", "--write", "csv,npz,pts,video") == 0
     rows = rows_of(tmp_path / "out" / "landmarks.csv")
     assert [row["fit"] for row in rows] == ["none"] * 3 + ["fitted"] * 3
     assert [row["x0"] == row["yaw_deg"] == "" for row in rows] == [True] * 3 + [False] * 3
@@ -137,21 +138,18 @@ def test_a_clip_that_starts_blank_has_no_landmarks_there(tmp_path, frames, capsy
     assert "3 frames without a face" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("stand_ins")
-def test_a_video_and_a_pattern_give_what_the_folder_gives(tmp_path, frames):
+def test_a_video_gives_what_its_frames_give(tmp_path, frames):
     with OverlayVideo(tmp_path / "a.mp4", 25) as video:
         for image in open_frames(frames).frames():
             video.write(image)
-    for name, source in (("f", frames), ("p", frames / "%04d.png"), ("v", tmp_path / "a.mp4")):
+    for name, source in (("p", frames / "%04d.png"), ("v", tmp_path / "a.mp4")):
         assert track(source, "--out", tmp_path / name, "--write", "csv") == 0
-    folder, pattern, film = (rows_of(tmp_path / name / "landmarks.csv") for name in "fpv")
-    assert folder == pattern
+    pattern, film = (rows_of(tmp_path / name / "landmarks.csv") for name in "pv")
     assert len(film) == N_FRAMES
-    for a, b in zip(folder, film, strict=True):  # colours, which are the geometry here, suffer from the codec
+    for a, b in zip(pattern, film, strict=True):  # colours, which are the geometry here, suffer from the codec
         assert np.abs(landmarks_of(a) - landmarks_of(b)).mean() < 3
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_its_own_boxes_can_be_given_back(tmp_path, frames):
     assert track(frames, "--out", tmp_path / "a", "--write", "csv") == 0
     assert track(frames, "--out", tmp_path / "b", "--write", "csv", "--boxes", tmp_path / "a" / "boxes.csv") == 0
@@ -161,7 +159,6 @@ def test_its_own_boxes_can_be_given_back(tmp_path, frames):
     assert found == given
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_boxes_of_a_few_frames_lead_through_the_whole_clip(tmp_path, frames):
     with OverlayVideo(tmp_path / "slow.mp4", 1) as video:  # a detector's face would be lost after two frames
         for image in open_frames(frames).frames():
@@ -175,7 +172,6 @@ def test_boxes_of_a_few_frames_lead_through_the_whole_clip(tmp_path, frames):
     assert flags == ["detected" if frame in (0, 3, 7) else "interpolated" for frame in range(N_FRAMES)]
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_frames_without_a_detection_are_flagged(tmp_path, frames, monkeypatch):
     monkeypatch.setattr(track_cli, "open_detector", lambda *call: BlobDetector(missing=(0, 3, 4, 7)))
     assert track(frames, "--out", tmp_path, "--write", "csv,npz") == 0
@@ -185,13 +181,13 @@ def test_frames_without_a_detection_are_flagged(tmp_path, frames, monkeypatch):
     assert [str(archive["box_sources"][own]) for own in archive["box_source"]] == flags
 
 
-@pytest.mark.usefixtures("stand_ins")
+def two_faces(model, folder: Path, n_frames: int) -> Path:
+    cameras = [(camera_at(40 + index, 50), camera_at(120, 70, scale=0.3)) for index in range(n_frames)]
+    return write_frames(folder, [draw_faces(model, own) for own in cameras])
+
+
 def test_all_faces_get_a_folder_each_and_one_overlay(tmp_path, model):
-    source = tmp_path / "frames"
-    source.mkdir()
-    for index in range(5):
-        image = draw_faces(model, [camera_at(40 + index, 50), camera_at(120, 70, scale=0.3)])
-        (source / f"{index}.png").write_bytes(encode_image(image))
+    source = two_faces(model, tmp_path / "frames", 5)
     assert track(source, "--out", tmp_path / "out", "--all-faces", "--smoothing", "spline") == 0
     first, second = (rows_of(tmp_path / "out" / f"face-{index}" / "landmarks.csv") for index in range(2))
     assert len(first) == len(second) == 5
@@ -200,13 +196,8 @@ def test_all_faces_get_a_folder_each_and_one_overlay(tmp_path, model):
     assert len(list(open_frames(tmp_path / "out" / "overlay.mp4").frames())) == 5
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_nothing_of_an_earlier_run_is_left(tmp_path, model):
-    out, source = tmp_path / "out", tmp_path / "frames"
-    source.mkdir()
-    for index in range(3):
-        image = draw_faces(model, [camera_at(40 + index, 50), camera_at(120, 70, scale=0.3)])
-        (source / f"{index}.png").write_bytes(encode_image(image))
+    out, source = tmp_path / "out", two_faces(model, tmp_path / "frames", 3)
     assert track(source, "--out", out, "--all-faces", "--write", "csv,pts,video") == 0
     (out / "face-1" / "notes.txt").touch()
     (out / "face-to-face").mkdir()
@@ -215,13 +206,10 @@ def test_nothing_of_an_earlier_run_is_left(tmp_path, model):
     assert left == {"boxes.csv", "landmarks.csv", "track.json", "face-1", "face-1/notes.txt", "face-to-face"}
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_files_are_open_while_their_face_is_in_the_picture(tmp_path, model, monkeypatch):
-    source, n_open, most = tmp_path / "frames", 0, 0
-    source.mkdir()
-    for index in range(12):  # three faces, one after the other
-        camera = camera_at(40, 50) if index // 4 != 1 else camera_at(120, 70, scale=0.3)
-        (source / f"{index}.png").write_bytes(encode_image(draw_faces(model, [camera])))
+    left, right = (draw_faces(model, [own]) for own in (camera_at(40, 50), camera_at(120, 70, scale=0.3)))
+    source = write_frames(tmp_path / "frames", [*[left] * 4, *[right] * 4, *[left] * 4])  # one after the other
+    n_open = most = 0
     monkeypatch.setattr("pix2face.tracking.face_tracks.LONGEST_GAP_SECONDS", 0)
     begin, end = track_files.GrowingNpz.__enter__, track_files.GrowingNpz.__exit__
 
@@ -243,49 +231,34 @@ def test_files_are_open_while_their_face_is_in_the_picture(tmp_path, model, monk
     assert (n_open, most) == (0, 1)
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_a_clip_of_one_frame(tmp_path, model):
-    source = tmp_path / "frames"
-    source.mkdir()
-    (source / "0.png").write_bytes(encode_image(draw_faces(model, [camera_at(60, 60)])))
+    source = write_frames(tmp_path / "frames", [draw_faces(model, [camera_at(60, 60)])])
     assert track(source, "--out", tmp_path / "out", "--smoothing", "spline") == 0
     assert len(rows_of(tmp_path / "out" / "landmarks.csv")) == 1
     assert json.loads((tmp_path / "out" / "track.json").read_text())["faces"][0]["jitter_percent_raw"] is None
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_a_face_cut_by_the_border_is_tracked(tmp_path, model):
-    source = tmp_path / "frames"
-    source.mkdir()
-    for index in range(4):
-        (source / f"{index}.png").write_bytes(encode_image(draw_faces(model, [camera_at(8 + index, 60)])))
+    cameras = [camera_at(8 + index, 60) for index in range(4)]
+    source = write_frames(tmp_path / "frames", [draw_faces(model, [camera]) for camera in cameras])
     assert track(source, "--out", tmp_path / "out", "--write", "csv") == 0
     rows = rows_of(tmp_path / "out" / "landmarks.csv")
-    assert np.abs(landmarks_of(rows[0]) - true_landmarks(model, camera_at(8, 60))).max() < 2
+    assert np.abs(landmarks_of(rows[0]) - true_landmarks(model, cameras[0])).max() < 2
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_a_tiny_face_is_tracked_with_a_warning(tmp_path, model, capsys):
-    source = tmp_path / "frames"
-    source.mkdir()
-    for index in range(4):
-        (source / f"{index}.png").write_bytes(encode_image(draw_faces(model, [camera_at(60, 60, scale=0.12)])))
+    source = write_frames(tmp_path / "frames", [draw_faces(model, [camera_at(60, 60, scale=0.12)])] * 4)
     assert track(source, "--out", tmp_path / "out", "--write", "csv") == 0
     assert "px large; below 40" in capsys.readouterr().err
     assert len(rows_of(tmp_path / "out" / "landmarks.csv")) == 4
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_no_face_in_the_whole_clip_is_one_error(tmp_path, capsys):
-    source = tmp_path / "frames"
-    source.mkdir()
-    for index in range(3):
-        (source / f"{index}.png").write_bytes(encode_image(np.zeros((40, 60, 3), dtype=np.uint8)))
+    source = write_frames(tmp_path / "frames", [np.zeros((40, 60, 3), dtype=np.uint8)] * 3)
     assert track(source, "--out", tmp_path / "out") == 2
     assert "expected a face, found none by the detector cnn in 3 frames" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("stand_ins")
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -307,7 +280,6 @@ def test_wrong_options_are_one_line(tmp_path, frames, capsys, options, words):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_usd_without_its_extra_is_named_at_once(tmp_path, frames, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "pxr.Usd", None)
     assert track(frames, "--out", tmp_path / "out", "--write", "csv,usdc") == 2
@@ -315,7 +287,6 @@ def test_usd_without_its_extra_is_named_at_once(tmp_path, frames, capsys, monkey
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.usefixtures("stand_ins")
 @pytest.mark.parametrize("content", [b"", b"some text\n" * 100])
 def test_a_file_that_is_no_video_is_one_line(tmp_path, capfd, content):
     (tmp_path / "a.mp4").write_bytes(content)
@@ -325,14 +296,12 @@ def test_a_file_that_is_no_video_is_one_line(tmp_path, capfd, content):
     assert "expected a video" in lines[0]
 
 
-def test_an_unknown_detector_is_refused(tmp_path, frames, monkeypatch, model, capsys):
-    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: model)
-    monkeypatch.setattr(Predictor, "load", lambda path, device=None: colour_predictor(model))
+def test_an_unknown_detector_is_refused(tmp_path, frames, monkeypatch, capsys):
+    monkeypatch.setattr(track_cli, "open_detector", detection.open_detector)
     assert track(frames, "--out", tmp_path, "--detector", "haar") == 2
     assert f"expected a detector of {', '.join(detection.DETECTORS)}" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("stand_ins")
 def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch, request):
     written = []
     original = track_cli.TrackFiles.write
@@ -357,7 +326,6 @@ def test_an_interruption_keeps_what_is_done(tmp_path, frames, monkeypatch, reque
     assert len(list(open_frames(tmp_path / "overlay.mp4").frames())) >= 3
 
 
-@pytest.mark.usefixtures("stand_ins")
 @pytest.mark.parametrize(
     ("write", "n_bytes", "name", "reason"),
     [

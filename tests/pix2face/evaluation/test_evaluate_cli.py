@@ -24,12 +24,6 @@ from tests.pix2face.evaluation_calls import (
 )
 
 
-@pytest.fixture
-def small_model(monkeypatch):
-    """Whatever --model says, the small head is opened: evaluation needs no particular face."""
-    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: MODEL)
-
-
 def test_photographs_give_a_table_and_files_with_every_face_counted(tmp_path, small_model, capsys):
     write_ibug(tmp_path)
     assert run(tmp_path, "--data", tmp_path) == 0

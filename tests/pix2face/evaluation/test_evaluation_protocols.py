@@ -11,6 +11,7 @@ from pix2face.evaluation.cli import main
 from tests.pix2face.benchmark_files import frontal_camera, landmarks_of, write_photograph, write_points, write_pts
 from tests.synthetic_models import small_head_model
 
+pytestmark = pytest.mark.usefixtures("small_model")
 MODEL = small_head_model()
 LANDMARKS = landmarks_of(MODEL, frontal_camera())
 LENGTHS = {
@@ -19,11 +20,6 @@ LENGTHS = {
     "outer-eye": lambda p: np.sqrt(((p[:, 45] - p[:, 36]) ** 2).sum()),
     "inter-pupil": lambda p: np.sqrt(((p[:, 42:48].mean(1) - p[:, 36:42].mean(1)) ** 2).sum()),
 }
-
-
-@pytest.fixture(autouse=True)
-def small_model(monkeypatch):
-    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: MODEL)
 
 
 def figures(dev, reannotated, normaliser, threshold):

@@ -100,15 +100,14 @@ def test_marked_parts_are_missing_points(tmp_path: Path, marker: str) -> None:
     assert np.flatnonzero(np.isnan(points).all(axis=1)).tolist() == [5]
 
 
-@pytest.mark.parametrize(("scheme", "refused"), [("inner51", []), ("aflw21", ["image01198"])])
-def test_every_scheme_of_the_files_at_hand_is_read(shared_dir: Path, scheme: str, refused: list[str]) -> None:
-    found = []
-    for annotation in find_annotations(shared_dir / "data" / "aflw2000_3d" / "dev", scheme):
+def test_other_schemes_of_the_files_at_hand_are_read(shared_dir: Path) -> None:
+    folder, refused = shared_dir / "data" / "aflw2000_3d" / "dev", []
+    for annotation in [*find_annotations(folder, "inner51")[::10], *find_annotations(folder, "aflw21")]:
         try:
             annotation.load()
         except InputFileError:
-            found.append(annotation.name)
-    assert found == refused  # that file has 23 points where the others have 21
+            refused.append(annotation.name)
+    assert refused == ["image01198"]  # that file has 23 points where the others have 21
 
 
 def test_bad_faces_are_named_and_the_others_are_kept(tmp_path: Path) -> None:

@@ -123,7 +123,7 @@ def test_memory_does_not_grow_with_the_number_of_faces(tmp_path: Path) -> None:
     header = replace(HEADER, n_identity=199, n_expression=29)
     face = make_face(0, tmp_path, identity=np.zeros(199), expression=np.zeros(29))
     peaks = []
-    for n in (FACES_AT_ONCE, 6 * FACES_AT_ONCE):
+    for n in (FACES_AT_ONCE, 3 * FACES_AT_ONCE):
         tracemalloc.start()
         with CoefficientWriter(tmp_path / "faces.h5", header) as writer:
             for index in range(n):

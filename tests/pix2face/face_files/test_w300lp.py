@@ -14,7 +14,6 @@ from pix2face.face_files.w300lp import (
     PoseParameters,
     camera_of_pose,
     check_picture_height,
-    pose_of_camera,
     read_aflw21_landmarks,
     read_coefficient_file,
     read_landmark_file,
@@ -305,10 +304,3 @@ def test_the_21_points_are_counted_from_1_and_missing_ones_are_undefined(tmp_pat
     points = read_aflw21_landmarks(tmp_path / "face.mat")
     np.testing.assert_array_equal(points[0], [0.5, 21.5])
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(points).any(axis=1)), [3, 7])
-
-
-def test_the_pose_of_a_camera_describes_the_same_camera() -> None:
-    pose = PoseParameters(head=HeadPose(5.0, -20.0, 10.0), translation_px=np.array([100.0, 250.0, 0.0]), scale=1e-3)
-    found = pose_of_camera(camera_of_pose(pose, 450), 450)
-    np.testing.assert_allclose(found.translation_px, pose.translation_px, atol=1e-9)
-    assert found.scale == pytest.approx(pose.scale)

@@ -1,6 +1,7 @@
 """Faces with known cameras and coefficients, rendered by the NumPy rasteriser and coded in fixed point."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy import ndarray
@@ -58,6 +59,7 @@ class KnownFace:
         return inside & shows & (self.camera.depth(self.vertices) < deepest + 0.2)
 
 
+@lru_cache(maxsize=64)
 def render_known_face(
     model: MorphableModel,
     pose: HeadPose,

@@ -9,6 +9,7 @@ from tests.benchmarks.closed_loop import MODELS, measure, summary
 from tests.fits import paper_fit
 
 N_FACES = 4
+FULL_SIZE = pytest.mark.xdist_group("full size")  # the model is made once
 
 
 @pytest.mark.parametrize("kind", ["affine", "weak-perspective", "pinhole"])
@@ -34,7 +35,7 @@ def test_exact_maps_give_the_face_back(kind):
         assert errors["focal_length_percent"]["largest"] < 1
 
 
-@pytest.mark.parametrize("name", ["builtin", "full-size"])
+@pytest.mark.parametrize("name", ["builtin", pytest.param("full-size", marks=FULL_SIZE)])
 def test_noise_and_gross_outliers_leave_visible_landmarks_within_half_a_percent(name):
     model = MODELS[name]()
     errors = summary(measure(model, N_FACES, lambda _, maps: fit_face(maps, model, paper_fit()), 1.0, 0.05))

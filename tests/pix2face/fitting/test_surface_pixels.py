@@ -14,6 +14,7 @@ from tests.pix2face.fitting.rendered_faces import render_known_face
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
+FULL_SIZE = pytest.mark.xdist_group("full size")  # the model is made once
 
 
 def test_points_are_placed_where_they_were_taken():
@@ -41,7 +42,7 @@ def test_rows_explain_the_offsets_to_the_rounding_of_the_maps():
     assert np.sqrt(np.mean(difference**2)) < 0.005
 
 
-@pytest.mark.parametrize(("name", "n_faces"), [("builtin", 4), ("full-size", 3)])
+@pytest.mark.parametrize(("name", "n_faces"), [("builtin", 4), pytest.param("full-size", 3, marks=FULL_SIZE)])
 def test_exact_maps_give_everything_back(name, n_faces):
     model = MODELS[name]()
     errors = summary(measure(model, n_faces, lambda _, maps: fit_face(maps, model, paper_fit(), constraints="surface")))

@@ -32,19 +32,13 @@ def rotation_of(vector: tuple[float, ...]) -> ndarray:
     return Rotation.from_rotvec(vector).as_matrix()
 
 
-@given(angles, angles, angles)
-def test_a_pose_comes_back_from_its_camera(pitch: float, yaw: float, roll: float) -> None:
-    camera = weak_perspective_camera(WeakPerspective(1.7, rotation_of_pose(HeadPose(pitch, yaw, roll)), np.ones(2)))
-    found = head_pose(camera)
-    np.testing.assert_allclose([found.pitch_deg, found.yaw_deg, found.roll_deg], [pitch, yaw, roll], atol=1e-6)
-
-
 @given(angles, st.floats(-179, 179), st.floats(-179, 179))
-def test_yaw_keeps_its_meaning_beyond_a_profile(pitch: float, yaw: float, roll: float) -> None:
+def test_a_pose_comes_back_from_its_camera_beyond_a_profile_too(pitch: float, yaw: float, roll: float) -> None:
     assume(abs(abs(yaw) - 90) > 1)  # seen from the side, pitch and roll are one angle
     camera = weak_perspective_camera(WeakPerspective(1.7, rotation_of_pose(HeadPose(pitch, yaw, roll)), np.ones(2)))
     found = head_pose(camera)
-    np.testing.assert_allclose([found.pitch_deg, found.yaw_deg, found.roll_deg], [pitch, yaw, roll], atol=1e-5)
+    atol = 1e-6 if abs(yaw) <= 85 else 1e-5
+    np.testing.assert_allclose([found.pitch_deg, found.yaw_deg, found.roll_deg], [pitch, yaw, roll], atol=atol)
     published = published_pose(camera)
     assert abs(published.yaw_deg) <= 90
     np.testing.assert_allclose(rotation_of_pose(published), rotation_of_pose(found), atol=1e-9)

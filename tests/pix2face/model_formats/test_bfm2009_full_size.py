@@ -29,6 +29,7 @@ from pix2face.models.model_file import StoredModel, write_stored_model
 from pix2face.models.morphable_model import load_model
 from tests.published_models import Head, write_bfm, write_guo, write_original_bfm
 
+pytestmark = pytest.mark.xdist_group("full size")  # the model is written and read once
 N_ORIGINAL, N_TRIMMED, N_IDENTITY, N_EXPRESSION = 53490, 53215, 199, 29
 
 

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-import trimesh
-from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.geometry.camera import Camera, HeadPose, Pinhole, WeakPerspective, pinhole_camera, rotation_of_pose
 from pix2face.geometry.camera import weak_perspective_camera as weak
 from pix2face.models.rasterise import interpolate, rasterise, render_maps, shows_outside
+from tests.meshes import ray_casting
 from tests.synthetic_models import small_head_model
 
 SIZE = 48
@@ -20,38 +19,17 @@ PINHOLE = pinhole_camera(
 FLAT = Camera(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]))
 
 
-def rays(camera: Camera, size: int) -> tuple[ndarray, ndarray]:
-    """Origin and direction of the ray through each pixel centre, in model space."""
-    row, column = np.indices((size, size)).reshape(2, -1)
-    pixels = np.column_stack([column, row]) + 0.5
-    rows = camera.matrix[:2, :3][None] - pixels[:, :, None] * camera.matrix[3, :3]
-    offsets = pixels * camera.matrix[3, 3] - camera.matrix[:2, 3]
-    direction = np.cross(rows[:, 0], rows[:, 1])
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    direction *= np.sign(direction @ camera.matrix[2, :3])[:, None]
-    point = np.stack([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(rows, offsets, strict=True)])
-    return point - 1e4 * direction, direction
-
-
 @pytest.mark.parametrize("camera", [AFFINE, PINHOLE], ids=["affine", "pinhole"])
 def test_it_agrees_with_ray_casting(camera: Camera) -> None:
     pytest.importorskip("rtree", reason="trimesh casts rays through rtree")
     model = small_head_model()
-    vertices = model.mean.astype(np.float64)
-    fragments = rasterise(camera.matrix, vertices, model.triangles, SIZE, SIZE)
-    origins, directions = rays(camera, SIZE)
-    if not camera.is_affine:
-        origins += 1e4 * directions - 1e3 * directions
-    mesh = trimesh.Trimesh(vertices, model.triangles, process=False)
-    points, ray, _ = mesh.ray.intersects_location(origins, directions, multiple_hits=True)
-    nearest = np.full(SIZE * SIZE, np.inf)
-    in_front = np.ones(len(points), bool) if camera.is_affine else camera.depth(points) > 0
-    np.minimum.at(nearest, ray[in_front], camera.depth(points[in_front]))
-    hit, covered = np.isfinite(nearest), fragments.triangle.ravel() >= 0
+    fragments = rasterise(camera.matrix, model.mean.astype(np.float64), model.triangles, SIZE, SIZE)
+    triangle, points = ray_casting(camera, model.mean, model.triangles, SIZE)
+    hit, covered = triangle >= 0, fragments.triangle >= 0
     assert covered.sum() > 500
     assert (hit != covered).sum() <= 2  # rays through an edge may slip between triangles
     both = hit & covered
-    np.testing.assert_allclose(fragments.depth.ravel()[both], nearest[both], atol=1e-6)
+    np.testing.assert_allclose(fragments.depth[both], camera.depth(points[both]), atol=1e-6)
 
 
 @pytest.mark.parametrize("camera", [AFFINE, PINHOLE], ids=["affine", "pinhole"])

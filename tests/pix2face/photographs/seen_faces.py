@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,7 @@ class PhotographedFace:
 
     def photograph(self) -> ndarray:
         """Skin from bright to dark with the depth, before blue noise."""
-        seen = render_maps(self.model, self.vertices, self.camera, HEIGHT_PX, WIDTH_PX)
+        seen = _rendered(self, self.camera, HEIGHT_PX, WIDTH_PX)
         image = np.random.default_rng(0).integers(0, 80, (HEIGHT_PX, WIDTH_PX, 3)) + np.array([0, 0, 100])
         image[seen["mask"]] = (150 - seen["depth"][seen["mask"]])[:, None] + np.array([40, 10, 0])
         return np.clip(image, 0, 255).astype(np.uint8)
@@ -60,8 +61,22 @@ class PhotographedFace:
     def maps(self, size_px: int = SIZE_PX) -> FaceMaps:
         """What an exact network of this size predicts in the crop of the face."""
         camera = crop_camera(self.camera, square_crop(self.box, INFERENCE_SCALE, size_px))
-        maps = render_maps(self.model, self.vertices, camera, size_px, size_px)
+        maps = _rendered(self, camera, size_px, size_px)
         return FaceMaps(maps["pncc"], maps["offset"], maps["mask"])
+
+
+@lru_cache(maxsize=32)
+def _rendered_once(
+    model: MorphableModel, vertices: bytes, camera: bytes, size_px: tuple[int, int]
+) -> dict[str, ndarray]:
+    points = np.frombuffer(vertices, np.float32).reshape(-1, 3)
+    return render_maps(model, points, Camera(np.frombuffer(camera).reshape(4, 4)), *size_px)
+
+
+def _rendered(face: PhotographedFace, camera: Camera, *size_px: int) -> dict[str, ndarray]:
+    """The same few faces are seen in most tests."""
+    seen = _rendered_once(face.model, face.vertices.tobytes(), camera.matrix.tobytes(), size_px)
+    return {name: values.copy() for name, values in seen.items()}
 
 
 class SureDetector:

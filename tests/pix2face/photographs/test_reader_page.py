@@ -23,6 +23,7 @@ from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import builtin_model
 from tests.browser import OpenPage, opened
 
+pytestmark = pytest.mark.xdist_group("reader page")  # its networks are loaded once
 ASTRONAUT: ndarray = np.ascontiguousarray(astronaut())
 READ = "new Promise(done => document.addEventListener('read', event => done(event.detail), {once: true}))"
 LOADED = """new Promise(done => { const look = () => document.body.dataset.state === 'running'

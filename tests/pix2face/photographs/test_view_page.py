@@ -5,6 +5,7 @@ import json
 import os
 import re
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote_to_bytes
@@ -47,6 +48,11 @@ def person(model: MorphableModel) -> ViewedFace:
 
 
 PERSONS = {model.name: person(model) for model in (PLAIN, TEXTURED)}
+
+
+@cache
+def plain_page() -> str:
+    return view_page([face_data(viewed(PLAIN))], "faces")
 
 
 class Elements(HTMLParser):
@@ -97,10 +103,9 @@ def test_the_page_holds_the_mesh_of_the_fit(model: MorphableModel) -> None:
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_are_text_and_nothing_else(name: str) -> None:
-    plain = Elements(view_page([face_data(viewed(PLAIN))], "title"))
     page = view_page([face_data(viewed(PLAIN, name))], name)
     elements = Elements(page.encode("utf-8", "backslashreplace").decode())
-    assert [tag for tag, _ in elements.tags] == [tag for tag, _ in plain.tags]
+    assert [tag for tag, _ in elements.tags] == [tag for tag, _ in Elements(plain_page()).tags]
     assert len(elements.scripts) == 2
     shown = json.loads(elements.scripts[0])[0]["name"]
     assert shown == elements.title
@@ -108,7 +113,7 @@ def test_names_are_text_and_nothing_else(name: str) -> None:
 
 
 def test_nothing_comes_from_elsewhere_and_only_the_viewer_runs() -> None:
-    elements = Elements(view_page([face_data(viewed(PLAIN))], "faces"))
+    elements = Elements(plain_page())
     for tag, attributes in elements.tags:
         assert tag not in ("link", "iframe", "base")
         assert not {"src", "href"} & set(attributes)
@@ -185,8 +190,7 @@ def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None
 def test_the_mesh_lies_over_the_photograph(tmp_path: Path) -> None:
     """Its landmarks are drawn where the photograph beside it has its own, to some pixels."""
     page = tmp_path / "view.html"
-    text = view_page([face_data(viewed(PLAIN))], "over")
-    page.write_text(text.replace('id="show-landmarks"', 'id="show-landmarks" checked'))
+    page.write_text(plain_page().replace('id="show-landmarks"', 'id="show-landmarks" checked'))
     picture = visit(page, tmp_path, 1400, 800).picture.astype(int)
     is_dot = (picture[..., 1] > 200) & (picture[..., 0] < 120) & (picture[..., 2] < 120)
     places, meshes = (np.argwhere(half) for half in (is_dot[:, :700], is_dot[:, 700:]))
@@ -196,8 +200,7 @@ def test_the_mesh_lies_over_the_photograph(tmp_path: Path) -> None:
 
 
 def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
-    face = viewed(PLAIN)
-    text = view_page([face_data(face)], "points")
+    text = plain_page()
     text = text.replace('id="show-mesh" checked', 'id="show-mesh"').replace('id="behind"', 'hidden id="behind"')
     for name in ("show-points", "show-landmarks"):
         text = text.replace(f'id="{name}"', f'id="{name}" checked')
@@ -219,8 +222,7 @@ def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
 def test_a_page_that_fails_says_so(tmp_path: Path) -> None:
     """That the test above can fail: data without a mesh are told on the page, in its state, and on the console."""
     page = tmp_path / "view.html"
-    text = view_page([face_data(viewed(PLAIN))], "broken")
-    page.write_text(text.replace('"positions"', '"no positions"'))
+    page.write_text(plain_page().replace('"positions"', '"no positions"'))
     seen = visit(page, tmp_path)
     assert 'data-state="failed"' in seen.document
     assert "This page could not be shown" in seen.document

@@ -101,23 +101,16 @@ def test_data_sets_and_samples_are_pickled(folder: Path) -> None:
     assert len(pickle.dumps(dataset)) < 10_000
 
 
-def test_it_loads_no_torch(folder: Path) -> None:
-    code = f"import sys; from pix2face.shards import ShardDataset; ShardDataset({str(folder)!r})[0].image; "
-    done = subprocess.run(
-        [sys.executable, "-c", code + "print('torch' in sys.modules, 'h5py' in sys.modules)"],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=Path(__file__).parents[3],
-    )
-    assert done.stdout.split() == ["False", "True"]
-
-
-def test_the_table_of_layers_alone_loads_no_hdf5() -> None:
-    code = "import sys, pix2face.shards, pix2face.shards.layers; print('h5py' in sys.modules)"
+def test_the_table_of_layers_loads_no_hdf5_and_samples_no_torch(folder: Path) -> None:
+    code = f"""
+import sys, pix2face.shards, pix2face.shards.layers
+print("h5py" in sys.modules)
+pix2face.shards.ShardDataset({str(folder)!r})[0].image
+print("h5py" in sys.modules, "torch" in sys.modules)
+"""
     run = [sys.executable, "-c", code]
     done = subprocess.run(run, capture_output=True, text=True, check=True, cwd=Path(__file__).parents[3])
-    assert done.stdout.split() == ["False"]
+    assert done.stdout.split() == ["False", "True", "False"]
 
 
 def test_errors_say_what_to_do(folder: Path, tmp_path: Path) -> None:

@@ -165,17 +165,6 @@ def test_the_command_prints_a_table_and_writes_its_figures(tmp_path, capsys):
     assert main([*call[:3], "--out", str(tmp_path)]) == 2
 
 
-def test_help_shows_both_commands(capsys):
-    for call, wanted in (
-        (["--help"], "`evaluate compare`: Compare two reports"),
-        (["compare", "--help"], "usage: evaluate compare"),
-    ):
-        with pytest.raises(SystemExit) as caught:
-            main(call)
-        assert caught.value.code == 0
-        assert wanted in " ".join(capsys.readouterr().out.split())
-
-
 def test_equal_systems_are_told_apart_as_often_as_the_interval_admits():
     """Of pairs that differ by chance alone, 95 of 100 intervals hold zero, give or take."""
     random = np.random.default_rng(1)

@@ -37,23 +37,14 @@ def test_frames_of_videos_count_from_one_and_pictures_have_names(tmp_path):
     np.testing.assert_allclose(predicted.landmarks2d[:, 0, 0] - LANDMARKS[0, 0], [0, 2, 1], atol=1e-4)
 
 
-def test_tracks_are_measured_as_they_are(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("pix2face.landmark_choice.landmark_file.open_model", lambda name: MODEL)
+@pytest.mark.usefixtures("small_model")
+def test_tracks_are_measured_as_they_are(tmp_path, capsys):
     for frame in ("000731", "000733"):
         write_photograph(tmp_path / "data" / "401" / "imgs" / f"{frame}.jpg")
         write_pts(tmp_path / "data" / "401" / "annot" / f"{frame}.pts", LANDMARKS)
     write_track(tmp_path / "tracks" / "401", 2)
-    call = [
-        "--split",
-        "300vw",
-        "--data",
-        tmp_path / "data",
-        "--predictions",
-        tmp_path / "tracks",
-        "--out",
-        tmp_path / "o",
-        "--allow-missing",
-    ]
+    call = ["--split", "300vw", "--data", tmp_path / "data", "--predictions", tmp_path / "tracks"]
+    call += ["--out", tmp_path / "o", "--allow-missing"]
     assert main([str(word) for word in call]) == 0
     report = json.loads((tmp_path / "o" / "report.json").read_text())
     eyes = np.linalg.norm(LANDMARKS[45] - LANDMARKS[36])
