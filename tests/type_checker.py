@@ -37,6 +37,21 @@ def jaxtyped(*, typechecker: Any) -> Callable[[Any], Any]:
 
 
 def _checked(function: FunctionType) -> Callable[..., Any]:
+    checked: Callable[..., Any] | None = None
+
+    @functools.wraps(function)
+    def in_context(*args: Any, **kwargs: Any) -> Any:
+        __tracebackhide__ = True
+        nonlocal checked
+        if checked is None:  # most of what a test imports it never calls, and this takes milliseconds
+            checked = _with_checks(function)
+        with _by_jaxtyping("context"):
+            return checked(*args, **kwargs)
+
+    return in_context
+
+
+def _with_checks(function: FunctionType) -> Callable[..., Any]:
     twin = FunctionType(
         function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
     )
@@ -44,15 +59,7 @@ def _checked(function: FunctionType) -> Callable[..., Any]:
     del twin.__wrapped__
     twin.__kwdefaults__ = function.__kwdefaults__
     twin.__annotations__ = {name: _resolved(hint, function) for name, hint in function.__annotations__.items()}
-    checked = check(twin)
-
-    @functools.wraps(function)
-    def in_context(*args: Any, **kwargs: Any) -> Any:
-        __tracebackhide__ = True
-        with _by_jaxtyping("context"):
-            return checked(*args, **kwargs)
-
-    return in_context
+    return check(twin)
 
 
 def _resolved(hint: Any, function: FunctionType) -> Any:

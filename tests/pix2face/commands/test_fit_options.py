@@ -11,16 +11,12 @@ import trimesh
 
 from pix2face.commands.cli import main
 from pix2face.commands.result_folder import LIST_NAME
-from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.camera import HeadPose
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from pix2face.photographs.mesh_files import split_at_seams
-from tests.pix2face.photographs.seen_faces import (
-    PhotographedFace,
-    exact_predictor,
-    photographed_face,
-    write_picture,
-)
+from tests.cameras import posed_camera
+from tests.pix2face.photographs.seen_faces import PhotographedFace, exact_predictor, photographed_face, write_picture
 from tests.pix2face.scene_readers import GltfScene, usd_complaints, usd_pixels
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
@@ -248,7 +244,7 @@ def test_a_pipe_or_device_is_refused_at_once(
 
 def test_jaw_landmarks_slide_to_the_outline_on_request(with_model: Callable[..., None], tmp_path: Path) -> None:
     model, pose = builtin_model(), HeadPose(0, 45, 0)
-    camera = weak_perspective_camera(WeakPerspective(0.7, rotation_of_pose(pose), np.array([140.0, 100.0])))
+    camera = posed_camera(140, 100, yaw_deg=45, scale=0.7)
     face = PhotographedFace(model, np.zeros(model.n_identity), np.zeros(model.n_expression), pose, camera)
     with_model(model, exact_predictor(model, [face.maps()]))
     photograph = write_picture(tmp_path / "person.png", face.photograph())

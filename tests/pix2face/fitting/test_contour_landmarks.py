@@ -2,18 +2,17 @@ import numpy as np
 
 from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
 from pix2face.fitting.fit_options import Contour
-from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.landmarks import IBUG68_PARTS, INNER51
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
+from tests.cameras import posed_camera
 
 JAW = list(IBUG68_PARTS["jaw"])
 
 
 def fit_of_mean(yaw_deg: float, contour: Contour) -> FaceFit:
     model = builtin_model()
-    rotation = rotation_of_pose(HeadPose(0, yaw_deg, 0))
-    camera = weak_perspective_camera(WeakPerspective(1.0, rotation, np.full(2, 150.0)))
+    camera = posed_camera(150, 150, yaw_deg=yaw_deg)
     identity, expression = np.zeros(model.n_identity), np.zeros(model.n_expression)
     return face_of_coefficients(model, camera, identity, expression, contour=contour)
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pix2face.errors import DegenerateGeometryError, UsageError
@@ -23,6 +23,7 @@ def rms(fit):
     return np.sqrt(np.mean(np.concatenate([fit.identity, fit.expression]) ** 2))
 
 
+@settings(max_examples=40)
 @given(st.floats(-60, 60), st.floats(-90, 90), st.floats(-180, 180), st.integers(0, 10_000))
 def test_every_pose_is_fitted(pitch, yaw, roll, seed):
     _, camera, landmarks3d = known_face(HeadPose(pitch, yaw, roll), seed)
@@ -35,6 +36,7 @@ def test_every_pose_is_fitted(pitch, yaw, roll, seed):
     assert rms(fit) < 2
 
 
+@settings(max_examples=20)
 @given(st.floats(-90, 90), st.floats(0.001, 100))
 def test_scale_of_the_picture_does_not_matter(yaw, factor):
     _, camera, landmarks3d = known_face(HeadPose(5, yaw, 10), 3)

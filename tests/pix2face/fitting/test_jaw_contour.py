@@ -12,16 +12,10 @@ from pix2face.face_files.annotations import find_annotations
 from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.fitting.from_landmarks import LandmarkModel, fit_landmarks
 from pix2face.fitting.jaw_contour import JAW, JawContour
-from pix2face.geometry.camera import (
-    Camera,
-    HeadPose,
-    WeakPerspective,
-    head_pose,
-    rotation_of_pose,
-    weak_perspective_camera,
-)
+from pix2face.geometry.camera import Camera, head_pose
 from pix2face.geometry.landmarks import MIRROR_IBUG68
 from pix2face.models.morphable_model import MorphableModel, builtin_model
+from tests.cameras import posed_camera
 
 YAWS_DEG = (-60.0, -45.0, -30.0, 30.0, 45.0, 60.0)
 INNER_ONLY = np.where(np.arange(68) < 17, 0.0, 1.0)
@@ -34,8 +28,7 @@ def builtin() -> tuple[MorphableModel, LandmarkModel, JawContour]:
 
 
 def camera_at(yaw_deg: float, roll_deg: float = 0) -> Camera:
-    rotation = rotation_of_pose(HeadPose(0, yaw_deg, roll_deg))
-    return weak_perspective_camera(WeakPerspective(1.5, rotation, np.array([200.0, 210.0])))
+    return posed_camera(200, 210, yaw_deg=yaw_deg, roll_deg=roll_deg, scale=1.5)
 
 
 def outline_annotation(camera: Camera, coefficients: ndarray) -> ndarray:

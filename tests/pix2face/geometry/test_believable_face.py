@@ -4,20 +4,12 @@ import numpy as np
 import pytest
 
 from pix2face.geometry.believable_face import GIVEN, PROJECTED, SET_BY_HAND, facing_deg, measure_face
-from pix2face.geometry.camera import (
-    Camera,
-    HeadPose,
-    Pinhole,
-    WeakPerspective,
-    pinhole_camera,
-    rotation_of_pose,
-    weak_perspective_camera,
-)
+from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, rotation_of_pose
+from tests.cameras import posed_camera
 
 
 def turned(pitch_deg: float, yaw_deg: float, roll_deg: float = 0) -> Camera:
-    rotation = rotation_of_pose(HeadPose(pitch_deg, yaw_deg, roll_deg))
-    return weak_perspective_camera(WeakPerspective(2.0, rotation, np.full(2, 50.0)))
+    return posed_camera(50, 50, pitch_deg=pitch_deg, yaw_deg=yaw_deg, roll_deg=roll_deg, scale=2)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from pix2face.geometry.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
+from tests.cameras import posed_camera
 
 angles = st.floats(-85, 85)
 rotation_vectors = st.tuples(*[st.floats(-2, 2)] * 3)
@@ -35,7 +36,7 @@ def rotation_of(vector: tuple[float, ...]) -> ndarray:
 @given(angles, st.floats(-179, 179), st.floats(-179, 179))
 def test_a_pose_comes_back_from_its_camera_beyond_a_profile_too(pitch: float, yaw: float, roll: float) -> None:
     assume(abs(abs(yaw) - 90) > 1)  # seen from the side, pitch and roll are one angle
-    camera = weak_perspective_camera(WeakPerspective(1.7, rotation_of_pose(HeadPose(pitch, yaw, roll)), np.ones(2)))
+    camera = posed_camera(1, 1, pitch_deg=pitch, yaw_deg=yaw, roll_deg=roll, scale=1.7)
     found = head_pose(camera)
     atol = 1e-6 if abs(yaw) <= 85 else 1e-5
     np.testing.assert_allclose([found.pitch_deg, found.yaw_deg, found.roll_deg], [pitch, yaw, roll], atol=atol)
@@ -117,7 +118,7 @@ def test_the_angle_between_poses_is_that_of_one_turn() -> None:
 
 
 def test_a_frontal_head_is_upright_and_not_mirrored() -> None:
-    camera = weak_perspective_camera(WeakPerspective(1.0, rotation_of_pose(HeadPose(0, 0, 0)), np.zeros(2)))
+    camera = posed_camera(0, 0)
     left_ear, crown, nose = camera.project(np.array([[80.0, 0, 0], [0, 100, 0], [0, 0, 100]]))
     np.testing.assert_allclose([left_ear, crown, nose], [[80, 0], [0, -100], [0, 0]], atol=1e-12)
     assert camera.depth(np.array([[0.0, 0, 100]]))[0] < camera.depth(np.array([[0.0, 0, 0]]))[0]

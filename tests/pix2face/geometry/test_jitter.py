@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy import ndarray
 
-from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
 from pix2face.geometry.jitter import (
     STEP_MM,
@@ -23,6 +22,7 @@ from pix2face.models.mirroring import mirrored_landmarks, mirrored_points
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
 from tests.benchmarks.exactness import jitter_errors
+from tests.cameras import posed_camera
 from tests.synthetic_models import small_head_model
 
 BOX = FaceBox(40, 30, 90, 100)
@@ -34,8 +34,8 @@ def rendered_head(yaw_deg: float, size_px: int, mm_a_pixel: float, crop: Crop | 
     model = small_head_model()
     rng = np.random.default_rng(3)
     vertices = model.vertices(rng.normal(size=(1, model.n_identity)), rng.normal(size=(1, model.n_expression)))[0]
-    rotation = rotation_of_pose(HeadPose(5, yaw_deg, 10))
-    camera = weak_perspective_camera(WeakPerspective(1 / mm_a_pixel, rotation, np.full(2, size_px / 2)))
+    middle = size_px / 2
+    camera = posed_camera(middle, middle, pitch_deg=5, yaw_deg=yaw_deg, roll_deg=10, scale=1 / mm_a_pixel)
     if crop is not None:
         camera, size_px = crop_camera(camera, crop), crop.size_px
     maps = render_maps(model, vertices, camera, size_px, size_px)
@@ -138,10 +138,7 @@ def test_a_mirrored_crop_shows_the_mirrored_face(yaw_deg):
     twin = mirrored_points(vertices)[model.symmetry]
     size_px = 128
     camera, twin_camera = (
-        weak_perspective_camera(
-            WeakPerspective(0.5, rotation_of_pose(HeadPose(5, sign * yaw_deg, sign * 8)), np.array([64.0, 60.0]))
-        )
-        for sign in (1, -1)
+        posed_camera(64, 60, pitch_deg=5, yaw_deg=sign * yaw_deg, roll_deg=sign * 8, scale=0.5) for sign in (1, -1)
     )
     shown = render_maps(model, vertices, camera, size_px, size_px)
     mirror = Crop(np.array([[-1.0, 0, size_px], [0, 1, 0], [0, 0, 1]]), size_px)

@@ -11,15 +11,7 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.fitting.face_fit import FaceFit
-from pix2face.geometry.camera import (
-    Camera,
-    HeadPose,
-    Pinhole,
-    WeakPerspective,
-    pinhole_camera,
-    rotation_of_pose,
-    weak_perspective_camera,
-)
+from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, rotation_of_pose
 from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
 from pix2face.geometry.maps import FaceMaps
 from pix2face.models.rasterise import render_maps
@@ -34,6 +26,7 @@ from pix2face.photographs.fit_pictures import (
     write_point_cloud,
 )
 from pix2face.photographs.landmark_visibility import landmarks_in_sight, visible_landmarks
+from tests.cameras import posed_camera
 from tests.synthetic_models import small_head_model
 
 MODEL = small_head_model()
@@ -51,7 +44,7 @@ def fitted(camera: Camera, landmarks: ndarray | None = None, seed: int = 0) -> F
 
 
 def weak(yaw_deg: float = 0.0, centre: tuple[float, float] = (150.0, 120.0)) -> Camera:
-    return weak_perspective_camera(WeakPerspective(0.6, rotation_of_pose(HeadPose(0, yaw_deg, 0)), np.array(centre)))
+    return posed_camera(*centre, yaw_deg=yaw_deg, scale=0.6)
 
 
 def near_pinhole() -> Camera:
@@ -140,9 +133,7 @@ def patch(image: ndarray, point: ndarray) -> ndarray:
 
 
 def test_a_face_larger_than_the_picture_and_a_tiny_picture_are_drawn() -> None:
-    fit = fitted(
-        weak_perspective_camera(WeakPerspective(9.0, rotation_of_pose(HeadPose(0, 0, 0)), np.array([5.0, 5.0])))
-    )
+    fit = fitted(posed_camera(5, 5, scale=9))
     for shape in ((8, 10, 3), (1, 1, 3)):
         assert draw_overlay(np.zeros(shape, np.uint8), fit, 64).shape == (64, 64, 3)
 

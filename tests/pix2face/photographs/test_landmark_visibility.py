@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.camera import Camera
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.models.morphable_model import builtin_model
 from pix2face.models.rasterise import render_maps
 from pix2face.photographs.landmark_visibility import visible_vertices
+from tests.cameras import posed_camera
 
 SIZE_PX = 200
 
 
 def camera_of(yaw_deg: float) -> Camera:
-    rotation = rotation_of_pose(HeadPose(0, yaw_deg, 0))
-    return weak_perspective_camera(WeakPerspective(0.7, rotation, np.full(2, SIZE_PX / 2)))
+    return posed_camera(SIZE_PX / 2, SIZE_PX / 2, yaw_deg=yaw_deg, scale=0.7)
 
 
 @pytest.mark.parametrize("yaw_deg", [-70.0, -20.0, 0.0, 45.0, 90.0])
@@ -57,7 +57,7 @@ def test_lips_do_not_hide_the_corners_of_a_smiling_mouth():
 def test_a_triangle_in_front_hides_and_one_behind_does_not():
     vertices = np.array([[0, 0, 0], [-9, -9, 5], [9, -9, 5], [0, 9, 5]], dtype=float)
     triangles = np.array([[1, 2, 3]])
-    camera = weak_perspective_camera(WeakPerspective(1.0, rotation_of_pose(HeadPose(0, 0, 0)), np.zeros(2)))
+    camera = posed_camera(0, 0)
     assert not visible_vertices(vertices, triangles, camera, np.array([0]))[0]
     vertices[1:, 2] = -5
     assert visible_vertices(vertices, triangles, camera, np.array([0]))[0]

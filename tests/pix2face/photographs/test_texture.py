@@ -9,26 +9,13 @@ from numpy import ndarray
 from scipy.spatial.distance import cdist
 
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.fitting.face_fit import FaceFit
-from pix2face.geometry.camera import (
-    Camera,
-    HeadPose,
-    Pinhole,
-    WeakPerspective,
-    pinhole_camera,
-    rotation_of_pose,
-    weak_perspective_camera,
-)
+from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
+from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, rotation_of_pose
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import interpolate, rasterise
 from pix2face.models.surface_attributes import facing
-from pix2face.photographs.texture import (
-    BORDER_FADE_MM,
-    MIDDLE_MM,
-    NO_COLOUR,
-    face_texture,
-    vertex_colours,
-)
+from pix2face.photographs.texture import BORDER_FADE_MM, MIDDLE_MM, NO_COLOUR, face_texture, vertex_colours
+from tests.cameras import posed_camera
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
 
@@ -42,13 +29,11 @@ Paint = Callable[[ndarray], ndarray]
 def fitted(model: MorphableModel, camera: Camera, seed: int = 3) -> FaceFit:
     rng = np.random.default_rng(seed)
     identity, expression = rng.normal(size=model.n_identity), rng.normal(size=model.n_expression)
-    landmarks3d = model.vertices(identity[None], expression[None])[0][model.landmarks["ibug68"]].astype(np.float64)
-    return FaceFit(camera, identity, expression, model, camera.project(landmarks3d), landmarks3d)
+    return face_of_coefficients(model, camera, identity, expression)
 
 
 def turned(yaw_deg: float, centre: tuple[float, float] = (210.0, 200.0), scale: float = 1.5) -> Camera:
-    pose = rotation_of_pose(HeadPose(0, yaw_deg, 0))
-    return weak_perspective_camera(WeakPerspective(scale, pose, np.array(centre)))
+    return posed_camera(*centre, yaw_deg=yaw_deg, scale=scale)
 
 
 def photograph(fit: FaceFit, paint: Paint) -> ndarray:

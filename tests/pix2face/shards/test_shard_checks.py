@@ -14,10 +14,10 @@ import pytest
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.checked_hdf5 import fixed_text
 from pix2face.files.images import encode_photograph
-from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.shards.sample import JITTER_OF, PICTURE, PictureKind, Sample
 from pix2face.shards.shard_checks import verify_folder, verify_shard
 from pix2face.shards.shard_writing import write_shard
+from tests.cameras import posed_camera
 from tests.pix2face.files.test_images import with_orientation
 from tests.pix2face.shard_files import HEADER, every_layer, make_triplet
 
@@ -242,14 +242,14 @@ def test_a_folder_without_shards_is_refused(tmp_path: Path) -> None:
 
 def photograph(number: int, **changes: object) -> Sample:
     """A sample of a photograph whose face looks into the camera."""
-    camera = weak_perspective_camera(WeakPerspective(0.1, rotation_of_pose(HeadPose(0, 10, 0)), np.full(2, 12.0)))
+    camera = posed_camera(12, 12, yaw_deg=10, scale=0.1)
     sample = replace(make_triplet(number), camera=camera, attributes={PICTURE: PictureKind.PHOTOGRAPH})
     return replace(sample, **changes)
 
 
 def doubtful_photographs() -> list[Sample]:
     """One that is right, and one for each way to be wrong: as shards held them before annotations were checked."""
-    turned = weak_perspective_camera(WeakPerspective(0.1, rotation_of_pose(HeadPose(0, 170, 0)), np.full(2, 12.0)))
+    turned = posed_camera(12, 12, yaw_deg=170, scale=0.1)
     tagged = with_orientation(encode_photograph(np.full((24, 24, 3), 90, np.uint8)), 6)
     return [
         photograph(0),

@@ -16,14 +16,10 @@ from pix2face.evaluation.subjects.predictions_file import Predictions
 from pix2face.evaluation.subjects.subjects import NetworkSubject, OracleSubject, PredictionsSubject
 from pix2face.fitting.fit_options import FitOptions
 from pix2face.fitting.jaw_contour import JawContour
-from pix2face.geometry.camera import HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.camera import HeadPose, rotation_of_pose
 from pix2face.geometry.crops import FaceBox
-from tests.pix2face.benchmark_files import (
-    StubPredictor,
-    frontal_camera,
-    landmarks_of,
-    stub_fit,
-)
+from tests.cameras import posed_camera
+from tests.pix2face.benchmark_files import StubPredictor, frontal_camera, landmarks_of, stub_fit
 from tests.pix2face.photographs.seen_faces import SureDetector
 from tests.synthetic_models import small_head_model
 
@@ -134,8 +130,7 @@ def test_poses_of_a_file_are_compared_with_the_true_ones(tmp_path):
 def random_face(seed=0, yaw_deg=35.0):
     random = np.random.default_rng(seed)
     identity, expression = random.normal(0, 0.6, MODEL.n_identity), random.normal(0, 0.6, MODEL.n_expression)
-    rotation = rotation_of_pose(HeadPose(5.0, yaw_deg, -8.0))
-    camera = weak_perspective_camera(WeakPerspective(0.8, rotation, np.full(2, 100.0)))
+    camera = posed_camera(100, 100, pitch_deg=5, yaw_deg=yaw_deg, roll_deg=-8, scale=0.8)
     vertices = MODEL.vertices(identity[None].astype(np.float32), expression[None].astype(np.float32))[0]
     return camera.project(vertices[MODEL.landmarks["ibug68"]]), camera
 

@@ -15,6 +15,7 @@ from pix2face.geometry.camera import (
     rotation_of_pose,
     weak_perspective_camera,
 )
+from tests.cameras import posed_camera
 
 angles = st.floats(-89, 89)
 
@@ -24,8 +25,7 @@ def face_like_points(n=60, seed=0):
 
 
 def weak_camera(pitch, yaw, roll, scale=1.3):
-    rotation = rotation_of_pose(HeadPose(pitch, yaw, roll))
-    return weak_perspective_camera(WeakPerspective(scale, rotation, np.array([128.0, 140.0])))
+    return posed_camera(128, 140, pitch_deg=pitch, yaw_deg=yaw, roll_deg=roll, scale=scale)
 
 
 @given(st.lists(st.floats(-2, 2), min_size=6, max_size=6), st.floats(-500, 500))

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -27,6 +27,7 @@ def refit(points, image, principal_point=CENTRE):
     return fit_pinhole_camera(points, image, np.asarray(principal_point, dtype=float), fit_affine_camera(points, image))
 
 
+@settings(max_examples=40)
 @given(st.floats(-89, 89), st.floats(-60, 60), st.floats(-180, 180), st.floats(250, 5000))
 def test_recovers_the_camera(yaw, pitch, roll, distance):
     points = face_like_points()

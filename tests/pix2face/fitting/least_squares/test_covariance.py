@@ -12,7 +12,7 @@ MODEL = small_head_model()
 BASIS = vertex_basis(MODEL, np.flatnonzero(MODEL.is_face_vertex)[::40]).astype(np.float64)
 N_COEFFICIENTS = MODEL.n_identity + MODEL.n_expression
 SIGMA_MM = 4.0
-N_DRAWS = 1500
+N_DRAWS = 700
 
 
 @pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])

@@ -9,18 +9,11 @@ from numpy import ndarray
 from pxr import Usd, UsdGeom
 
 from pix2face.fitting.face_fit import FaceFit, face_of_coefficients
-from pix2face.geometry.camera import (
-    Camera,
-    HeadPose,
-    Pinhole,
-    WeakPerspective,
-    pinhole_camera,
-    rotation_of_pose,
-    weak_perspective_camera,
-)
+from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, rotation_of_pose
 from pix2face.tracking.export.clip_gltf import target_names, write_clip_glb
 from pix2face.tracking.export.clip_scene import ClipScene
 from pix2face.tracking.export.clip_usd import write_clip_usd
+from tests.cameras import posed_camera
 from tests.pix2face.scene_readers import GltfScene, usd_complaints, usd_pixels
 from tests.synthetic_models import small_head_model
 
@@ -32,8 +25,8 @@ FIRST, COUNT = 5, 4
 
 
 def weak(index: int) -> Camera:
-    rotation = rotation_of_pose(HeadPose(5 * index, 170 - 60 * index, -8))
-    return weak_perspective_camera(WeakPerspective(1.2 + 0.1 * index, rotation, np.array([250.0, 140 + index])))
+    pose = {"pitch_deg": 5 * index, "yaw_deg": 170 - 60 * index, "roll_deg": -8}
+    return posed_camera(250, 140 + index, **pose, scale=1.2 + 0.1 * index)
 
 
 def pinhole(index: int) -> Camera:
