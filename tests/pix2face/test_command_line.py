@@ -15,14 +15,7 @@ from rich.console import Console
 from threadpoolctl import threadpool_info
 
 from pix2face import programs
-from pix2face.command_line import (
-    check_output_file,
-    counted,
-    prepare_output_folder,
-    printable,
-    progress_bar,
-    say,
-)
+from pix2face.command_line import check_output_file, counted, prepare_output_folder, printable, progress_bar, say
 from pix2face.errors import (
     DegenerateGeometryError,
     GLUnavailableError,

@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 
 from tests.pix2face.benchmark_files import write_mat, write_photograph, write_pts
-from tests.pix2face.evaluation_calls import (
-    LANDMARKS,
-    MODEL,
-    measure,
-    predictions_for,
-    run,
-    stored_report,
-    write_ibug,
-)
+from tests.pix2face.evaluation_calls import LANDMARKS, MODEL, measure, predictions_for, run, stored_report, write_ibug
 
 
 def test_landmarks_of_another_system_are_measured_and_absent_faces_are_named(tmp_path, small_model, capsys):

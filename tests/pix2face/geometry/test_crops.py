@@ -8,14 +8,7 @@ from hypothesis import strategies as st
 
 from pix2face.errors import DegenerateGeometryError
 from pix2face.geometry.camera import HeadPose, Pinhole, pinhole_camera, rotation_of_pose
-from pix2face.geometry.crops import (
-    FaceBox,
-    crop_camera,
-    crop_image,
-    image_centre_in_crop,
-    pixels_in_image,
-    square_crop,
-)
+from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, image_centre_in_crop, pixels_in_image, square_crop
 
 BOX = FaceBox(100, 80, 180, 200)
 

@@ -8,12 +8,7 @@ import pytest
 from pix2face.detectors.protocol import DetectedFace, overlap
 from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, square_crop
 from pix2face.inference.predictor import FACES_AT_A_TIME, Predictor
-from pix2face.photographs.refined_detection import (
-    RefinedBox,
-    refine_boxes,
-    refine_faces,
-    refined_boxes,
-)
+from pix2face.photographs.refined_detection import RefinedBox, refine_boxes, refine_faces, refined_boxes
 from tests.pix2face.coloured_faces import camera_at, colour_predictor, draw_faces, true_box
 from tests.pix2face.photographs.seen_faces import exact_predictor, header_of, photographed_face
 from tests.pix2face.stub_networks import predictor_of
