@@ -123,7 +123,7 @@ def test_on_photographs_sliding_agrees_with_the_pose_of_the_inner_points(shared_
     _, landmark_model, contour = builtin()
     disagreements = []
     for folder in ("300w", "dlib_faces"):
-        for annotation in find_annotations(shared_dir / "data" / folder):
+        for annotation in find_annotations(shared_dir / "data" / folder)[::2]:
             try:
                 points = annotation.load().landmarks2d
             except InputFileError:
@@ -133,5 +133,5 @@ def test_on_photographs_sliding_agrees_with_the_pose_of_the_inner_points(shared_
                 fits = (fit_landmarks(landmark_model, points, robust=True, contour=used) for used in (None, contour))
                 disagreements.append([abs(head_pose(fit.camera).yaw_deg - inner_yaw) for fit in fits])
     fixed, sliding = np.mean(disagreements, axis=0)
-    assert len(disagreements) > 20
+    assert len(disagreements) > 10
     assert sliding < 0.7 * fixed

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +16,7 @@ from pix2face.model_formats.model_import import ImportedModel, import_model
 from pix2face.model_formats.tables import table_rows
 from pix2face.models.model_file import read_stored_model, write_stored_model
 from pix2face.models.morphable_model import builtin_model, load_model
-from tests.published_models import Head, small_head, write_bfm, write_gnm, write_statismo
+from tests.published_models import Head, write_bfm, write_gnm, write_statismo
 
 TURN = Rotation.from_euler("XYZ", [80, 10, -95], degrees=True).as_matrix()
 SHIFT_MM = np.array([300.0, -200.0, 50.0])
@@ -103,12 +104,14 @@ def test_without_landmarks_they_come_by_correspondence_and_say_so(tmp_path: Path
 
 
 def test_a_ball_is_no_face(tmp_path: Path) -> None:
-    head = small_head()
-    ball = replace(head, mean=30 * head.mean / np.linalg.norm(head.mean, axis=1, keepdims=True))
-    imported = import_model(write_gnm(tmp_path / "a.npz", ball))
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=30)
+    none = np.zeros((1, *ball.vertices.shape))
+    imported = import_model(
+        write_gnm(tmp_path / "a.npz", Head(np.array(ball.vertices), none, none, np.array(ball.faces)))
+    )
     assert imported.model.landmarks == {}
     assert imported.model.alignment is None
-    np.testing.assert_allclose(imported.model.mean, ball.mean, atol=1e-4)
+    np.testing.assert_allclose(imported.model.mean, ball.vertices, atol=1e-4)
     assert "no face was found" in imported.notes[0]
 
 

@@ -11,16 +11,17 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.model_formats import read_model
-from pix2face.model_formats.model_import import import_model
+from pix2face.model_formats.model_import import ImportedModel, import_model
 from pix2face.models.model_file import read_stored_model, write_stored_model
 from pix2face.models.morphable_model import load_model
 
 TOLERANCE_MM = 1e-3
 
 
-def check_through_import(path: Path, out: Path, mean: ndarray, identity: ndarray, expression: ndarray) -> None:
+def check_through_import(path: Path, out: Path, mean: ndarray, identity: ndarray, expression: ndarray) -> ImportedModel:
     """Imports, writes, loads, evaluates; the same by the arrays of the independent reading and the stored transform."""
-    write_stored_model(import_model(path).model, out)
+    imported = import_model(path)
+    write_stored_model(imported.model, out)
     loaded, stored = load_model(out), read_stored_model(out)[0]
     rng = np.random.default_rng(3)
     a, b = rng.normal(size=(4, len(identity))), rng.normal(size=(4, len(expression)))
@@ -30,6 +31,7 @@ def check_through_import(path: Path, out: Path, mean: ndarray, identity: ndarray
         np.testing.assert_allclose(frame[:3, :3] @ frame[:3, :3].T, np.eye(3), atol=1e-12)
         expected = expected @ frame[:3, :3].T + frame[:3, 3]
     np.testing.assert_allclose(loaded.vertices(a, b), expected, atol=TOLERANCE_MM)
+    return imported
 
 
 def read_surrey_independently(folder: Path) -> tuple[ndarray, ndarray, ndarray, ndarray, list[str]]:
@@ -60,13 +62,10 @@ def test_surrey(shared_dir: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose((stored.identity_basis.astype(np.float64) ** 2).sum(axis=(1, 2)), variances, rtol=1e-4)
     np.testing.assert_allclose(variances[:3], [56502.367, 29755.393, 9637.453], rtol=1e-6)
     identity = basis.astype(np.float64) * np.sqrt(variances.astype(np.float64))[:, None]
-    check_through_import(
+    stored = check_through_import(
         path, tmp_path / "a.h5", mean.reshape(-1, 3), identity.reshape(-1, 3448, 3), shapes.reshape(-1, 3448, 3)
-    )
-
-
-def test_surrey_lacks_jaw_points_and_says_so(shared_dir: Path) -> None:
-    stored = import_model(shared_dir / "models" / "surrey" / "sfm_shape_3448.bin").model
+    ).model
+    # It lacks most jaw points, and says so.
     assert stored.approximate_landmarks is not None
     np.testing.assert_array_equal(stored.approximate_landmarks, [*range(8), *range(9, 17), 60, 64])
     places = stored.mean[stored.landmarks[IBUG68]]
@@ -94,11 +93,8 @@ def test_ict_facekit(shared_dir: Path, tmp_path: Path) -> None:
     assert stored.polygons[is_face].max() == 9408
     assert (stored.polygons[:, 3] >= 0).mean() > 0.9
     np.testing.assert_allclose(stored.mean.min(axis=0), neutral.min(axis=0), atol=1e-4)
-    check_through_import(folder, tmp_path / "a.h5", neutral, identity, expression)
-
-
-def test_landmarks_of_ict_are_the_published_list(shared_dir: Path) -> None:
-    imported = import_model(shared_dir / "models" / "ict_facekit")
+    imported = check_through_import(folder, tmp_path / "a.h5", neutral, identity, expression)
+    # The landmarks are the published list.
     stored = imported.model
     assert stored.landmarks[IBUG68][[0, 8, 30, 67]].tolist() == [1225, 966, 4857, 5966]
     assert stored.approximate_landmarks is None
@@ -109,8 +105,7 @@ def test_landmarks_of_ict_are_the_published_list(shared_dir: Path) -> None:
     assert "not applied" in imported.notes[0]
 
 
-@pytest.mark.parametrize(("name", "sizes"), [("random-momo", (25, 10, 10)), ("random-l4", (1529, 19, 0))])
-def test_statismo(shared_dir: Path, tmp_path: Path, name: str, sizes: tuple[int, int, int]) -> None:
+def import_statismo(shared_dir: Path, tmp_path: Path, name: str, sizes: tuple[int, int, int]) -> ImportedModel:
     path = shared_dir / "models" / "statismo" / f"{name}.h5"
     with h5py.File(path, "r") as file:
 
@@ -126,18 +121,18 @@ def test_statismo(shared_dir: Path, tmp_path: Path, name: str, sizes: tuple[int,
     assert (len(mean), len(identity), len(expression)) == sizes
     stored = read_model(path)
     assert stored.albedo_basis is not None
-    check_through_import(path, tmp_path / "a.h5", mean, identity, expression)
+    return check_through_import(path, tmp_path / "a.h5", mean, identity, expression)
 
 
-def test_what_is_no_face_is_imported_without_landmarks_and_says_so(shared_dir: Path) -> None:
-    imported = import_model(shared_dir / "models" / "statismo" / "random-momo.h5")
+def test_what_is_no_face_is_imported_without_landmarks_and_says_so(shared_dir: Path, tmp_path: Path) -> None:
+    imported = import_statismo(shared_dir, tmp_path, "random-momo", (25, 10, 10))
     assert imported.model.landmarks == {}
     assert imported.model.alignment is None
     assert "no face was found" in imported.notes[0]
 
 
-def test_named_landmarks_align_and_the_rest_is_approximate(shared_dir: Path) -> None:
-    stored = import_model(shared_dir / "models" / "statismo" / "random-l4.h5").model
+def test_named_landmarks_align_and_the_rest_is_approximate(shared_dir: Path, tmp_path: Path) -> None:
+    stored = import_statismo(shared_dir, tmp_path, "random-l4", (1529, 19, 0)).model
     assert stored.approximate_landmarks is not None
     assert len(stored.approximate_landmarks) == 56
     assert 30 not in stored.approximate_landmarks

@@ -2,8 +2,9 @@
 
 import io
 import weakref
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -99,9 +100,15 @@ def errors_in_percent(frames: list[TrackedFrame], clip: Clip) -> np.ndarray:
     )
 
 
+@pytest.fixture(scope="module")
+def smoothed(clip, tmp_path_factory) -> Callable[[str], tuple[list[TrackedFrame], FaceFollower]]:
+    """The tracked clip by the kind of smoothing; each kind is run once."""
+    return cache(lambda kind: run(clip, tmp_path_factory.mktemp(kind), smoothing=kind))
+
+
 @pytest.mark.parametrize("smoothing", ["none", "mean3", "spline"])
-def test_every_frame_has_landmarks_near_the_true_ones(clip, tmp_path, smoothing):
-    frames, _ = run(clip, tmp_path, smoothing=smoothing)
+def test_every_frame_has_landmarks_near_the_true_ones(clip, smoothed, smoothing):
+    frames, _ = smoothed(smoothing)
     assert [frame.index for frame in frames] == list(range(N_FRAMES))
     assert all(set(frame.faces) == {0} for frame in frames)
     assert errors_in_percent(frames, clip).max() < 0.5
@@ -132,9 +139,8 @@ def test_frames_that_the_identity_comes_from_are_not_measured_again(clip, tmp_pa
         np.testing.assert_allclose(known.faces[0].landmarks2d, measured_again.faces[0].landmarks2d, atol=1e-3)
 
 
-def test_smoothing_takes_jitter_away_and_reports_it(clip, tmp_path):
-    _, raw = run(clip, tmp_path, smoothing="none")
-    _, smooth = run(clip, tmp_path, smoothing="mean3")
+def test_smoothing_takes_jitter_away_and_reports_it(smoothed):
+    (_, raw), (_, smooth) = smoothed("none"), smoothed("mean3")
     assert raw.jitter_raw.share == pytest.approx(raw.jitter_smoothed.share)
     assert smooth.jitter_raw.share == pytest.approx(raw.jitter_raw.share)
     assert smooth.jitter_smoothed.share < 0.7 * smooth.jitter_raw.share
@@ -204,8 +210,7 @@ def _detections(clip: Clip):
         yield FrameBox(int(frame), FaceBox(*map(float, sides)), "detected", int(track))
 
 
-@pytest.mark.parametrize(("smoothing", "reach"), [("mean3", 1), ("spline", 12)])
-def test_few_frames_are_in_memory_at_a_time(clip, tmp_path, monkeypatch, smoothing, reach):
+def test_few_frames_are_in_memory_at_a_time(clip, tmp_path, monkeypatch):
     alive, most = weakref.WeakSet(), 0
     original = video.read_photograph
 
@@ -227,12 +232,12 @@ def test_few_frames_are_in_memory_at_a_time(clip, tmp_path, monkeypatch, smoothi
     monkeypatch.setattr(video, "read_photograph", read)
     longer = replace(clip.source, n_announced=60, pictures=clip.source.pictures * 3)
     n_done = 0
-    for _ in run(Clip(clip.model, longer, clip.landmarks), tmp_path, smoothing=smoothing, keep=False)[0]:
+    for _ in run(Clip(clip.model, longer, clip.landmarks), tmp_path, smoothing="mean3", keep=False)[0]:
         n_done += 1
     assert n_done == 60
     # Five chunks: being refined, measured and written, and one between each two; frames decoded ahead, and those that
-    # the smoother waits for.
-    assert most <= 5 * FACES_AT_A_TIME + video.FRAMES_DECODED_AHEAD + reach + 2
+    # the smoother waits for, which is one.
+    assert most <= 5 * FACES_AT_A_TIME + video.FRAMES_DECODED_AHEAD + 1 + 2
 
 
 def test_two_faces_stay_apart(tmp_path):
@@ -308,16 +313,18 @@ def test_the_eye_distance_does_not_shrink_as_the_head_turns():
 
 
 @pytest.mark.parametrize("share", [None, 0.2, 0.9])
-def test_a_face_of_which_little_is_seen_is_told(clip, tmp_path, monkeypatch, share):
+def test_a_face_of_which_little_is_seen_is_told(clip, smoothed, tmp_path, monkeypatch, share):
     original = FrameFitter._measured
 
     def measured(self, *arguments):
         found = original(self, *arguments)
         return replace(found, view=replace(found.view, seen_share=share))
 
-    if share is not None:  # this network has no plane for it
+    if share is None:  # this network has no plane for it
+        _, follower = smoothed("none")
+    else:
         monkeypatch.setattr(FrameFitter, "_measured", measured)
-    _, follower = run(clip, tmp_path)
+        _, follower = run(clip, tmp_path)
     assert follower.seen_share == share
     face = ClipFace(tmp_path / "face-3", [], range(N_FRAMES))
     assert face_summary(face, follower, tmp_path)["seen_share"] == share
