@@ -4,20 +4,18 @@ import base64
 import fcntl
 import json
 import os
-import re
 import select
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pix2face.files.images import read_photograph
+from pix2face.files.images import decode_image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
@@ -29,29 +27,20 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--enable-logging=stderr",
     "--hide-scrollbars",
+    "--force-prefers-reduced-motion",
+    "--remote-debugging-pipe",
 )
+WEBGL_FLAGS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 LONGEST_S = 180
 WHOLE = "new Promise(done => document.readyState === 'complete' ? done(1) : addEventListener('load', () => done(1)))"
-
-
-@dataclass(frozen=True, eq=False)
-class Visit:
-    """What was seen of a page.
-
-    Attributes:
-        picture: RGB.
-        document: The page's elements when its scripts had run.
-        console: Lines of the console, and errors of scripts.
-    """
-
-    picture: np.ndarray
-    document: str
-    console: list[str]
+# Textures are pictures that scripts load.
+COUNT_PICTURES = """window.pictures = []; const Picture = window.Image; window.Image = function () {
+    const own = new Picture();
+    window.pictures.push(new Promise(done => ['load', 'error'].forEach(kind => own.addEventListener(kind, done))));
+    return own; }"""
+DRAWN = """Promise.all([...window.pictures, ...Array.from(document.images, own => own.decode().catch(() => 0))])
+    .then(() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1)))))"""
 
 
 def find_browser() -> str:
@@ -60,26 +49,6 @@ def find_browser() -> str:
     if found is None:
         pytest.skip("no Chromium on this machine: sh scripts/install_chromium.sh")
     return found
-
-
-def visit(page: Path, folder: Path, width_px: int = 1000, height_px: int = 600) -> Visit:
-    """Opens a page from the disk, without a network."""
-    browser, shot = find_browser(), folder / "screenshot.png"
-    address = page.absolute().as_uri()
-    options = [*FLAGS, f"--window-size={width_px},{height_px}", "--virtual-time-budget=4000"]
-    command = [
-        browser,
-        *options,
-        f"--user-data-dir={folder / 'profile'}",
-        f"--screenshot={shot}",
-        "--dump-dom",
-        address,
-    ]
-    run = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=LONGEST_S)
-    if run.returncode and not shot.exists():
-        pytest.skip(f"{browser} does not run here: {run.stderr.strip()[-200:]}")
-    console = re.findall(r"^.*CONSOLE.*$", run.stderr, re.MULTILINE)
-    return Visit(read_photograph(shot), run.stdout, console)
 
 
 class OpenPage:
@@ -93,6 +62,7 @@ class OpenPage:
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         self._session = {"sessionId": session}
         self.call("Runtime.enable")
+        self.call("Page.addScriptToEvaluateOnNewDocument", source=COUNT_PICTURES)
 
     def call(self, method: str, **parameters: Any) -> Any:
         """Calls a method of the protocol, and waits for its result."""
@@ -108,7 +78,7 @@ class OpenPage:
     def result(self, number: int) -> Any:
         while True:
             message = self._read()
-            if message.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown"):
+            if message.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
                 self.console.append(json.dumps(message["params"]))
             if message.get("id") == number:
                 assert "error" not in message, message["error"]
@@ -131,8 +101,16 @@ class OpenPage:
         node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
         self.call("DOM.setFileInputFiles", files=[str(path)], nodeId=node)
 
-    def screenshot(self, path: Path) -> None:
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
+    def show(self, page: Path, width_px: int = 1000, height_px: int = 600) -> np.ndarray:
+        """Opens another page from the disk, and returns what it looks like when its scripts have run (RGB)."""
+        self.call("Log.enable")  # what the page's policy refuses, too
+        size = {"width": width_px, "height": height_px, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+        self.console.clear()
+        self.call("Page.navigate", url=page.absolute().as_uri())
+        for expression in (WHOLE, DRAWN):
+            self.evaluate(expression)
+        return decode_image(base64.b64decode(self.call("Page.captureScreenshot")["data"]), "the screenshot")
 
     def _read(self) -> Any:
         while b"\0" not in self._unread:
@@ -147,12 +125,10 @@ class OpenPage:
 
 
 @contextmanager
-def opened(page: Path, folder: Path, width_px: int = 1000, height_px: int = 800) -> Iterator[OpenPage]:
-    """Opens a page from the disk, without a network, for as long as the block lasts."""
+def opened_browser(folder: Path, graphics: Sequence[str] = WEBGL_FLAGS) -> Iterator[OpenPage]:
+    """A browser with an empty page, without a network, for as long as the block lasts."""
     (from_us, requests), (answers, from_browser) = os.pipe(), os.pipe()
-    flags = [flag for flag in FLAGS if "gl=" not in flag and "swiftshader" not in flag]
-    options = [*flags, "--disable-gpu", "--force-prefers-reduced-motion", f"--window-size={width_px},{height_px}"]
-    options += [f"--user-data-dir={folder / 'profile'}", "--remote-debugging-pipe", "about:blank"]
+    options = [*FLAGS, *graphics, "--window-size=1000,800", f"--user-data-dir={folder / 'profile'}", "about:blank"]
     # The browser reads from its descriptor 3 and writes to its descriptor 4.
     passed = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, 10) for descriptor in (from_us, from_browser)]
     os.close(from_us)
@@ -163,10 +139,7 @@ def opened(page: Path, folder: Path, width_px: int = 1000, height_px: int = 800)
         for descriptor in passed:
             os.close(descriptor)
         try:
-            opened_page = OpenPage(requests, answers)
-            opened_page.call("Page.navigate", url=page.absolute().as_uri())
-            opened_page.evaluate(WHOLE)
-            yield opened_page
+            yield OpenPage(requests, answers)
         finally:
             os.close(requests)  # upon which the browser ends
             try:
@@ -174,3 +147,12 @@ def opened(page: Path, folder: Path, width_px: int = 1000, height_px: int = 800)
             except subprocess.TimeoutExpired:
                 browser.kill()
             os.close(answers)
+
+
+@contextmanager
+def opened(page: Path, folder: Path) -> Iterator[OpenPage]:
+    """Opens a page from the disk that needs no graphics."""
+    with opened_browser(folder, ["--disable-gpu"]) as browser:
+        browser.call("Page.navigate", url=page.absolute().as_uri())
+        browser.evaluate(WHOLE)
+        yield browser

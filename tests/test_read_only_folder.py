@@ -11,6 +11,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 import datagen.cli
 import pix2face.commands.cli
 import pix2face.evaluation.cli
@@ -18,8 +20,7 @@ from datagen.sampling.faces import sample_faces
 from pix2face.face_files.coefficients import save_coefficients
 from pix2face.models.morphable_model import builtin_model
 from tests.mounts import with_mount
-from tests.pix2face.benchmark_files import write_photograph
-from tests.pix2face.evaluation_calls import write_ibug
+from tests.pix2face.benchmark_files import write_photograph, write_pts
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = {
@@ -37,7 +38,8 @@ def test_a_folder_that_cannot_be_written_to_is_one_line(tmp_path: Path) -> None:
     out.mkdir()
     save_coefficients(sample_faces(builtin_model(), 1, 0, 32), tmp_path / "faces.h5")
     write_photograph(tmp_path / "photograph.jpg")
-    write_ibug(tmp_path)
+    write_photograph(tmp_path / "ibug" / "image_003_1.jpg")
+    write_pts(tmp_path / "ibug" / "image_003_1.pts", np.arange(136.0).reshape(68, 2))
     command = [sys.executable, "-m", "tests.test_read_only_folder", str(out), str(tmp_path)]
     mount = with_mount(f"mount -t tmpfs -o ro none '{out}'")
     done = subprocess.run([*mount, *command], capture_output=True, text=True, cwd=ROOT)

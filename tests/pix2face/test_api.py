@@ -146,20 +146,6 @@ def sides(box: FaceBox) -> ndarray:
     return np.array([box.left, box.top, box.right, box.bottom])
 
 
-BAD_BOXES = [
-    FaceBox(10, 10, 10, 10),
-    FaceBox(30, 10, 10, 40),
-    FaceBox(0, 0, float("nan"), 10),
-    FaceBox(0, 0, float("inf"), 10),
-]
-
-
-@pytest.mark.parametrize("box", BAD_BOXES)
-def test_boxes_without_extent_are_named(face: PhotographedFace, box: FaceBox) -> None:
-    with pytest.raises(DegenerateGeometryError, match="expected a face box"):
-        seeing(face).predict(face.photograph(), [box])
-
-
 def test_photographs_and_boxes_are_taken_as_callers_have_them(face: PhotographedFace, tmp_path: Path) -> None:
     path = write_picture(tmp_path / "person.png", face.photograph())
     given = [path, str(path), Image.open(path), face.photograph()]

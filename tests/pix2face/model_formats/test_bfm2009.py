@@ -54,11 +54,6 @@ def test_geometry_is_the_published_formula_in_mm(tmp_path: Path, expression_file
     np.testing.assert_allclose(found, posed.reshape(-1, 3) / 1000, atol=2e-3)
 
 
-def test_the_mean_face_includes_the_mean_expression(tmp_path: Path) -> None:
-    write_bfm(tmp_path)
-    np.testing.assert_allclose(read_bfm2009(tmp_path).mean, small_head_model().mean, atol=1e-3)
-
-
 def test_triangles_are_turned_outward_and_indices_count_from_zero(tmp_path: Path) -> None:
     write_bfm(tmp_path)
     stored, head = read_bfm2009(tmp_path / "Model_Shape.mat"), small_head_model()

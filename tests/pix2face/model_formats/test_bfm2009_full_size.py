@@ -123,12 +123,6 @@ def photograph(shared_dir: Path) -> tuple[Camera, ndarray]:
     return camera_of_pose(file.pose, 450), file.landmarks2d
 
 
-def test_the_mean_face_lands_where_the_conventions_say(imported_path: Path, photograph: tuple[Camera, ndarray]) -> None:
-    model = load_model(imported_path)
-    places = photograph[0].project(model.mean[model.landmarks[IBUG68]].astype(np.float64))
-    assert 6.9 <= np.linalg.norm(places - photograph[1], axis=1)[list(INNER51)].mean() <= 7.0
-
-
 def test_another_unit_or_a_forgotten_mean_expression_would_be_seen(
     full_size: FullSize, photograph: tuple[Camera, ndarray], tmp_path: Path
 ) -> None:

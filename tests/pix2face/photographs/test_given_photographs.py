@@ -103,7 +103,7 @@ def test_other_boxes_are_named(boxes: object) -> None:
         as_boxes(boxes)
 
 
-@pytest.mark.parametrize("box", [(10, 10, 10, 10), (30, 10, 10, 40), (0, 0, float("nan"), 10)])
+@pytest.mark.parametrize("box", [(9, 9, 9, 9), (30, 10, 10, 40), (0, 0, float("nan"), 10), (0, 0, float("inf"), 9)])
 def test_boxes_without_extent_are_named(box: tuple[float, ...]) -> None:
     with pytest.raises(DegenerateGeometryError, match=r"expected a face box .* of at least 1 pixel"):
         as_boxes([box])

@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
@@ -17,7 +18,7 @@ from numpy import ndarray
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.photographs.view_page import FACES_A_PAGE, ViewedFace, ViewPages, face_data, view_page
-from tests.browser import visit
+from tests.browser import OpenPage, opened_browser
 from tests.pix2face.photographs.seen_faces import photographed_face
 from tests.synthetic_models import small_head_model
 from tests.textured_head import textured_head
@@ -31,6 +32,7 @@ HOSTILE = (
     "caf\udce9",
     "${1}{0}{x}",
 )
+BROWSERS = pytest.mark.xdist_group("view page")  # one is enough
 BACKGROUND = np.array([0x20, 0x24, 0x2A])
 
 
@@ -159,19 +161,26 @@ def test_pages_of_a_longer_run_go_and_other_files_stay(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["view-4.html", "view.html"]
 
 
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OpenPage]:
+    with opened_browser(tmp_path_factory.mktemp("browser")) as found:
+        yield found
+
+
+@BROWSERS
 @pytest.mark.parametrize("model", [PLAIN, TEXTURED])
-def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None:
+def test_a_browser_draws_the_face(model: MorphableModel, browser: OpenPage, tmp_path: Path) -> None:
     page = tmp_path / "view.html"
     names = ["</script><img src=x onerror=alert(1)>", "second"]
     text = view_page([face_data(viewed(model, name)) for name in names], names[0])
     page.write_text(text.replace('<img id="behind"', '<img hidden id="behind"'))  # the mesh alone
-    seen = visit(page, tmp_path)
-    assert seen.console == []
-    assert 'data-state="ready"' in seen.document
-    assert "Drag to turn" in seen.document
-    assert "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt;</option>" in seen.document
-    height, width = seen.picture.shape[:2]
-    stage = seen.picture[height // 5 :, width // 2 :].astype(int)
+    picture, document = browser.show(page), browser.evaluate("document.documentElement.outerHTML")
+    assert browser.console == []
+    assert 'data-state="ready"' in document
+    assert "Drag to turn" in document
+    assert "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt;</option>" in document
+    height, width = picture.shape[:2]
+    stage = picture[height // 5 :, width // 2 :].astype(int)
     drawn = np.abs(stage - BACKGROUND).max(axis=2) > 20
     columns = np.nonzero(drawn)[1]
     assert 0.1 < drawn.mean() < 0.8
@@ -181,17 +190,18 @@ def test_a_browser_draws_the_face(model: MorphableModel, tmp_path: Path) -> None
     colours = stage[drawn]
     assert colours[:, 0].mean() > colours[:, 2].mean() + 20
     assert colours.std(axis=0).min() > 5
-    photograph = seen.picture[height // 5 :, : width // 2].astype(int)
+    photograph = picture[height // 5 :, : width // 2].astype(int)
     assert (np.abs(photograph - BACKGROUND).max(axis=2) > 20).mean() > 0.5
     # The mesh lies where the face is in the photograph: most of it has the colours that are at the same place there.
     assert np.mean(np.abs(stage - photograph)[drawn].max(axis=1) < 12) > 0.4
 
 
-def test_the_mesh_lies_over_the_photograph(tmp_path: Path) -> None:
+@BROWSERS
+def test_the_mesh_lies_over_the_photograph(browser: OpenPage, tmp_path: Path) -> None:
     """Its landmarks are drawn where the photograph beside it has its own, to some pixels."""
     page = tmp_path / "view.html"
     page.write_text(plain_page().replace('id="show-landmarks"', 'id="show-landmarks" checked'))
-    picture = visit(page, tmp_path, 1400, 800).picture.astype(int)
+    picture = browser.show(page, 1400, 800).astype(int)
     is_dot = (picture[..., 1] > 200) & (picture[..., 0] < 120) & (picture[..., 2] < 120)
     places, meshes = (np.argwhere(half) for half in (is_dot[:, :700], is_dot[:, 700:]))
     assert min(len(places), len(meshes)) > 68
@@ -199,31 +209,34 @@ def test_the_mesh_lies_over_the_photograph(tmp_path: Path) -> None:
         assert np.abs(statistic(places, axis=0) - statistic(meshes, axis=0)).max() < 3
 
 
-def test_a_browser_draws_points_and_landmarks_alone(tmp_path: Path) -> None:
+@BROWSERS
+def test_a_browser_draws_points_and_landmarks_alone(browser: OpenPage, tmp_path: Path) -> None:
     text = plain_page()
     text = text.replace('id="show-mesh" checked', 'id="show-mesh"').replace('id="behind"', 'hidden id="behind"')
     for name in ("show-points", "show-landmarks"):
         text = text.replace(f'id="{name}"', f'id="{name}" checked')
     page = tmp_path / "view.html"
     page.write_text(text)
-    seen = visit(page, tmp_path)
-    assert seen.console == []
-    height, width = seen.picture.shape[:2]
-    stage = seen.picture[height // 5 :, width // 2 :].astype(int)
+    picture = browser.show(page)
+    assert browser.console == []
+    height, width = picture.shape[:2]
+    stage = picture[height // 5 :, width // 2 :].astype(int)
     grey = (np.abs(stage - 200) <= 3).all(axis=2)  # what the points were given: light survives the way to the screen
     green = (stage[..., 1] > 200) & (stage[..., 0] < 120) & (stage[..., 2] < 120)
     assert grey.mean() > 0.02
     assert 68 < green.sum() < 0.05 * green.size
-    photograph = seen.picture[height // 5 :, : width // 2].astype(int)
+    photograph = picture[height // 5 :, : width // 2].astype(int)
     dots = (photograph[..., 1] > 200) & (photograph[..., 0] < 120) & (photograph[..., 2] < 120)
     assert dots.sum() > 68
 
 
-def test_a_page_that_fails_says_so(tmp_path: Path) -> None:
+@BROWSERS
+def test_a_page_that_fails_says_so(browser: OpenPage, tmp_path: Path) -> None:
     """That the test above can fail: data without a mesh are told on the page, in its state, and on the console."""
     page = tmp_path / "view.html"
     page.write_text(plain_page().replace('"positions"', '"no positions"'))
-    seen = visit(page, tmp_path)
-    assert 'data-state="failed"' in seen.document
-    assert "This page could not be shown" in seen.document
-    assert seen.console != []
+    browser.show(page)
+    document = browser.evaluate("document.documentElement.outerHTML")
+    assert 'data-state="failed"' in document
+    assert "This page could not be shown" in document
+    assert browser.console != []
