@@ -62,6 +62,7 @@ class OpenPage:
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         self._session = {"sessionId": session}
         self.call("Runtime.enable")
+        self.call("Page.enable")
         self.call("Page.addScriptToEvaluateOnNewDocument", source=COUNT_PICTURES)
 
     def call(self, method: str, **parameters: Any) -> Any:

@@ -37,9 +37,10 @@ BACKGROUND = np.array([0x20, 0x24, 0x2A])
 
 
 def viewed(model: MorphableModel, name: str = "person") -> ViewedFace:
-    return replace(PERSONS[model.name], name=name)
+    return replace(person(model), name=name)
 
 
+@cache
 def person(model: MorphableModel) -> ViewedFace:
     face = photographed_face(model)
     landmarks3d = face.vertices[model.landmarks["ibug68"]].astype(np.float64)
@@ -47,9 +48,6 @@ def person(model: MorphableModel) -> ViewedFace:
     maps = face.maps()
     points = maps.pncc[maps.mask] + maps.offset[maps.mask]
     return ViewedFace("person", face.photograph(), fit, points, np.full(points.shape, 200, np.uint8))
-
-
-PERSONS = {model.name: person(model) for model in (PLAIN, TEXTURED)}
 
 
 @cache
