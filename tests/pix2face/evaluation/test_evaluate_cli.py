@@ -23,6 +23,8 @@ from tests.pix2face.evaluation_calls import (
     write_ibug,
 )
 
+pytestmark = pytest.mark.usefixtures("curves_are_not_drawn")
+
 
 def test_photographs_give_a_table_and_files_with_every_face_counted(tmp_path, small_model, capsys):
     write_ibug(tmp_path)

@@ -6,6 +6,8 @@ import pytest
 from tests.pix2face.benchmark_files import write_mat, write_photograph, write_pts
 from tests.pix2face.evaluation_calls import LANDMARKS, MODEL, measure, predictions_for, run, stored_report, write_ibug
 
+pytestmark = pytest.mark.usefixtures("curves_are_not_drawn")
+
 
 def test_landmarks_of_another_system_are_measured_and_absent_faces_are_named(tmp_path, small_model, capsys):
     write_ibug(tmp_path, ("image_003_1", "image_004_1", "image_005_1"))
