@@ -1,4 +1,4 @@
-"""The whole of inference behind one object: photographs in; maps, cameras, meshes and landmarks out."""
+"""The class `Pix2Face`, which finds faces in photographs and fits maps, cameras, meshes and landmarks to them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -37,10 +37,10 @@ from pix2face.photographs.refined_detection import refine_faces
 class Pix2Face:
     """Dense 3D faces from photographs: a network, its morphable model and a face detector.
 
-    It keeps nothing between calls. A photograph is a path, a PIL image, or an RGB array of 8 bits as
-    ``pix2face.files.images.read_photograph`` makes it; paths and PIL images are turned upright by their orientation
+    It keeps nothing between calls. A photograph is a path, a PIL image, or an 8-bit RGB array as
+    ``pix2face.files.images.read_photograph`` returns it. Paths and PIL images are turned upright by their orientation
     tag. A face box is a ``FaceBox`` or (left, top, right, bottom), tight around the 68 landmarks. Pixels are (x, y)
-    with centres at +0.5; millimetres are those of the model frame (docs/reference/conventions.md).
+    with centres at +0.5. Millimetres are those of the model frame (docs/reference/conventions.md).
 
     Args:
         predictor: The network.
@@ -102,11 +102,11 @@ class Pix2Face:
             device: "cpu", or the name of a device of PyTorch; None uses a GPU if there is one and PyTorch is installed.
             detector: Name or file of a face detector, as ``pix2face.detectors.detection.open_detector`` takes it.
             refine: As in the class.
-            own_landmarks: Whether the landmarks in the checkpoint are used instead of those of the model. None uses
-                them unless ``model`` is a model and not a name.
+            own_landmarks: Whether the landmarks in the checkpoint replace those of the model. None means True, unless
+                ``model`` is a ``MorphableModel``.
             min_score: As in the class.
             smallest_face: Longer side of the smallest faces to be found, as a share of the photograph's longer side;
-                None takes the detector's own (``pix2face.detectors.detection.open_detector``).
+                None uses the detector's default (``pix2face.detectors.detection.open_detector``).
 
         Raises:
             InputFileError: The checkpoint or the model is missing, truncated, foreign, or of a newer schema.
@@ -136,10 +136,10 @@ class Pix2Face:
         return faces
 
     def quarter_turns(self, image: GivenPhotograph) -> int:
-        """How many turns of 90° counterclockwise (``numpy.rot90``) make a face upright.
+        """Returns how many turns of 90° counterclockwise (``numpy.rot90``) make the faces upright.
 
-        Detectors and networks expect upright faces. Returns 0 unless the face is clearly turned; always 0 if the
-        detector is dlib's.
+        Detectors and networks expect upright faces. The number is 0 unless a face is clearly turned, and always 0 with
+        the detector of dlib.
 
         Raises:
             InputFileError: The photograph's file is missing, or cannot be decoded.
@@ -301,5 +301,5 @@ class Pix2Face:
 
 
 def _in_photograph(fitted: FaceFit, prediction: Prediction) -> FaceFit:
-    """A fit to a prediction in the pixels of the photograph, with the box and the score of the face."""
+    """Returns a fit in pixels of the photograph, with the box and the score of the face."""
     return replace(fitted.in_image(prediction.crop), box=prediction.box, score=prediction.score)

@@ -1,4 +1,4 @@
-"""What the command lines share: errors become one line and an exit status; long work shows its progress."""
+"""What the command lines share: exit statuses, checks of output paths, messages and progress bars."""
 
 import json
 import os
@@ -31,20 +31,20 @@ REJECTED_FILE = "rejected.jsonl"
 
 
 def optional(metavar: str) -> Any:
-    """For the type of an option that may be left out: help shows ``metavar`` for its type, and no default."""
+    """Annotates an option that may be left out: help shows ``metavar`` as its type, and no default."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
 def choices(literal: Any) -> str:
-    """The values of a ``Literal`` as help shows them: {a,b}."""
+    """Formats the values of a ``Literal`` as in help: {a,b}."""
     return "{" + ",".join(get_args(literal)) + "}"
 
 
 def prepare_output_folder(path: Path) -> None:
-    """Makes the folder that a command writes to, with its parents; to be called before anything takes time.
+    """Makes the folder that a command writes to, with its parents. Call this before anything takes time.
 
     Raises:
-        UsageError: It cannot be made, or not be written to.
+        UsageError: The folder cannot be made, or cannot be written to.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -56,10 +56,10 @@ def prepare_output_folder(path: Path) -> None:
 
 
 def check_output_folder(path: Path) -> None:
-    """Makes sure that a command can write to a folder; to be called before anything takes time. Nothing is made.
+    """Checks that a command can write to a folder, without making it. Call this before anything takes time.
 
     Raises:
-        UsageError: A file is in its place or above it, or nothing can be written there.
+        UsageError: The path or a parent of it is a file, or there is no permission to write.
     """
     nearest = next(place for place in (path.absolute(), *path.absolute().parents) if _kind(place))
     if _kind(nearest) == "file":
@@ -70,14 +70,14 @@ def check_output_folder(path: Path) -> None:
 
 
 def check_output_file(path: Path, suffixes: Sequence[str]) -> None:
-    """Makes sure that a command can write its one file; to be called before anything takes time. Nothing is made.
+    """Checks that a command can write its output file, without making it. Call this before anything takes time.
 
     Args:
-        path: The file; its folder need not be there yet.
-        suffixes: The endings that it may have, such as ".h5"; capitals make no difference.
+        path: The file; its folder need not exist yet.
+        suffixes: The allowed suffixes, such as ".h5"; case is ignored.
 
     Raises:
-        UsageError: It has another ending, is a folder, or lies where nothing can be written.
+        UsageError: The suffix is another one, the path is a folder, or there is no permission to write.
     """
     if path.suffix.lower() not in suffixes:
         found = repr(path.suffix) if path.suffix else "no ending"
@@ -92,29 +92,29 @@ def check_output_file(path: Path, suffixes: Sequence[str]) -> None:
 
 
 def check_max_rejected(max_rejected: int) -> None:
-    """Refuses a negative ``--max-rejected``, which no job could keep.
+    """Checks the option ``--max-rejected``.
 
     Raises:
-        UsageError: It is negative.
+        UsageError: The number is negative.
     """
     if max_rejected < 0:
         raise UsageError(f"--max-rejected: expected 0 or more, found {max_rejected}")
 
 
 def write_rejected(path: Path, rejected: Iterable[tuple[str, str]]) -> None:
-    """Lists samples that could not be used: id and reason of each, one JSON object a line."""
+    """Writes id and reason of each rejected sample, one JSON object per line."""
     lines = (json.dumps({"sample_id": sample_id, "reason": reason}) for sample_id, reason in rejected)
     with written_in_one_step(path) as temporary:
         temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 def counted(n: int, noun: str) -> str:
-    """A number with its noun: "1 shard", "2 shards"."""
+    """Formats a number with its noun: "1 shard", "2 shards"."""
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def _kind(place: Path) -> Literal["folder", "file"] | None:
-    """What is there; None where nothing is, or nothing can be (a name that is too long, a place that is closed)."""
+    """Returns what a path is; None if nothing is there, the name is too long, or there is no permission."""
     try:
         mode = place.stat().st_mode
     except OSError:
@@ -131,12 +131,12 @@ def _check_writable(path: Path, folder: Path) -> None:
 
 
 def say(console: Console, message: str) -> None:
-    """Prints one line as it stands: names of files and models may look like markup, emoji codes or worse."""
+    """Prints one line without interpreting markup, emoji codes or control characters in it."""
     console.print(Text(printable(message)), soft_wrap=True)
 
 
 def printable(text: str) -> str:
-    """A text with everything that a terminal would obey rather than show (control characters) as its escape."""
+    """Escapes the control characters in a text."""
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode() for character in text
     )
@@ -144,21 +144,21 @@ def printable(text: str) -> str:
 
 @final
 class _RateColumn(ProgressColumn):
-    """How many a second."""
+    """Items per second."""
 
     def render(self, task: Task) -> Text:
-        """Nothing until something is done."""
+        """Returns the rate; empty until an item is done."""
         rate = task.finished_speed or task.speed
         return Text("" if rate is None else f"{rate:.1f}/s" if rate < 100 else f"{rate:.0f}/s")
 
 
 @contextmanager
 def progress_bar(console: Console, what: str, total: int | None) -> Iterator[Callable[..., None]]:
-    """A progress bar with rate and time left; of unknown length where the total is None.
+    """Shows a progress bar with rate and remaining time. Its length is unknown if ``total`` is None.
 
     Yields:
-        ``advance(n=1, note="", already_done=False)``: counts n more as done, and shows a note behind the bar. What
-        was done before this run counts for no rate.
+        ``advance(n=1, note="", already_done=False)``: adds n items, and shows a note behind the bar. Items that were
+        already done do not count for the rate.
     """
     columns: list[Any] = [
         TextColumn("[bold]{task.description}"),

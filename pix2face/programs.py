@@ -1,4 +1,4 @@
-"""Programs with commands: each is imported when it runs; errors become one line and an exit status."""
+"""Runs programs with commands. A command is imported when it runs; errors become one line and an exit status."""
 
 import importlib
 import inspect
@@ -29,10 +29,10 @@ class Command:
     Attributes:
         options: A dataclass of options, whose docstring is the command's help; or a union of such dataclasses, one for
             each subcommand.
-        function: The function that runs the command with its options and returns the exit status, or its place as
-            "package.module:name". A place is imported when the command runs, so that help is quick.
+        function: The function that runs the command with its options and returns the exit status, or its import path,
+            "package.module:name", which is imported when the command runs, so that help is quick.
         help: Help of the command, if its options are a union.
-        default: From a command line to the options that it starts from. None: the defaults of the dataclass.
+        default: Takes the command line, and returns the default options. None: the defaults of the dataclass.
     """
 
     options: Any
@@ -46,12 +46,12 @@ class Command:
         return self.help or inspect.cleandoc(self.options.__doc__ or "").partition("\n\nAttributes:")[0]
 
     def reader(self, arguments: Sequence[str]) -> Callable[..., "Invocation"]:
-        """What tyro calls with the options that it has read from a command line."""
+        """Returns the function that tyro calls with the options of a command line."""
 
         def read(options: Any) -> Invocation:
             return Invocation(self, options)
 
-        reader: Any = inspect.unwrap(read)  # the tests wrap every function in checks of its types
+        reader: Any = inspect.unwrap(read)  # under pytest, every function is wrapped in type checks
         reader.__doc__ = self.description
         reader.__annotations__ = {"options": Annotated[self.options, tyro.conf.arg(name="")]}
         if self.default is not None:
@@ -71,7 +71,7 @@ class Invocation:
         """Imports and runs the command; returns its exit status.
 
         Raises:
-            UsageError: It needs PyTorch, which is not installed.
+            UsageError: The command needs PyTorch, which is not installed.
         """
         try:
             return self._run()
@@ -85,27 +85,26 @@ class Invocation:
         if isinstance(function, str):
             module, _, name = function.partition(":")
             function = getattr(importlib.import_module(module), name)
-        # Fits solve systems of some hundred unknowns: threads of the linear algebra only wait for each other, and
-        # beside any other job they make a solve up to a hundred times slower. Networks have threads of their own.
-        with threadpool_limits(1, user_api="blas"):  # limits only what is loaded by now
+        # Fits solve systems of some hundred unknowns. BLAS threads do not speed them up, and beside another job they
+        # make them up to a hundred times slower. Networks have threads of their own.
+        with threadpool_limits(1, user_api="blas"):  # limits only libraries that are already loaded
             return function(self.options)
 
 
 def run_commands(
     program: str, description: str, commands: Mapping[str, Command], arguments: Sequence[str] | None
 ) -> int:
-    """Parses a command line with subcommands, runs the one chosen, and turns our errors into one line.
+    """Parses a command line, runs the command, and reports errors in one line.
 
     Args:
-        program: Name in messages.
+        program: Name of the program in messages.
         description: First lines of ``--help``.
-        commands: The subcommands by name. A command under the name "" is what the program does where no subcommand is
-            named.
-        arguments: Without the program's name; None takes those of the process.
+        commands: The commands by name. The command "" is run if none is named.
+        arguments: The command line without the program's name; None uses that of the process.
 
     Returns:
-        The exit status: what the command returned, 2 on an error of ours, 130 when interrupted, 1 where nobody reads
-        the output any more.
+        The exit status: that of the command, 2 after an error, 130 after an interruption, and 1 if the output is a
+        closed pipe.
     """
     _replace_missing_streams()
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -114,14 +113,14 @@ def run_commands(
         return run_commands(f"{program} {given[0]}", _first_line(chosen), {"": chosen}, given[1:])
     try:
         status = _run(program, description, commands, given)
-        sys.stdout.flush()  # else a failure to write the last lines would come too late to be said
+        sys.stdout.flush()  # here, since an error at exit could not be reported
         return status
     except BrokenPipeError:
-        # As rich does where it prints. What is still to be written must not fail once more while Python ends.
+        # As rich does. Without it, writing the rest of the output would fail again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_BROKEN_PIPE
     except (Pix2FaceError, OSError) as error:
-        # OSError: no such right, no space, a file where a folder should be: what no command can foresee.
+        # OSError: no permission, no space, or a file instead of a folder.
         sys.stderr.write(f"{program}: error: {printable(str(_with_its_place(error)))}\n")
         return EXIT_ERROR
     except MemoryError as error:
@@ -134,14 +133,14 @@ def run_commands(
 
 
 def _with_its_place(error: Pix2FaceError | OSError) -> Pix2FaceError | OSError:
-    """Names the standard output in the error of a failed write to it: errors of files name the file."""
+    """Adds "standard output" to the error of a failed write to it. Errors of files already name the file."""
     if isinstance(error, OSError) and error.filename is None and error.errno in WRITE_ERRORS:
         return OSError(error.errno, error.strerror, "standard output")
     return error
 
 
 def _replace_missing_streams() -> None:
-    """Drops what is printed where a program was started without a standard output or error."""
+    """Discards output if the program was started without a standard output or error."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 (until the process ends)

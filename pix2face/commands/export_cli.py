@@ -1,4 +1,4 @@
-"""The commands ``pix2face export`` and ``page``: networks in, an ONNX file or a page that runs them out."""
+"""The commands ``pix2face export``, which writes a network as ONNX, and ``page``, which writes a page that runs it."""
 
 from pathlib import Path
 

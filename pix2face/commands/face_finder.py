@@ -1,4 +1,4 @@
-"""Opens what the options of a command name: network, model, and the places of the faces."""
+"""Opens the network, the model and the face boxes that the options of a command name."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ def open_finder(options: PhotographOptions, *, needs_model: bool = True) -> "Fac
     """Opens network, model and boxes.
 
     Args:
-        options: What to open.
-        needs_model: Whether the model is needed for more than refining the detector's boxes.
+        options: The options of the command.
+        needs_model: Whether the model is needed for more than correcting the detector's boxes.
 
     Raises:
         Pix2FaceError: As ``Pix2Face.load`` and ``read_box_file``.
@@ -62,18 +62,18 @@ def open_finder(options: PhotographOptions, *, needs_model: bool = True) -> "Fac
 @final
 @dataclass(frozen=True, eq=False)
 class FaceFinder:
-    """Knows where to look for faces."""
+    """Finds the boxes of faces: given ones, or else those of the detector."""
 
     pix2face: Pix2Face
     box: tuple[float, float, float, float] | None = None  # for all photographs: left, top, right, bottom in pixels
     box_file: BoxFile | None = None  # boxes by photograph
-    largest: bool = False  # whether only the largest face of a photograph counts
+    largest: bool = False  # whether only the largest face of each photograph is used
 
     def boxes_of(self, path: Path, image: UInt8[ndarray, "h w 3"]) -> Sequence[Box]:
-        """Where to look in a photograph, the largest face first.
+        """Returns the face boxes of a photograph; detected ones are sorted by size, largest first.
 
         Raises:
-            DegenerateGeometryError: There is none, or one that was given lies beside the photograph.
+            DegenerateGeometryError: There is no face, or a given box lies outside the photograph.
         """
         boxes: Sequence[Box] = self._given(path, image)
         if not boxes:

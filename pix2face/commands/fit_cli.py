@@ -1,4 +1,4 @@
-"""The command ``pix2face fit``: photographs in; camera, coefficients, mesh and landmarks out."""
+"""The command ``pix2face fit``, which fits camera, coefficients, mesh and landmarks to faces in photographs."""
 
 import os
 from collections.abc import Iterable
@@ -71,17 +71,17 @@ def _fit_each(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: Pix
 
 
 def _fit_jointly(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: Pix2Face, writer: "_Writer") -> None:
-    """Two passes: maps of all photographs, of which only the maps are kept, then one fit, then what is written."""
+    """Predicts the maps of all photographs, fits one identity to them, and reads each photograph again to write."""
     seen: dict[str, SeenFace] = {}  # by the name of the photograph
     how = writer.config.how
     for photograph in photographs:
         for face in photograph.faces:
             with tally.face(face.path):
-                pix2face.fit_prediction(face.prediction, face.size_px, how)  # one that cannot be fitted is left out
+                pix2face.fit_prediction(face.prediction, face.size_px, how)  # leaves out faces that cannot be fitted
                 seen[photograph.name] = face.without_image()
         if photograph.name not in seen:
             with writer.results.of_photograph(photograph.name, photograph.path):
-                pass  # nothing of it, and nothing of an earlier run
+                pass  # removes the files of an earlier run
     if not seen:
         return
     faces = list(seen.values())
@@ -90,7 +90,7 @@ def _fit_jointly(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: 
         try:
             with writer.results.of_photograph(name, face.path) as folder:
                 writer.write(folder, face.with_image(), fitted)
-        except (DegenerateGeometryError, InputFileError) as error:  # no overlay, or the photograph is gone
+        except (DegenerateGeometryError, InputFileError) as error:  # no overlay can be drawn, or the file is gone
             tally.n_faces -= 1
             tally.problems.append(located(error, face.path))
 
@@ -98,16 +98,16 @@ def _fit_jointly(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: 
 @final
 @dataclass(frozen=True, eq=False)
 class _Writer:
-    """What is written of a face, and where."""
+    """Writes the files of faces."""
 
     config: FitConfig
     formats: tuple[str, ...]  # of the mesh
     results: ResultFolder
 
     def write(self, folder: Path, face: SeenFace, fitted: FaceFit) -> None:
-        """Writes a face to a folder, from which its files are moved to the results."""
+        """Writes the files of a face to a temporary folder."""
         in_sight = landmarks_in_sight(fitted, face.prediction.maps, face.prediction.crop)
-        overlay = draw_overlay(face.image, fitted, in_sight=in_sight)  # may fail: before anything is written
+        overlay = draw_overlay(face.image, fitted, in_sight=in_sight)  # first, since it may fail
         mesh = _coloured(self.config.colour, self.formats, face.image, fitted)
         mesh = replace(mesh, camera=gltf_camera(fitted.camera, face.size_px))
         for name in self.formats:

@@ -1,4 +1,4 @@
-"""From what a user names to files: folders and quoted patterns stand for the photographs in them."""
+"""Finds the files that a user names: files, folders and quoted patterns."""
 
 import glob
 from collections.abc import Sequence
@@ -15,21 +15,22 @@ from pix2face.tracking.video import by_number
 
 
 def given_files(inputs: Sequence[Path], console: Console, or_else: str = "") -> list[Path]:
-    """The files that are meant, in the order of the inputs, those of a folder or pattern in the order of their numbers.
+    """Lists the files of all inputs, in the order of the inputs.
 
-    A folder stands for the pictures in it (not for those in its subfolders), a pattern such as ``photos/*.jpg`` for the
-    files that match it (``**`` for any number of folders). Pictures that `pix2face` wrote itself are left out of both.
+    A folder stands for the pictures in it, without subfolders. A pattern such as ``photos/*.jpg`` stands for the files
+    that match it; ``**`` matches any number of folders. Both are sorted by name, with numbers by their value, and leave
+    out pictures that `pix2face` wrote. A pattern without a match is taken as the name of a file.
 
-    A pattern without a match is taken for the name of a file. To be called before a network is loaded, which takes
-    seconds: files that are not there are said at once, and do not end the run where others are there.
+    Call this before a network is loaded, which takes seconds. Missing files are reported at once, and end the run only
+    if all are missing.
 
     Args:
         inputs: Files, folders and patterns.
-        console: Where missing files are said.
-        or_else: What else than photographs may be given, for messages.
+        console: Where missing files are reported.
+        or_else: What may be given besides photographs, for messages.
 
     Raises:
-        InputFileError: None of the files is there. The message names the first.
+        InputFileError: No file can be read. The message names the first.
         UsageError: There is no input, or a folder has no picture.
     """
     if not inputs:
@@ -70,7 +71,7 @@ def _is_picture(path: Path) -> bool:
 
 
 def _without_results(paths: Sequence[Path]) -> list[Path]:
-    """The files, without overlays and other pictures that a run wrote beside the photographs."""
+    """Leaves out overlays and other pictures that an earlier run wrote."""
     ours = {
         folder / name
         for folder in {path.parent for path in paths}

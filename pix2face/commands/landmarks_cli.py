@@ -1,4 +1,4 @@
-"""The command ``pix2face landmarks``: choose the vertices that annotated frames say the landmarks are; show them."""
+"""The command ``pix2face landmarks``, which chooses landmark vertices from annotated frames, and shows them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +30,7 @@ PROBLEMS_SHOWN = 10
 console = Console(stderr=True)
 
 FittedFrame = tuple[Camera, Float64[ndarray, "v 3"]]
-# From an annotation and its points to the camera and the mesh of its frame.
+# Takes an annotation and its points, and returns the camera and the mesh of its frame.
 FitFrame = Callable[[Annotation, AnnotatedFace], FittedFrame]
 
 
@@ -89,7 +89,7 @@ def _measure(
     errors: ReprojectionErrors,
     config: LandmarksSelectConfig,
 ) -> list[str]:
-    """Fits every frame and counts its errors; returns what went wrong, a line for each frame left out."""
+    """Fits every frame and accumulates its errors. Returns one message for each frame that was left out."""
     problems = []
     with progress_bar(console, "frames", len(annotations)) as advance:
         for index, annotation in enumerate(annotations):
@@ -133,8 +133,8 @@ def _predicted_fits(model: MorphableModel, predictor: Predictor) -> FitFrame:
         image = read_photograph(annotated.image_path)
         present = np.isfinite(annotated.landmarks2d).all(axis=1)
         box = FaceBox.around(annotated.landmarks2d[present])
-        # Points of another scheme have another box: the landmarks of a first fit give the one that crops go by.
-        for _turn in range(1 if len(annotated.landmarks2d) == SCHEMES[IBUG68] else 2):
+        # Crops are defined by the box of the 68 landmarks. With other schemes, a first fit gives this box.
+        for _round in range(1 if len(annotated.landmarks2d) == SCHEMES[IBUG68] else 2):
             prediction = predictor.predict(image, box)
             fitted = fit_face(prediction.maps, model, scheme=framing).in_image(prediction.crop)
             box = FaceBox.around(fitted.landmarks2d)
@@ -146,7 +146,7 @@ def _predicted_fits(model: MorphableModel, predictor: Predictor) -> FitFrame:
 def _report(
     config: LandmarksSelectConfig, model: MorphableModel, errors: ReprojectionErrors, selection: LandmarkSelection
 ) -> None:
-    """Prints the errors by part of the face; those of the model's present vertices beside them."""
+    """Prints the errors by part of the face, of the model's own vertices and of the chosen ones."""
     own = model.landmarks.get(config.scheme)
     present = None if own is None else errors.of(own)
     table = Table(title=f"{config.scheme}: mean error, % of sqrt(w h) of the annotated points' box")

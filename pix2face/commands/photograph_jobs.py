@@ -1,4 +1,4 @@
-"""What the commands for photographs share: every photograph and every face in it gets a name and is handed on."""
+"""What the commands for photographs share: reading photographs, finding and naming their faces, and reporting."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -25,23 +25,23 @@ Photograph = UInt8[ndarray, "h w 3"]
 @final
 @dataclass(frozen=True, eq=False)
 class SeenFace:
-    """One face of one photograph."""
+    """A face in a photograph, with its predicted maps."""
 
-    name: str  # what its files are called: the photograph's name and a number from 0, in the order of size
-    path: Path  # the photograph's file
+    name: str  # name of its files: that of the photograph and a number from 0, by decreasing size
+    path: Path  # file of the photograph
     image: Photograph
     prediction: Prediction
     size_px: tuple[int, int]  # height and width of the photograph
 
     def without_image(self) -> "SeenFace":
-        """Returns the face without its photograph, so that many can be kept in memory."""
+        """Returns the face without its photograph, to save memory."""
         return replace(self, image=np.zeros((0, 0, 3), dtype=np.uint8))
 
     def with_image(self) -> "SeenFace":
-        """The same with its photograph read again.
+        """Returns the face with its photograph, which is read again.
 
         Raises:
-            InputFileError: It is gone, or another one.
+            InputFileError: The photograph cannot be read, or its size has changed.
         """
         image = read_photograph(self.path)
         if image.shape[:2] != self.size_px:
@@ -54,7 +54,7 @@ class SeenFace:
 class SeenPhotograph:
     """A photograph and its faces, largest first."""
 
-    name: str  # what its results are called
+    name: str  # name of its results
     path: Path
     faces: Sequence[SeenFace]
 
@@ -62,7 +62,7 @@ class SeenPhotograph:
 @final
 @dataclass(eq=False)
 class Tally:
-    """What a run did, and what it could not do."""
+    """Counts the photographs, faces and problems of a run."""
 
     n_photographs: int = 0
     n_faces: int = 0
@@ -70,7 +70,7 @@ class Tally:
 
     @contextmanager
     def face(self, path: Path) -> Iterator[None]:
-        """Counts a face of a photograph when the block ends; one that cannot be fitted becomes a problem instead."""
+        """Counts a face when the block ends, or adds a problem if the block raises a DegenerateGeometryError."""
         try:
             yield
             self.n_faces += 1
@@ -78,7 +78,7 @@ class Tally:
             self.problems.append(located(error, path))
 
     def report(self, console: Console, where: Path) -> int:
-        """Says it, and gives the exit status."""
+        """Prints problems and counts, and returns the exit status."""
         for problem in self.problems:
             say(console, problem)
         say(console, f"photographs: {self.n_photographs}, faces: {self.n_faces} -> {where}")
@@ -86,10 +86,10 @@ class Tally:
 
 
 def look_at(images: Sequence[Path], finder: FaceFinder, console: Console, tally: Tally) -> Iterator[SeenPhotograph]:
-    """Reads the photographs one after the other, finds their faces and predicts their maps.
+    """Reads photographs one by one, finds their faces and predicts their maps.
 
-    A photograph that cannot be read, or has no face, goes to the tally's problems and does not end the run. The former
-    is left out; the latter comes without faces.
+    A photograph that cannot be read, or has no face, is added to the problems of the tally. The former is left out, and
+    the latter is yielded without faces.
     """
     tally.n_photographs = len(images)
     with progress_bar(console, "photographs", len(images)) as advance:
@@ -119,14 +119,14 @@ def _faces(name: str, path: Path, image: Photograph, finder: FaceFinder, tally: 
 
 
 def located(error: Exception, path: Path) -> str:
-    """An error's message with the photograph that it is about."""
+    """Returns an error's message, with the photograph's path in it."""
     return str(error) if str(path) in str(error) else f"{path}: {error}"
 
 
 def photograph_names(images: Sequence[Path]) -> list[str]:
-    """What the results of each photograph are called: its file name without the ending.
+    """Returns the name of each photograph's results: its file name without suffix.
 
-    Of photographs that would have the same name (capitals make no difference), the second is NAME.2, the third NAME.3.
+    If several have the same name (case is ignored), the second is called NAME.2, the third NAME.3, and so on.
     """
     stems = {path.stem.casefold() for path in images}
     taken, numbers = set[str](), Counter[str]()

@@ -1,4 +1,4 @@
-"""The options of the commands of ``pix2face``. Nothing that takes long to load is imported here."""
+"""The options of the commands of ``pix2face``. This module imports nothing that takes long to load."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,10 +83,10 @@ class PhotographOptions:
     largest: bool = False
 
     def check(self) -> None:
-        """Refuses what can never work, before anything takes time.
+        """Checks the box before anything takes time.
 
         Raises:
-            UsageError: A box of less than a pixel, or of more than a million; or boxes from two places.
+            UsageError: The box is smaller than a pixel or beyond a million, or boxes are given twice.
         """
         if self.box is None:
             return

@@ -1,4 +1,4 @@
-"""The command ``pix2face predict``: photographs in, maps out."""
+"""The command ``pix2face predict``, which writes the maps of faces in photographs."""
 
 from rich.console import Console
 
@@ -10,7 +10,7 @@ from pix2face.commands.pix2face_config import PredictConfig
 from pix2face.commands.result_folder import ResultFolder
 from pix2face.photographs.map_files import MAP_FORMATS, parse_formats
 
-# PNCC and offset of this size take 0.4 GB.
+# Side of the largest maps. PNCC and offset of this size take 0.4 GB.
 LARGEST_MAPS_PX = 4096
 
 

@@ -1,7 +1,7 @@
-"""The folder that a command for photographs writes to, and what earlier runs left there.
+"""The folder that a command for photographs writes to, with the files of earlier runs.
 
-The files of a photograph are made in a hidden folder and moved when all are there. The folder's own list, `LIST_NAME`,
-says which files belong to which photograph, so that a later run replaces those and touches no others.
+The files of a photograph are written to a hidden folder, and moved when all of them are complete. The list `LIST_NAME`
+in the folder says which files belong to which photograph, so that a later run replaces only its own.
 """
 
 import json
@@ -21,7 +21,7 @@ from pix2face.files.opening import is_regular, read_regular
 from pix2face.files.writing import write_file
 
 LIST_NAME = "results.jsonl"
-# Some hundred thousand photographs.
+# Enough for some hundred thousand photographs.
 LARGEST_LIST_BYTES = 256 << 20
 
 Command = Literal["fit", "predict"]
@@ -33,18 +33,18 @@ class Results:
     """One line of the list: the files of one photograph."""
 
     command: str
-    photograph: str  # its path from the folder
-    name: str  # what its files are called
+    photograph: str  # path relative to the folder
+    name: str  # name of its files
     files: tuple[str, ...]
 
 
 @final
 class ResultFolder:
-    """Where a run writes, photograph by photograph.
+    """Writes the results of a run to a folder, photograph by photograph.
 
     Args:
-        folder: It is made where it is missing.
-        command: Results of other commands in the folder stay.
+        folder: The folder, which is made if it does not exist.
+        command: The command that is run. Results of other commands are kept.
 
     Raises:
         UsageError: The folder cannot be written to.
@@ -63,10 +63,10 @@ class ResultFolder:
 
     @contextmanager
     def of_photograph(self, name: str, photograph: Path) -> Iterator[Path]:
-        """Yields an empty folder for the files of a photograph, which replace those of earlier runs when it ends.
+        """Yields an empty folder for the files of a photograph, which are moved to the results when the block ends.
 
-        Replaced are the files that earlier runs of the command wrote under this name, and those of this photograph
-        under another name. If the block raises, they stay as they are.
+        They replace the files that earlier runs of the command wrote under this name, or for this photograph under
+        another name. If the block raises, nothing changes.
         """
         part = self.path / f".{uuid4().hex[:12]}.part"
         part.mkdir()
@@ -74,7 +74,7 @@ class ResultFolder:
             yield part
             made = sorted(path.name for path in part.iterdir())
             way = os.path.relpath(photograph.absolute(), self.path.absolute())
-            # Said before anything is moved: after a crash, no file of ours is unknown.
+            # Before files are moved, so that the list knows all of them even after a crash.
             self._claims.update(made)
             with (self.path / LIST_NAME).open("a", encoding="utf-8") as file:
                 file.write(_as_line(Results(self._command, way, name, tuple(made))))
@@ -93,7 +93,7 @@ class ResultFolder:
 
 
 def read_results(folder: Path) -> list[Results]:
-    """What a folder's list says, without lines that later ones replace; empty where there is none that can be read."""
+    """Reads the list of a folder, without lines that later ones replace. Returns no results if it cannot be read."""
     path = folder / LIST_NAME
     if not is_regular(path):
         return []
@@ -109,7 +109,7 @@ def _as_line(results: Results) -> str:
 
 
 def _from_line(line: bytes) -> Results | None:
-    """A line of a list; None for anything else. Files outside the folder are none of ours, whatever a line says."""
+    """Parses a line of a list; None if it is invalid. Files outside the folder are ignored."""
     try:
         fields = json.loads(line)
         command, photograph, own_name = (fields[name] for name in ("command", "photograph", "name"))

@@ -1,4 +1,4 @@
-"""The command ``pix2face track``: a video in; landmarks, pose and identity of its faces, and an overlay out."""
+"""The command ``pix2face track``, which writes landmarks, poses and identities of faces in a video, and an overlay."""
 
 import json
 import os
@@ -45,7 +45,7 @@ console = Console(stderr=True)
 
 Find = Callable[[int, UInt8[ndarray, "_ _ 3"]], Sequence[Box] | None]
 
-# Below, the maps of a face tell little: a pixel of the network's input is then a part of a pixel of the video.
+# Smaller faces are enlarged so much for the network that their maps are inaccurate.
 SMALL_FACE_PX = 40.0
 
 
@@ -93,16 +93,16 @@ def track(config: TrackConfig) -> int:
 
 
 def _silence_decoders() -> None:
-    """Errors of a video are said once, by us: FFmpeg and OpenCV write lines of their own to stderr otherwise."""
+    """Keeps FFmpeg and OpenCV from writing to stderr; errors of videos are reported once, by this command."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
 
 def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
-    """What to write; refuses what can never work, before anything takes time.
+    """Checks the options before anything takes time, and returns the formats to write.
 
     Raises:
-        UsageError: An option is out of its range, there is no such format, or what it needs is not installed.
+        UsageError: An option is out of its range, a format is unknown, or a package that it needs is not installed.
     """
     known = get_args(TrackFormat)
     formats = tuple(own.strip() for own in config.write.split(",") if own.strip())
@@ -122,12 +122,12 @@ def _check_call(config: TrackConfig) -> tuple[TrackFormat, ...]:
 
 
 def _finder(config: TrackConfig, source: FrameSource) -> Find:
-    """From the number of a frame and the frame to its boxes: from a file, or by the detector.
+    """Returns a function that finds the boxes in a frame, from a file or by the detector.
 
-    Of a frame that it does not name, a file says nothing: it may name every hundredth.
+    It returns None for frames that the file does not name, since a file may have boxes for every hundredth frame only.
 
     Raises:
-        Pix2FaceError: The file cannot be used, or what the detector needs is not installed.
+        Pix2FaceError: The file cannot be read, or a package that the detector needs is not installed.
     """
     if config.faces.boxes is None:
         detector = open_detector(config.faces.detector, config.faces.smallest_face)
@@ -139,10 +139,10 @@ def _finder(config: TrackConfig, source: FrameSource) -> Find:
 
 
 def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -> tuple[int, Sequence[TrackSummary]]:
-    """First pass: the number of frames, and the faces found in them, whose boxes are in the file.
+    """First pass: writes the boxes to a file, and returns the number of frames and the tracks.
 
     Raises:
-        InputFileError: No frame, or no face in any.
+        InputFileError: There is no frame, or no face in any.
     """
     with GrowingFile(boxes) as file, progress_bar(console, "detect", source.n_announced) as advance:
         tracker = FaceTracker(file, source.fps)
@@ -200,7 +200,7 @@ def _follow(
         return TrackFiles(faces[index].folder, formats, source.fps, size_px, followers[index].identity, model)
 
     with ExitStack() as stack:
-        # Of the faces in the picture: those of a long clip may be too many to be open.
+        # Closed when their face ends, since a long clip may have too many faces for all files to be open.
         files: dict[int, TrackFiles] = {}
         overlay = None
         if "video" in formats:
@@ -220,7 +220,7 @@ def _follow(
 
 
 def _landmarks_of(config: TrackConfig, fitter: FrameFitter) -> str:
-    """Who chose which vertices the landmarks are: a file, the checkpoint or the model."""
+    """Returns where the landmark vertices come from: the path of a file, "checkpoint" or "model"."""
     if config.faces.network.landmarks is not None:
         return str(config.faces.network.landmarks)
     return "checkpoint" if fitter.predictor.header.landmarks else "model"

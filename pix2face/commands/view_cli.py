@@ -1,4 +1,4 @@
-"""The command ``pix2face view``: photographs or fits in, a page that turns the faces out."""
+"""The command ``pix2face view``, which writes a page that shows fitted faces in 3D."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +21,7 @@ from pix2face.photographs.fit_files import read_fit
 from pix2face.photographs.fit_pictures import photograph_cloud
 from pix2face.photographs.view_page import ViewedFace, ViewPages, face_data
 
-# Clouds of `pix2face fit` take about a megabyte.
+# Point clouds of `pix2face fit` take about a megabyte.
 LARGEST_CLOUD_BYTES = 64 << 20
 
 
@@ -73,11 +73,11 @@ def _fit_photographs(
 
 
 def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:
-    """The face of a fit's file, with its photograph and, where it lies beside the file, its point cloud.
+    """Reads a fit with its photograph and, if it lies beside the fit, its point cloud.
 
     Raises:
-        InputFileError: The file or the photograph it names cannot be read.
-        ModelMismatchError: It is the fit of another model.
+        InputFileError: The fit or its photograph cannot be read.
+        ModelMismatchError: The fit is of another model.
     """
     fit, photograph = read_fit(path, model)
     points, colours = _stored_points(path.with_name(f"{path.stem}-points.ply"))
@@ -87,10 +87,10 @@ def _stored_face(path: Path, model: MorphableModel) -> ViewedFace:
 def _stored_points(path: Path) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:
     if not is_regular(path):
         return np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.uint8)
-    import trimesh  # more than a second, which pages of photographs save
+    import trimesh  # here, since it takes more than a second and photographs do not need it
 
     try:
-        # trimesh converts what a damaged file holds without a look at it; NumPy would warn.
+        # trimesh converts the content of damaged files unchecked, and NumPy would warn.
         with open_regular(path, "a point cloud", LARGEST_CLOUD_BYTES) as file, np.errstate(all="ignore"):
             cloud = trimesh.load(file, file_type="ply")
         if not isinstance(cloud, trimesh.PointCloud):

@@ -1,10 +1,9 @@
-"""Faces through videos: detect, fill gaps, predict, fit with one identity, smooth."""
+"""Face tracking in videos: detection, interpolation, prediction, fits with one identity, smoothing."""
 
 from typing import Literal
 
 Smoothing = Literal["none", "mean3", "one-euro", "spline"]
 TrackFormat = Literal["csv", "npz", "pts", "video", "glb", "usdc", "arkit"]
 
-# The identity is settled long before: docs/explanation/fitting.md shows how its error falls with the number
-# of pictures.
+# More frames hardly improve the identity: docs/explanation/fitting.md shows its error for numbers of pictures.
 IDENTITY_FRAMES = 100

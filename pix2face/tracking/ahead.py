@@ -1,4 +1,4 @@
-"""Work of the passes over a clip that goes on at the same time: frames are decoded while others are looked at."""
+"""Iterators that compute in threads, so that the next frames are decoded while others are processed."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -9,15 +9,14 @@ from typing import TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# Faces that are in the network at a time. The network is hardly faster with more.
+# Faces in one batch of the network. Larger batches are hardly faster.
 FACES_AT_A_TIME = 4
 
 
 def ahead(items: Iterable[Item], count: int) -> Iterator[Item]:
-    """The same items in the same order, each made by a thread of its own before it is asked for.
+    """Yields the same items in the same order. A thread computes up to ``count`` of them in advance.
 
-    At most ``count`` items wait at a time. An exception of the items comes in its turn. The thread ends with the
-    iterator.
+    An exception of the iterable is raised where its item would be. The thread ends with the iterator.
     """
     iterator, end = iter(items), object()
     with ThreadPoolExecutor(1) as thread:
@@ -32,9 +31,9 @@ def ahead(items: Iterable[Item], count: int) -> Iterator[Item]:
 
 
 def mapped(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """The results of a function in the order of its items, computed by two threads for a few items at a time.
+    """Yields the function's results in the order of the items. Two threads compute a few of them in advance.
 
-    An exception of the function or of the items comes in its turn.
+    An exception of the function or of the iterable is raised where its result would be.
     """
     waiting: deque[Future[Result]] = deque()
     with ThreadPoolExecutor(2) as threads:
@@ -51,7 +50,7 @@ def mapped(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterato
 
 
 def in_chunks(items: Iterable[Item]) -> Iterator[list[Item]]:
-    """Lists of as many items as are looked at together."""
+    """Yields lists of ``FACES_AT_A_TIME`` items; the last may be shorter."""
     iterator = iter(items)
     while chunk := list(islice(iterator, FACES_AT_A_TIME)):
         yield chunk

@@ -30,27 +30,27 @@ Key = TypeVar("Key")
 @final
 @dataclass(frozen=True, eq=False)
 class FaceView:
-    """What the fit of a frame needs beside the coefficients."""
+    """A face in one frame without its coefficients."""
 
     camera: Camera  # pixels of the crop
-    crop: Crop  # its matrix leads back to the pixels of the frame
-    seen_share: float | None  # how much of the face the frame shows, as far as the network says so
-    landmarks: PredictedLandmarks | None  # as far as the network predicts them
+    crop: Crop  # where the crop lies in the frame
+    seen_share: float | None  # visible share of the face; None if the network does not predict it
+    landmarks: PredictedLandmarks | None  # None if the network does not predict them
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class MeasuredFace:
-    """What the network sees of a face in one frame."""
+    """A face in one frame before its coefficients are computed."""
 
-    measurement: PictureMeasurement  # camera (in pixels of the crop) and linear system of the coefficients
+    measurement: PictureMeasurement  # camera (pixels of the crop) and linear system of the coefficients
     view: FaceView
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class SettledFace:
-    """A face in one frame whose identity is settled."""
+    """A face in one frame, fitted with the identity of the clip."""
 
     fit: FaceFit  # pixels of the frame
     seen_share: float | None  # as in ``FaceView``
@@ -59,19 +59,19 @@ class SettledFace:
 @final
 @dataclass(frozen=True, eq=False)
 class FrameFitter:
-    """Network, model and options of the fits of a clip."""
+    """Fits the frames of a clip."""
 
     predictor: Predictor
-    model: MorphableModel  # the one that the network was trained for
-    options: FitOptions = DEFAULT_FIT  # how each frame is fitted
+    model: MorphableModel  # that of the network
+    options: FitOptions = DEFAULT_FIT
     refine: bool = True  # whether a first prediction refines each box
 
     def measure_each(
         self, groups: Iterable[tuple[Key, Sequence[tuple[Photograph, FaceBox]]]]
     ) -> Iterator[tuple[Key, list[MeasuredFace | None]]]:
-        """Predicts and measures groups of faces, each with a key to know it by; None where the maps hold no face.
+        """Predicts and measures groups of faces, and yields each group's key with them; None if maps show no face.
 
-        While one group is measured, a thread refines the boxes of the next.
+        While a group is measured, a thread refines the boxes of the next.
 
         Raises:
             DegenerateGeometryError: The network's output is not finite.
@@ -98,7 +98,7 @@ class FrameFitter:
         return MeasuredFace(measurement, view)
 
     def settled(self, face: MeasuredFace, identity: Float64[ndarray, " k"]) -> SettledFace:
-        """The fit of a frame to a given identity.
+        """Fits the expression of a measured face to a given identity.
 
         Raises:
             DegenerateGeometryError: lambda is too small for the arithmetic.
@@ -107,12 +107,12 @@ class FrameFitter:
         return self.fit(face.view, identity, expression)
 
     def fit(self, view: FaceView, identity: Float64[ndarray, " k"], expression: Float64[ndarray, " e"]) -> SettledFace:
-        """The face of a view and coefficients, in the pixels of the frame."""
+        """Returns the face with the given coefficients, in pixels of the frame."""
         fit = face_of_coefficients(self.model, view.camera, identity, expression, contour=self.options.contour)
         return SettledFace(fit.with_errors_of(view.landmarks).in_image(view.crop), view.seen_share)
 
     def placed(self, box: FaceBox, identity: Float64[ndarray, " k"]) -> FaceFit:
-        """The neutral face of an identity, frontal and upright, with its landmarks in a box."""
+        """Returns the neutral face of an identity, frontal and upright, with its landmarks in the box."""
         frontal = weak_perspective_camera(WeakPerspective(1.0, np.diag([1.0, -1.0, -1.0]), np.zeros(2)))
         expression = np.zeros(self.model.n_expression)
         own = FaceBox.around(face_of_coefficients(self.model, frontal, identity, expression).landmarks2d)
@@ -120,7 +120,7 @@ class FrameFitter:
 
 
 def expression_of(measurement: PictureMeasurement, identity: Float64[ndarray, " k"]) -> Float64[ndarray, " e"]:
-    """The expression of a frame for a given identity: Eq. 5 with alpha known, standard deviations.
+    """Solves Eq. 5 for the expression of a frame, in standard deviations, with the identity given.
 
     Raises:
         DegenerateGeometryError: lambda is too small for the arithmetic.
@@ -136,7 +136,7 @@ def expression_of(measurement: PictureMeasurement, identity: Float64[ndarray, " 
 
 
 def box_to_box(first: FaceBox, second: FaceBox) -> Float64[ndarray, "3 3"]:
-    """The scaling and shift of pixels that brings the middle and the longer side of a box to those of another."""
+    """Returns the scaling and translation of pixels that map the first box's centre and longer side to the second's."""
     scale = second.longer_side / first.longer_side
     matrix = np.diag([scale, scale, 1.0])
     matrix[:2, 2] = second.centre - scale * first.centre
@@ -144,6 +144,6 @@ def box_to_box(first: FaceBox, second: FaceBox) -> Float64[ndarray, "3 3"]:
 
 
 def eye_distance_px(fit: FaceFit) -> float:
-    """Distance of the outer eye corners in 3D times the camera's scale: it does not shrink as the head turns."""
+    """Returns the 3D distance of the outer eye corners times the camera's scale. It does not depend on the pose."""
     right, left = (fit.landmarks3d[index] for index in OUTER_EYE_CORNERS)
     return float(np.linalg.norm(left - right)) * nearest_weak_perspective(fit.camera).scale

@@ -1,4 +1,4 @@
-"""The identity of each face over a clip, from a bounded number of frames (Eq. 5)."""
+"""Fits one identity to each face of a clip, from a bounded number of frames (Eq. 5)."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -22,10 +22,10 @@ from pix2face.tracking.video import FrameSource
 @final
 @dataclass(frozen=True, eq=False)
 class ClipIdentity:
-    """The identity of a face over a clip, and its fits in the frames that it comes from."""
+    """The identity of a face, and the fits of the frames that it was computed from."""
 
     coefficients: Float64[ndarray, " k"]  # standard deviations
-    fits: dict[int, SettledFace]  # by the number of the frame
+    fits: dict[int, SettledFace]  # by frame number
 
 
 def find_identities(
@@ -36,14 +36,14 @@ def find_identities(
     at_most: int = IDENTITY_FRAMES,
     advance: Callable[[], None] = lambda: None,
 ) -> list[ClipIdentity]:
-    """Second pass: the identity of each face over the clip (Eq. 5), from frames in which it was detected.
+    """Second pass: fits one identity to each face (Eq. 5), from frames in which it was detected.
 
     Args:
         source: The clip.
-        detected: For each face its detections, in the order of frames, and their number.
-        fitter: How frames are fitted.
-        at_most: Frames for each face, evenly spread over its detections.
-        advance: Called for each frame that is taken.
+        detected: Detections of each face, in the order of frames, and their number.
+        fitter: Fits the frames.
+        at_most: Largest number of frames for each face. They are evenly spread over its detections.
+        advance: Called after each face of each frame used.
 
     Raises:
         DegenerateGeometryError: The network's output is not finite.
@@ -58,7 +58,7 @@ def find_identities(
     groups = (([own[:2] for own in chunk], [own[2:] for own in chunk]) for chunk in in_chunks(looks))
     found = [ClipIdentity(np.zeros(fitter.model.n_identity), {}) for _ in detected]
     left = Counter(face for faces in wanted.values() for face, _ in faces)
-    sums: dict[int, _IdentitySum] = {}  # of the faces that still have frames to come: each takes megabytes
+    sums: dict[int, _IdentitySum] = {}  # only of faces with frames still to come, since each takes megabytes
     for places, measured in fitter.measure_each(groups):
         for (face, frame), seen in zip(places, measured, strict=True):
             if seen is not None:
@@ -67,14 +67,14 @@ def find_identities(
             if face in sums and not left[face]:
                 found[face] = sums.pop(face).solve()
             advance()
-    for face, of_face in sums.items():  # a clip that ends before it did when it was searched
+    for face, of_face in sums.items():  # if the clip ends earlier than in the first pass
         found[face] = of_face.solve()
     return found
 
 
 @final
 class _IdentitySum:
-    """The frames so far that the identity of a face comes from: of each its share of Eq. 5, and what its fit needs."""
+    """Accumulates Eq. 5 over the frames of a face."""
 
     def __init__(self, fitter: FrameFitter) -> None:
         self._fitter = fitter
@@ -95,5 +95,5 @@ class _IdentitySum:
 
 
 def identity_step(n_detected: int, at_most: int) -> int:
-    """The identity of a face comes from every n-th of its detections; this is n."""
+    """Returns n such that every n-th of a face's detections gives at most ``at_most`` frames."""
     return max(1, -(-n_detected // at_most))

@@ -1,12 +1,12 @@
-"""A face through a clip: detect, fill gaps, predict, fit with one identity, smooth.
+"""Tracks faces through a clip in three passes, each of which keeps only a few frames in memory.
 
-Three passes over the frames, none of which keeps more than a few of them: boxes (written to a file as they come), the
-identity (Eq. 5 over a bounded number of frames, spread over the clip), and the fits.
+The first pass detects boxes and writes them to a file. The second fits one identity to each face (Eq. 5, from a bounded
+number of frames that are spread over the clip). The third fits and smooths every frame.
 
 Source: Crispell and Bazik 2017, Section 4.2.
 
-Deviation from the paper: which fits each frame alone. Here the identity is that of all frames together, so that only
-camera and expression change from frame to frame.
+Deviation from the paper: the paper fits each frame alone. Here all frames share one identity, and only camera and
+expression change from frame to frame.
 """
 
 from collections import deque
@@ -32,9 +32,9 @@ Photograph = UInt8[ndarray, "_ _ 3"]
 
 FitState = Literal["fitted", "carried", "none"]
 
-# Where the network finds no face, the last fit is carried over for so long.
+# For how long the last fit is used where the network finds no face.
 LONGEST_CARRIED_SECONDS = 0.5
-# A face of which the network sees a smaller share is hidden, or there is none.
+# If the network sees a smaller share of a face, the face is hidden, or there is none.
 LEAST_SEEN = 0.45
 
 
@@ -43,25 +43,25 @@ LEAST_SEEN = 0.45
 class TrackedFace:
     """One face in one frame."""
 
-    box: FrameBox  # where it was looked for
-    # Fitted to the maps; carried: they held no face, and the last fit was moved with the box; none: nor was there a fit
-    # shortly before, and what stands in its place is of no frame.
+    box: FrameBox
+    # fitted: fitted to the maps. carried: the maps showed no face, and the last fit was moved with the box. none: there
+    # was no recent fit either; ``fit`` is then a placeholder.
     state: FitState
     fit: FaceFit  # before smoothing, pixels of the frame
-    landmarks2d: Float64[ndarray, "m 2"]  # smoothed
-    eye_px: float  # distance of the outer eye corners in 3D, at the scale of the frame
-    seen_share: float | None = None  # how much of the face the network sees; None where it does not say
+    landmarks2d: Float64[ndarray, "m 2"]  # smoothed, pixels of the frame
+    eye_px: float  # 3D distance of the outer eye corners at the camera's scale
+    seen_share: float | None = None  # visible share of the face; None if the network does not predict it
 
     @property
     def is_fitted(self) -> bool:
-        """Whether the maps of this frame held a face."""
+        """Whether the maps of this frame show a face."""
         return self.state == "fitted"
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
-    """A frame with its faces, each under its place in the list of faces."""
+    """A frame and its faces, by their index in the list of faces."""
 
     index: int
     time_s: float  # from the first frame
@@ -77,14 +77,14 @@ def find_boxes(
     every: int = 1,
     advance: Callable[[], None] = lambda: None,
 ) -> int:
-    """First pass: detects faces and tells the tracker.
+    """First pass: detects faces and passes them to the tracker.
 
     Args:
         source: The clip.
-        find: From the number of a frame and the frame to the boxes of its faces; None where nobody has looked. Two
+        find: Takes a frame's number and image, and returns the boxes of its faces, or None if they are unknown. Two
             threads call it.
-        tracker: Gets every detection.
-        every: Look at every n-th frame only; boxes in between are interpolated.
+        tracker: Receives every detection.
+        every: Detect in every n-th frame only.
         advance: Called after each frame.
 
     Returns:
@@ -109,13 +109,13 @@ def find_boxes(
 
 @final
 class FaceFollower:
-    """The last part of the chain for one face: fits with the identity, carries over gaps, smooths, measures jitter.
+    """The third pass for one face: fills gaps between fits, smooths landmarks and measures jitter.
 
     Args:
-        fitter: How frames are fitted.
-        found: Its identity, and the fits that are known already.
-        smoother: Of its landmarks.
-        fps: Frames a second.
+        fitter: Fits the frames.
+        found: The identity of the face, and the fits of the second pass.
+        smoother: Smooths the landmarks.
+        fps: Frames per second.
     """
 
     def __init__(self, fitter: FrameFitter, found: ClipIdentity, smoother: Smoother, fps: float = PICTURES_FPS) -> None:
@@ -124,22 +124,22 @@ class FaceFollower:
         self._fitter, self._smoother = fitter, smoother
         self._waiting: deque[TrackedFace] = deque()
         self._longest_carried = LONGEST_CARRIED_SECONDS * fps
-        self._last: TrackedFace | None = None  # the last that has a fit
+        self._last: TrackedFace | None = None  # the last with a fit
         self._n_carried = 0  # in a row
         self._seen_shares: list[float] = []
 
     @property
     def seen_share(self) -> float | None:
-        """How much of the face frames show, their median; None where the network does not say."""
+        """Median of the visible share of the face over the frames; None if the network does not predict it."""
         return float(np.median(self._seen_shares)) if self._seen_shares else None
 
     def push(self, box: FrameBox, settled: SettledFace | None) -> list[TrackedFace]:
-        """Takes the next frame; gives back those that are smoothed by now."""
+        """Takes the next frame, and returns those that are now smoothed."""
         seen_share = None if settled is None else settled.seen_share
         if seen_share is not None:
             self._seen_shares.append(seen_share)
         if box.source != "detected" and seen_share is not None and seen_share < LEAST_SEEN:
-            settled = None  # neither detector nor network finds a face
+            settled = None  # neither the detector nor the network finds a face
         state, fit = self._state_and_fit(box, settled)
         is_cut = self._last is not None and (self._last.box.track != box.track or state == "none")
         done = self.flush() if is_cut else []
@@ -154,7 +154,7 @@ class FaceFollower:
         return done + self._smoothed(self._smoother.push(face.landmarks2d, face.eye_px))
 
     def flush(self) -> list[TrackedFace]:
-        """The frames that are left; the next one begins a new sequence."""
+        """Returns the remaining frames. The next frame begins a new sequence."""
         done = self._smoothed(self._smoother.flush())
         self.jitter_raw.cut()
         self.jitter_smoothed.cut()
@@ -183,22 +183,23 @@ def follow_faces(
     followers: Sequence[FaceFollower],
     fitter: FrameFitter,
 ) -> Iterator[TrackedFrame]:
-    """Third pass: every frame in its order, with every face that is in it, fitted and smoothed.
+    """Third pass: yields every frame in order, with the fitted and smoothed faces in it.
 
-    Keeps as many frames as the smoothers look ahead, and a few chunks: while one is smoothed, threads look at the next.
+    While a chunk of frames is smoothed, threads process the next. A few chunks and the frames that the smoothers wait
+    for are in memory.
 
     Args:
         source: The clip.
-        boxes: For each face its boxes, one a frame from some frame on, without gaps.
+        boxes: Boxes of each face: one per frame, without gaps, from the face's first frame on.
         followers: One for each face.
-        fitter: How frames are fitted.
+        fitter: Fits the frames.
 
     Raises:
         DegenerateGeometryError: The network's output is not finite.
         InputFileError: As ``FrameSource.frames``.
     """
     waiting: deque[TrackedFrame] = deque()
-    missing: dict[int, int] = {}  # faces that a waiting frame still lacks
+    missing: dict[int, int] = {}  # number of faces that a waiting frame still lacks
 
     def take(face: int, done: Iterable[TrackedFace]) -> None:
         for own in done:
@@ -216,7 +217,7 @@ def follow_faces(
             missing[index] = sum(box.frame == index for _, box in chunk.faces)
         new = iter(measured)
         for face, box in chunk.faces:
-            settled = followers[face].known_fits.pop(box.frame, None)  # with the mesh that it keeps when asked for it
+            settled = followers[face].known_fits.pop(box.frame, None)  # popped, since a fit may keep its mesh
             if settled is None and (seen := next(new)) is not None:
                 settled = fitter.settled(seen, followers[face].identity)
             take(face, followers[face].push(box, settled))
@@ -228,17 +229,17 @@ def follow_faces(
 @final
 @dataclass(frozen=True, eq=False)
 class _Chunk:
-    """Frames in a row."""
+    """Consecutive frames."""
 
-    frames: list[tuple[int, float, Photograph]]  # number, time in seconds, picture
-    faces: list[tuple[int, FrameBox]]  # every face in every one of them
-    ended: set[int]  # faces that are in no later frame
+    frames: list[tuple[int, float, Photograph]]  # number, time in seconds, image
+    faces: list[tuple[int, FrameBox]]  # every face in each of them
+    ended: set[int]  # faces that are in no later chunk
 
 
 def _chunks_of_clip(
     source: FrameSource, boxes: Sequence[Iterator[FrameBox]], followers: Sequence[FaceFollower]
 ) -> Iterator[tuple[_Chunk, list[tuple[Photograph, FaceBox]]]]:
-    """All frames, and those of their faces whose fits are not known yet."""
+    """Yields all frames in chunks, each with the faces that are not fitted yet."""
     upcoming = [next(own, None) for own in boxes]
     for frames in in_chunks((index, *timed) for index, timed in enumerate(source.timed_frames())):
         images = {index: image for index, _, image in frames}

@@ -1,11 +1,11 @@
-"""Which boxes of which frames are of one face, and the box of a face in every frame.
+"""Assigns detections to faces over a clip, and computes the box of a face in every frame.
 
-Detections are matched to the faces of the frames before, one to one, and written to a file as they come; the faces are
-then read back from it frame by frame. So memory does not grow with the length of the clip.
+Detections are matched one to one with the faces of earlier frames and written to a file. They are later read back frame
+by frame, so that memory does not grow with the length of the clip.
 
 Source: Crispell and Bazik 2017, Section 4.2: "bounding box locations before and after the frame are used to determine
 the correct location of the subject"; where none is found, "linearly interpolated from the two bounding boxes temporally
-adjacent". Deviation from the paper: before the first and after the last detection the box is held.
+adjacent". Deviation from the paper: before the first and after the last detection, that detection's box is used.
 """
 
 import csv
@@ -26,28 +26,29 @@ BoxSource = Literal["detected", "interpolated", "held"]
 
 BOX_COLUMNS = ("frame", "track", "left", "top", "right", "bottom", "score")
 
-# A face is followed over a gap of so many seconds; after that, what appears is a new one.
+# After a longer gap without detections, a detection starts a new track.
 LONGEST_GAP_SECONDS = 2.0
-# A detection may be of a face that moved by so many box sides, and as many again for each second of gap.
+# Largest distance between two detections of a face, in box sides: a constant, and a rate for the time between them.
 REACH_IN_SIDES = 0.6
 REACH_PER_SECOND = 0.6
 LARGEST_RATIO_OF_SIZES = 1.7
-# A face with fewer detections is taken for an accident of the detector, if another face has more.
+# A track with fewer detections counts as a false detection if another track has at least as many.
 LEAST_DETECTIONS = 3
-# So is a face that a detector finds in a smaller share of its frames. Boxes from a file may name few frames.
+# So does a track with detections in a smaller share of its frames. It is not used for boxes from a file, which may name
+# few frames.
 LEAST_SHARE_DETECTED = 0.25
 
 
 @final
 @dataclass(frozen=True)
 class TrackSummary:
-    """One face over the clip."""
+    """Detections that follow one face without a long gap."""
 
-    track: int  # its number
-    first: int  # frame of its first detection
-    last: int  # frame of its last detection
-    n_detected: int  # in how many frames it was found
-    weight: float  # sum of its box sides over these frames: how much of the clip it fills
+    track: int  # number of the track
+    first: int  # frame of the first detection
+    last: int  # frame of the last detection
+    n_detected: int  # number of frames with a detection
+    weight: float  # sum of the longer box sides over these frames
 
 
 @final
@@ -57,18 +58,18 @@ class FrameBox:
 
     frame: int  # number, from 0
     box: FaceBox  # pixels of the frame
-    source: BoxSource  # held: before the first detection, after the last, or across a change of track
-    track: int  # it changes where the clip does
-    score: float | None = None  # of a detected box; None where it was given, interpolated or held
+    source: BoxSource  # held: the nearest detection, before the first, after the last, or between two tracks
+    track: int  # number of the track
+    score: float | None = None  # of a detected box; None if it was given, interpolated or held
 
 
 @final
 class FaceTracker:
-    """Matches detections to faces frame by frame, and writes them down.
+    """Matches detections with tracks, frame by frame, and writes them to a file.
 
     Args:
-        file: Open for writing text; gets one line a detection (``frame,track,left,top,right,bottom,score``).
-        fps: Frames a second.
+        file: File open for writing text. Each detection is one line: ``frame,track,left,top,right,bottom,score``.
+        fps: Frames per second.
     """
 
     def __init__(self, file: TextIOBase | GrowingFile, fps: float) -> None:
@@ -77,17 +78,17 @@ class FaceTracker:
         self._fps = fps
         self._tracks: list[TrackSummary] = []
         self._live: dict[int, FaceBox] = {}
-        self._before = 0  # the frame that was looked at before
+        self._before = 0  # number of the last frame pushed
 
     @property
     def tracks(self) -> tuple[TrackSummary, ...]:
-        """The faces so far."""
+        """The tracks so far."""
         return tuple(self._tracks)
 
     def push(self, frame: int, faces: Sequence[Box]) -> None:
-        """Takes the detections of a frame; frames come in their order, and may be left out."""
+        """Takes the detections of a frame. Frames must be in order, and some may be left out."""
         found = [box_and_score(face) for face in faces]
-        # A face of the frame that was looked at before is not lost, however long ago that was.
+        # Tracks of the last frame pushed are kept, however long ago it was.
         gap = max(LONGEST_GAP_SECONDS * self._fps, frame - self._before)
         self._live = {track: box for track, box in self._live.items() if frame - self._tracks[track].last <= gap}
         self._before = frame
@@ -106,7 +107,7 @@ class FaceTracker:
             self._rows.writerow([frame, track, *sides, "" if score is None else f"{score:.4g}"])
 
     def _match(self, frame: int, boxes: Sequence[FaceBox]) -> dict[int, int]:
-        """The face of each box that is near to one: the assignment with the least sum of distances."""
+        """Assigns tracks to boxes with the smallest sum of costs. Boxes that match no track are left out."""
         live = list(self._live)
         if not live or not boxes:
             return {}
@@ -117,7 +118,7 @@ class FaceTracker:
         }
 
     def _cost(self, frame: int, track: int, box: FaceBox) -> float:
-        """How unlike the last box of a face a box is; infinite where it cannot be of the same."""
+        """Returns the cost of assigning a box to a track; infinite if it cannot be the same face."""
         last = self._live[track]
         seconds = (frame - self._tracks[track].last) / self._fps
         side = (last.longer_side + box.longer_side) / 2
@@ -129,9 +130,11 @@ class FaceTracker:
 
 
 def lasting_faces(tracks: Iterable[TrackSummary], least_share: float = 0.0) -> list[TrackSummary]:
-    """The faces with enough detections to be none of the detector's accidents, largest first.
+    """Returns the tracks that are no false detections, by decreasing weight; at least one if there is any.
 
-    ``least_share`` is the share of its frames in which a face must have been found.
+    Args:
+        tracks: All tracks of a clip.
+        least_share: Smallest share of a track's frames that must have a detection.
     """
     ordered = sorted(tracks, key=lambda own: -own.weight)
     lasting = [
@@ -141,10 +144,10 @@ def lasting_faces(tracks: Iterable[TrackSummary], least_share: float = 0.0) -> l
 
 
 def main_face(tracks: Iterable[TrackSummary], least_share: float = 0.0) -> list[TrackSummary]:
-    """The tracks that make up the main face of a clip, in the order of time; none where there is no track.
+    """Returns the tracks of the main face of a clip, in the order of time; empty if there is no track.
 
-    The face that fills most of the clip, and in the frames before and after it that which fills most of them: a face
-    that was lost for long and found again elsewhere has several tracks.
+    These are the track with the largest weight and, in the frames before and after it, the largest tracks that do not
+    overlap: a face that was lost for long and then found again has several tracks.
     """
     chosen: list[TrackSummary] = []
     for own in lasting_faces(tracks, least_share):
@@ -154,7 +157,7 @@ def main_face(tracks: Iterable[TrackSummary], least_share: float = 0.0) -> list[
 
 
 def read_boxes(path: Path, tracks: Iterable[int]) -> Iterator[FrameBox]:
-    """The detections of some tracks out of what ``FaceTracker`` has written, in the order of frames."""
+    """Yields the detections of some tracks from a file that ``FaceTracker`` wrote, in the order of frames."""
     wanted = set(tracks)
     with path.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
@@ -165,10 +168,10 @@ def read_boxes(path: Path, tracks: Iterable[int]) -> Iterator[FrameBox]:
 
 
 def boxes_of_every_frame(detected: Iterable[FrameBox], frames: range) -> Iterator[FrameBox]:
-    """The box in each frame of a range.
+    """Yields the box in each frame of a range, from at least one detection, in the order of frames.
 
-    Between two detections of one track the box is interpolated; before the first, after the last, and between two
-    tracks the nearest detection is held. Detections come in the order of frames; there is at least one.
+    The box is interpolated between two detections of one track. Before the first, after the last, and between two
+    tracks, it is that of the nearest detection.
     """
     start, before = frames.start, None
     for after in detected:

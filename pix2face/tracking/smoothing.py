@@ -1,8 +1,7 @@
-"""Smoothing of landmarks over the frames of a clip, and what is left of their jitter.
+"""Smooths landmarks over the frames of a clip, and measures their jitter.
 
-Every smoother takes frames one by one and gives each back after a bounded number of further ones, so that clips of any
-length stream through. Which one to choose: docs/explanation/detection_and_tracking.md has their jitter, lag and
-delay, measured.
+Smoothers take one frame at a time and return it after a bounded number of further frames, so clips can be of any
+length. docs/explanation/detection_and_tracking.md compares their jitter, lag and delay.
 """
 
 from abc import ABC, abstractmethod
@@ -19,14 +18,14 @@ from pix2face.tracking import Smoothing
 
 SMOOTHINGS: Final[tuple[Smoothing, ...]] = get_args(Smoothing)
 
-# The smoothing spline penalises the square of the second difference by this much: half the height of a swing of 6
-# frames passes, and three quarters of one of 8.
+# Weight of the squared second differences in the smoothing spline. With it, half the amplitude of an oscillation with a
+# period of 6 frames passes, and three quarters with a period of 8.
 SPLINE_PENALTY = 1.0
-# Frames on either side that it looks at; its weights have fallen below 1e-3 there.
+# Frames on either side. Beyond, the spline's weights are below 1e-3.
 SPLINE_REACH = 12
 
-# One-Euro: at rest a low-pass of this many Hz, opened by so many Hz for each eye distance that a landmark moves in a
-# second; the speed itself is smoothed by a low-pass of SPEED_CUTOFF_HZ.
+# One-Euro filter: cut-off at rest, increase of the cut-off (Hz) with speed (eye distances per second), and cut-off of
+# the low-pass that smooths the speed.
 REST_CUTOFF_HZ = 2.0
 CUTOFF_PER_SPEED = 8.0
 SPEED_CUTOFF_HZ = 1.0
@@ -35,38 +34,40 @@ SPEED_CUTOFF_HZ = 1.0
 class Smoother(ABC):
     """Smooths a sequence of point sets of one shape."""
 
-    delay: int  # frames that have to follow before a frame is given back
+    delay: int  # number of later frames that a frame waits for
 
     @abstractmethod
     def push(self, points: Float[ndarray, "n d"], unit: float) -> list[Float64[ndarray, "n d"]]:
-        """Takes the next frame, and returns those that are done by now, in their order.
+        """Takes the next frame, and returns those that are now smoothed, in order.
 
-        The points may be in any unit; ``unit`` is the size of the face (its eye distance) in it.
+        Args:
+            points: Points in any unit.
+            unit: Eye distance of the face in the same unit.
         """
 
     @abstractmethod
     def flush(self) -> list[Float64[ndarray, "n d"]]:
-        """The frames that are left; the next frame begins a new sequence."""
+        """Returns the remaining frames. The next frame begins a new sequence."""
 
 
 @final
 class WindowSmoother(Smoother):
-    """A weighted mean over a window around each frame; towards the ends of the sequence the window shrinks.
+    """A weighted mean over a window around each frame. The window shrinks towards the ends of the sequence.
 
     Args:
         reach: Frames on either side.
-        weights: From the numbers of frames before and after that are there (at most the reach) to the weight of each
-            frame of the window, 1 in sum.
+        weights: Takes the numbers of frames before and after the frame (at most ``reach``), and returns a weight for
+            each frame of the window. The weights sum to 1.
     """
 
     def __init__(self, reach: int, weights: Callable[[int, int], Float64[ndarray, " w"]]) -> None:
         self.delay = reach
         self._weights = weights
         self._window: list[Float64[ndarray, "n d"]] = []
-        self._next = 0  # which of the window is to be given back next
+        self._next = 0  # index in the window of the next frame to return
 
     def push(self, points: Float[ndarray, "n d"], unit: float) -> list[Float64[ndarray, "n d"]]:
-        """See the base class; the unit makes no difference to a weighted mean."""
+        """See the base class. The unit has no effect on a weighted mean."""
         self._window.append(points.astype(np.float64))
         return [self._pop()] if len(self._window) - self._next > self.delay else []
 
@@ -88,20 +89,20 @@ class WindowSmoother(Smoother):
 
 @final
 class OneEuroSmoother(Smoother):
-    """A low-pass for each landmark whose cut-off rises with the landmark's speed; it looks at no frame ahead.
+    """A low-pass for each landmark whose cut-off rises with the landmark's speed. It uses no later frames.
 
-    Source: Casiez, Roussel and Vogel 2012, 1€ Filter. Here speed is that of a landmark (not of a coordinate), in eye
-    distances a second, so that the setting serves faces of any size.
+    Source: Casiez, Roussel and Vogel 2012, 1€ Filter. Here, the speed is that of a landmark (not of a coordinate) in
+    eye distances per second, so that one setting suits faces of any size.
 
     Args:
-        fps: Frames a second.
+        fps: Frames per second.
     """
 
     delay = 0
 
     def __init__(self, fps: float) -> None:
         self._seconds = 1 / fps
-        # Points smoothed, points as they came, and their velocity.
+        # Smoothed points, raw points and velocity of the last frame.
         self._before: tuple[ndarray, ndarray, ndarray] | None = None
 
     def push(self, points: Float[ndarray, "n d"], unit: float) -> list[Float64[ndarray, "n d"]]:
@@ -112,10 +113,10 @@ class OneEuroSmoother(Smoother):
         else:
             smoothed, last_raw, velocity = self._before
             change = (raw - last_raw) / (unit * self._seconds) - velocity
-            velocity = velocity + _share(np.array(SPEED_CUTOFF_HZ), self._seconds) * change
+            velocity = velocity + _low_pass_gain(np.array(SPEED_CUTOFF_HZ), self._seconds) * change
             speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-            share = _share(REST_CUTOFF_HZ + CUTOFF_PER_SPEED * speed, self._seconds)
-            smoothed = smoothed + share * (raw - smoothed)
+            gain = _low_pass_gain(REST_CUTOFF_HZ + CUTOFF_PER_SPEED * speed, self._seconds)
+            smoothed = smoothed + gain * (raw - smoothed)
         self._before = smoothed, raw, velocity
         return [smoothed]
 
@@ -127,7 +128,7 @@ class OneEuroSmoother(Smoother):
 
 @final
 class JitterMeter:
-    """The mean second difference of landmarks over the frames, as a share of the eye distance; in constant memory."""
+    """Computes the mean second difference of landmarks over time, as a share of the eye distance."""
 
     def __init__(self) -> None:
         self._last: list[Float64[ndarray, "n d"]] = []
@@ -142,23 +143,23 @@ class JitterMeter:
             self._count += 1
 
     def cut(self) -> None:
-        """The next frame does not follow the last one."""
+        """Begins a new sequence: the next frame does not follow the last one."""
         self._last = []
 
     @property
     def share(self) -> float | None:
-        """Mean over landmarks and frames; None where there were not three frames in a row."""
+        """Mean over landmarks and frames; None without three consecutive frames."""
         return self._total / self._count if self._count else None
 
 
 def open_smoother(kind: str, fps: float) -> Smoother:
-    """A smoother by its name.
+    """Returns the smoother of a name.
 
-    "mean3" is the mean of three frames (the paper's), "one-euro" looks at no frame ahead, and "spline" is a smoothing
-    spline over 12 frames on either side.
+    "mean3" is the mean of three frames, as in the paper. "one-euro" uses no later frames. "spline" is a smoothing
+    spline with 12 frames on either side.
 
     Raises:
-        UsageError: There is none of this name.
+        UsageError: There is no such smoother.
     """
     if kind == "none":
         return WindowSmoother(0, lambda before, after: np.ones(1))
@@ -172,7 +173,7 @@ def open_smoother(kind: str, fps: float) -> Smoother:
 
 
 def _mean3_weights(before: int, after: int) -> Float64[ndarray, " w"]:
-    """A third each; the first and the last frame stay as they are, a mean of two would drag them along."""
+    """A third each. The first and last frames stay as they are, since a mean of two frames would shift them."""
     if before and after:
         return np.full(3, 1 / 3)
     weights = np.zeros(before + 1 + after)
@@ -182,7 +183,7 @@ def _mean3_weights(before: int, after: int) -> Float64[ndarray, " w"]:
 
 @cache
 def _spline_weights(before: int, after: int) -> Float64[ndarray, " w"]:
-    """The row of (I + lambda D'D)^-1 for the frame, D the second differences over the window.
+    """The row of (I + lambda D'D)^-1 for the frame, where D is the matrix of second differences over the window.
 
     Source: Reinsch 1967, Smoothing by Spline Functions, in its discrete form (Whittaker 1922).
     """
@@ -192,6 +193,6 @@ def _spline_weights(before: int, after: int) -> Float64[ndarray, " w"]:
     return np.asarray(np.linalg.solve(matrix, np.eye(count)[before]), dtype=np.float64)
 
 
-def _share(cutoff_hz: Float64[ndarray, "*n"], seconds: float) -> Float64[ndarray, "*n"]:
-    """How much of a new value a low-pass takes: 1 / (1 + tau / T), tau = 1 / (2 pi cutoff)."""
+def _low_pass_gain(cutoff_hz: Float64[ndarray, "*n"], seconds: float) -> Float64[ndarray, "*n"]:
+    """Weight of the new value in a low-pass: 1 / (1 + tau / T), where tau = 1 / (2 pi cutoff)."""
     return np.asarray(1 / (1 + 1 / (2 * np.pi * cutoff_hz * seconds)), dtype=np.float64)

@@ -1,7 +1,7 @@
-"""What tracking writes, frame by frame: landmarks and pose as CSV, ``.pts`` and NPZ, scenes, and an overlay.
+"""Writes the results of tracking frame by frame: landmarks and poses as CSV, ``.pts`` and NPZ, scenes, and an overlay.
 
-Layouts: docs/reference. Only scenes are kept in memory, with less than a kilobyte a frame. Files appear under their
-names when they end; after an interruption, they hold the frames until then.
+docs/reference describes the formats. Only scenes are kept in memory, at less than a kilobyte per frame. A file gets its
+name when it is complete. After an interruption, files contain the frames up to it.
 """
 
 import csv
@@ -37,7 +37,7 @@ CSV_COLUMNS: Final = (
     *(f"{axis}{index}" for index in range(N_IBUG68) for axis in "xy"),
 )
 
-# Landmarks of a frame whose box was detected and whose maps held a face; of every other frame.
+# Colours of landmarks in frames with a detection and a fit, and in all other frames.
 SEEN_COLOUR, FILLED_COLOUR = (60, 255, 60), (255, 160, 40)
 COPY_BYTES = 1 << 20
 OVERLAY_NAME = "overlay.mp4"
@@ -46,16 +46,18 @@ FILE_NAMES = ("landmarks.csv", "track.npz", "track.glb", "track.usdc", "arkit.cs
 
 @final
 class TrackFiles:
-    """The files of one face of a clip; a context manager. On leaving, also by an exception, the NPZ is put together.
+    """Writes the files of one face of a clip.
+
+    It is a context manager, which completes the files when the block ends, also if it raises.
 
     Args:
-        folder: To write to; must be there.
-        formats: Of "csv" (``landmarks.csv``), "npz" (``track.npz``), "pts" (``pts/000000.pts``, ...), "glb"
+        folder: Existing folder to write to.
+        formats: Any of "csv" (``landmarks.csv``), "npz" (``track.npz``), "pts" (``pts/000000.pts``, ...), "glb"
             (``track.glb``), "usdc" (``track.usdc``) and "arkit" (``arkit.csv``).
-        fps: Frames a second.
+        fps: Frames per second.
         size_px: Height and width of the frames.
-        identity: Coefficients of the face in standard deviations.
-        model: The morphable model that they are of.
+        identity: Identity coefficients of the face in standard deviations.
+        model: Morphable model of the coefficients.
     """
 
     def __init__(
@@ -94,7 +96,7 @@ class TrackFiles:
         self.close()
 
     def close(self) -> None:
-        """Ends the files; again makes no difference."""
+        """Completes the files. A second call has no effect."""
         self._files.close()
 
     def write(self, face: TrackedFace, time_s: float) -> None:
@@ -115,10 +117,10 @@ class TrackFiles:
 
 @final
 class GrowingNpz:
-    """An ``.npz`` whose arrays grow by one row at a time: rows go to files beside it, which are packed in the end.
+    """Writes an ``.npz`` row by row. Rows are stored in temporary files beside it, which are packed in the end.
 
     Args:
-        path: Of the archive.
+        path: The archive to write.
         constants: Arrays that do not grow.
     """
 
@@ -135,7 +137,7 @@ class GrowingNpz:
         self._pack()
 
     def append(self, row: dict[str, ndarray]) -> None:
-        """Takes one row of every array."""
+        """Appends one row to every array."""
         with naming_failed_writes(self._path):
             for name, values in row.items():
                 if name not in self._files:
@@ -162,13 +164,13 @@ class GrowingNpz:
         finally:
             for name, file in self._files.items():
                 self._part(name).unlink(missing_ok=True)
-                with suppress(OSError):  # of a full disk, which is said already
+                with suppress(OSError):  # a full disk was already reported
                     file.close()
 
     def _pack_rows(self, archive: zipfile.ZipFile, name: str) -> None:
         dtype, shape = self._kinds[name]
         header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (self._count, *shape)}
-        left = self._count * dtype.itemsize * int(np.prod(shape))  # a row cut off by an interruption stays out
+        left = self._count * dtype.itemsize * int(np.prod(shape))  # without a row that an interruption cut off
         with archive.open(f"{name}.npy", "w", force_zip64=True) as member, self._part(name).open("rb") as rows:
             np.lib.format.write_array_header_2_0(member, header)
             while left and (block := rows.read(min(COPY_BYTES, left))):
@@ -177,9 +179,9 @@ class GrowingNpz:
 
 
 def remove_earlier_files(out: Path) -> None:
-    """Removes what an earlier run wrote: it may be of another clip, or of faces that are not found now.
+    """Removes the files of an earlier run, which may be of another clip or of faces that are not found now.
 
-    Folders that are empty then are removed as well. Other files stay.
+    Folders that become empty are removed as well. Other files stay.
     """
     of_faces = [own for own in out.glob("face-*") if own.name.removeprefix("face-").isdecimal()]
     for folder in (out, *of_faces):
@@ -192,7 +194,7 @@ def remove_earlier_files(out: Path) -> None:
 
 
 def draw_frame(frame: TrackedFrame) -> UInt8[ndarray, "_ _ 3"]:
-    """A frame with the landmarks, boxes and scores of its faces: green where detected, orange where filled in."""
+    """Draws landmarks, boxes and scores on a frame: green if detected and fitted, otherwise orange."""
     picture = frame.image
     for face in frame.faces.values():
         if face.state == "none":
@@ -229,7 +231,7 @@ def _number(value: float | None) -> str:
 
 
 def pts_text(landmarks2d: ndarray) -> str:
-    """Landmarks in the format of 300-W, whose pixels count from 1 with integers at the centres."""
+    """Formats landmarks as a .pts file of 300-W, where pixel centres are integers that start at 1."""
     rows = "\n".join(f"{x:.3f} {y:.3f}" for x, y in landmarks2d - ONE_BASED_TO_CENTRES_PX)
     return f"version: 1\nn_points: {len(landmarks2d)}\n{{\n{rows}\n}}\n"
 

@@ -1,4 +1,4 @@
-"""What is said of a tracked clip: for each face its frames, jitter and identity; for ``track.json`` and in words."""
+"""Summaries of a tracked clip: frames, jitter and identity of each face, for ``track.json`` and as text."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -15,31 +15,31 @@ from pix2face.tracking.track_files import BOX_SOURCES
 @final
 @dataclass(frozen=True, eq=False)
 class ClipFace:
-    """One face of the clip on its way through the passes."""
+    """A face of the clip that is tracked."""
 
-    folder: Path  # where its files go
-    tracks: Sequence[TrackSummary]  # whose boxes are those of the face
-    frames: range  # in which it is followed
-    # Frames of each box source, and of each state of the fit ("fit carried"); filled in the last pass.
+    folder: Path  # for its files
+    tracks: Sequence[TrackSummary]  # the tracks that the face consists of
+    frames: range  # frames in which it is tracked
+    # Number of frames with each box source, and with each state of the fit ("fit carried"). The third pass counts them.
     counts: Counter[str] = field(default_factory=Counter)
 
     def detected(self, boxes: Path) -> Iterator[FrameBox]:
-        """Its detections, out of the file of all boxes."""
+        """Reads the detections of the face from the file of all boxes."""
         return read_boxes(boxes, [own.track for own in self.tracks])
 
     @property
     def n_detected(self) -> int:
-        """In how many frames it was found."""
+        """Number of frames with a detection."""
         return sum(own.n_detected for own in self.tracks)
 
     @property
     def n_written(self) -> int:
-        """How many of its frames are done."""
+        """Number of frames written so far."""
         return sum(self.counts[name] for name in BOX_SOURCES)
 
 
 def face_summary(face: ClipFace, follower: FaceFollower, out: Path) -> dict[str, object]:
-    """What ``track.json`` says of a face."""
+    """Returns the entry of a face in ``track.json``."""
     return {
         "folder": str(face.folder.relative_to(out)),
         "first_frame": face.frames.start,
@@ -55,7 +55,7 @@ def face_summary(face: ClipFace, follower: FaceFollower, out: Path) -> dict[str,
 
 
 def face_report(face: ClipFace, follower: FaceFollower, smoothing: str) -> list[str]:
-    """The same in words, and warnings where the network saw no face, or little of it."""
+    """Returns the summary of a face as text, with warnings if the network saw no face, or little of it."""
     raw, smoothed = _percent(follower.jitter_raw.share), _percent(follower.jitter_smoothed.share)
     jitter = "" if raw is None else f"; jitter {raw} % of the eye distance, {smoothed} % after {smoothing}"
     sources = ", ".join(f"{face.counts[name]} {name}" for name in BOX_SOURCES)

@@ -1,4 +1,4 @@
-"""Frames in and out of files: videos, folders of pictures and numbered patterns, one frame in memory at a time."""
+"""Reads frames from videos, folders of pictures and numbered patterns, and writes videos, one frame at a time."""
 
 import re
 import stat
@@ -20,12 +20,12 @@ from pix2face.tracking.ahead import ahead
 
 Frame = UInt8[ndarray, "h w 3"]
 
-# What a folder of pictures is shown at; a video says its own.
+# Frame rate of pictures, and of videos whose header has none.
 PICTURES_FPS = 25.0
-LARGEST_FRAME_PX = 1 << 26  # twice that of 8K
-LARGEST_VIDEO_BYTES = 1 << 45  # they are decoded frame by frame
-FASTEST_FPS = 1000.0  # beyond, a header is damaged
-# Headers often announce a frame or two that are not there.
+LARGEST_FRAME_PX = 1 << 26  # twice an 8K frame
+LARGEST_VIDEO_BYTES = 1 << 45  # so large because videos are decoded frame by frame
+FASTEST_FPS = 1000.0  # a header with more is damaged
+# Headers often announce one or two frames that do not exist.
 MISSING_FRAMES_TOLERATED = 2
 FRAMES_DECODED_AHEAD = 2
 
@@ -33,27 +33,27 @@ FRAMES_DECODED_AHEAD = 2
 @final
 @dataclass(frozen=True)
 class FrameSource:
-    """Frames that can be read as often as needed."""
+    """A video, or a sequence of pictures, that can be read several times."""
 
-    path: Path  # of the video, the folder, or the pattern; for messages
+    path: Path  # the video, folder or pattern, for messages
     fps: float
-    n_announced: int | None  # frames by the header or the number of files; None where a header does not say
-    pictures: tuple[Path, ...] = ()  # the files of a folder or pattern; empty for a video
+    n_announced: int | None  # number of files, or of frames by the header; None if the header has no number
+    pictures: tuple[Path, ...] = ()  # files of a folder or pattern; empty for a video
 
     def name_of(self, frame: int) -> str:
-        """The file name of a picture, or the number of a frame of a video (from 0)."""
+        """Returns the file name of a picture, or the number of a video's frame (from 0)."""
         return self.pictures[frame].name if self.pictures else str(frame)
 
     def frames(self) -> Iterator[Frame]:
-        """The frames from the first on, RGB, upright as their metadata says.
+        """Yields all frames in RGB, turned upright by their metadata.
 
         Raises:
-            InputFileError: There is none, one cannot be decoded, or one has another size than the first.
+            InputFileError: There is no frame, one cannot be decoded, or one differs from the first in size.
         """
         return (image for _, image in self.timed_frames())
 
     def timed_frames(self) -> Iterator[tuple[float, Frame]]:
-        """The same frames with their times in seconds from the first; a video states them, pictures follow ``fps``."""
+        """Yields all frames with their times in seconds from the first, which come from the video or from ``fps``."""
         images = self._pictures() if self.pictures else _decoded(self.path, 1 / self.fps)
         first: tuple[int, ...] | None = None
         for index, (time_s, image) in enumerate(ahead(images, FRAMES_DECODED_AHEAD)):
@@ -71,19 +71,19 @@ class FrameSource:
         return ((index / self.fps, read_photograph(path)) for index, path in enumerate(self.pictures))
 
     def is_cut_short(self, n_read: int) -> bool:
-        """Whether frames are missing that the header announced."""
+        """Whether frames that the header announced are missing."""
         return self.n_announced is not None and n_read < self.n_announced - MISSING_FRAMES_TOLERATED
 
 
 def open_frames(path: Path) -> FrameSource:
-    """Finds the frames of a video file, a folder of pictures, or a printf pattern such as ``frames/%05d.png``.
+    """Opens a video file, a folder of pictures, or a printf pattern such as ``frames/%05d.png``.
 
-    Pictures of a folder are taken in the order of their names, numbers by their value; those of a pattern from the
-    lowest number on, without gaps.
+    Pictures of a folder are ordered by name, with numbers by their value. Those of a pattern start at the lowest number
+    and must have no gaps.
 
     Raises:
-        InputFileError: There is nothing, or nothing that can be decoded.
-        UsageError: It is a device or a pipe, which can be read only once.
+        InputFileError: The path does not exist, or has no frame that can be decoded.
+        UsageError: The path is a device or a pipe, which can be read only once.
     """
     if "%" in path.name and not path.exists():
         return _open_pattern(path)
@@ -103,10 +103,10 @@ def open_frames(path: Path) -> FrameSource:
 
 @final
 class OverlayVideo:
-    """An MP4 file, written frame by frame; a context manager.
+    """Writes an MP4 file frame by frame.
 
-    It appears under its name when the block ends, also by an exception: what was written until then is wanted. If it
-    cannot be written whole, nothing is left of it.
+    It is a context manager. The file gets its name when the block ends, also if it raises: the frames up to then are
+    kept. If the disk is full, no file remains.
 
     Raises:
         UsageError: The file cannot be written.
@@ -114,7 +114,7 @@ class OverlayVideo:
 
     def __init__(self, path: Path, fps: float) -> None:
         self._path, self._fps = path, fps
-        # FFmpeg knows the format by the ending.
+        # With the suffix at the end, from which FFmpeg takes the format.
         self._unfinished = path.with_name(f".{path.stem}.part{path.suffix}")
         self._writer: cv2.VideoWriter | None = None
         self._size = (0, 0)
@@ -128,7 +128,7 @@ class OverlayVideo:
             return
         self._writer.release()
         try:
-            if _n_frames(self._unfinished) != self._n_written:  # OpenCV says nothing of a write that fails
+            if _n_frames(self._unfinished) != self._n_written:  # OpenCV does not report a write that fails
                 raise UsageError(
                     f"{self._path}: expected to write {self._n_written} frames, found that they cannot all be written; "
                     "is the disk full?"
@@ -145,7 +145,7 @@ class OverlayVideo:
             UsageError: The file cannot be written.
         """
         if self._writer is None:
-            # Codecs halve the colour planes: sides must be even.
+            # Codecs halve the colour planes, so the sides must be even.
             self._size = (image.shape[1] // 2 * 2, image.shape[0] // 2 * 2)
             code = cv2.VideoWriter.fourcc(*"mp4v")
             self._writer = cv2.VideoWriter(str(self._unfinished), code, self._fps, self._size)
@@ -157,7 +157,7 @@ class OverlayVideo:
 
 
 def _n_frames(video: Path) -> int:
-    """How many frames its header lists, which is written last; 0 where it has none."""
+    """Number of frames in a video's header, which is written last; 0 if there is none."""
     capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
     try:
         return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
@@ -189,7 +189,7 @@ def _of_pictures(path: Path, pictures: Sequence[Path]) -> FrameSource:
 
 
 def by_number(path: Path) -> list[tuple[int, str]]:
-    """Sorts names with numbers in them by their value: frame2 before frame10."""
+    """A sort key that orders the numbers in file names by value: frame2 before frame10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
@@ -204,7 +204,7 @@ def _open_video(path: Path) -> FrameSource:
 
 
 def _decoded(path: Path, usual_s: float) -> Iterator[tuple[float, Frame]]:
-    """Times and frames. A frame without a time of its own follows the one before after the usual time."""
+    """Yields times and frames. A frame without a valid time is put ``usual_s`` after the one before."""
     with _capture(path) as capture:
         start_s = before_s = None
         while True:
