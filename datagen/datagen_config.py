@@ -1,4 +1,4 @@
-"""The options of the commands of ``datagen``. Nothing that takes long to load is imported here."""
+"""The options of the commands of ``datagen``. This module imports nothing that takes long to load."""
 
 import os
 from dataclasses import dataclass
@@ -206,7 +206,7 @@ ModelCommand = (
 
 @dataclass(frozen=True, kw_only=True)
 class ConversionConfig:
-    """What the commands that write tables of photographs share.
+    """Options of the commands that write tables of photographs.
 
     Attributes:
         out: Table to write (.h5). Faces that cannot be used are listed in NAME.rejected.jsonl beside it.

@@ -1,4 +1,4 @@
-"""The command ``datagen model``: import a published morphable model, describe a model, or show it."""
+"""The command ``datagen model``, which imports, describes or draws a morphable model."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -102,7 +102,7 @@ def _rows(shown: MorphableModel, alignment: Alignment | None) -> Iterator[tuple[
 
 
 def _variance(basis: Float32[ndarray, "k v 3"]) -> str:
-    """How far vertices move, and the shares of the first components in the variance."""
+    """Describes how far the components move vertices, and the shares of the first ones in the variance."""
     if not len(basis):
         return "none"
     powers = np.array([float((component.astype(np.float64) ** 2).sum()) for component in basis])
@@ -127,6 +127,6 @@ def _landmarks(shown: MorphableModel) -> str:
 
 
 def _runs(numbers: ndarray) -> str:
-    """Consecutive numbers as ranges."""
+    """Formats sorted numbers as ranges, such as "1-3, 7"."""
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
     return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)

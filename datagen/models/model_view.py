@@ -1,4 +1,4 @@
-"""Shows a morphable model: a contact sheet of its components, or its mean face as a mesh for other programs."""
+"""Draws the components of a morphable model on a contact sheet, or writes its mean face as a mesh."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ _BACKGROUND, _INK = 245, (60, 60, 60)
 _CLAY, _DARKER_CLAY = (0.62, 0.61, 0.60), (0.50, 0.49, 0.48)
 _VIEWS = (HeadPose(0, 0, 0), HeadPose(0, 75, 0))
 _LABEL_PX = 22
-# Grey clay under one lamp, so that nothing distracts from the shape.
+# Grey clay in the light of one lamp, which shows the shape well.
 _APPEARANCE = PlainAppearance(
     skin_rgb=_CLAY,
     lips_rgb=_DARKER_CLAY,
@@ -55,11 +55,11 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
     """Writes a picture or a mesh of a model.
 
     Args:
-        model: The model to show.
+        model: The model.
         out: The file to write, with one of ``PICTURE_SUFFIXES`` (the mean and ±3 standard deviations of the first
             components, from two sides) or of ``MESH_SUFFIXES`` (the mean face: ``.obj`` and ``.ply`` in mm, ``.glb``
-            in metres, as glTF demands).
-        n_components: How many identity and how many expression components a picture shows.
+            in metres, as glTF requires).
+        n_components: Number of identity components and of expression components in a picture.
 
     Raises:
         OSError: The file cannot be written.
@@ -67,11 +67,11 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
     """
     suffix = out.suffix.lower()
     if suffix in MESH_SUFFIXES:
-        import trimesh  # half a second, which commands that write no mesh save
+        import trimesh  # here, since it takes half a second and other commands do not need it
 
         mesh = mesh_of(model)
         if isinstance(mesh.visual, trimesh.visual.TextureVisuals):
-            mesh.visual.material.name = material_stem(out.stem)  # so that each .obj refers to files of its own
+            mesh.visual.material.name = material_stem(out.stem)  # so that each .obj has its own material file
         if suffix == ".glb":
             mesh.vertices = mesh.vertices * M_PER_MM
         if suffix == ".obj":
@@ -87,7 +87,7 @@ def write_view(model: MorphableModel, out: Path, n_components: int) -> None:
 
 
 def mesh_of(model: MorphableModel) -> "trimesh.Trimesh":
-    """The mean face in mm, with the mean albedo as vertex colours, or else with the model's texture coordinates."""
+    """Returns the mean face in mm, with the mean albedo as vertex colours, or else with texture coordinates."""
     import trimesh
 
     if model.albedo_mean is None and model.uv is not None:
@@ -120,7 +120,7 @@ def component_sheet(model: MorphableModel, n_components: int) -> UInt8[ndarray, 
 
 
 def _row(model: MorphableModel, kind: str, i: int) -> tuple[str, Float32[ndarray, "n v 3"]]:
-    """Label and shapes of one component."""
+    """Returns the label and the shapes of one component."""
     component = (model.identity_basis if kind == "identity" else model.expression_basis)[i]
     name = next((name for name, c in model.named_expressions.items() if c[i] == 1 and np.count_nonzero(c) == 1), None)
     if kind == "expression" and name is not None:
@@ -131,7 +131,7 @@ def _row(model: MorphableModel, kind: str, i: int) -> tuple[str, Float32[ndarray
 
 
 def _strip(renderer: Renderer, label: str, shapes: Float32[ndarray, "n v 3"]) -> UInt8[ndarray, "h w 3"]:
-    """Draws some shapes from all sides, below a title."""
+    """Draws shapes in all views, below a title."""
     background = np.full((TILE_PX, TILE_PX, 3), _BACKGROUND, dtype=np.uint8)
     strip = np.hstack(
         [
@@ -146,7 +146,7 @@ def _strip(renderer: Renderer, label: str, shapes: Float32[ndarray, "n v 3"]) ->
 
 
 def _camera(model: MorphableModel, pose: HeadPose) -> Camera:
-    """A camera that shows the whole mean face, at the same scale for all poses."""
+    """Returns a camera that shows the whole mean face, at the same scale for all poses."""
     low, high = model.mean.min(axis=0).astype(np.float64), model.mean.max(axis=0).astype(np.float64)
     scale = TILE_PX / (_MARGIN * max(float((high - low).max()), 1e-6))
     rotation = rotation_of_pose(pose)

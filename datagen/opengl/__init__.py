@@ -1,4 +1,4 @@
-"""OpenGL without a display: contexts, devices, and what to do where it fails."""
+"""OpenGL contexts and devices without a display."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Lists the devices that EGL can draw on, by ctypes and without making a context."""
+"""Lists the devices of EGL with ctypes, without making a context."""
 
 import ctypes
 from collections.abc import Callable
@@ -16,12 +16,12 @@ _POINTER = ctypes.c_void_p
 @final
 @dataclass(frozen=True)
 class EGLDevice:
-    """One device."""
+    """A device in EGL's list."""
 
-    index: int  # its number, for `--device`
-    vendor: str  # vendor, name (if known) and version of its driver; empty if the driver does not start
-    extensions: tuple[str, ...]  # its EGL extensions, such as EGL_MESA_device_software
-    render_node: str | None  # its file, such as /dev/dri/renderD128, or None
+    index: int  # number for `--device`
+    vendor: str  # vendor, name (if known) and version of the driver; empty if the driver does not start
+    extensions: tuple[str, ...]  # EGL extensions of the device, such as EGL_MESA_device_software
+    render_node: str | None  # device file, such as /dev/dri/renderD128
 
     @property
     def is_software(self) -> bool:
@@ -38,10 +38,10 @@ class EGLDevice:
 
 
 def egl_devices(library: str = EGL_LIBRARY) -> list[EGLDevice]:
-    """Lists the devices in the order of ``--device``. Starts the driver of each to ask for its name.
+    """Lists the devices in the order of ``--device``. This starts the driver of each, to get its name.
 
     Raises:
-        OSError: There is no such library, or it cannot list devices.
+        OSError: The library does not exist, or cannot list devices.
     """
     egl = _load(library)
     return [_describe(egl, index, handle) for index, handle in enumerate(_handles(egl, library))]
@@ -83,7 +83,7 @@ def _describe(egl: ctypes.CDLL, index: int, handle: int | None) -> EGLDevice:
 
 
 def _vendor(egl: ctypes.CDLL, handle: int | None) -> str:
-    """Vendor, driver and version. The display stays initialised, because another context may be using it."""
+    """Returns vendor, driver and version. The display stays initialised, since another context may use it."""
     get_display = _function(egl, "eglGetPlatformDisplayEXT", _POINTER, [ctypes.c_uint, _POINTER, _POINTER])
     display = get_display(_EGL_PLATFORM_DEVICE, handle, None)
     initialise = _function(egl, "eglInitialize", ctypes.c_uint, [_POINTER, _POINTER, _POINTER])

@@ -1,4 +1,4 @@
-"""Makes an OpenGL context without a window, by EGL or by OSMesa."""
+"""Makes an OpenGL context without a window, with EGL or OSMesa."""
 
 import os
 import threading
@@ -19,9 +19,9 @@ RASTERISERS: tuple[Rasteriser, ...] = get_args(Rasteriser)
 ENVIRONMENT_VARIABLE = "PIX2FACE_GL"
 DEVICE_VARIABLE = "PIX2FACE_GL_DEVICE"
 RASTERISER_VARIABLE = "PIX2FACE_RASTERISER"
-# moderngl's own variable, which would silently overrule ours.
+# The variable of moderngl, which would silently override DEVICE_VARIABLE.
 FOREIGN_DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
-# OpenGL 4.3 brought compute shaders and the buffers that they write to.
+# OpenGL 4.3 introduced compute shaders and shader storage buffers.
 COMPUTE_VERSION, OLDEST_VERSION = 430, 330
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 REMEDY = (
@@ -34,10 +34,10 @@ REMEDY = (
 @final
 @dataclass(frozen=True)
 class GLSettings:
-    """Which OpenGL to use, and how. Plain values, which can be sent to worker processes."""
+    """Backend, device and rasteriser. The values can be sent to worker processes."""
 
     backend: str | None = None  # None tries `egl`, then `osmesa`
-    device: int | None = None  # number in EGL's list, from 0 (`datagen doctor` shows it); None takes the first
+    device: int | None = None  # number in EGL's list, from 0 (`datagen doctor` shows it); None uses the first
     rasteriser: Rasteriser = "auto"  # `auto`: `compute` on a GPU that has OpenGL 4.3, otherwise `processor`
 
     @property
@@ -48,7 +48,7 @@ class GLSettings:
         return BACKENDS if self.device is None else ("egl",)
 
     def resolved(self, environment: Mapping[str, str] = os.environ) -> "GLSettings":
-        """These settings, completed from PIX2FACE_GL, PIX2FACE_GL_DEVICE and PIX2FACE_RASTERISER.
+        """Completes these settings from PIX2FACE_GL, PIX2FACE_GL_DEVICE and PIX2FACE_RASTERISER.
 
         Raises:
             UsageError: A value is unknown, or two values exclude each other.
@@ -90,10 +90,10 @@ class GLContext:
 
     context: moderngl.Context
     backend: str  # `egl` or `osmesa`
-    renderer: str  # the driver's name for itself
+    renderer: str  # name of the renderer, from the driver
     version_code: int = OLDEST_VERSION  # 450 for OpenGL 4.5; at least 330
     rasteriser: Rasteriser = "auto"  # the requested rasteriser; `choose_rasteriser` turns `auto` into one of the others
-    device: int | None = None  # the requested number of the EGL device
+    device: int | None = None  # number of the requested EGL device
 
     @property
     def is_software(self) -> bool:
@@ -101,24 +101,24 @@ class GLContext:
         return is_software_renderer(self.renderer)
 
     def make_current(self) -> None:
-        """Directs the OpenGL calls of this thread to this context, and frees what nothing refers to any longer."""
+        """Makes this the context of OpenGL calls in this thread, and frees its unreferenced objects."""
         self.context.mglo.__enter__()
         self.context.gc()
 
     def check(self) -> None:
-        """Raises GLUnavailableError if OpenGL has an error to report."""
+        """Raises GLUnavailableError if the error flag of OpenGL is set."""
         error = self.context.error
         if error != "GL_NO_ERROR":
             raise GLUnavailableError(f"expected {self.renderer} to draw, found {error}; is its memory full?")
 
     def release(self) -> None:
-        """Destroys the context. Nothing made from it can be used afterwards.
+        """Destroys the context and all objects made from it.
 
-        The youngest other context of this thread becomes current, so that its user need not know of this one.
+        The newest other context of this thread becomes current, so that its user can go on.
         """
         others = [other for other in _living() if other is not self]
         if not isinstance(self.context.mglo, moderngl.InvalidObject):
-            self.make_current()  # what is freed here must not be looked for in another context
+            self.make_current()  # objects must be freed in their own context
             self.context.release()
             _THREAD.living = others
         if others:
@@ -136,13 +136,14 @@ class GLContext:
 def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
     """Makes an OpenGL context that needs no display, of the newest version that the driver has.
 
+    Both backends load Mesa's dispatch tables, so use only one of them in a process.
+
     Args:
-        settings: What to use. A name chooses a backend alone. What is left open is taken from the environment. Both
-            backends bring Mesa's dispatch tables: use one of them in a process.
+        settings: Settings, or the name of a backend. What they leave open is read from the environment.
 
     Raises:
         UsageError: There is no such backend or device.
-        GLUnavailableError: No context could be made. The message has the complaint of each backend.
+        GLUnavailableError: No context could be made. The message includes the error of each backend.
     """
     chosen = (settings if isinstance(settings, GLSettings) else GLSettings(settings)).resolved()
     failures = []
@@ -154,7 +155,7 @@ def create_gl_context(settings: GLSettings | str | None = None) -> GLContext:
         except Exception as error:  # noqa: BLE001 - glcontext raises bare Exception
             failures.append(f"{name}: {str(error).strip() or type(error).__name__}")
             continue
-        context.gc_mode = "context_gc"  # make_current alone frees objects, never while another context is current
+        context.gc_mode = "context_gc"  # only make_current frees objects, since then no other context is current
         renderer, version = str(context.info["GL_RENDERER"]), int(context.version_code)
         made = GLContext(context, name, renderer, version, chosen.rasteriser, chosen.device)
         _THREAD.living = [*_living(), made]
@@ -170,13 +171,13 @@ def is_software_renderer(name: str) -> bool:
 def _create_egl(settings: GLSettings) -> moderngl.Context:
     if settings.device is not None:
         _check_device(settings.device)
-    # By name: moderngl would look for the libraries with programs that a small container does not have.
+    # With library names, since moderngl would search for them with programs that small containers lack.
     arguments: dict[str, Any] = {"backend": "egl", "libegl": "libEGL.so.1", "libgl": "libGL.so.1"}
     if settings.device is not None:
         arguments["device_index"] = settings.device
     try:
         return moderngl.create_context(require=COMPUTE_VERSION, standalone=True, **arguments)
-    except Exception:  # noqa: BLE001 - glcontext raises bare Exception; what it says is said again below
+    except Exception:  # noqa: BLE001 - glcontext raises bare Exception, and the next call would raise the same
         return moderngl.create_context(require=OLDEST_VERSION, standalone=True, **arguments)
 
 
@@ -191,7 +192,7 @@ def _create_osmesa(settings: GLSettings) -> moderngl.Context:
 
 
 _CREATORS: dict[str, Callable[[GLSettings], moderngl.Context]] = {"egl": _create_egl, "osmesa": _create_osmesa}
-# The contexts of each thread, the youngest last.
+# The contexts of each thread, the newest last.
 _THREAD = threading.local()
 
 

@@ -1,11 +1,11 @@
-"""OSMesa draws into plain memory, for machines without EGL. moderngl has no backend for it."""
+"""An OpenGL context of OSMesa, which draws to memory and needs no EGL. moderngl has no backend for it."""
 
 import ctypes
 from collections.abc import Sequence
 from typing import Any, final
 
 OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
-# The newest first: OSMesa gives exactly the version that is requested.
+# The newest first, since OSMesa returns exactly the version that is requested.
 VERSIONS = ((4, 5), (4, 3), (3, 3))
 
 # From GL/osmesa.h and GL/gl.h.
@@ -14,26 +14,26 @@ _OSMESA_MAJOR, _OSMESA_MINOR, _GL_RGBA, _GL_UNSIGNED_BYTE = 0x36, 0x37, 0x1908, 
 
 
 def load_osmesa(names: Sequence[str] = OSMESA_LIBRARIES) -> ctypes.CDLL:
-    """Loads the library by the first name that the system knows.
+    """Loads the first library that exists.
 
     Raises:
-        OSError: No name can be loaded. The message is the complaint about the first.
+        OSError: No library can be loaded. The message is that of the first.
     """
-    complaints = []
+    messages = []
     for name in names:
         try:
             return ctypes.CDLL(name)
         except OSError as error:
-            complaints.append(str(error))
-    raise OSError(complaints[0])
+            messages.append(str(error))
+    raise OSError(messages[0])
 
 
 @final
 class OSMesaContext:
-    """A context with the methods that moderngl needs of a foreign context: load, enter, exit, release.
+    """A context with the methods that moderngl calls: ``load``, ``__enter__``, ``__exit__`` and ``release``.
 
     Raises:
-        OSError: The library makes no core profile of OpenGL 3.3 or newer.
+        OSError: The library cannot make a core profile of OpenGL 3.3 or newer.
     """
 
     def __init__(self, library: ctypes.CDLL) -> None:
@@ -47,7 +47,7 @@ class OSMesaContext:
         library.OSMesaDestroyContext.restype = None
         library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         self._handle = self._create()
-        self._window = (ctypes.c_ubyte * 4)()  # one pixel: drawing goes to framebuffers of its own
+        self._window = (ctypes.c_ubyte * 4)()  # a single pixel, since moderngl draws to other framebuffers
         self.__enter__()
 
     def _create(self) -> int:
@@ -60,7 +60,7 @@ class OSMesaContext:
         raise OSError("OSMesaCreateContextAttribs made no core profile of OpenGL 3.3 or newer")
 
     def load(self, name: str) -> int:
-        """Address of an OpenGL function, 0 where there is none."""
+        """Returns the address of an OpenGL function; 0 if it does not exist."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     def __enter__(self) -> "OSMesaContext":
@@ -72,7 +72,7 @@ class OSMesaContext:
         pass
 
     def release(self) -> None:
-        """Destroys the context; none is current afterwards."""
+        """Destroys the context. Afterwards, no context is current."""
         if self._handle:
             self._library.OSMesaMakeCurrent(None, None, _GL_UNSIGNED_BYTE, 0, 0)
             self._library.OSMesaDestroyContext(self._handle)

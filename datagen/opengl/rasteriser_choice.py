@@ -1,4 +1,4 @@
-"""Chooses what draws maps: a GPU by OpenGL where there is one, otherwise the processor without OpenGL."""
+"""Chooses the rasteriser of maps: OpenGL on a GPU if there is one, otherwise the processor without OpenGL."""
 
 from pathlib import Path
 from typing import Literal
@@ -13,21 +13,21 @@ from datagen.opengl.gl_context import (
 )
 from pix2face.errors import GLUnavailableError
 
-# Files by which graphics cards are reached.
+# Device files of GPUs.
 GPU_FILES = ("dev/dri/renderD*", "dev/nvidia[0-9]*")
 
 
 def open_context(settings: GLSettings, *, draws_pictures: bool, root: Path = Path("/")) -> GLContext | None:
-    """The OpenGL context that a job needs; None if the processor does everything.
+    """Opens the OpenGL context that a job needs; None if the processor draws everything.
 
     Args:
-        settings: What to use; what is left open is taken from the environment.
-        draws_pictures: Whether pictures are drawn as well as maps. They always need OpenGL.
-        root: Where the machine's files are.
+        settings: Settings. What they leave open is read from the environment.
+        draws_pictures: Whether pictures are drawn, which need OpenGL, or only maps.
+        root: Root of the file system, in which GPUs are searched.
 
     Raises:
         UsageError: There is no such backend or device.
-        GLUnavailableError: OpenGL is needed or was asked for, and no context could be made.
+        GLUnavailableError: OpenGL is needed or requested, and no context could be made.
     """
     chosen = settings.resolved()
     if draws_pictures or chosen.rasteriser == "compute":
@@ -47,15 +47,15 @@ def open_context(settings: GLSettings, *, draws_pictures: bool, root: Path = Pat
 def choose_rasteriser(
     rasteriser: Rasteriser, version_code: int, *, is_software: bool
 ) -> Literal["processor", "compute"]:
-    """The rasteriser that a setting means.
+    """Returns the rasteriser to use for a setting.
 
     Args:
         rasteriser: The setting.
-        version_code: 450 for OpenGL 4.5; 0 where there is none.
+        version_code: Version of OpenGL, such as 450 for 4.5; 0 without OpenGL.
         is_software: Whether OpenGL draws on the processor.
 
     Raises:
-        GLUnavailableError: Compute shaders were asked for, and there are none.
+        GLUnavailableError: The setting is `compute`, and OpenGL has no compute shaders.
     """
     has_compute = version_code >= COMPUTE_VERSION
     if rasteriser == "processor" or (rasteriser == "auto" and (is_software or not has_compute)):
@@ -70,5 +70,5 @@ def choose_rasteriser(
 
 
 def has_gpu_files(root: Path = Path("/")) -> bool:
-    """Whether the machine has the files by which a GPU is reached."""
+    """Whether the machine has the device files of a GPU."""
     return any(next(root.glob(pattern), None) is not None for pattern in GPU_FILES)

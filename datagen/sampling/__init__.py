@@ -1,1 +1,1 @@
-"""Drawing faces: poses, cameras, crops, expressions, identities."""
+"""Random poses, cameras, crops, expressions and identities of faces."""

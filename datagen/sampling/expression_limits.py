@@ -1,6 +1,6 @@
-"""Keeps mixtures of named expressions natural: opposites, dependencies, and limits of the built-in model's mesh.
+"""Limits mixtures of named expressions to what faces can do and what the built-in model's mesh can show.
 
-Rules only lower or complete strengths, so that a mixture within the limits stays as it is.
+A mixture within the limits does not change.
 """
 
 from collections.abc import Mapping
@@ -9,22 +9,23 @@ SIDES = ("Left", "Right")
 # The weaker of two opposites is subtracted from both.
 _OPPOSITES = (("jawLeft", "jawRight"), ("mouthLeft", "mouthRight"))
 _OPPOSITES_OF_A_SIDE = (("eyeLookUp", "eyeLookDown"), ("eyeLookIn", "eyeLookOut"))
-# How much of the opening between the lids each shape closes at full strength, and what is left of it when it is shut.
+# Share of the opening between the lids that each shape closes at full strength, and the largest sum of these shares.
 LID_CLOSURE = {"eyeBlink": 1.0, "eyeSquint": 0.35, "eyeLookDown": 0.3}
 MOST_LID_CLOSURE = 1.1
-# Beyond these the eyeball comes through the lids of the built-in model (docs/explanation/sampling.md).
+# Largest strengths of the gaze to a side, and behind shut lids. Beyond them, the eyeball of the built-in model comes
+# through the lids (docs/explanation/sampling.md).
 LARGEST_SIDEWARD_GAZE = 0.75
 LARGEST_GAZE_SHUT = 0.25
-# A mouth that is wide and round at once, or rolled in and open, folds over itself.
+# A mouth that is both wide and round, or both rolled in and open, would fold over itself.
 _ROUND = ("mouthPucker", "mouthFunnel")
 _WIDE = ("mouthSmile", "mouthStretch", "mouthDimple")
 _ROLLED = ("mouthRollLower", "mouthRollUpper")
-# Lips that draw back from a jaw that is open anyway.
+# Lips that are drawn back; weaker if the jaw is open.
 _DRAWN_BACK = ("mouthLowerDown", "mouthUpperUp")
 
 
 def limited(strengths: Mapping[str, float]) -> dict[str, float]:
-    """The mixture within what faces can do: only strengths above 0 and up to 1."""
+    """Returns the mixture within the limits, with strengths above 0 and up to 1."""
     mixture = {name: min(value, 1.0) for name, value in strengths.items() if value > 0}
     for first, second in _OPPOSITES:
         _keep_the_stronger(mixture, first, second)
@@ -50,7 +51,7 @@ def _limit_lids(mixture: dict[str, float], side: str) -> None:
     _cut(mixture, f"eyeWide{side}", max(0.0, 1 - 2 * blink))
     for direction in ("In", "Out", "Up", "Down"):
         _cut(mixture, f"eyeLook{direction}{side}", 1 - (1 - LARGEST_GAZE_SHUT) * blink)
-    # Other shapes that close the lids give way to the blink: lids meet but do not pass each other.
+    # A blink weakens the other shapes that close the lids, so that the lids do not pass each other.
     others = {name: mixture.get(name + side, 0.0) for name in ("eyeSquint", "eyeLookDown")}
     closed = sum(LID_CLOSURE[name] * value for name, value in others.items())
     room = MOST_LID_CLOSURE - blink

@@ -1,10 +1,10 @@
 """Emotions, sounds of speech and grimaces as mixtures of the named expressions.
 
-A name without a side stands for both sides of a pair. Each recipe gives the strength of every shape at full intensity;
-each shape in `MAYBE` joins it with a probability of one half.
+A recipe is the strength of every shape at full intensity. A name without a side stands for both sides of a pair. Each
+shape in `MAYBE` is added with a probability of one half.
 
-Source: the facial action units that Ekman and Friesen 1978 describe for the basic emotions, put into the shapes of
-ARKit by their meaning; strengths were chosen by looking.
+Source: the facial action units of the basic emotions in Ekman and Friesen 1978, translated to the shapes of ARKit by
+their meaning. Strengths were chosen by eye.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ EMOTIONS: Mapping[str, Recipe] = {
 
 SMILES = ("smile", "joy", "laughter")
 
-# Shapes that are there as often as not, beside those above.
+# Shapes that are added with a probability of one half.
 MAYBE: Mapping[str, Recipe] = {
     "smile": {"browOuterUp": 0.2, "mouthUpperUp": 0.6, "mouthLowerDown": 0.35, "jawOpen": 0.12, "mouthStretch": 0.2},
     "joy": {"mouthLowerDown": 0.2, "browInnerUp": 0.3, "mouthStretch": 0.25, "noseSneer": 0.15},
@@ -47,7 +47,7 @@ MAYBE: Mapping[str, Recipe] = {
     "pain": {"jawOpen": 0.3, "mouthUpperUp": 0.5, "eyeBlink": 0.5, "mouthLowerDown": 0.3},
 }
 
-# Sounds by the shape of the mouth; speech mixes two of them, the last one and the next.
+# Sounds by the shape of the mouth. Speech is a mixture of two, the last sound and the next.
 SPEECH: Mapping[str, Recipe] = {
     "a": {"jawOpen": 0.5, "mouthLowerDown": 0.3, "mouthUpperUp": 0.1},
     "e": {"jawOpen": 0.25, "mouthStretch": 0.4, "mouthLowerDown": 0.3, "mouthSmile": 0.15},

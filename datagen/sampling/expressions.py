@@ -1,4 +1,4 @@
-"""Draws natural expressions: mixtures of the named expressions with their correlations."""
+"""Draws natural expressions as mixtures of named expressions."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -16,21 +16,21 @@ from pix2face.models.morphable_model import MorphableModel
 
 # The attribute of a sample that holds the strengths, as JSON.
 NAMED_EXPRESSIONS = "named_expressions"
-# Strengths are rounded to what their text holds; those below are 0.
+# Decimals of the stored strengths.
 _DIGITS = 2
 
 
 @final
 @dataclass(frozen=True)
 class DrawnExpression:
-    """An expression."""
+    """An expression and how it was drawn."""
 
     kind: str  # `neutral`, `emotion/anger`, `speech/a+o`, `extreme/yawn` or `mixture`
     strengths: Mapping[str, float]  # of the active named expressions, above 0 to 1
 
 
 def draw_named_expression(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> DrawnExpression:
-    """Draws a mixture of the named expressions of a model; what a recipe needs beyond these `names` is left out."""
+    """Draws a mixture of the named expressions `names` of a model. Shapes that the model lacks are left out."""
     kind, wanted = _draw_face(rng, config, names)
     for name, value in _draw_eyes(rng, config).items():
         wanted[name] = max(value, wanted.get(name, 0.0))
@@ -46,7 +46,7 @@ def knows_recipes(names: Sequence[str]) -> bool:
 
 
 def expression_of(model: MorphableModel, strengths: Mapping[str, float]) -> Float64[ndarray, " e"]:
-    """The coefficients, in standard deviations, of a mixture of named expressions."""
+    """Returns the expression coefficients, in standard deviations, of a mixture of named expressions."""
     total = np.zeros(model.n_expression)
     for name, strength in strengths.items():
         total += strength * model.named_expressions[name]
@@ -54,23 +54,23 @@ def expression_of(model: MorphableModel, strengths: Mapping[str, float]) -> Floa
 
 
 def strengths_to_text(strengths: Mapping[str, float]) -> str:
-    """Strengths as they are stored in a sample's attributes."""
+    """Formats strengths as JSON, as they are stored in a sample's attributes."""
     return json.dumps(dict(strengths), sort_keys=True, separators=(",", ":"))
 
 
 def strengths_of(attributes: Mapping[str, str | float]) -> dict[str, float]:
-    """The strengths of named expressions in a sample's attributes; empty if there are none."""
+    """Returns the strengths of named expressions in a sample's attributes; empty if there are none."""
     text = attributes.get(NAMED_EXPRESSIONS)
     return {name: float(value) for name, value in json.loads(text).items()} if isinstance(text, str) else {}
 
 
 def mirrored_strengths(strengths: Mapping[str, float]) -> dict[str, float]:
-    """The strengths of the mirrored face."""
+    """Returns the strengths of the mirrored face."""
     return {_other_side(name): value for name, value in strengths.items()}
 
 
 def without_side(name: str) -> str:
-    """A named expression without its side of the face; a jaw or a mouth that moves to one side keeps it."""
+    """Removes the side of the face from a named expression. Expressions such as `jawLeft` keep their name."""
     if name in _UNPAIRED:
         return name
     return name.removesuffix("Left").removesuffix("Right")
@@ -117,7 +117,7 @@ def _draw_speech(rng: np.random.Generator, config: GeometryConfig) -> tuple[str,
 
 
 def _draw_mixture(rng: np.random.Generator, config: GeometryConfig, names: Sequence[str]) -> dict[str, float]:
-    """Draws a few shapes of any kind, most of them weak."""
+    """Draws two to six shapes of any kind, most of them weak."""
     roots = sorted({without_side(name) for name in names if not name.startswith("eyeLook")})
     if not roots:
         return {}
@@ -127,7 +127,7 @@ def _draw_mixture(rng: np.random.Generator, config: GeometryConfig, names: Seque
 
 
 def _performed(rng: np.random.Generator, config: GeometryConfig, recipe: Recipe, intensity: float) -> dict[str, float]:
-    """A recipe as one face shows it: strengths vary, both sides mostly alike, and sides may be swapped."""
+    """Varies the strengths of a recipe, mostly alike on both sides, and swaps the sides of half of the faces."""
     is_swapped = rng.random() < 0.5
     tilt = float(rng.normal(0, config.asymmetry))
     if rng.random() < config.one_sided_share:
@@ -152,7 +152,7 @@ def _draw_eyes(rng: np.random.Generator, config: GeometryConfig) -> dict[str, fl
         outward, inward = ("Right", "Left") if right > 0 else ("Left", "Right")
         eyes |= {f"eyeLookOut{outward}": abs(right), f"eyeLookIn{inward}": abs(right)}
         eyes |= {f"eyeLook{'Up' if up > 0 else 'Down'}{side}": abs(up) for side in SIDES}
-        # The upper lid rests on the cornea.
+        # The upper lids follow the gaze, since they rest on the cornea.
         lids = ("eyeWide", 0.25 * up) if up > 0 else ("eyeBlink", -0.2 * up)
         eyes |= {lids[0] + side: lids[1] for side in SIDES}
     for side, closed in zip(SIDES, _draw_lids(rng, config), strict=True):
@@ -161,7 +161,7 @@ def _draw_eyes(rng: np.random.Generator, config: GeometryConfig) -> dict[str, fl
 
 
 def _draw_lids(rng: np.random.Generator, config: GeometryConfig) -> tuple[float, float]:
-    """How far the left and the right eye are closed."""
+    """Draws how far the left and the right eye are closed."""
     kind = rng.random()
     if kind < config.shut_share:
         return 1.0, 1.0
@@ -171,7 +171,7 @@ def _draw_lids(rng: np.random.Generator, config: GeometryConfig) -> tuple[float,
     if kind < config.shut_share + config.wink_share + config.half_shut_share:
         closed = float(rng.uniform(0.15, 0.7))
         return closed, closed * float(rng.uniform(0.9, 1.0))
-    closed = float(rng.exponential(0.04))  # some lids hang a little
+    closed = float(rng.exponential(0.04))  # slightly drooping lids
     return closed, closed
 
 
@@ -182,7 +182,7 @@ def _other_side(name: str) -> str:
     return name
 
 
-# Shapes without a left and a right version that act together: those in the middle, and jaw and mouth to one side.
+# Shapes that are no pair of a left and a right one: those in the middle, and jaw or mouth to one side.
 _UNPAIRED = frozenset(
     (
         "browInnerUp",

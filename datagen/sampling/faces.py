@@ -1,15 +1,17 @@
-"""Draws plausible faces, poses and cameras from a morphable model: one seed, and a random stream for each face.
+"""Draws plausible faces, poses and cameras from a morphable model, each with a random stream of its own.
 
 The distributions are those of a `GeometryConfig` (docs/explanation/sampling.md), or these if it `is_plain`:
 
 - identity: standard normal, clipped at ±2.5;
 - expression: one in five is neutral. The others are one to four of the model's named expressions at 0.2 to 1 of their
-  full strength. Left and right of a pair come together, each at 75 to 100 % of the pair's strength. An expression that
-  needs another one (a closed mouth on an open jaw) brings it along. Without named expressions: normal, deviation 0.6;
-- head: yaw is 60 % normal (18°) and 40 % uniform, clipped at ±90°; pitch is normal (12°, clipped at ±40°), roll too
-  (12°, clipped at ±45°);
+  full strength. The two sides of a pair are drawn together, each at 75 to 100 % of the pair's strength. An expression
+  that needs another one (a closed mouth on an open jaw) adds it. Without named expressions, coefficients are normal
+  with a deviation of 0.6;
+- head: 60 % of the yaws are normal (18°) and 40 % uniform, clipped at ±90°; pitch is normal (12°, clipped at ±40°), and
+  so is roll (12°, clipped at ±45°);
 - camera: pinhole with the principal point at the centre of the picture and a log-uniform distance from 0.35 m (arm's
-  length) to 4 m. The picture is 1.5 to 2.1 times as large as the face box, and off its centre by up to 10 % of it.
+  length) to 4 m. The picture is 1.5 to 2.1 times as large as the face box, and its centre is shifted by up to 10 % of
+  the box.
 """
 
 import json
@@ -51,8 +53,8 @@ SMALLEST_SIDE_PX = 16
 LARGEST_DEVIATION = 2.5
 N_LARGEST_COMPONENTS = 10
 NEUTRAL_SHARE = 0.2
-EXPRESSION_DEVIATION = 0.6  # where a model has no named expressions
-# Expressions that only make sense while another one is active.
+EXPRESSION_DEVIATION = 0.6  # for models without named expressions
+# Expressions that need another one.
 NEEDED_EXPRESSIONS = {"mouthClose": "jawOpen", "tongueOut": "jawOpen"}
 WIDE_YAW_SHARE = 0.4
 
@@ -60,7 +62,7 @@ WIDE_YAW_SHARE = 0.4
 @final
 @dataclass(frozen=True)
 class SampledView:
-    """How the camera sees a face: pose, distance, and how much of the picture the face takes."""
+    """Pose, distance and framing of a face."""
 
     pose: HeadPose
     distance_mm: float
@@ -78,11 +80,11 @@ def sample_faces(
     """Draws faces.
 
     Args:
-        model: Its coefficients are drawn; it must have 68 landmarks, which frame the picture.
-        n: Number of faces, 1 to 10,000,000: the seven digits of an id tell no more apart.
-        seed: Any integer from 0. A longer draw begins with the faces of a shorter one.
-        size_px: Side of the pictures to be rendered, 16 to 16384: the limits of a table of coefficients.
-        geometry: Distributions of what is drawn.
+        model: Morphable model with 68 landmarks, which frame the picture.
+        n: Number of faces, from 1 to 10,000,000, since ids have seven digits.
+        seed: Any integer from 0. With the same seed, the first faces do not depend on ``n``.
+        size_px: Side of the pictures to be rendered, from 16 to 16384.
+        geometry: Distributions of poses, cameras, crops, expressions and identities.
 
     Raises:
         UsageError: A number is outside its limits, or the model lacks landmarks.
@@ -139,7 +141,7 @@ def _plain_face(model: MorphableModel, rng: np.random.Generator, size_px: int) -
 def _face(
     model: MorphableModel, seed: tuple[int, str], size_px: int, geometry: GeometryConfig, guard: ToothGuard
 ) -> _Face:
-    # Separate streams: another configuration of poses leaves the faces as they are.
+    # With separate streams, another configuration of poses does not change the faces.
     identity_rng, expression_rng, view_rng = (
         generator_for(seed[0], f"{seed[1]}/{part}") for part in ("identity", "expression", "view")
     )
@@ -161,7 +163,7 @@ def _face(
 def _draw_identity(n: int, rng: np.random.Generator, geometry: GeometryConfig) -> Float64[ndarray, " k"]:
     identity = np.clip(rng.standard_normal(n), -LARGEST_DEVIATION, LARGEST_DEVIATION)
     if rng.random() < geometry.extreme_identity_share:
-        # The largest components are what age, weight and sex do to a head.
+        # The largest components describe the effects of age, weight and sex.
         count = min(int(rng.integers(1, 4)), n)
         which = rng.choice(min(n, N_LARGEST_COMPONENTS), count, replace=False)
         identity[which] = rng.choice([-1.0, 1.0], count) * rng.uniform(*geometry.extreme_identity, count)
@@ -179,7 +181,7 @@ def draw_expression(model: MorphableModel, rng: np.random.Generator) -> Float64[
     for group in rng.choice(len(groups), size=min(int(rng.integers(1, 5)), len(groups)), replace=False):
         strength = rng.uniform(0.2, 1.0)
         for name in groups[group]:
-            # Both sides of a face move together, though not alike.
+            # Both sides of a face move together, but not equally.
             total += strength * rng.uniform(0.75, 1.0) * model.named_expressions[name]
             needed = model.named_expressions.get(NEEDED_EXPRESSIONS.get(name, ""))
             if needed is not None:
@@ -202,7 +204,7 @@ def draw_view(rng: np.random.Generator) -> SampledView:
 
 
 def frame_face(landmarks_mm: Float64[ndarray, "m 3"], view: SampledView, size_px: int) -> Camera:
-    """A pinhole camera that sees a face (landmarks in mm, model frame) in a given pose and framing."""
+    """Returns a pinhole camera that shows a face (landmarks in mm, model frame) in a given pose and framing."""
     rotation = rotation_of_pose(view.pose)
     flat = weak_perspective_camera(WeakPerspective(1.0, rotation, np.zeros(2)))
     box = FaceBox.around(flat.project(landmarks_mm))

@@ -1,4 +1,4 @@
-"""What `datagen sample` draws: shares and ranges of poses, cameras, crops, expressions and identities.
+"""Distributions of the poses, cameras, crops, expressions and identities that `datagen sample` draws.
 
 docs/explanation/sampling.md shows the resulting distributions.
 """
@@ -8,13 +8,13 @@ from typing import Annotated, final
 
 from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, check_parts
 
-NEAREST_MM = 250  # nearer, hair would reach behind the camera
+NEAREST_MM = 250  # at smaller distances, hair would reach behind the camera
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class GeometryConfig:
-    """Shares and ranges of what decides the geometry of a picture."""
+    """Shares and ranges of everything that determines the geometry of a picture."""
 
     # Use the simple draw that the first lines of `datagen/sampling/faces.py` describe; then nothing else in this table
     # counts.
@@ -81,7 +81,7 @@ class GeometryConfig:
 
 DEFAULT_GEOMETRY = GeometryConfig()
 PLAIN_GEOMETRY = GeometryConfig(is_plain=True)
-# Rarer things more often, extremes wider.
+# Rare faces and views are more frequent, and ranges are wider.
 HARD_GEOMETRY = GeometryConfig(
     extreme_identity_share=0.3,
     identity_spread=1.05,

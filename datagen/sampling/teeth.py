@@ -1,7 +1,7 @@
-"""Keeps lower teeth from coming through lip or chin, by opening the jaw less.
+"""Keeps lower teeth behind lip and chin, by opening the jaw less.
 
-Identity and expression of a linear model add up, so a jaw that suits the mean head can put the teeth of another head
-outside of it. Geometry alone tells when: a tooth must not lie in front of the outside of lip and chin.
+In a linear model, identity and expression are added. A jaw motion that suits the mean head can therefore move the teeth
+of another head through its skin. A tooth comes through if it lies in front of the outer surface of lip and chin.
 """
 
 from collections.abc import Mapping
@@ -14,21 +14,21 @@ from numpy import ndarray
 from datagen.sampling.expressions import expression_of
 from pix2face.models.morphable_model import MorphableModel
 
-# A jaw that opens less than this much shows no such teeth on any head (docs/explanation/sampling.md).
+# Strength of `jawOpen` at which no tooth of any head comes through (docs/explanation/sampling.md).
 HARMLESS_JAW = 0.1
-# The mouth is made smaller by this factor until no tooth comes through.
+# The strengths of the mouth are multiplied by this factor until no tooth comes through.
 _STEP = 0.85
 _MOUTH = ("jaw", "mouth", "tongue")
-# mm along z: how far a tooth must come out to count, and how far behind it lip and chin are looked for.
+# Smallest and largest distance of a tooth from the surface behind it, mm along z.
 _DEPTH_MM = (0.2, 25.0)
-_WIDTH_MM = 48.0
+_WIDTH_MM = 48.0  # largest distance of the teeth from the middle
 
 
 @final
 class ToothGuard:
-    """Finds mixtures that put the lower teeth of a head outside of it.
+    """Finds mixtures in which lower teeth come through the skin of a head.
 
-    It finds none for a model without teeth or lips, or without the named expression `jawOpen`.
+    It finds none in a model without teeth or lips, or without the named expression `jawOpen`.
     """
 
     def __init__(self, model: MorphableModel) -> None:
@@ -43,7 +43,7 @@ class ToothGuard:
         self._expression = model.expression_basis[:, known].reshape(model.n_expression, 3 * len(known))
 
     def tamed(self, identity: Float[ndarray, " k"], strengths: Mapping[str, float]) -> dict[str, float]:
-        """The mixture, with a smaller mouth if the teeth of this head require it."""
+        """Returns the mixture, with a weaker mouth if the teeth of this head would come through."""
         mixture = dict(strengths)
         while mixture.get("jawOpen", 0.0) > HARMLESS_JAW and self.comes_through(identity, mixture):
             for name in mixture:
@@ -52,7 +52,7 @@ class ToothGuard:
         return mixture
 
     def comes_through(self, identity: Float[ndarray, " k"], strengths: Mapping[str, float]) -> bool:
-        """Whether a lower tooth lies in front of the outside of lip or chin."""
+        """Whether a lower tooth lies in front of the outer surface of lip or chin."""
         if not self._is_needed:
             return False
         moved = identity @ self._identity + expression_of(self._model, strengths) @ self._expression
@@ -62,10 +62,10 @@ class ToothGuard:
 
 
 def _are_before(points: Float32[ndarray, "p 3"], corners: Float32[ndarray, "t 3 3"]) -> Bool[ndarray, " p"]:
-    """Which points lie a little in front of a triangle, along z."""
+    """Whether each point lies in front of a triangle, within `_DEPTH_MM` along z."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     doubled = _cross(b - a, c - a)
-    # Only those that look forward, and that any of the points can meet.
+    # Only triangles that face forward and overlap the bounding box of the points.
     low, high = points.min(axis=0), points.max(axis=0)
     nearest, farthest = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     is_met = (nearest <= high).all(axis=1) & (farthest[:, :2] >= low[:2]).all(axis=1)
@@ -77,12 +77,12 @@ def _are_before(points: Float32[ndarray, "p 3"], corners: Float32[ndarray, "t 3 
 
 
 def _cross(a: Float32[ndarray, "*n 3"], b: Float32[ndarray, "*n 3"]) -> Float32[ndarray, "*n"]:
-    """The z of the cross product."""
+    """Returns the z coordinate of the cross product."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _lower_teeth(model: MorphableModel) -> Int32[ndarray, " n"]:
-    """Vertices of teeth that the jaw moves and that face forward: these come out first."""
+    """Returns the vertices at the front of the teeth that the jaw moves."""
     if "teeth" not in model.region_names or "jawOpen" not in model.named_expressions:
         return np.zeros(0, dtype=np.int32)
     triangles = model.triangles[model.triangles_of("teeth")]
@@ -94,13 +94,12 @@ def _lower_teeth(model: MorphableModel) -> Int32[ndarray, " n"]:
 
 
 def _lip_and_chin(model: MorphableModel) -> Int32[ndarray, "t 3"]:
-    """Triangles of lips and skin that the jaw moves by a quarter or more of its way."""
+    """Returns the triangles at the front of lips and skin that the jaw moves by a quarter of its motion or more."""
     triangles = model.triangles[model.triangles_of("lips", "skin")]
     if "jawOpen" not in model.named_expressions or not len(triangles):
         return np.zeros((0, 3), dtype=np.int32)
     jaw = np.tensordot(model.named_expressions["jawOpen"], model.expression_basis[:, :, 1], axes=1)
     is_moved = (jaw[triangles] < 0.25 * jaw.min()).any(axis=1)
-    # Sideways only as far as teeth reach.
     is_in_front = (np.abs(model.mean[triangles][..., 0]) < _WIDTH_MM).all(axis=1)
     is_in_front &= model.mean[triangles][..., 2].min(axis=1) > 0
     return np.asarray(triangles[is_moved & is_in_front], dtype=np.int32)

@@ -1,8 +1,8 @@
-"""Draws poses, cameras and crops: how a face is photographed.
+"""Draws poses, cameras and crops of faces.
 
-A picture of a face is nearly always a part of a larger photograph: the optical axis misses the face, and the principal
-point is anywhere, often outside the picture. The pose that is drawn is how the camera sees the head along the ray to
-it, not along the optical axis.
+Most pictures of a face are parts of a larger photograph, so the optical axis misses the face, and the principal point
+is often outside the picture. The drawn pose is relative to the ray from the camera to the head, not to the optical
+axis.
 """
 
 from dataclasses import dataclass
@@ -17,28 +17,28 @@ from datagen.sampling.sampling_config import GeometryConfig
 from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, pinhole_of, rotation_of_pose
 from pix2face.geometry.crops import FaceBox
 
-# A sample with this attribute has the other attributes of the camera as well.
+# Samples with this attribute also have the other attributes of the camera.
 FOCAL_LENGTH = "focal_px"
 
 
 @final
 @dataclass(frozen=True)
 class PhotographedView:
-    """How a face is photographed."""
+    """Pose, distance and framing of a face in a photograph."""
 
-    pose: HeadPose  # of the head, seen along the ray from the camera to it, before the picture is turned
-    turn_deg: float  # clockwise rotation of the whole picture: people who lie, cameras held askew
+    pose: HeadPose  # relative to the ray from the camera to the head, before the picture is turned
+    turn_deg: float  # clockwise rotation of the whole picture, as of people who lie down
     distance_mm: float  # from the camera to the centre of the landmarks
     off_axis_deg: tuple[float, float]  # angle between that ray and the optical axis, to the right and downward
-    picture_per_box: float  # side of the picture as a multiple of the longer side of the box of the landmarks
-    shift: tuple[float, float]  # the picture's centre from the box's, (right, down), as a share of the longer side
+    picture_per_box: float  # side of the picture as a multiple of the longer side of the landmarks' box
+    shift: tuple[float, float]  # picture centre relative to box centre, (right, down), as a share of the longer side
 
 
 def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> PhotographedView:
-    """Draws how a face is photographed."""
+    """Draws pose, distance and framing."""
     roll = float(_cut_normal(rng, config.roll_deg, 90, 1)[0])
     pose = HeadPose(_draw_pitch(rng, config), _draw_yaw(rng, config), roll)
-    # Not a large roll of the head, which would show its crown when seen from the side: people turn the whole picture.
+    # The whole picture is turned instead of the head, which would show its crown from the side.
     turn_deg = float(rng.uniform(-180, 180)) if rng.random() < config.turned_share else 0.0
     which = int(rng.choice(3, p=np.asarray(config.distance_shares) / sum(config.distance_shares)))
     nearest, farthest = np.log(config.distances_mm[which : which + 2])
@@ -58,7 +58,7 @@ def draw_photographed_view(rng: np.random.Generator, config: GeometryConfig) -> 
 
 
 def photograph_face(landmarks_mm: Float64[ndarray, "m 3"], view: PhotographedView, size_px: int) -> Camera:
-    """A pinhole camera that sees a face (landmarks in mm, model frame) in a view, framed in the finished picture."""
+    """Returns a pinhole camera that shows a face (landmarks in mm, model frame) in a given view."""
     ray = np.append(np.tan(np.deg2rad(view.off_axis_deg)), 1)
     ray /= np.linalg.norm(ray)
     turn = np.asarray(Rotation.from_euler("z", view.turn_deg, degrees=True).as_matrix())
@@ -72,7 +72,7 @@ def photograph_face(landmarks_mm: Float64[ndarray, "m 3"], view: PhotographedVie
 
 
 def camera_attributes(camera: Camera) -> dict[str, str | float]:
-    """Focal length and principal point of a camera in pixels; empty for a camera without perspective."""
+    """Returns focal length and principal point of a camera in pixels; empty for a camera without perspective."""
     if camera.is_affine:
         return {}
     pinhole = pinhole_of(camera)
@@ -85,8 +85,8 @@ def camera_attributes(camera: Camera) -> dict[str, str | float]:
 
 
 def _turned_onto(ray: Float64[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
-    """The smallest rotation that takes the optical axis to a unit vector."""
-    axis = np.array([-ray[1], ray[0], 0.0])  # of z x ray
+    """Returns the smallest rotation from the optical axis to a unit vector."""
+    axis = np.array([-ray[1], ray[0], 0.0])  # z x ray
     sine = np.linalg.norm(axis)
     if not sine > 0:
         return np.eye(3)
