@@ -1,1 +1,1 @@
-"""What faces, light and surroundings look like in synthetic photographs."""
+"""The appearance of synthetic photographs: skin, hair, accessories, light, backdrop and photograph."""

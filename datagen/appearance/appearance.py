@@ -1,7 +1,7 @@
-"""The whole appearance of a synthetic photograph: its parts, each drawn from a random stream of its own.
+"""The appearance of a synthetic photograph. Each of its parts is drawn with a random stream of its own.
 
-A part that is configured otherwise, or draws one more number, changes nothing else in the picture. Two data sets that
-differ in one ingredient therefore differ in nothing else.
+If the configuration of one part changes, or it draws more numbers, the other parts of the picture stay the same. Two
+data sets can therefore differ in a single ingredient.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ class Appearance:
 
 
 def draw_appearance(seed: int, sample_id: str, config: AppearanceConfig) -> Appearance:
-    """Draws the appearance of one sample; the same for the same seed, id and configuration."""
+    """Draws the appearance of one sample. It depends on seed, id and configuration only."""
 
     def stream(part: str) -> Any:
         return generator_for(seed, f"{sample_id}/{part}")
@@ -60,12 +60,12 @@ def draw_appearance(seed: int, sample_id: str, config: AppearanceConfig) -> Appe
 
 
 def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
-    """What is stored with a sample to filter by: `part.name` of what was drawn.
+    """Returns the attributes `part.name` of an appearance, which are stored with a sample and used in filters.
 
-    Numbers have four digits, yes and no are 1 and 0, and lists of things are stored as their length. Left out are
-    numbers that are 0 (`pix2face.shards.sample_filter` knows that), colours, places and other lists of numbers, seeds,
-    and whatever nobody would filter by: all of it can be drawn again from the job's seed and configuration and the
-    sample's id.
+    Numbers have four digits, booleans are 1 or 0, and lists of objects are stored as their length. Zeros are left out
+    (`pix2face.shards.sample_filter` relies on it), as are colours, places and other lists of numbers, seeds, and values
+    that are useless in filters. All of them can be drawn again from the job's seed and configuration and the sample's
+    id.
     """
     found: dict[str, str | float] = {}
     for part in fields(appearance):
@@ -74,11 +74,11 @@ def appearance_attributes(appearance: Appearance) -> dict[str, str | float]:
 
 
 def appearance_textures() -> Mapping[str, Texture]:
-    """The textures of all parts, by the name of their sampler."""
+    """Returns the textures of all parts, by the names of their samplers."""
     return {**skin_textures(), **hair_textures(), **light_textures(), **accessory_textures()}
 
 
-# Fields that nobody would filter by.
+# Fields that are useless in filters.
 _ONLY_TO_DRAW = frozenset(
     (
         *("seed", "enlarged_by", "read_noise_share", "metering_strength", "motion_bend", "scale_mm", "roll_off"),
@@ -88,7 +88,7 @@ _ONLY_TO_DRAW = frozenset(
 
 
 def _describe(part: Any, prefix: str, into: dict[str, str | float]) -> None:
-    """Adds the attributes of a part; at least one shows that the part is there."""
+    """Adds the attributes of a part, at least one, which shows that the part exists."""
     n_before, zeros = len(into), []
     for name, value in vars(part).items():
         if name in _ONLY_TO_DRAW or value is None:

@@ -1,7 +1,7 @@
-"""The configuration of synthetic photographs: one table for each part, three presets, read and written as TOML.
+"""The configuration of synthetic photographs as TOML, with one table for each part, and three presets.
 
-A new ingredient is a field of its part's configuration, with a comment beside or above it that `datagen appearance`
-prints; a new part is a field here and in `appearance.Appearance`.
+To add an ingredient, add a field to the configuration of its part, with a comment beside or above it, which `datagen
+appearance` prints. To add a part, add a field here and in `appearance.Appearance`.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ LARGEST_INTEGER = 2**63 - 1  # of TOML
 @final
 @dataclass(frozen=True, kw_only=True)
 class AppearanceConfig:
-    """What synthetic photographs are drawn from."""
+    """Distributions of synthetic photographs."""
 
     # The preset that this configuration starts from. `plain` draws heads without hair, clothes and surroundings,
     # painted region by region; only the table `geometry` counts then. Models other than the built-in one need `plain`.
@@ -60,7 +60,7 @@ class AppearanceConfig:
         return self.preset == PLAIN
 
     def described(self) -> dict[str, Any]:
-        """What shards store of it: the preset, what differs from it, and a hash of everything."""
+        """Returns what shards store: the preset, the values that differ from it, and a hash of all values."""
         if self.is_plain:
             return {"appearance": PLAIN}
         base = PRESETS[self.preset]
@@ -97,14 +97,14 @@ PRESETS: Mapping[str, AppearanceConfig] = MappingProxyType(
 
 
 def load_configuration(name: str) -> AppearanceConfig:
-    """The configuration of a preset or of a TOML file.
+    """Loads the configuration of a preset or of a TOML file.
 
     Args:
-        name: `plain`, `default`, `hard`, or the path of a file with tables as `datagen appearance` prints them. What is
-            missing there comes from the preset that it names (`preset = "hard"`), or from the default.
+        name: `plain`, `default`, `hard`, or the path of a file with tables as `datagen appearance` prints them. Missing
+            values come from the preset that the file names (`preset = "hard"`), or from `default`.
 
     Raises:
-        UsageError: There is no such preset or file, or a number is out of its limits.
+        UsageError: There is no such preset or file, or a number is outside its limits.
         InputFileError: The file is not valid TOML, or has an unknown name or a value of the wrong kind.
     """
     if name in PRESETS:
@@ -117,7 +117,7 @@ def load_configuration(name: str) -> AppearanceConfig:
         )
     given = _read_toml(path)
     base = given.get("preset", DEFAULT)
-    if base not in list(PRESETS):  # a list, since what a file gives may be unhashable
+    if base not in list(PRESETS):  # a list, since the value in a file may be unhashable
         raise UsageError(f"{path}: preset: expected {', '.join(PRESETS)}, found {base!r}")
     configuration = _replaced(PRESETS[base], given, str(path))
     try:
@@ -141,7 +141,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _replaced(base: T, given: Mapping[str, Any], where: str, table: str = "") -> T:
-    """A configuration with some of its fields replaced; `where` and `table` name the file and the table in messages."""
+    """Replaces fields of a configuration; `where` and `table` name the file and the table in messages."""
     known = {field.name: getattr(base, field.name) for field in fields(base)}  # type: ignore[arg-type]
     unknown = sorted(given.keys() - known.keys())
     if unknown:
@@ -151,7 +151,7 @@ def _replaced(base: T, given: Mapping[str, Any], where: str, table: str = "") ->
 
 
 def to_toml(configuration: Any, table: str = "") -> str:
-    """Writes a configuration as TOML; the line above each field is what its comment says."""
+    """Formats a configuration as TOML, with the comment of each field in the line above it."""
     described = _descriptions(type(configuration))
     lines, tables = [f"[{table}]"] if table else [], []
     for option in fields(configuration):

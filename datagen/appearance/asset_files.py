@@ -1,4 +1,4 @@
-"""The pictures and HDF5 files of the package that appearances are made from."""
+"""Reads the pictures and HDF5 files in the package that appearances are made from."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ def open_asset(name: str) -> Iterator[h5py.File]:
 
 
 def read_picture(name: str) -> UInt8[ndarray, "h w c"]:
-    """A picture with one channel, or RGB or RGBA.
+    """Reads a picture, which has one channel or is RGB or RGBA.
 
     Raises:
         InputFileError: The file is damaged.

@@ -1,4 +1,4 @@
-"""Who is in a synthetic photograph (what skin, hair, beard and clothes have in common), and how the body stands."""
+"""The person in a synthetic photograph: traits that skin, hair, beard and clothes share, and the pose of the body."""
 
 from dataclasses import dataclass
 from typing import final
@@ -43,29 +43,29 @@ def draw_person(rng: np.random.Generator) -> Person:
     )
 
 
-# A neck turns, nods and tilts no farther than this, in degrees.
+# Limits of the neck's motion, in degrees.
 MOST_TURN_DEG, MOST_NOD_DEG, MOST_TILT_DEG = 70.0, 30.0, 25.0
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Torso:
-    """What part of the head's pose comes from the neck."""
+    """The shares of the head's pose that come from the neck."""
 
-    turn: float  # share of the yaw: 0 turns the whole body, 1 leaves the body facing the camera
+    turn: float  # share of the yaw: with 0 the whole body turns, with 1 the body faces the camera
     nod: float  # share of the pitch
     tilt: float  # share of the roll
 
 
 def draw_torso(rng: np.random.Generator) -> Torso:
-    """Draws how a body stands: mostly the body turns more than the neck does, and the neck alone nods."""
+    """Draws the pose of a body: mostly, the body turns more than the neck, and the neck nods more than the body."""
     turn, nod, tilt = rng.beta([1.5, 3.0, 3.0], [2.0, 1.5, 1.5])
     return Torso(turn=rounded(turn), nod=rounded(nod), tilt=rounded(tilt))
 
 
 def head_from_torso(torso: Torso, camera: Camera) -> Float64[ndarray, "3 3"]:
-    """The rotation from a body that is aligned with the head to the body as it stands, model frame."""
-    head = published_pose(camera)  # unlike `head_pose`, this leaves pictures of profiles beyond 90° as they were
+    """Returns the rotation from a body that is aligned with the head to the actual body, in the model frame."""
+    head = published_pose(camera)  # instead of `head_pose`, so that profiles beyond 90° keep their yaw
     pitch = min(max(torso.nod * head.pitch_deg, -MOST_NOD_DEG), MOST_NOD_DEG)
     yaw = min(max(torso.turn * head.yaw_deg, -MOST_TURN_DEG), MOST_TURN_DEG)
     roll = min(max(torso.tilt * head.roll_deg, -MOST_TILT_DEG), MOST_TILT_DEG)

@@ -1,6 +1,6 @@
-"""The appearance `plain`, which any model can have: skin, hair and eyes in random human colours, in random light.
+"""The appearance `plain`, for any model: skin, hair and eyes in random human colours, in random light.
 
-Colour, light and surroundings vary widely, so that a network learns that they say nothing about the shape of a face.
+Colour, light and surroundings vary widely, so that a network learns that they are independent of the shape of a face.
 """
 
 from dataclasses import dataclass
@@ -27,14 +27,14 @@ IRIS_TONES = np.array([[52, 30, 18], [84, 52, 28], [112, 92, 48], [92, 112, 82],
 SCLERA, PUPIL, TEETH = (0.90, 0.88, 0.86), (0.03, 0.03, 0.03), (0.86, 0.82, 0.74)
 MOUTH_INSIDE, TONGUE = (0.30, 0.10, 0.10), (0.66, 0.34, 0.33)
 
-# How wet: 0 skin, 1 an eye.
+# Gloss: 0 is skin, 1 a wet eye.
 GLOSS = {"eyes": 0.7, "iris": 1.0, "pupil": 1.0, "lips": 0.12, "teeth": 0.5, "tongue": 0.25, "mouth_inside": 0.15}
 
 
 @final
 @dataclass(frozen=True)
 class PlainAppearance:
-    """Everything in the picture of a face except its shape; `dataclasses.asdict` of it is JSON."""
+    """Everything in the picture of a face except its shape. `dataclasses.asdict` makes it JSON."""
 
     skin_rgb: Colour  # sRGB, 0..1, like the next four
     lips_rgb: Colour
@@ -58,7 +58,7 @@ def draw_plain_appearance(rng: np.random.Generator) -> PlainAppearance:
     """Draws an appearance."""
     darkness = float(rng.uniform())
     skin = _tone(SKIN_TONES, darkness) * rng.normal(1, [0.05, 0.03, 0.06])
-    # Dark skin goes with dark hair and eyes; light skin with all.
+    # People with dark skin have dark hair and eyes; those with light skin have any.
     hair = _tone(HAIR_TONES, rng.uniform(0, 1.25 - darkness)) * rng.uniform(0.6, 1.3)
     iris = _tone(IRIS_TONES, rng.uniform(0, 1) * (1 - darkness)) * rng.uniform(0.8, 1.2)
     lips = 0.7 * skin * [1, 0.82, 0.85] + 0.3 * np.array([0.62, 0.22, 0.25])
@@ -86,7 +86,7 @@ def draw_plain_appearance(rng: np.random.Generator) -> PlainAppearance:
 
 
 def vertex_paint(appearance: PlainAppearance, surface: Surface) -> Float32[ndarray, "v 4"]:
-    """Colour (linear, 0..1) and gloss of each vertex."""
+    """Returns colour (linear, 0..1) and gloss of each vertex."""
     names, weights = surface.region_names, surface.region_weights
     colours = np.stack([srgb_to_linear(np.array(_region_colour(appearance, name))) for name in names])
     albedo = weights @ colours.astype(np.float32)
@@ -105,7 +105,7 @@ def vertex_paint(appearance: PlainAppearance, surface: Surface) -> Float32[ndarr
 def lights_in_model(
     appearance: PlainAppearance, camera: Camera
 ) -> tuple[Float32[ndarray, "3 3"], Float32[ndarray, "3 3"]]:
-    """Directions (model frame) and colours of the lights; unused ones are black."""
+    """Returns directions (model frame) and colours of the lights; unused ones are black."""
     model_from_camera = nearest_weak_perspective(camera).rotation.T
     directions, colours = np.zeros((2, MAX_LIGHTS, 3), dtype=np.float32)
     count = len(appearance.light_directions)
@@ -125,7 +125,7 @@ def develop(image: UInt8[ndarray, "h w 3"], appearance: PlainAppearance) -> UInt
 
 
 def _draw_light(rng: np.random.Generator) -> tuple[ndarray, ndarray, ndarray]:
-    """Draws directions and colours of one to three lights, and the ambient light; together about 1 on a lit surface."""
+    """Draws directions and colours of one to three lights, and ambient light; a lit surface has about 1 in all."""
     count = int(rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15]))
     azimuth = rng.normal(0, np.deg2rad(50), size=count)
     elevation = rng.normal(np.deg2rad(25), np.deg2rad(25), size=count)
@@ -141,7 +141,7 @@ def _draw_light(rng: np.random.Generator) -> tuple[ndarray, ndarray, ndarray]:
 
 
 def _region_colour(appearance: PlainAppearance, region: str) -> Colour:
-    """Colour of a region, sRGB; regions that are not listed are skin."""
+    """Returns the colour of a region, sRGB. Unlisted regions are skin."""
     return {
         "lips": appearance.lips_rgb,
         "scalp": appearance.hair_rgb,
@@ -156,7 +156,7 @@ def _region_colour(appearance: PlainAppearance, region: str) -> Colour:
 
 
 def _flush_and_beard(mean: Float32[ndarray, "v 3"]) -> tuple[Float32[ndarray, " v"], Float32[ndarray, " v"]]:
-    """Where blood shows (cheeks, nose, ears) and where a beard grows, 0..1, from the place on the mean face (mm)."""
+    """Returns weights, 0..1, of flushed skin (cheeks, nose, ears) and of the beard area, at places of the mean face."""
     x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
     cheek = np.exp(-(((x - 42) / 20) ** 2) - ((y + 15) / 18) ** 2) * (z > 20)
     nose = np.exp(-((x / 12) ** 2) - ((y + 12) / 14) ** 2) * (z > 60)
@@ -166,7 +166,7 @@ def _flush_and_beard(mean: Float32[ndarray, "v 3"]) -> tuple[Float32[ndarray, " 
 
 
 def _spots(seed: int, mean: Float32[ndarray, "v 3"]) -> Float32[ndarray, " v"]:
-    """Smooth random waves over the head, 4 to 12 cm long, of unit standard deviation."""
+    """Returns smooth noise over the head, with wavelengths of 4 to 12 cm and unit standard deviation."""
     rng = np.random.default_rng(seed)
     waves = rng.normal(size=(3, 12)) * rng.uniform(1 / 20, 1 / 7, size=12) / np.sqrt(3)
     phases = rng.uniform(0, 2 * np.pi, size=12)

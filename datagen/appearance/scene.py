@@ -1,6 +1,6 @@
-"""What is in front of the camera of a synthetic photograph: meshes, their materials and textures, in plain NumPy.
+"""The scene of a synthetic photograph: meshes with materials and textures, in NumPy.
 
-The parts of an appearance (hair, glasses, clothes, ...) make meshes; `datagen.rendering` turns them into pixels.
+The parts of an appearance (hair, glasses, clothes, ...) make meshes, and `datagen.rendering` draws them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from scipy import sparse
 from datagen.random_streams import Triple
 from pix2face.models.morphable_model import MorphableModel
 
-# What can be seen in a pixel of a picture. Where it is the head, the regions of the model say more.
+# What a pixel can show. The regions of the model divide the head further.
 SCENE_LABELS = (
     "background",
     "head",
@@ -29,7 +29,7 @@ SCENE_LABELS = (
     "occluder",
 )
 HEAD = SCENE_LABELS.index("head")
-# What can be in front of a head, by the names of the layer `seen_regions`.
+# What can be in front of a head, with the names of the layer `seen_regions`.
 SCENE_REGIONS = SCENE_LABELS[HEAD + 1 :]
 Colour = Triple  # linear light, 0..1, unless said otherwise
 UniformValue = float | int | bool | tuple[float, ...] | ndarray
@@ -42,24 +42,24 @@ class Texture:
 
     # layers, rows from the top, columns, channels; UInt8 (0..1 in the shader) or Float16; colours are sRGB
     pixels: Shaped[ndarray, "n h w c"]
-    repeat: bool = False  # is tiled beyond its border instead of continued
-    mipmaps: bool = True  # is sampled at much smaller sizes
+    repeat: bool = False  # whether it is repeated beyond its border, or its edge is
+    mipmaps: bool = True  # whether it has mipmaps, for sampling at much smaller sizes
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """What a mesh is made of, for `material.glsl`."""
+    """The material of a mesh, for `material.glsl`."""
 
-    # the function of the shader: `object` (cloth, plastic, metal, leather), `hair` (strands with alpha and
-    # highlights along them) or `glass` (thin, mirrors, darkens what is behind)
+    # function of the shader: `object` (cloth, plastic, metal, leather), `hair` (strands with alpha and highlights along
+    # them) or `glass` (thin; reflects, and darkens what is behind)
     kind: Literal["object", "hair", "glass"]
-    texture: str = ""  # name of one of the part's textures, or empty
+    texture: str = ""  # name of a texture, or empty
     layer: int = 0  # layer of that texture
-    colour: Colour = (1.0, 1.0, 1.0)  # multiplies the texture
-    alpha: float = 1.0  # multiplies the texture's
+    colour: Colour = (1.0, 1.0, 1.0)  # factor on the colour of the texture
+    alpha: float = 1.0  # factor on the alpha of the texture
     roughness: float = 0.6  # 0 is a mirror, 1 chalk
-    reflectance: float = 0.04  # of light at a right angle: 0.04 for skin and plastic, 0.5 and more for metal
+    reflectance: float = 0.04  # at normal incidence: 0.04 for skin and plastic, 0.5 and more for metal
     numbers: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # their meaning depends on the kind
     is_blended: bool = False  # partly transparent: drawn after everything opaque, far triangles first
 
@@ -67,9 +67,9 @@ class Material:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SceneMesh:
-    """Anything but the head, as it is in one picture."""
+    """The mesh of anything but the head in one picture."""
 
-    name: str  # for messages, such as `hair/short01`
+    name: str  # such as `hair/short01`, for messages
     label: str  # one of `SCENE_LABELS`
     vertices: Float32[ndarray, "v 3"]  # mm, model frame, fitted to this head
     triangles: Int32[ndarray, "t 3"]  # drawn from both sides
@@ -82,13 +82,13 @@ class SceneMesh:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PosedHead:
-    """The head of one picture, which everything else is fitted to."""
+    """The head of one picture, to which everything else is fitted."""
 
     model: MorphableModel
     vertices: Float32[ndarray, "v 3"]  # mm, model frame, with identity and expression
     normals: Float32[ndarray, "v 3"]  # unit, outward
-    neutral: Float32[ndarray, "v 3"]  # the same head without its expression: hats and glasses are fitted to it
-    # strengths of active named expressions (`jawOpen`, ...), 0..1, as far as they are known
+    neutral: Float32[ndarray, "v 3"]  # the head without its expression, to which hats and glasses are fitted
+    # strengths of active named expressions (`jawOpen`, ...), 0..1; empty if they are unknown
     named_expressions: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -117,7 +117,7 @@ class ScenePicture:
 
 @final
 class Surface:
-    """What painting and lighting need to know about a model's mesh, worked out once."""
+    """Regions and normals of a model's mesh, for painting and lighting."""
 
     def __init__(self, model: MorphableModel) -> None:
         n_vertices, n_triangles = len(model.mean), len(model.triangles)
@@ -128,14 +128,14 @@ class Surface:
         in_region = np.eye(len(model.region_names), dtype=np.float32)[model.triangle_regions]
         weights = self._incidence @ in_region
         self.region_names = model.region_names
-        # Shares of the regions among the triangles around each vertex; rows sum to 1. Colours that are mixed by them
-        # fade over one triangle where regions meet.
+        # Shares of the regions among the triangles around each vertex; rows sum to 1. Colours mixed by them change
+        # smoothly between regions, over one triangle.
         self.region_weights: Float32[ndarray, "v r"] = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1)
         self.mean = model.mean
 
     def normals(self, vertices: Float32[ndarray, "v 3"]) -> Float32[ndarray, "v 3"]:
-        """Unit normals, outward: means over the triangles around each vertex by area, 0 where there are none."""
-        # By coordinates and in place, since every picture needs it: a third of the time of `numpy.cross`.
+        """Returns unit normals, outward: area-weighted means over the triangles around each vertex; 0 without any."""
+        # By coordinates and in place, which takes a third of the time of `numpy.cross`. Every picture needs it.
         x = np.ascontiguousarray(vertices.T)
         a, p, q = (x.take(corner, axis=1) for corner in self._corners)
         p -= a

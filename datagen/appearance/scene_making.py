@@ -1,4 +1,4 @@
-"""From an appearance and a face to the scene that is drawn."""
+"""Makes the scene of a picture from an appearance and a face."""
 
 from typing import final
 
@@ -29,7 +29,7 @@ class SceneMaker:
         self._surface = Surface(model)
 
     def scene(self, appearance: Appearance, face: Face, vertices: Float32[ndarray, "v 3"]) -> Scene:
-        """The scene of one picture; the vertices are those of this face, mm, model frame."""
+        """Makes the scene of one picture, from the vertices of the face in mm, model frame."""
         head = PosedHead(
             model=self.model,
             vertices=vertices,
@@ -51,13 +51,13 @@ class SceneMaker:
         return Scene(head=head, meshes=(*grown, *worn), uniforms=uniforms, lights=lights)
 
     def _neutral(self, face: Face, vertices: Float32[ndarray, "v 3"]) -> Float32[ndarray, "v 3"]:
-        """The face without its expression. Subtracting that reads a third of what adding up the identity would."""
+        """Subtracts the expression from a face, which reads a third of the data that adding up the identity would."""
         basis = self.model.expression_basis.reshape(self.model.n_expression, -1)
         return vertices - (face.expression.astype(np.float32) @ basis).reshape(vertices.shape)
 
 
 def _hair_on_skin(hair: Hair) -> dict[str, UniformValue]:
-    """Uniforms of hair that is painted on the skin because it is too short for meshes; brows are meshes."""
+    """Returns the uniforms of short hair, which is painted on the skin. Brows are meshes."""
     return {
         "skin_hair_colour": hair.scalp_colour,
         "skin_scalp_hair": hair.hairdo.scalp_density,
@@ -67,6 +67,6 @@ def _hair_on_skin(hair: Hair) -> dict[str, UniformValue]:
 
 
 def _colour(skin: Skin) -> Colour:
-    """Linear colour of skin without marks and make-up, as on neck, shoulders and hands."""
+    """Returns the linear colour of skin without marks and make-up, for neck, shoulders and hands."""
     red, green, blue = albedo_of_skin(density_of_melanin(skin.melanin), skin.haemoglobin).tolist()
     return red, green, blue

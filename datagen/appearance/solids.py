@@ -1,4 +1,4 @@
-"""Shapes that accessories are built from: sheets, tubes, boxes, ellipsoids, and bodies of revolution."""
+"""Shapes of which accessories consist: sheets, tubes, boxes, ellipsoids, and solids of revolution."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,17 +24,17 @@ class Solid:
     normals: Float32[ndarray, "v 3"]  # unit, outward
 
     def placed(self, rotation: Float[ndarray, "3 3"], place: Float[ndarray, "3"], scale: float = 1.0) -> "Solid":
-        """Scaled, turned, then moved."""
+        """Returns the solid scaled, then rotated, then moved."""
         turn = np.asarray(rotation, dtype=np.float32)
         vertices = (self.vertices * np.float32(scale)) @ turn.T + np.asarray(place, dtype=np.float32)
         return Solid(vertices, self.triangles, self.uv, self.normals @ turn.T)
 
     def moved(self, place: Float[ndarray, "3"], scale: float = 1.0) -> "Solid":
-        """Scaled, then moved."""
+        """Returns the solid scaled, then moved."""
         return self.placed(np.eye(3), place, scale)
 
     def mirrored(self) -> "Solid":
-        """The mirror image, on the other side of the head."""
+        """Returns the mirror image, on the other side of the head."""
         flip = np.array([-1, 1, 1], dtype=np.float32)
         return Solid(self.vertices * flip, self.triangles[:, ::-1].copy(), self.uv, self.normals * flip)
 
@@ -45,13 +45,13 @@ def solid(
     uv: Float[ndarray, "v 2"],
     normals: Float[ndarray, "v 3"],
 ) -> Solid:
-    """Makes a solid of numbers of any precision."""
+    """Makes a solid from arrays of any precision."""
     place, uv = (np.ascontiguousarray(each, dtype=np.float32) for each in (vertices, uv))
     return Solid(place, triangles, uv, np.asarray(normals, dtype=np.float32))
 
 
 def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
-    """Unit vectors; (0, 0, 1) for zero vectors."""
+    """Normalises vectors; zero vectors become (0, 0, 1)."""
     found = np.array(vectors, dtype=np.float32)
     size = np.sqrt(np.einsum("...i,...i->...", found, found))
     nowhere = size < 1e-9
@@ -63,7 +63,7 @@ def unit(vectors: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
 
 
 def cross(a: Float[ndarray, "*#n 3"], b: Float[ndarray, "*#n 3"]) -> Float[ndarray, "*_ 3"]:
-    """`numpy.cross`, several times as fast."""
+    """Returns the cross product, several times as fast as `numpy.cross`."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
@@ -71,7 +71,7 @@ def cross(a: Float[ndarray, "*#n 3"], b: Float[ndarray, "*#n 3"]) -> Float[ndarr
 
 @lru_cache(maxsize=256)
 def grid_triangles(rows: int, columns: int) -> Int32[ndarray, "t 3"]:
-    """Triangles of a grid of vertices, row after row; (growing row) x (growing column) points outward."""
+    """Returns the triangles of a grid of vertices, row by row, with row direction x column direction outward."""
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
     quads = np.stack([first, first + columns, first + columns + 1, first + 1], axis=1)
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3).astype(np.int32)
@@ -81,7 +81,7 @@ def grid_triangles(rows: int, columns: int) -> Int32[ndarray, "t 3"]:
 
 @lru_cache(maxsize=256)
 def grid_uv(rows: int, columns: int) -> Float32[ndarray, "n 2"]:
-    """Texture coordinates of a grid that shows the texture once."""
+    """Returns texture coordinates of a grid that shows the texture once."""
     u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     uv = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float32)
     uv.setflags(write=False)
@@ -90,7 +90,7 @@ def grid_uv(rows: int, columns: int) -> Float32[ndarray, "n 2"]:
 
 @lru_cache(maxsize=64)
 def _section(sides: int, squareness: float) -> Float64[ndarray, "c 2"]:
-    """The section of a tube: sideways, upward."""
+    """Returns the cross section of a tube, (sideways, upward)."""
     angle = np.linspace(0, 2 * np.pi, sides + 1) + np.pi / sides
     across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     across /= np.abs(across).max(axis=1, keepdims=True) ** squareness
@@ -110,7 +110,7 @@ def _ball(rows: int, columns: int) -> Float64[ndarray, "r c 3"]:
 
 
 def grid_normals(points: Float[ndarray, "r c 3"], *, is_closed: bool = False) -> Float32[ndarray, "r c 3"]:
-    """Unit normals of a grid by central differences; in a closed grid the last column lies on the first."""
+    """Returns unit normals of a grid by central differences. In a closed grid, the last column equals the first."""
     down = np.empty(points.shape, dtype=np.float32)
     down[1:-1], down[0], down[-1] = points[2:] - points[:-2], points[1] - points[0], points[-1] - points[-2]
     along = np.empty_like(down)
@@ -127,13 +127,13 @@ def sheet(
     is_closed: bool = False,
     normals: Float[ndarray, "r c 3"] | None = None,
 ) -> Solid:
-    """A surface through a grid of points.
+    """Makes a surface through a grid of points.
 
     Args:
-        points: Rows and columns; (growing row) x (growing column) points outward.
+        points: Rows and columns of points; row direction x column direction points outward.
         repeats: Repeats of the texture along columns (u) and rows (v).
-        is_closed: The last column lies on the first, and the surface is smooth there.
-        normals: Unit normals, if better ones are known than those of the grid.
+        is_closed: Whether the last column equals the first, where the surface is then smooth.
+        normals: Unit normals; None computes them from the grid.
     """
     rows, columns = points.shape[:2]
     found = grid_normals(points, is_closed=is_closed) if normals is None else normals
@@ -149,14 +149,14 @@ def tube(
     *,
     squareness: float = 0.0,
 ) -> Solid:
-    """A tube along a path, which runs to a point at both ends.
+    """Makes a tube along a path, pointed at both ends.
 
     Args:
-        path: The middle of the tube.
-        radii: Half its size across (sideways, upward): at each point, everywhere, or one number for a round tube.
-        upward: Direction of its second radius; must not be along the path.
-        sides: Corners of the section.
-        squareness: 0 an ellipse, 1 nearly a box.
+        path: Points of the axis.
+        radii: Radii (sideways, upward) at each point, or one pair for all, or one number for a round tube.
+        upward: Direction of the second radius; must not be parallel to the path.
+        sides: Number of corners of the cross section.
+        squareness: 0 is an ellipse, 1 nearly a box.
     """
     size = np.broadcast_to(np.asarray(radii, dtype=np.float64), (len(path), 2))
     path = np.concatenate([path[:1], path, path[-1:]])
@@ -181,7 +181,7 @@ def tube(
 
 
 def lathe(profile: Float[ndarray, "n 2"], sides: int = 16) -> Solid:
-    """A body of revolution about the y axis, whose profile (radius, y) runs from top to bottom."""
+    """Makes a solid of revolution about the y axis, with the profile (radius, y) from top to bottom."""
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     around = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
     points = profile[:, 0, None, None] * around + profile[:, 1, None, None] * np.array([0.0, 1.0, 0.0])
@@ -190,14 +190,14 @@ def lathe(profile: Float[ndarray, "n 2"], sides: int = 16) -> Solid:
 
 
 def ellipsoid(radii: tuple[float, float, float], rows: int = 7, columns: int = 12) -> Solid:
-    """An ellipsoid around the origin with its poles on the y axis; radii in mm."""
+    """Makes an ellipsoid around the origin with its poles on the y axis; radii in mm."""
     around = _ball(rows, columns)
     size = np.asarray(radii, dtype=np.float64)
     return sheet(around * size, (size[0] / 5, size[1] / 10), is_closed=True, normals=unit(around / size))
 
 
 def box(size: tuple[float, float, float], repeats: float = 1.0) -> Solid:
-    """A box around the origin; whole sizes in mm, and repeats of the texture on each side."""
+    """Makes a box around the origin, with edge lengths in mm, and repeats of the texture on each side."""
     sides = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -223,5 +223,5 @@ def joined(solids: Sequence[Solid]) -> Solid:
 
 
 def scene_mesh(name: str, label: str, made: Solid, material: Material, *, casts_shadow: bool = True) -> SceneMesh:
-    """A solid made of a material."""
+    """Makes the mesh of a solid with a material."""
     return SceneMesh(name=name, label=label, material=material, casts_shadow=casts_shadow, **vars(made))

@@ -1,9 +1,9 @@
-"""What people wear and what is in front of their faces: glasses, beards, headwear, masks, clothes, jewellery, hands.
+"""Accessories and occluders: glasses, beards, headwear, masks, clothes, jewellery, hands and objects.
 
-Code makes all geometry, in mm in the frame of the built-in model's mean head, and fits it to each head: rigid things to
-the head without its expression, soft ones (beards, masks) to the head as it is. For each kind there is a frozen
+All geometry is generated, in mm in the frame of the built-in model's mean head, and fitted to each head. Rigid objects
+are fitted to the head without its expression, soft ones (beards, masks) to the head with it. Each kind has a frozen
 dataclass of what was drawn, a function that draws it, and a function that makes its meshes.
 
-`accessories` decides who wears what. `solids` has the shapes that everything is built from, `head_fit` the places of a
-head, `materials` and `weaves` what things are made of.
+`accessories` draws what a person wears. `head_fit` finds places of a head, and `materials` and `weaves` have materials
+and their textures.
 """

@@ -1,4 +1,4 @@
-"""Who wears what, and what stands before whom: draws it, stores it, makes its meshes."""
+"""Draws what a person wears and what is in front of the face, and makes the meshes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -29,10 +29,10 @@ from datagen.appearance.hair.shape import CrownPlane
 from datagen.appearance.person import Person
 from datagen.appearance.scene import Colour, PosedHead, SceneMesh, Texture
 
-# What is left out, in this order, where too much of a face is hidden.
-_LEFT_OUT = ("hand", "held", "mask", "glasses", "headwear")
-# The largest share of a face that one such thing hides, measured on hundreds of them (and again by the tests). Where
-# their sum leaves enough to be seen, nothing needs to be measured.
+# What is removed, in this order, if too much of a face is hidden.
+_REMOVED = ("hand", "held", "mask", "glasses", "headwear")
+# The largest share of a face that each kind hides, measured on hundreds of examples (and again by the tests). The
+# visible share need not be measured if their sum is small enough.
 _MOST_HIDDEN = {
     "glasses": 0.40,
     "goggles": 0.60,
@@ -47,9 +47,9 @@ _MOST_HIDDEN = {
 @final
 @dataclass(frozen=True, kw_only=True)
 class Accessories:
-    """What one person wears, and what is in front of the face; None where there is nothing."""
+    """What one person wears, and what is in front of the face."""
 
-    clothes: Clothes  # always there
+    clothes: Clothes
     jewellery: Jewellery  # rings, necklaces, earphones; each kind may be `none`
     glasses: Glasses | None = None  # on the nose or pushed up into the hair
     beard: Beard | None = None  # more than stubble
@@ -63,7 +63,7 @@ class Accessories:
 def draw_accessories(rng: np.random.Generator, config: AccessoriesConfig, person: Person) -> Accessories:
     """Draws what a person wears.
 
-    Each part has a random stream of its own: changing the share of one leaves the others as they are.
+    Each part has a random stream of its own, so that the share of one does not affect the others.
     """
     config.check()
     names = [part.name for part in fields(Accessories)]
@@ -84,7 +84,7 @@ def draw_accessories(rng: np.random.Generator, config: AccessoriesConfig, person
         "thing": draw_thing,
     }
     drawn = Accessories(**{name: draw[name](streams[name]) for name in names if chances[name] < shares.get(name, 1.0)})
-    return _left_visible(_matched(drawn), config.least_visible)
+    return _sufficiently_visible(_compatible(drawn), config.least_visible)
 
 
 def accessory_meshes(
@@ -94,9 +94,14 @@ def accessory_meshes(
     hair_rgb: Colour,
     head_from_torso: Float64[ndarray, "3 3"],
 ) -> list[SceneMesh]:
-    """The meshes of all accessories on a head, and of bare neck and shoulders; colours are linear.
+    """Makes the meshes of all accessories on a head, and of bare neck and shoulders.
 
-    `head_from_torso` turns the torso from where the head alone would have it to where it stands, model frame.
+    Args:
+        accessories: What was drawn.
+        head: The head.
+        skin_rgb: Linear colour of the skin.
+        hair_rgb: Linear colour of the hair, for beards.
+        head_from_torso: Rotation from a torso that is aligned with the head to the actual torso, model frame.
     """
     body = fit_body(head, head_from_torso, accessories.clothes.breadth)
     meshes = clothes_meshes(accessories.clothes, body, skin_rgb)
@@ -107,17 +112,17 @@ def accessory_meshes(
 
 
 def hidden_hair(accessories: Accessories) -> CrownPlane | None:
-    """The plane above which a hat hides hair; None if all of it can be seen."""
+    """Returns the plane above which a hat hides hair; None if no hair is hidden."""
     return None if accessories.headwear is None else crown_plane(accessories.headwear)
 
 
 def accessory_textures() -> Mapping[str, Texture]:
-    """The textures of cloth and beards, by name."""
+    """Returns the textures of cloth and beards, by name."""
     return {**weave_textures(), **beard_textures()}
 
 
 def _before_the_face(accessories: Accessories, head: PosedHead, body: Body, skin_rgb: Colour) -> list[SceneMesh]:
-    """Meshes of what can hide a face."""
+    """Makes the meshes of what can hide a face."""
     meshes: list[SceneMesh] = []
     if accessories.glasses is not None:
         meshes += glasses_meshes(accessories.glasses, head)
@@ -134,8 +139,8 @@ def _before_the_face(accessories: Accessories, head: PosedHead, body: Body, skin
     return meshes
 
 
-def _matched(drawn: Accessories) -> Accessories:
-    """Takes off what cannot be worn together."""
+def _compatible(drawn: Accessories) -> Accessories:
+    """Removes what cannot be worn together."""
     changed: dict[str, Any] = {}
     hat, jewellery, glasses, beard = drawn.headwear, drawn.jewellery, drawn.glasses, drawn.beard
     if hat is not None and hat.kind in (*WRAPS, "helmet", "turban"):
@@ -151,13 +156,13 @@ def _matched(drawn: Accessories) -> Accessories:
         if drawn.held is not None and not drawn.held.kind.startswith("phone"):
             changed["held"] = None
         if beard is not None:
-            # A beard below a mask is pressed flat.
+            # A mask presses the beard flat.
             changed["beard"] = replace(beard, thickness_mm=min(beard.thickness_mm, 2.5), hang_mm=0.0)
     return replace(drawn, jewellery=jewellery, **changed)
 
 
-def _left_visible(drawn: Accessories, least: float) -> Accessories:
-    """Moves aside or takes off what would hide too much of the face."""
+def _sufficiently_visible(drawn: Accessories, least: float) -> Accessories:
+    """Moves aside or removes what hides too much of the face."""
     while 1 - most_hidden(drawn) < least:
         if visible_share(_before_the_face(drawn, mean_head(), _mean_body(), (0.5, 0.4, 0.3))) >= least:
             break
@@ -166,7 +171,7 @@ def _left_visible(drawn: Accessories, least: float) -> Accessories:
 
 
 def most_hidden(drawn: Accessories) -> float:
-    """An upper bound of the share of a face that accessories hide, known without measuring them."""
+    """Returns an upper bound of the share of a face that accessories hide, without measuring it."""
     names = ("glasses", "headwear", "mask", "held", "hand", "thing")
     kinds = [name for name in names if getattr(drawn, name) is not None]
     if drawn.glasses is not None and drawn.glasses.rim == "goggles":
@@ -175,13 +180,13 @@ def most_hidden(drawn: Accessories) -> float:
 
 
 def _less_hidden(drawn: Accessories) -> Accessories:
-    """The smallest change that hides less."""
+    """Moves the thing aside, or removes one accessory."""
     if drawn.thing is not None:
-        # A thing steps aside; beyond 230 mm it hides nothing any more.
+        # Beyond 230 mm, a thing hides nothing.
         aside = drawn.thing.aside_mm + 35.0
         moved = replace(drawn.thing, aside_mm=round(aside, 2)) if aside <= 230.0 else None
         return replace(drawn, thing=moved)
-    first = next(name for name in _LEFT_OUT if getattr(drawn, name) is not None)
+    first = next(name for name in _REMOVED if getattr(drawn, name) is not None)
     return replace(drawn, **{first: None})  # type: ignore[arg-type]
 
 

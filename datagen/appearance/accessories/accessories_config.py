@@ -1,4 +1,4 @@
-"""How often people wear what."""
+"""Shares of accessories."""
 
 from dataclasses import dataclass
 from typing import final
@@ -9,7 +9,7 @@ from datagen.config_limits import Share, check_limits, check_parts
 @final
 @dataclass(frozen=True, kw_only=True)
 class AccessoriesConfig:
-    """How often people wear or hold something. All numbers are shares, 0 to 1."""
+    """How often people wear or hold something."""
 
     glasses: Share = 0.20  # Share of people with glasses.
     sunglasses: Share = 0.04  # Share of people with dark glasses.
@@ -33,7 +33,7 @@ class AccessoriesConfig:
         check_parts("accessories", self, "glasses", "sunglasses")
 
 
-# The preset `hard`: what hides faces, often.
+# More of what hides faces.
 HARD_ACCESSORIES = AccessoriesConfig(
     glasses=0.28,
     sunglasses=0.12,

@@ -1,4 +1,4 @@
-"""Beards and moustaches: shells of strands over the lower face that follow its expression; lips stay free."""
+"""Beards and moustaches: shells of strands over the lower face, without the lips, that follow the expression."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ from datagen.random_streams import rounded, triple, weighted_choice
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 BEARD_STRANDS = "accessory_beards"
-LEVELS = 3  # layers of a style: dense at the skin, sparse at the tips
+LEVELS = 3  # texture layers of a style: dense at the skin, sparse at the tips
 WIDTH, HEIGHT = 256, 192
 ROWS, COLUMNS = 26, 49
 
-# How often each style is drawn, relative to the others.
+# Weights of the styles.
 _WEIGHTS = {"full": 0.30, "boxed": 0.20, "goatee": 0.14, "chin": 0.07, "moustache": 0.14, "handlebar": 0.05}
 _WEIGHTS |= {"strap": 0.04, "mutton": 0.03, "whiskers": 0.03}
 STYLES = tuple(_WEIGHTS)
@@ -31,25 +31,25 @@ _AROUND_DEG, _TOP_DEG, _BOTTOM_DEG = 122.0, 48.0, -84.0
 
 
 def beard_anchors(model: MorphableModel) -> Anchors:
-    """The grid of the unrolled lower face on a model, rows from the top."""
+    """Returns a grid over the lower face of a model, rows from the top."""
     return grid_outward(model, _CENTRE, (_TOP_DEG, _BOTTOM_DEG), _AROUND_DEG, (ROWS, COLUMNS))
 
 
 @lru_cache(maxsize=1)
 def beard_textures() -> Mapping[str, Texture]:
-    """All styles, `LEVELS` layers each: grey, alpha, direction of the strands, as `hair.glsl` takes them."""
+    """Returns the texture of all styles, `LEVELS` layers each: grey, alpha and direction of the strands."""
     layers = [_layer(density, level) for density in style_densities().values() for level in range(LEVELS)]
     return {BEARD_STRANDS: Texture(pixels=np.stack(layers))}
 
 
 def beard_layer(style: str, level: int) -> int:
-    """Number of a layer of the texture."""
+    """Returns the texture layer of a level of a style."""
     return STYLES.index(style) * LEVELS + level
 
 
 @lru_cache(maxsize=1)
 def style_densities() -> Mapping[str, Float32[ndarray, "h w"]]:
-    """How dense each style is over the unrolled face, 0..1."""
+    """Returns the density of each style over the grid, 0..1."""
     model = builtin_model()
     grid = beard_anchors(model).at(model.mean).reshape(ROWS, COLUMNS, 3)
     columns, rows = np.meshgrid(
@@ -58,38 +58,38 @@ def style_densities() -> Mapping[str, Float32[ndarray, "h w"]]:
     place = cv2.remap(grid, columns, rows, cv2.INTER_LINEAR)
     x, y, z = np.abs(place[..., 0]), place[..., 1], place[..., 2]
     mouth = np.sqrt((x / 27.5) ** 2 + ((y + 43.5) / 10.8) ** 2)
-    beside_lips = np.where(z > 70, _rise(1.0, 1.16, mouth), 1.0)
-    above_throat = _rise(-100, -90, y) * _rise(4, 14, z + 0.45 * np.clip(y + 70, -40, 90))
-    allowed = beside_lips * above_throat * _rise(6, 12, np.hypot(x, 0.9 * (y + 12)) - 6 * (z < 90))
+    beside_lips = np.where(z > 70, _smoothstep(1.0, 1.16, mouth), 1.0)
+    above_throat = _smoothstep(-100, -90, y) * _smoothstep(4, 14, z + 0.45 * np.clip(y + 70, -40, 90))
+    allowed = beside_lips * above_throat * _smoothstep(6, 12, np.hypot(x, 0.9 * (y + 12)) - 6 * (z < 90))
     return {
         name: np.asarray(np.clip(density, 0, 1) * allowed, dtype=np.float32)
         for name, density in _styles(x, y, z).items()
     }
 
 
-def _rise(low: ndarray | float, high: ndarray | float, value: ndarray) -> ndarray:
-    """0 below, 1 above, smooth between; the other way round where `high` is below `low`."""
+def _smoothstep(low: ndarray | float, high: ndarray | float, value: ndarray) -> ndarray:
+    """Rises smoothly from 0 at `low` to 1 at `high`, or falls if `high` is below `low`."""
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
 
 
 def _styles(x: ndarray, y: ndarray, z: ndarray) -> dict[str, ndarray]:
-    """Density of each style at places of the mean head (mm, x to both sides), before lips and throat are left free."""
+    """Returns the density of each style at places of the mean head (mm, absolute x), including lips and throat."""
 
     def below_cheek(drop_mm: float) -> ndarray:
         line = np.interp(x, [0, 24, 42, 56, 64, 70, 74], [-30, -30, -34, -24, -10, 12, 26]) - drop_mm * (x < 64)
-        return _rise(line + 3, line - 4, y)
+        return _smoothstep(line + 3, line - 4, y)
 
-    in_front = _rise(0, 9, z)
-    whiskers = _rise(61, 66, x) * _rise(25, 17, y) * _rise(1, 8, z) * _rise(38, 30, z)
+    in_front = _smoothstep(0, 9, z)
+    whiskers = _smoothstep(61, 66, x) * _smoothstep(25, 17, y) * _smoothstep(1, 8, z) * _smoothstep(38, 30, z)
     top = -22.5 - 0.006 * x**2
-    moustache = _rise(top + 1, top - 3, y) * _rise(31, 25, x) * _rise(-47, -43, y) * (z > 75)
-    ends = _rise(21, 26, x) * _rise(37, 32, x) * _rise(-72, -66, y) * _rise(-34, -38, y)
+    moustache = _smoothstep(top + 1, top - 3, y) * _smoothstep(31, 25, x) * _smoothstep(-47, -43, y) * (z > 75)
+    ends = _smoothstep(21, 26, x) * _smoothstep(37, 32, x) * _smoothstep(-72, -66, y) * _smoothstep(-34, -38, y)
     wide = 26 - 0.12 * np.maximum(y + 60, 0)
-    chin = _rise(wide + 4, wide - 2, x) * _rise(-53, -58, y) * _rise(44, 54, z)
-    beside = _rise(22, 25, x) * _rise(36, 31, x) * _rise(-30, -36, y) * (z > 55)
+    chin = _smoothstep(wide + 4, wide - 2, x) * _smoothstep(-53, -58, y) * _smoothstep(44, 54, z)
+    beside = _smoothstep(22, 25, x) * _smoothstep(36, 31, x) * _smoothstep(-30, -36, y) * (z > 55)
     goatee = np.maximum.reduce([moustache, chin, beside])
-    along_jaw = below_cheek(30) * _rise(-58, -66, y - 0.5 * np.maximum(x - 40, 0))
+    along_jaw = below_cheek(30) * _smoothstep(-58, -66, y - 0.5 * np.maximum(x - 40, 0))
     return {
         "full": np.maximum.reduce([below_cheek(0) * in_front, moustache, whiskers]),
         "boxed": np.maximum.reduce([below_cheek(14) * in_front, goatee, whiskers]),
@@ -98,19 +98,19 @@ def _styles(x: ndarray, y: ndarray, z: ndarray) -> dict[str, ndarray]:
         "moustache": moustache,
         "handlebar": np.maximum(moustache, ends * (z > 60)),
         "strap": np.maximum(along_jaw, whiskers),
-        "mutton": np.maximum(below_cheek(4) * _rise(30, 38, x) * in_front, whiskers),
+        "mutton": np.maximum(below_cheek(4) * _smoothstep(30, 38, x) * in_front, whiskers),
         "whiskers": whiskers,
     }
 
 
 def _layer(density: Float[ndarray, "h w"], level: int) -> UInt8[ndarray, "h w 4"]:
-    """Strands run down (along v): noise that is long there and thin across."""
+    """Draws strands along v, from noise that is stretched in this direction."""
     rng = np.random.default_rng(level)
     noise = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH)).astype(np.float32), (0, 0), 0.6, sigmaY=3.0)
     curls = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH)).astype(np.float32), (0, 0), 4.0)
     strands = noise / noise.std() + 0.5 * curls / curls.std()
     bar = (-2.0, -0.6, 0.5)[level]
-    alpha = np.clip((strands - bar + 2.2 * (density - 0.8)) * 0.8, 0, 1) * _rise(0.02, 0.5, density)
+    alpha = np.clip((strands - bar + 2.2 * (density - 0.8)) * 0.8, 0, 1) * _smoothstep(0.02, 0.5, density)
     alpha *= (0.92, 0.85, 0.75)[level]
     grey = np.clip(0.5 + 0.13 * strands + (-0.12, 0.0, 0.1)[level], 0, 1)
     downward = np.zeros_like(grey), np.full_like(grey, 0.5)
@@ -123,15 +123,15 @@ class Beard:
     """A beard."""
 
     style: str  # one of `STYLES`
-    thickness_mm: float  # how far it stands out from the skin
-    hang_mm: float  # how far its tips hang below the chin
+    thickness_mm: float  # distance of the tips from the skin
+    hang_mm: float  # length below the chin
     density: float  # density of the strands; 1 is dense
     greyness: float  # 0 has the colour of the hair, 1 is white
     darkening: float  # factor on the colour of the hair
 
 
 def draw_beard(rng: np.random.Generator, person: Person) -> Beard:
-    """Draws a beard: most are short. It turns grey with age, earlier than the hair does."""
+    """Draws a beard, most often a short one. Beards turn grey at a younger age than hair."""
     style = weighted_choice(rng, _WEIGHTS)
     is_long = style in ("full", "chin", "goatee") and rng.uniform() < 0.22
     thickness = rng.uniform(7, 15) if is_long else rng.uniform(1.2, 6.0)
@@ -147,7 +147,7 @@ def draw_beard(rng: np.random.Generator, person: Person) -> Beard:
 
 
 def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneMesh]:
-    """The shells of a beard on a head with its expression, from the skin outward; `hair_rgb` is linear."""
+    """Makes the shells of a beard on a head with its expression, from the skin outward; `hair_rgb` is linear."""
     anchors = beard_anchors(head.model)
     skin, normals = anchors.at(head.vertices), unit(anchors.at(head.normals))
     reach, hang = _growth(beard.style)
@@ -176,7 +176,7 @@ def beard_meshes(beard: Beard, head: PosedHead, hair_rgb: Colour) -> list[SceneM
 
 @lru_cache(maxsize=16)
 def _growth(style: str) -> tuple[Float32[ndarray, " v"], Float32[ndarray, " v"]]:
-    """At each point of the grid: share of the thickness (thin at the border), share of the hanging."""
+    """Returns the share of the thickness (less at the border) and of the hanging length at each point of the grid."""
     soft = cv2.GaussianBlur(style_densities()[style], (0, 0), 6.0)
     reach = np.clip(cv2.resize(soft, (COLUMNS, ROWS), interpolation=cv2.INTER_LINEAR).reshape(-1) * 1.3 - 0.1, 0, 1)
     uv = grid_uv(ROWS, COLUMNS)
@@ -187,7 +187,7 @@ def _growth(style: str) -> tuple[Float32[ndarray, " v"], Float32[ndarray, " v"]]
 
 @lru_cache(maxsize=16)
 def _grown_triangles(style: str) -> Int32[ndarray, "t 3"]:
-    """Triangles where anything grows."""
+    """Returns the triangles with any density."""
     most = cv2.dilate(style_densities()[style], np.ones((2 * (HEIGHT // ROWS) + 3, 2 * (WIDTH // COLUMNS) + 3)))
     grows = cv2.resize(most, (COLUMNS, ROWS), interpolation=cv2.INTER_NEAREST).reshape(-1) > 0.02
     triangles = grid_triangles(ROWS, COLUMNS)

@@ -14,20 +14,20 @@ from pix2face.models.morphable_model import builtin_model
 
 VIEWS_DEG = (-45.0, 0.0, 45.0)
 _PIXELS, _SPAN_MM = 40, 300.0
-_FACE_DEPTH_MM = 45.0  # whatever is nearer to the camera is in front of the face
+_FACE_DEPTH_MM = 45.0  # triangles nearer to the camera are in front of the face
 
 
 @lru_cache(maxsize=1)
 def mean_head() -> PosedHead:
-    """The mean of the built-in model as a head."""
+    """Returns the mean of the built-in model as a head."""
     model = builtin_model()
     return PosedHead(model=model, vertices=model.mean, normals=Surface(model).normals(model.mean), neutral=model.mean)
 
 
 def visible_share(meshes: Sequence[SceneMesh]) -> float:
-    """Smallest share of the mean face that is visible past meshes, over the yaws of `VIEWS_DEG`.
+    """Returns the smallest visible share of the mean face behind meshes, over the yaws of `VIEWS_DEG`.
 
-    Meshes that let light through (lattices, lace, clear lenses) do not count.
+    Meshes that let light through (lattices, lace, clear lenses) are ignored.
     """
     opaque = [mesh for mesh in meshes if not _lets_through(mesh)]
     if not opaque:
@@ -49,7 +49,7 @@ def _lets_through(mesh: SceneMesh) -> bool:
 
 @lru_cache(maxsize=8)
 def _view(yaw_deg: float) -> tuple[Float64[ndarray, "3 3"], Bool[ndarray, "h w"]]:
-    """Axes to the right, up and towards the camera, and the pixels of the face."""
+    """Returns the axes to the right, up and towards the camera, and the pixels of the face."""
     yaw = np.deg2rad(yaw_deg)
     axes = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
     model = builtin_model()
@@ -64,7 +64,7 @@ def _drawn(
     axes: Float64[ndarray, "3 3"],
     nearer_than_mm: float,
 ) -> Bool[ndarray, "h w"]:
-    """The pixels that triangles cover, seen along the third axis."""
+    """Returns the pixels that triangles cover, seen along the third axis."""
     seen = vertices @ axes.T
     depth = seen[:, 2]
     a, b, c = triangles.T
@@ -78,7 +78,7 @@ def _drawn(
     is_large = ((high - low > 2) & (high >= 0) & (low < _PIXELS)).any(axis=1)
     for triangle in places[is_large, :3]:
         cv2.fillConvexPoly(picture, triangle, 1)
-    # Small triangles are drawn as their corners and middles, which is several times as fast.
+    # For speed, small triangles are drawn as their corners and centroids.
     dots = places[~is_large].reshape(-1, 2)
     dots = dots[((dots >= 0) & (dots < _PIXELS)).all(axis=1)]
     picture[dots[:, 1], dots[:, 0]] = 1

@@ -1,4 +1,4 @@
-"""Which glasses people wear, and how."""
+"""Draws glasses, sunglasses and goggles."""
 
 from dataclasses import dataclass
 from typing import final
@@ -29,9 +29,9 @@ class Glasses:
     lens_alpha: float  # 0 is clear, 1 opaque
     mirror: float  # share of light that a coating reflects; 0 for bare glass
     gradient: float  # how much darker the lenses are at the top than at the bottom
-    slip_mm: float  # how far down the nose they sit
-    lift: float  # 0 on the nose, 1 pushed up on the hair
-    tilt_deg: float  # how far the top of the lenses leans forward
+    slip_mm: float  # distance down the nose
+    lift: float  # 0 is on the nose, 1 pushed up into the hair
+    tilt_deg: float  # forward tilt of the top of the lenses
     skew_deg: float  # rotation in the plane of the lenses
 
 
@@ -70,7 +70,7 @@ def draw_glasses(rng: np.random.Generator, *, is_dark: bool, goggle_share: float
 
 
 def _draw_goggles(rng: np.random.Generator) -> Glasses:
-    """Swimming goggles (small) or ski goggles (large)."""
+    """Draws swimming goggles (small) or ski goggles (large)."""
     is_ski = bool(rng.uniform() < 0.5)
     return Glasses(
         shape="oval" if not is_ski else "square",

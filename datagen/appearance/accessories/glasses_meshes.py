@@ -1,4 +1,4 @@
-"""Meshes of glasses: frames of many shapes with clear, tinted or mirrored lenses, and goggles; where they sit."""
+"""Meshes of glasses with clear, tinted or mirrored lenses, and of goggles, and their place on a head."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -16,15 +16,15 @@ from datagen.appearance.solids import Solid, joined, scene_mesh, sheet, solid, t
 from pix2face.models.morphable_model import MorphableModel
 
 OUTLINE = 28  # points around a lens
-_CELL_MM, _CELLS, _LOW = 4.0, 54, np.array([-108.0, -76.0])  # cells over the front of the face
-_TEMPLE_MM = 2.2  # from the middle of a temple to the skin
+_CELL_MM, _CELLS, _LOW = 4.0, 54, np.array([-108.0, -76.0])  # a grid over the front of the face
+_TEMPLE_MM = 2.2  # distance from the axis of a temple to the skin
 
-# On the mean head: bridge of the nose, left pupil, groove above the left ear, behind that ear high and low.
+# Places on the mean head: bridge of the nose, left pupil, groove above the left ear, behind that ear high and low.
 _PLACES = ((0.0, 20.0, 104.0), (33, 27, 94), (76.5, 37, 4), (75, 26, -19), (71.5, 12, -18))
 
 
 def glasses_meshes(glasses: Glasses, head: PosedHead) -> list[SceneMesh]:
-    """The frame and the lenses."""
+    """Makes the meshes of the frame and the lenses."""
     local = [_rim_and_lens(glasses, side) for side in (1, -1)]
     frame = [rim for rim, _ in local if rim is not None]
     front, lenses = joined([*frame, _bridge(glasses)]), joined([lens for _, lens in local])
@@ -51,14 +51,14 @@ def glasses_meshes(glasses: Glasses, head: PosedHead) -> list[SceneMesh]:
 
 
 def _curved(points: np.ndarray) -> np.ndarray:
-    """Bends a flat front around the face, backward by some millimetres far from the nose."""
+    """Bends a flat front around the face, backward with the distance from the nose."""
     bent = points.copy()
     bent[..., 2] -= 0.0016 * bent[..., 0] ** 2
     return bent
 
 
 def _rim_and_lens(glasses: Glasses, side: int) -> tuple[Solid | None, Solid]:
-    """Rim and lens on one side (1 the left) in the front frame: x left, y up, z forward, origin between the lenses."""
+    """Makes rim and lens on one side (1 is left), with x left, y up, z forward, and the origin between the lenses."""
     flat = outline(glasses.shape, OUTLINE) * [glasses.width_mm / 2, glasses.height_mm / 2]
     middle = 0.5 * (glasses.bridge_mm + glasses.width_mm)
     edge = np.stack([side * (flat[:, 0] + middle), flat[:, 1], np.zeros(OUTLINE)], axis=1)
@@ -81,7 +81,7 @@ def _rim_and_lens(glasses: Glasses, side: int) -> tuple[Solid | None, Solid]:
 
 
 def _bridge(glasses: Glasses) -> Solid:
-    """The bridge between the lenses."""
+    """Makes the bridge between the lenses."""
     half = 0.5 * glasses.bridge_mm + 0.5
     x = np.linspace(-half, half, 7)
     rise = 0.16 * glasses.height_mm + 1.5 * (1 - (x / half) ** 2)
@@ -95,7 +95,7 @@ def _bridge(glasses: Glasses) -> Solid:
 
 
 def _temple(glasses: Glasses, path: Float64[ndarray, "n 3"]) -> Solid:
-    """A temple from the hinge to the ear and down behind it."""
+    """Makes a temple from the hinge to the ear and down behind it."""
     thick = max(0.7, min(glasses.thickness_mm, 1.6))
     tall = thick if glasses.is_metal else max(1.5, 1.6 * glasses.thickness_mm)
     return tube(path, (min(thick, 1.2), tall), (0, 0.6, -0.8), 6, squareness=0.4)
@@ -104,7 +104,7 @@ def _temple(glasses: Glasses, path: Float64[ndarray, "n 3"]) -> Solid:
 def _placed(
     glasses: Glasses, head: PosedHead, marks: Mapping[int, Float64[ndarray, "5 3"]], front: Float32[ndarray, "n 3"]
 ) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
-    """Rotation and origin of the front, which raised cheeks and brows push forward; `front` are its points."""
+    """Returns rotation and origin of the front, with the points `front`. Raised cheeks and brows push it forward."""
     bridge = marks[1][0] * [0, 1, 1] + [0.5 * (marks[1][1][0] + marks[-1][1][0]), 0, 0]
     eyes = 0.5 * (marks[1][1] + marks[-1][1])
     angles_deg = [glasses.tilt_deg - 22 * glasses.lift, glasses.skew_deg]
@@ -124,7 +124,7 @@ def _sides(
     rotation: Float64[ndarray, "3 3"],
     place: Float64[ndarray, "3"],
 ) -> list[Solid]:
-    """Two temples, or the strap of goggles."""
+    """Makes two temples, or the strap of goggles."""
     hinge = np.array([0.5 * glasses.bridge_mm + glasses.width_mm + 1.0, 0.22 * glasses.height_mm, 0.0])
     hinge[2] = -0.0016 * hinge[0] ** 2
     hinges = {side: rotation @ (hinge * [side, 1, 1]) + place for side in (1, -1)}
@@ -136,7 +136,7 @@ def _sides(
 def _temple_path(
     head: PosedHead, hinge: Float64[ndarray, "3"], marks: Float64[ndarray, "5 3"], side: int
 ) -> Float64[ndarray, "n 3"]:
-    """The path from the hinge straight to the ear, outside of the head, and down behind the ear."""
+    """Returns the path from the hinge to the ear, outside the head, and down behind the ear."""
     over_ear = marks[2] + [side * 1.8, 2.8, 0]
     behind = marks[3] + [side * 2.6, 0, -0.5]
     below = marks[4] + [side * 2.6, 0, -1.0]
@@ -150,7 +150,7 @@ def _temple_path(
 
 
 def _pushed_out(head: PosedHead, path: Float64[ndarray, "n 3"], side: int) -> Float64[ndarray, "n 3"]:
-    """Moves points inside the skin out of it; twice, since another vertex may be nearest afterwards."""
+    """Moves points inside the skin out of it, twice, since another vertex may be nearest afterwards."""
     chosen = _side_vertices(head.model)[side]
     skin, normals = head.neutral[chosen].astype(np.float64), head.normals[chosen]
     for _ in range(2):
@@ -161,7 +161,7 @@ def _pushed_out(head: PosedHead, path: Float64[ndarray, "n 3"], side: int) -> Fl
 
 
 def _strap_path(head: PosedHead, hinges: Mapping[int, Float64[ndarray, "3"]]) -> Float64[ndarray, "n 3"]:
-    """The path around the back of the head, in a plane through both ends of the front."""
+    """Returns the path around the back of the head, from one hinge to the other."""
     y = hinges[1][1]
     around = head.neutral[head.model.vertices_of("scalp")]
     near = around[np.abs(around[:, 1] - y - 10) < 14]
@@ -175,7 +175,7 @@ def _strap_path(head: PosedHead, hinges: Mapping[int, Float64[ndarray, "3"]]) ->
 
 
 def _in_front(head: PosedHead, points: Float64[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
-    """How far points are in front of the face, with or without its expression, mm along z."""
+    """Returns the distance of points in front of the face, with or without its expression, mm along z."""
     chosen = _front_vertices(head.model)
     neutral, face = head.neutral.take(chosen, axis=0), head.vertices.take(chosen, axis=0)
     face = np.where(neutral[:, 2:] > face[:, 2:], neutral, face)
@@ -189,7 +189,7 @@ def _in_front(head: PosedHead, points: Float64[ndarray, "n 3"]) -> Float64[ndarr
 
 
 def _nearest_in_plane(face: Float32[ndarray, "v 3"], points: Float64[ndarray, "n 3"]) -> Int32[ndarray, "n 2"]:
-    """The two nearest vertices in x and y among the foremost ones of nearby cells; a tree does not pay for so few."""
+    """Returns the two nearest vertices in x and y, among the foremost of nearby cells (faster than a tree)."""
     order = np.argsort(face[:, 2])
     cells = np.clip(((face[order, :2] - _LOW) / _CELL_MM).astype(np.intp), 0, _CELLS - 1) + 1
     field = np.full((_CELLS + 2, _CELLS + 2), -1, dtype=np.int32)
@@ -203,7 +203,7 @@ def _nearest_in_plane(face: Float32[ndarray, "v 3"], points: Float64[ndarray, "n
 
 
 def _half_width(head: PosedHead, side: int, places: Float64[ndarray, "n 2"]) -> Float64[ndarray, " n"]:
-    """How far the head extends to one side near places (y, z), mm."""
+    """Returns the extent of the head to one side near places (y, z), mm."""
     chosen = _side_vertices(head.model)[side]
     beside = head.neutral[chosen]
     aside = np.abs(beside[None, :, 1:] - places[:, None].astype(np.float32))
@@ -228,7 +228,7 @@ def _side_vertices(model: MorphableModel) -> Mapping[int, Int32[ndarray, " n"]]:
 
 
 def outline(shape: str, count: int) -> Float64[ndarray, "n 2"]:
-    """The outline of the left lens in a box from -1 to 1, from the nose over the top: x away from the nose, y up."""
+    """Returns the outline of the left lens from -1 to 1, from the nose over the top: x away from the nose, y up."""
     angle = np.pi - np.linspace(0, 2 * np.pi, count, endpoint=False)
     cosine, sine = np.cos(angle), np.sin(angle)
     power = {"round": 2.0, "oval": 2.2, "rectangle": 5.0, "square": 4.0, "cat-eye": 3.0, "aviator": 2.6}[shape]

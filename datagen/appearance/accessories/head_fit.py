@@ -1,4 +1,4 @@
-"""What accessories are fitted to: places of a head, and the smooth outside of its skull."""
+"""Finds the places of a head and the smooth surface of its skull, for fitting accessories."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,28 +14,28 @@ from datagen.appearance.scene import PosedHead
 from datagen.random_streams import Triple
 from pix2face.models.morphable_model import MorphableModel
 
-# The outer surface of the head without its ears, which rays pass.
+# The outer surface of the head, without the ears.
 OUTER_REGIONS = ("skin", "brows", "lips", "scalp", "neck")
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Points on the surface of a model that can be found on any of its heads."""
+    """Points on the surface of a model, as barycentric coordinates."""
 
-    corners: Int32[ndarray, "n 3"]  # vertices of the triangle that each point lies in
-    weights: Float32[ndarray, "n 3"]  # of the corners; rows sum to 1
+    corners: Int32[ndarray, "n 3"]  # vertices of the triangle of each point
+    weights: Float32[ndarray, "n 3"]  # weights of these vertices; rows sum to 1
 
     def at(self, values: Float32[ndarray, "v 3"]) -> Float32[ndarray, "n 3"]:
-        """Values of the vertices (places, normals) at the points."""
+        """Interpolates values of the vertices, such as positions or normals, at the points."""
         w, found = self.weights, values[self.corners]
         return w[:, :1] * found[:, 0] + w[:, 1:2] * found[:, 1] + w[:, 2:] * found[:, 2]
 
 
 def anchors_outward(model: MorphableModel, centre: Float[ndarray, "3"], directions: Float[ndarray, "n 3"]) -> Anchors:
-    """Where rays from inside the mean head leave it: the last of their crossings.
+    """Returns the points where rays from inside the mean head leave it: the outermost intersections.
 
-    A ray that meets no triangle ends in the triangle whose middle is nearest to it.
+    A ray without an intersection gets a point in the triangle whose centroid is nearest to it.
     """
     triangles = model.triangles[model.triangles_of(*OUTER_REGIONS)]
     corners = model.mean[triangles].astype(np.float64) - centre
@@ -43,13 +43,13 @@ def anchors_outward(model: MorphableModel, centre: Float[ndarray, "3"], directio
     tree = cKDTree(middle / np.linalg.norm(middle, axis=1, keepdims=True))
     rays = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     near = tree.query(rays, k=32)[1]
-    # p = direction * t = sum of weights * corner: a 3 x 3 system for each ray and candidate.
+    # direction * t = sum of weights * corner: a 3 x 3 system for each ray and candidate.
     inverse = np.linalg.pinv(np.swapaxes(corners, 1, 2))[near]
     scaled = np.einsum("nkij,nj->nki", inverse, rays)
     total = scaled.sum(axis=2)
     weights = scaled / np.where(np.abs(total) < 1e-12, 1e-12, total)[..., None]
     distance = np.where((weights.min(axis=2) > -1e-6) & (total > 0), 1 / np.maximum(total, 1e-12), 0)
-    best = distance.argmax(axis=1)  # 0, the nearest triangle, where the ray meets none
+    best = distance.argmax(axis=1)  # 0, the nearest triangle, if there is no intersection
     rows = np.arange(len(rays))
     found = np.clip(weights[rows, best], 0, 1)
     found /= np.maximum(found.sum(axis=1, keepdims=True), 1e-9)
@@ -60,10 +60,14 @@ def anchors_outward(model: MorphableModel, centre: Float[ndarray, "3"], directio
 def grid_outward(
     model: MorphableModel, centre: Triple, rise_deg: tuple[float, float], half_width_deg: float, shape: tuple[int, int]
 ) -> Anchors:
-    """Anchors on a grid of rays around the front of the head, row after row; they begin at `centre` (mm).
+    """Returns anchors on a grid of rays around the front of the head, row by row.
 
-    `rise_deg` are the angles above the horizon of the first and the last row, `half_width_deg` is the angle from
-    straight ahead of the last column, on the subject's left.
+    Args:
+        model: The model.
+        centre: Origin of the rays in mm.
+        rise_deg: Elevation of the first and of the last row.
+        half_width_deg: Azimuth of the last column, to the subject's left.
+        shape: Number of rows and columns.
     """
     rise = np.deg2rad(np.linspace(*rise_deg, shape[0]))[:, None]
     around = np.deg2rad(np.linspace(-half_width_deg, half_width_deg, shape[1]))[None]
@@ -74,7 +78,7 @@ def grid_outward(
 def nearest_vertices(
     model: MorphableModel, places: tuple[Triple, ...], regions: tuple[str, ...] = OUTER_REGIONS
 ) -> Int32[ndarray, " n"]:
-    """The vertex of some regions nearest to each place of the mean head (mm)."""
+    """Returns the vertex of some regions that is nearest to each place on the mean head (mm)."""
     candidates = model.vertices_of(*regions)
     return candidates[cKDTree(model.mean[candidates]).query(np.array(places))[1]]
 
@@ -82,12 +86,12 @@ def nearest_vertices(
 def nearest_on_side(
     model: MorphableModel, places: tuple[Triple, ...], side: int, regions: tuple[str, ...] = OUTER_REGIONS
 ) -> Int32[ndarray, " n"]:
-    """As `nearest_vertices` for places on the left (side 1), or for their mirror images on the right (side -1)."""
+    """Calls `nearest_vertices` for places on the left (side 1), or for their mirror images on the right (side -1)."""
     return nearest_vertices(model, tuple((side * x, y, z) for x, y, z in places), regions)
 
 
 def bilinear(values: Float32[ndarray, "r c *v"], rows: Float[ndarray, "*n"], columns: Float[ndarray, "*n"]) -> ndarray:
-    """Values between those of a grid, at fractional rows and columns that lie within it."""
+    """Interpolates the values of a grid bilinearly at fractional rows and columns within it."""
     row = np.clip(rows.astype(np.intp), 0, values.shape[0] - 2)
     column = np.clip(columns.astype(np.intp), 0, values.shape[1] - 2)
     extra = (1,) * (values.ndim - 2)
@@ -99,10 +103,10 @@ def bilinear(values: Float32[ndarray, "r c *v"], rows: Float[ndarray, "*n"], col
 
 @lru_cache(maxsize=4)
 def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray, " n"]]:
-    """The border of the neck, from the back over the subject's left side and the front.
+    """Finds the border of the neck, from the back over the subject's left side and the front.
 
     Returns:
-        Vertices once around, the first repeated at the end; for each of them a neighbour that is not on the border.
+        Vertices around the border, with the first repeated at the end, and a neighbour of each that is not on it.
     """
     edges = np.concatenate([model.triangles[:, [0, 1]], model.triangles[:, [1, 2]], model.triangles[:, [2, 0]]])
     keys = np.sort(edges, axis=1) @ np.array([len(model.mean), 1], dtype=np.int64)
@@ -127,7 +131,7 @@ def neck_rim(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray
 
 
 def _straightest(mean: Float32[ndarray, "v 3"], neighbours: dict[int, list[int]], loop: list[int], place: int) -> int:
-    """The neighbour whose direction is the most perpendicular to the border."""
+    """Returns the neighbour in the direction that is most perpendicular to the border."""
     here = mean[loop[place]]
     along = mean[loop[(place + 1) % len(loop)]] - mean[loop[place - 1]]
     found = neighbours[loop[place]]
@@ -141,7 +145,7 @@ _LOWEST_DEG = -75.0
 
 
 def direction(rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Float[ndarray, "*_ 3"]:
-    """Unit vectors at angles in radians above the horizon, and around from the front towards the subject's left."""
+    """Returns unit vectors at elevations `rise` and azimuths `around` (0 is the front, then left), in radians."""
     rise, around = np.broadcast_arrays(rise, around)
     level = np.cos(rise)
     return np.stack([level * np.sin(around), np.sin(rise), level * np.cos(around)], axis=-1)
@@ -150,14 +154,14 @@ def direction(rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Flo
 @final
 @dataclass(frozen=True, eq=False)
 class Skull:
-    """The outside of one head."""
+    """The surface of one head in spherical coordinates."""
 
-    centre: Float32[ndarray, "3"]  # middle of the skull, mm, model frame
+    centre: Float32[ndarray, "3"]  # centre of the skull, mm, model frame
     # distance of the skin, mm; rows from the crown down, columns around from the back over the right side
     radii: Float32[ndarray, "r c"]
 
     def radius(self, rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"]) -> Float32[ndarray, "*_"]:
-        """Distance of the skin from the centre, mm; arguments as `direction`."""
+        """Returns the distance of the skin from the centre, mm; arguments are those of `direction`."""
         top, low = np.pi / 2, np.deg2rad(_LOWEST_DEG)
         rows = np.clip((top - rise) / (top - low), 0, 1) * (_ROWS - 1)
         columns = np.mod(around / (2 * np.pi) + 0.5, 1.0) * (_COLUMNS - 1)
@@ -166,14 +170,14 @@ class Skull:
     def at(
         self, rise: Float[ndarray, "*#n"], around: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
     ) -> Float32[ndarray, "*_ 3"]:
-        """Points so far above the skin, mm, model frame."""
+        """Returns points `above_mm` above the skin, mm, model frame."""
         rise, around, above_mm = np.broadcast_arrays(rise, around, above_mm)
         distance = self.radius(rise, around) + above_mm
         return np.asarray(self.centre + distance[..., None] * direction(rise, around), dtype=np.float32)
 
 
 def fit_skull(head: PosedHead, *, with_expression: bool = False) -> Skull:
-    """Measures the skull of a head: without its expression for hats, which are rigid, and with it for scarves."""
+    """Measures the skull of a head, without its expression (for rigid hats) or with it (for scarves)."""
     place = head.vertices if with_expression else head.neutral
     points = _skull_anchors(head.model).at(place)
     centre = CENTRE + (points - _skull_anchors(head.model).at(head.model.mean))[: _COLUMNS * 15].mean(axis=0)

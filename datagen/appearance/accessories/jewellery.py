@@ -1,4 +1,4 @@
-"""Earrings, necklaces, piercings, nose rings; earphones, headphones and headsets."""
+"""Earrings, necklaces and piercings; earphones, headphones and headsets."""
 
 from dataclasses import dataclass
 from typing import final
@@ -17,7 +17,7 @@ from datagen.random_streams import rounded
 EARRINGS = ("none", "stud", "hoop", "drop")
 SOUND = ("none", "buds", "wired", "headphones", "headset", "round neck")
 PIERCINGS = ("none", "nose stud", "nose ring", "septum", "brow", "lip")
-# On the mean head: lobe, ear canal, wing of the nose, below the nose, end of the brow, below the lower lip.
+# Places on the mean head: ear lobe, ear canal, side of the nose, below the nose, end of the brow, below the lower lip.
 _PLACES = ((77.0, -17, 5), (76, 4, 8), (15, -12, 104), (0, -20, 109), (56, 46, 78), (9, -53, 104))
 _REGIONS = ("ears", "ears", "skin", "skin", "brows", "skin")
 
@@ -25,12 +25,12 @@ _REGIONS = ("ears", "ears", "skin", "skin", "brows", "skin")
 @final
 @dataclass(frozen=True, kw_only=True)
 class Jewellery:
-    """Jewellery, and what people listen with."""
+    """Jewellery and earphones."""
 
     earrings: str  # one of `EARRINGS`
-    one_ear: bool  # only the left ear has an earring
+    one_ear: bool  # whether only the left ear has an earring
     piercing: str  # one of `PIERCINGS`
-    necklace: int  # 0 none, 1 a chain, 2 beads, 3 a chain with a pendant
+    necklace: int  # 0 is none, 1 a chain, 2 beads, 3 a chain with a pendant
     sound: str  # one of `SOUND`
     size: float  # 0..1
     metal: Colour  # linear colour
@@ -39,7 +39,7 @@ class Jewellery:
 
 
 def draw_jewellery(rng: np.random.Generator, femininity: float, sound_share: float, share: float) -> Jewellery:
-    """Draws jewellery; `share` is how often women wear some, `sound_share` how often anybody wears earphones."""
+    """Draws jewellery. `share` is the share of women with jewellery, `sound_share` that of people with earphones."""
     wears = share * (0.25 + 0.75 * femininity)
     earrings = str(rng.choice(EARRINGS[1:])) if rng.uniform() < wears else "none"
     return Jewellery(
@@ -56,7 +56,7 @@ def draw_jewellery(rng: np.random.Generator, femininity: float, sound_share: flo
 
 
 def jewellery_meshes(jewellery: Jewellery, head: PosedHead, body: Body) -> list[SceneMesh]:
-    """The meshes of jewellery and earphones on a head."""
+    """Makes the meshes of jewellery and earphones on a head."""
     metal, stones = _jewels(jewellery, head, body)
     made = {
         "metal": (metal, smooth(jewellery.metal, 0.2, 0.6)),
@@ -71,7 +71,7 @@ def jewellery_meshes(jewellery: Jewellery, head: PosedHead, body: Body) -> list[
 
 
 def _jewels(jewellery: Jewellery, head: PosedHead, body: Body) -> tuple[list[Solid], list[Solid]]:
-    """What is of metal, and stones and beads."""
+    """Makes the parts of metal, and stones and beads."""
     metal: list[Solid] = []
     stones: list[Solid] = []
     marks = {side: _marks(head, side) for side in (1, -1)}
@@ -125,7 +125,7 @@ def _necklace(jewellery: Jewellery, body: Body) -> tuple[Solid, list[Solid]]:
 
 
 def _sound(jewellery: Jewellery, head: PosedHead, body: Body) -> list[Solid]:
-    """Earphones, headphones or a headset."""
+    """Makes earphones, headphones or a headset."""
     parts: list[Solid] = []
     if jewellery.sound == "round neck":
         path = body.at(np.full(25, 0.03), np.linspace(0.09, 0.91, 25), 16.0)
@@ -152,7 +152,7 @@ def _sound(jewellery: Jewellery, head: PosedHead, body: Body) -> list[Solid]:
 
 
 def _band(head: PosedHead) -> Solid:
-    """Over the crown, from ear to ear."""
+    """Makes the headband over the crown."""
     skull = fit_skull(head)
     angle = np.linspace(-np.pi / 2, np.pi / 2, 25)
     rise = np.pi / 2 - np.abs(angle) * (np.pi / 2 + 0.25) / (np.pi / 2)
@@ -162,7 +162,7 @@ def _band(head: PosedHead) -> Solid:
 
 
 def _boom(head: PosedHead) -> list[Solid]:
-    """A microphone on an arm before the mouth."""
+    """Makes a microphone in front of the mouth and its arm."""
     _, canal, *_, lip = _marks(head, 1)
     end = lip + [14, 0, 18]
     path = np.stack([canal + [18, -10, 8], 0.5 * (canal + end) + [26, -12, 14], end])
@@ -174,7 +174,7 @@ def _ball(place: Float64[ndarray, "3"], radius: float) -> Solid:
 
 
 def _ring(place: Float64[ndarray, "3"], radius: float, thick: float, plane: tuple[int, int]) -> Solid:
-    """A ring in the plane of two axes."""
+    """Makes a ring in the plane of two axes."""
     angle = np.linspace(0, 2 * np.pi, 25)
     path = np.tile(place, (25, 1))
     path[:, plane[0]] += radius * np.sin(angle)
@@ -183,7 +183,7 @@ def _ring(place: Float64[ndarray, "3"], radius: float, thick: float, plane: tupl
 
 
 def _marks(head: PosedHead, side: int) -> Float64[ndarray, "6 3"]:
-    """Where the `_PLACES` are on one side of a head; side 1 is the left."""
+    """Returns the `_PLACES` on one side of a head; side 1 is the left."""
     at = zip(_PLACES, _REGIONS, strict=True)
     found = [nearest_on_side(head.model, (place,), side, (region,)) for place, region in at]
     return head.vertices[np.concatenate(found)].astype(np.float64)

@@ -1,4 +1,4 @@
-"""Materials of what people wear and hold, and how their colours are drawn: mostly muted, linear light."""
+"""Materials of accessories, and random colours for them, in linear light."""
 
 import colorsys
 from typing import Any
@@ -17,7 +17,7 @@ SILVER: Colour = (0.62, 0.62, 0.62)
 
 
 def draw_cloth_colour(rng: np.random.Generator) -> Colour:
-    """A colour of clothes: black, white, grey, navy and dull ones mostly, a bright one now and then."""
+    """Draws a colour of clothes: mostly black, white, grey, navy or dull, sometimes bright."""
     kind = rng.choice(["dark", "light", "grey", "navy", "dull", "bright"], p=[0.22, 0.18, 0.14, 0.12, 0.24, 0.10])
     hue, value = rng.uniform(), rng.uniform()
     saturation, brightness = {
@@ -33,27 +33,27 @@ def draw_cloth_colour(rng: np.random.Generator) -> Colour:
 
 
 def draw_tint(rng: np.random.Generator, saturation: float, brightness: float) -> Colour:
-    """Any hue of a saturation and a brightness (both 0..1, sRGB)."""
+    """Draws a colour of any hue, with the given saturation and brightness (both 0..1, sRGB)."""
     return linear_colour(colorsys.hsv_to_rgb(float(rng.uniform()), saturation, brightness))
 
 
 def linear_colour(srgb: tuple[float, float, float]) -> Colour:
-    """SRGB (0..1) to linear light, rounded as it is stored."""
+    """Converts sRGB (0..1) to linear light, rounded as stored."""
     return triple(srgb_to_linear(np.array(srgb, dtype=np.float64)))
 
 
 def cloth(weave: str, colour: Colour, second: Colour = (0.0, 0.0, 0.0), roughness: float = 0.85) -> Material:
-    """A weave in two colours."""
+    """Makes a weave in two colours."""
     return _woven(weave, colour, roughness, reflectance=0.03, numbers=(*second, 0.0))
 
 
 def cut_out(weave: str, colour: Colour, second: Colour, roughness: float) -> Material:
-    """A weave with holes, such as lace or leaves."""
+    """Makes a weave with holes, such as lace or leaves."""
     return _woven(weave, colour, roughness, numbers=(*second, 0.0), is_blended=True)
 
 
 def skin_material(skin_rgb: Colour) -> Material:
-    """Skin of hands, neck and shoulders."""
+    """Makes the skin of hands, neck and shoulders."""
     return _woven("skin", skin_rgb, 0.55, reflectance=0.028, numbers=(*skin_rgb, 1.0))
 
 
@@ -62,5 +62,5 @@ def _woven(weave: str, colour: Colour, roughness: float, **more: Any) -> Materia
 
 
 def smooth(colour: Colour, roughness: float, reflectance: float = 0.04) -> Material:
-    """Plastic, metal, enamel: one colour."""
+    """Makes plastic, metal or enamel of one colour."""
     return Material(kind="object", colour=colour, roughness=roughness, reflectance=reflectance, numbers=(*colour, 0.0))

@@ -1,7 +1,7 @@
-"""Textures of cloth, leather, paper and skin, painted by code: small, tileable and without colours.
+"""Generated textures of cloth, leather, paper and skin, small and tileable.
 
-Red says how light a place is (0.8 shows the colour as it is), green the share of the second colour, blue how dull the
-place is, alpha how opaque; see `material.glsl`.
+Red is the lightness (0.8 shows the colour of the material unchanged), green the share of the second colour, blue the
+dullness, alpha the opacity; see `material.glsl`.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,18 +19,18 @@ NEUTRAL = 0.8
 WEAVES = "accessory_weaves"
 
 Layer = Float32[ndarray, "s s 4"]
-# Row and column of each texel, 0..1.
+# v and u of each texel, 0..1.
 _V, _U = np.mgrid[:SIZE, :SIZE].astype(np.float32) / SIZE
 
 
 def layer_of(weave: str) -> int:
-    """Number of a weave's layer in the texture."""
+    """Returns the texture layer of a weave."""
     return list(_PAINTERS).index(weave)
 
 
 @lru_cache(maxsize=1)
 def weave_textures() -> Mapping[str, Texture]:
-    """All weaves, one layer each, under the name that materials call them by."""
+    """Returns the texture of all weaves, one layer each."""
     layers = np.stack([paint() for paint in _PAINTERS.values()])
     return {WEAVES: Texture(pixels=(np.clip(layers, 0, 1) * 255 + 0.5).astype(np.uint8), repeat=True)}
 
@@ -38,25 +38,25 @@ def weave_textures() -> Mapping[str, Texture]:
 def _layer(
     shade: ndarray | float = 0.0, second: ndarray | float = 0.0, dull: float = 1.0, alpha: ndarray | float = 1.0
 ) -> Layer:
-    """A layer; `shade` is what is added to 1."""
+    """Makes a layer with a lightness of 1 + `shade` relative to neutral."""
     parts = (NEUTRAL * (1 + np.asarray(shade)), second, dull, alpha)
     return np.stack([np.broadcast_to(np.asarray(part, dtype=np.float32), (SIZE, SIZE)) for part in parts], axis=-1)
 
 
 def _noise(seed: int, blur: float) -> Float32[ndarray, "s s"]:
-    """Tileable noise of unit standard deviation; `blur` in texels."""
+    """Returns tileable noise of unit standard deviation; `blur` is in texels."""
     noise = np.random.default_rng(seed).standard_normal((SIZE, SIZE)).astype(np.float32)
     wide = cv2.GaussianBlur(np.tile(noise, (3, 3)), (0, 0), blur)[SIZE : 2 * SIZE, SIZE : 2 * SIZE]
     return np.asarray((wide - wide.mean()) / wide.std(), dtype=np.float32)
 
 
 def _wave(phase: ndarray, sharpness: float = 4.0) -> ndarray:
-    """A soft square wave, 0..1, period 1."""
+    """Returns a smooth square wave, 0..1, with period 1."""
     return 0.5 + 0.5 * np.tanh(sharpness * np.sin(2 * np.pi * phase))
 
 
 def _lines(phase: ndarray, half_width: float) -> ndarray:
-    """Thin lines in the middle of each period of 1."""
+    """Returns lines in the middle of each period of 1."""
     return np.abs(phase % 1 - 0.5) < half_width
 
 
@@ -107,7 +107,7 @@ def _flowers() -> Layer:
 
 
 def _letters(seed: int, lines: int, height: float) -> Float32[ndarray, "s s"]:
-    """Lines of marks that look like words from afar."""
+    """Draws lines of strokes that resemble words."""
     rng = np.random.default_rng(seed)
     ink = np.zeros((SIZE, SIZE), dtype=np.float32)
     for line in range(lines):

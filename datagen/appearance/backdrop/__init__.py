@@ -1,1 +1,1 @@
-"""What is behind the people of synthetic photographs."""
+"""Backdrops of synthetic photographs."""

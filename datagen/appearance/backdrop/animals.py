@@ -1,4 +1,4 @@
-"""Heads of animals, drawn from fur, ears, eyes, a muzzle and a nose: what looks like a face and is no person's."""
+"""Draws heads of animals with fur, ears, eyes, a muzzle and a nose, which resemble human faces."""
 
 from collections.abc import Callable, Sequence
 
@@ -13,7 +13,7 @@ Colour = Float64[ndarray, "3"]
 
 
 def draw_animals(rng: np.random.Generator, size_px: int, patterns: Sequence[str]) -> UInt8[ndarray, "s s 3"]:
-    """One to three animals before one of some patterns."""
+    """Draws one to three animals in front of one of the patterns."""
     picture = PATTERNS[patterns[int(rng.integers(len(patterns)))]](rng, size_px, size_px)
     for _ in range(int(rng.integers(1, 4))):
         _draw_animal(rng, picture)
@@ -74,7 +74,7 @@ def _draw_ears(
     place: Callable[[float, float], tuple[int, int]],
     colour: Colour,
 ) -> None:
-    """Upright triangles or hanging lobes."""
+    """Draws upright or hanging ears."""
     is_hanging, wide = rng.uniform() < 0.5, rng.uniform(0.5, 0.9)
     for side in (-1, 1):
         if is_hanging:

@@ -1,4 +1,4 @@
-"""What is behind the head: the environment that lights it, another one, patterns, one colour, the user's pictures."""
+"""Backdrops: the environment that lights the head, another one, patterns, one colour, or the user's pictures."""
 
 from dataclasses import dataclass
 from typing import Any, final
@@ -30,46 +30,46 @@ _PLAIN = {  # sRGB
     "blue screen": (0.05, 0.2, 0.7),
 }
 _IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-# sRGB bytes to linear light.
+# Linear light of each sRGB byte.
 _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class PersonPlace:
-    """Where another person stands behind the head."""
+    """The place of another person behind the head."""
 
-    x: float  # middle of the head, as a share of the picture's width
-    y: float  # middle of the head, as a share of the picture's height
+    x: float  # centre of the head, as a share of the picture's width
+    y: float  # centre of the head, as a share of the picture's height
     scale: float  # size of the head relative to the one in front
-    blur: float  # radius out of focus, as a share of the picture's width
+    blur: float  # radius of the defocus blur, as a share of the picture's width
     seed: int  # of the person's appearance
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Backdrop:
-    """What is behind one head."""
+    """The backdrop of one picture."""
 
-    kind: str  # `environment` (the light's), `other environment`, `photograph`, `plain`, or a pattern's name
+    kind: str  # `environment` (that of the light), `other environment`, `photograph`, `plain`, or a pattern's name
     seed: int = 0  # of the pattern
     panoramas: tuple[PanoramaLight, ...] = ()  # only for environments
-    view_deg: float = 0.0  # angle of an environment across the picture; 0 is the camera's own
+    view_deg: float = 0.0  # angle of view of an environment across the picture; 0 is that of the camera
     colour: Triple = (0.5, 0.5, 0.5)  # only for `plain`; sRGB, 0..1
     level: float = 1.0  # factor on the light of anything but environments
-    blur: float = 0.0  # radius out of focus, as a share of the picture's width
+    blur: float = 0.0  # radius of the defocus blur, as a share of the picture's width
     file: str = ""  # only for photographs; relative to the folder
     crop: Triple = (0.0, 0.0, 1.0)  # only for photographs; see `picture_folder.read_crop`
     is_mirrored: bool = False  # only for photographs
     people: tuple[PersonPlace, ...] = ()  # other people behind
-    n_people: int = 0  # stored with samples, to filter by
+    n_people: int = 0  # number of other people, stored with samples for filters
 
 
 def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light) -> Backdrop:
-    """Draws what is behind a head in some light.
+    """Draws a backdrop that suits the light.
 
     Raises:
-        InputFileError: The folder of pictures cannot be used.
+        InputFileError: The folder of pictures does not exist, or has no readable pictures.
     """
     config.check()
     kind = _draw_kind(rng, config, light)
@@ -102,10 +102,10 @@ def draw_backdrop(rng: np.random.Generator, config: BackdropConfig, light: Light
 def backdrop_pixels(
     backdrop: Backdrop, camera: Camera, height: int, width: int, folder: str = ""
 ) -> Float32[ndarray, "h w 3"]:
-    """Draws a backdrop: linear light, 1 is white.
+    """Renders a backdrop in linear light, where 1 is white.
 
-    Environments are seen through the camera's lens; the rotation of the head does not matter. `folder` is that of the
-    `BackdropConfig`, since samples only store the name of a file in it.
+    Environments are seen with the focal length and principal point of the camera. `folder` is the one in the
+    `BackdropConfig`, since samples store only the name of a file in it.
 
     Raises:
         InputFileError: A photograph is missing or damaged.
@@ -133,9 +133,9 @@ def _draw_kind(rng: np.random.Generator, config: BackdropConfig, light: Light) -
     if config.folder and rng.uniform() < config.folder_share:
         return "photograph"
     same, other = config.same_environment_weight, config.other_environment_weight
-    if not light.panoramas:  # only lamps: the share of the environment goes to the other kinds
+    if not light.panoramas:  # only lamps
         same = 0.0
-    elif light.kind in ("backlit", "silhouette"):  # the light behind is seen
+    elif light.kind in ("backlit", "silhouette"):  # shows the light behind the head
         same *= 3
     weights = {"environment": same, "other environment": other}
     weights |= {"plain": config.plain_weight, "pattern": config.pattern_weight}
@@ -170,7 +170,7 @@ def _draw_panoramas(rng: np.random.Generator, kind: str, light: Light) -> tuple[
 
 
 def _brightness(panorama: PanoramaLight) -> float:
-    """Mean luminance without lamps, which take a small part of a picture."""
+    """Returns the mean luminance without lamps, which cover a small part of a picture."""
     return float(LUMINANCE @ np.array(panorama.colour_matrix) @ environment(panorama.name).harmonics[0])
 
 
@@ -184,7 +184,7 @@ def _draw_level(rng: np.random.Generator, config: BackdropConfig, light: Light, 
 
 
 def _draw_people(rng: np.random.Generator, config: BackdropConfig) -> tuple[PersonPlace, ...]:
-    """Draws the same numbers whether or not there are people, so that later draws do not depend on that."""
+    """Draws the people behind. The number of draws does not depend on whether there are any."""
     shows, count = rng.uniform() < config.people_share, int(rng.integers(1, max(config.most_people, 1) + 1))
     numbers = rng.uniform(0, 1, size=(3, 5))
     if not shows or config.most_people == 0:

@@ -1,4 +1,4 @@
-"""What stands behind heads, and how often."""
+"""Distributions of backdrops."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -9,7 +9,7 @@ from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, 
 @final
 @dataclass(frozen=True, kw_only=True)
 class BackdropConfig:
-    """What is behind the head."""
+    """Weights and ranges of backdrops."""
 
     same_environment_weight: FromZero = 0.45  # Weight of the environment that lights the face, if one does.
     other_environment_weight: FromZero = 0.15  # Weight of any other environment.
@@ -36,7 +36,7 @@ class BackdropConfig:
         check_weights("backdrop", self, *(f"{kind}_weight" for kind in kinds))
 
 
-# Seldom calm, seldom out of focus.
+# More patterns and people, less blur.
 HARD_BACKDROP = BackdropConfig(
     same_environment_weight=0.3,
     other_environment_weight=0.15,

@@ -1,7 +1,7 @@
-"""Pictures without people: what a detector of faces must learn to leave alone, and is tested with.
+"""Pictures without people, on which a face detector is trained and its false alarms are measured.
 
-Environments, generated patterns, drawn animals, and those of scikit-image's pictures that show nobody. Some are held
-out: no picture of the training shows them, so that false alarms can be measured on them.
+They show environments, generated patterns, drawn animals, and pictures of scikit-image without people. Some of these
+are held out: no training picture shows them, so that false alarms can be measured on them.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ from datagen.appearance.light.light_sources import PanoramaLight, environment_fr
 from datagen.random_streams import weighted_choice
 from pix2face.files.images import linear_to_srgb
 
-# Pictures of scikit-image 0.26 under CC0-1.0 or in the public domain, as `skimage.data` says of each.
+# Pictures of scikit-image 0.26 under CC0-1.0 or in the public domain, according to `skimage.data`.
 TEXTURES: Final = ("brick", "cell", "clock", "grass", "gravel", "hubble_deep_field", "text")
 HELD_OUT_PICTURES: Final = ("cat", "coffee", "page", "rocket")
 HELD_OUT_ENVIRONMENTS: Final = ("apartment", "park", "venice", "workshop")
@@ -29,12 +29,12 @@ KINDS: Final[Mapping[str, float]] = {"environment": 0.42, "pattern": 0.3, "pictu
 
 
 def draw_empty_picture(rng: np.random.Generator, size_px: int, *, held_out: bool) -> UInt8[ndarray, "s s 3"]:
-    """Draws a square picture that shows nobody.
+    """Draws a square picture without people.
 
     Args:
-        rng: Decides everything.
+        rng: Random generator.
         size_px: Side of the picture.
-        held_out: Draw from what is held out, or only from the rest.
+        held_out: Whether to draw only what is held out, or only the rest.
     """
     kinds = {kind: share for kind, share in KINDS.items() if _HELD_OUT[kind] or not held_out}
     kind = weighted_choice(rng, kinds)
@@ -52,7 +52,7 @@ def draw_empty_picture(rng: np.random.Generator, size_px: int, *, held_out: bool
 
 
 def _environment(rng: np.random.Generator, name: str, size_px: int) -> UInt8[ndarray, "s s 3"]:
-    """A look in any direction, more often level than not, exposed for what is seen."""
+    """Renders an environment in a random direction, most often near the horizon, with its exposure."""
     heading, tilt, roll = rng.uniform(0, 360), rng.normal(0, 20), rng.normal(0, 5)
     light = PanoramaLight(name=name, heading_deg=heading, tilt_deg=tilt, roll_deg=roll, colour_matrix=((1, 0, 0),) * 3)
     half = np.tan(np.deg2rad(rng.uniform(40.0, 140.0)) / 2)  # of the angle of view

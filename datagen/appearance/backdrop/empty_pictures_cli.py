@@ -1,4 +1,4 @@
-"""The command ``datagen empty``: pictures without people."""
+"""The command ``datagen empty``, which draws pictures without people."""
 
 from rich.console import Console
 

@@ -1,4 +1,4 @@
-"""Generated backdrops: walls, clutter, text, tiles, foliage, shelves, lights and others. sRGB bytes."""
+"""Generated backdrops, such as walls, clutter, text, tiles, foliage, shelves and lights, in sRGB bytes."""
 
 from collections.abc import Callable
 
@@ -12,12 +12,12 @@ _LETTERS = list("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 
 
 
 def draw_pattern(name: str, seed: int, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Draws a pattern; the same for the same name, seed and size."""
+    """Draws a pattern, which depends on name, seed and size only."""
     return PATTERNS[name](np.random.default_rng(seed), height, width)
 
 
 def fractal(rng: np.random.Generator, height: int, width: int, cells: int, octaves: int) -> Float32[ndarray, "h w"]:
-    """Smooth noise, 0..1 with mean about 0.5: octaves that begin with `cells` across, each half as strong."""
+    """Draws smooth noise, 0..1 with a mean of about 0.5: octaves from `cells` cells on, each half as strong."""
     total = np.zeros((height, width), dtype=np.float32)
     for octave in range(octaves):
         n = min(cells * 2**octave, max(height, width))
@@ -27,14 +27,14 @@ def fractal(rng: np.random.Generator, height: int, width: int, cells: int, octav
 
 
 def _paint(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draws the colour of a thing: any hue, rarely saturated."""
+    """Draws the colour of an object, with any hue and mostly low saturation."""
     value, saturation = rng.uniform(25, 245), rng.beta(1.2, 2.5)
     red, green, blue = value * (1 - saturation * rng.uniform(0, 1, size=3))
     return float(red), float(green), float(blue)
 
 
 def _plane(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """A surface of one colour, lit unevenly."""
+    """Draws an unevenly lit surface of one colour."""
     corners = np.array(_paint(rng)) * rng.uniform(0.6, 1.1, size=(2, 2, 1))
     plane = cv2.resize(corners.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
     return np.clip(plane, 0, 255).astype(np.uint8)
@@ -45,7 +45,7 @@ def _scaled(picture: UInt8[ndarray, "h w 3"], factor: Float32[ndarray, "h w"]) -
 
 
 def _paper(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """A studio's paper with a spot of light."""
+    """Draws the paper of a studio with a spot of light."""
     rows, columns = np.mgrid[:height, :width].astype(np.float32) / np.float32(max(height, width))
     x, y = rng.uniform(0.1, 0.9, size=2)
     fall_off = np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * rng.uniform(0.25, 0.9) ** 2)).astype(np.float32)
@@ -55,7 +55,7 @@ def _paper(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, 
 
 
 def _wall(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Plaster, with the shadow of somebody in front of it."""
+    """Draws plaster, often with the shadow of a person."""
     grain = 1 + rng.uniform(0.02, 0.25) * (fractal(rng, height, width, int(rng.integers(3, 40)), 3) - 0.5)
     shadow = np.zeros((height, width), dtype=np.float32)
     if rng.uniform() < 0.7:
@@ -69,7 +69,7 @@ def _wall(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "
 
 
 def _clutter(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Things of any shape, later ones in front of earlier ones."""
+    """Draws objects of random shapes that overlap."""
     picture = _plane(rng, height, width)
     scale = np.array([width, height])
     for _ in range(int(rng.integers(8, 45))):
@@ -90,7 +90,7 @@ def _clutter(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray
 
 
 def _text(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Posters and shop signs."""
+    """Draws posters and shop signs."""
     picture = _plane(rng, height, width)
     for _ in range(int(rng.integers(1, 4))):
         x, y = (rng.uniform(-0.2, 0.7, size=2) * [width, height]).astype(int).tolist()
@@ -107,7 +107,7 @@ def _text(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "
 
 
 def _tiles(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Bricks, tiles or parquet: rows of pieces with joints, seen at an angle."""
+    """Draws bricks, tiles or parquet: rows of pieces with joints, seen at an angle."""
     n = int(rng.integers(3, 16))
     pieces = (np.array(_paint(rng)) * rng.uniform(0.75, 1.15, size=(2 * n, n, 1))).clip(0, 255)
     cell_width, cell_height, joint = 32, int(rng.choice([12, 16, 32])), 2
@@ -127,7 +127,7 @@ def _tiles(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, 
 
 
 def _foliage(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Leaves in front of sky or shade: light, dark and gaps at several sizes."""
+    """Draws leaves in front of sky or shade, from noise at several scales."""
     cells = int(rng.integers(6, 20))
     light, gaps = fractal(rng, height, width, cells, 4), fractal(rng, height, width, max(3, cells // 3), 4)
     leaf = np.array([rng.uniform(40, 150), rng.uniform(80, 160), rng.uniform(15, 70)], dtype=np.float32)
@@ -138,7 +138,7 @@ def _foliage(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray
 
 
 def _shelves(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Books and boxes on boards."""
+    """Draws books and boxes on shelves."""
     picture = _plane(rng, height, width)
     n_boards, board = int(rng.integers(2, 6)), _paint(rng)
     for shelf in range(n_boards):
@@ -155,7 +155,7 @@ def _shelves(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray
 
 
 def _curtain(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Folds of cloth."""
+    """Draws folds of cloth."""
     columns = np.linspace(0, 1, width, dtype=np.float32)
     folds = np.zeros(width, dtype=np.float32)
     for _ in range(4):
@@ -167,7 +167,7 @@ def _curtain(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray
 
 
 def _lights(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Lamps out of focus at night: discs, which are brighter where they overlap."""
+    """Draws lamps out of focus at night: discs that add up where they overlap."""
     picture = (_plane(rng, height, width) * rng.uniform(0.02, 0.3)).astype(np.uint8)
     radius = rng.uniform(0.008, 0.06) * width
     for _ in range(int(rng.integers(8, 50))):
@@ -185,7 +185,7 @@ def _lights(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray,
 
 
 def _windows(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Bright panes in a darker wall."""
+    """Draws bright windows in a darker wall."""
     picture = (_plane(rng, height, width) * rng.uniform(0.2, 0.7)).astype(np.uint8)
     for _ in range(int(rng.integers(1, 4))):
         x, y = (rng.uniform(-0.2, 0.8, size=2) * [width, height]).astype(int).tolist()
@@ -199,7 +199,7 @@ def _windows(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray
 
 
 def draw_background(rng: np.random.Generator, height: int, width: int) -> UInt8[ndarray, "h w 3"]:
-    """Draws gradients, noise, blocks or stripes in random colours: two of them blended, more or less out of focus."""
+    """Draws a blend of two gradients, noises, blocks or stripes in random colours, with a random blur."""
     pictures = [_ABSTRACT[int(rng.integers(len(_ABSTRACT)))](rng, height, width) for _ in range(2)]
     blend = rng.uniform(0, 0.5)
     picture: ndarray = (1 - blend) * pictures[0] + blend * pictures[1]

@@ -16,13 +16,13 @@ from pix2face.files.opening import is_folder, walk_files
 from pix2face.files.picture_size import declared_size_px
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
-# A picture is read at a half, a quarter or an eighth of its size where that is still fine enough.
+# Large pictures are decoded at a half, a quarter or an eighth of their size, if that is enough.
 _REDUCED = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 
 
 @lru_cache(maxsize=4)
 def list_pictures(folder: str) -> tuple[str, ...]:
-    """Sorted names of all pictures below a folder, relative to it; listed once in each process.
+    """Lists all pictures in a folder and its subfolders, sorted, as relative paths. Results are cached.
 
     Raises:
         InputFileError: There is no such folder, it has no pictures, or a picture's size cannot be read.
@@ -42,10 +42,15 @@ def list_pictures(folder: str) -> tuple[str, ...]:
 def read_crop(
     folder: str, name: str, crop: tuple[float, float, float], height: int, width: int
 ) -> UInt8[ndarray, "h w 3"]:
-    """Reads a part of one of the `list_pictures`, resized to some height and width; sRGB.
+    """Reads a crop of a picture in sRGB, resized to a height and width.
 
-    `crop` says where the part begins, as shares of the room to its left and above it, and its size as a share of the
-    largest part with the wanted aspect ratio.
+    Args:
+        folder: Folder of the pictures.
+        name: A path that `list_pictures` returned.
+        crop: Horizontal and vertical position in the free space (0 is left and top, 1 right and bottom), and size as a
+            share of the largest crop with this aspect ratio.
+        height: Height of the result in pixels.
+        width: Width of the result in pixels.
 
     Raises:
         InputFileError: The picture is missing or truncated.
@@ -66,7 +71,7 @@ def read_crop(
 
 @contextmanager
 def _named_as_backdrop() -> Iterator[None]:
-    """Says what to do about a picture that cannot be read."""
+    """Adds what to do to the error of a picture that cannot be read."""
     try:
         yield
     except InputFileError as error:
@@ -76,7 +81,7 @@ def _named_as_backdrop() -> Iterator[None]:
 def _decode(content: bytes, finer: float, path: Path) -> UInt8[ndarray, "h w 3"]:
     """Decodes a picture that is `finer` times finer than needed, at a reduced size if possible."""
     flags = next((flag for factor, flag in _REDUCED.items() if finer >= factor), cv2.IMREAD_COLOR)
-    # Not with imread, which fills missing parts of a JPEG with grey.
+    # imread would fill missing parts of a JPEG with grey.
     with suppress(cv2.error):
         picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
         if picture is not None:

@@ -1,6 +1,6 @@
-"""Meshes that are bound to the head: every point follows the displacements of some of the head's vertices.
+"""Meshes that are bound to the head: each point follows a weighted mean of vertices of the head.
 
-`scripts.build_hair_assets` makes them for the built-in model; `scripts/hair_assets` binds the points.
+`scripts.build_hair_assets` makes them for the built-in model.
 """
 
 from collections.abc import Mapping
@@ -24,28 +24,28 @@ MIRRORED = np.array([-1, 1, 1], dtype=np.float32)
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoundMesh:
-    """A mesh around a model's mean that follows the heads of the model."""
+    """A mesh on the mean head of a model that can follow other heads of the model."""
 
     name: str  # of the style
-    # points around the mean, mm, model frame. Several vertices may share one, along seams of the texture.
+    # points on the mean head, mm, model frame; several vertices share one along seams of the texture
     mean: Float32[ndarray, "p 3"]
-    feet: Float32[ndarray, "p 3"]  # nearest place on the skin of each point, around the mean
+    feet: Float32[ndarray, "p 3"]  # nearest place on the skin of each point, on the mean head
     neighbours: Int32[ndarray, "p n"]  # vertices of the model that each point follows
     weights: Float32[ndarray, "p n"]  # of the neighbours; rows sum to 1
-    normals: Float32[ndarray, "p 3"]  # of the points, unit, around the mean
-    point_of_vertex: Int32[ndarray, " v"]  # point of each vertex
-    uv: Float32[ndarray, "v 2"]  # texture coordinates of each vertex, the origin at the top left
+    normals: Float32[ndarray, "p 3"]  # unit normals of the points, on the mean head
+    point_of_vertex: Int32[ndarray, " v"]  # index of the point of each vertex
+    uv: Float32[ndarray, "v 2"]  # texture coordinates of each vertex, with the origin at the top left
     triangles: Int32[ndarray, "t 3"]
 
     def displacements(self, head: Float[ndarray, "h 3"], mean: Float[ndarray, "h 3"]) -> Float32[ndarray, "p 3"]:
-        """How far each point moves when the model's mean becomes a head; both are vertices in mm, model frame."""
+        """Returns the displacement of each point on a head; `head` and `mean` are vertices in mm, model frame."""
         moved = (head - mean).astype(np.float32)
         followed = self._followed
         return np.asarray(followed @ moved[: followed.shape[1]], dtype=np.float32)
 
     @cached_property
     def _followed(self) -> sparse.csr_array:
-        """The weights of the model's vertices for each point; takes a quarter of the time of gathering neighbours."""
+        """The weights as a sparse matrix, which takes a quarter of the time of indexing with the neighbours."""
         n_points, n_each = self.neighbours.shape
         starts = np.arange(0, n_points * n_each + 1, n_each)
         shape = n_points, int(self.neighbours.max()) + 1
@@ -53,7 +53,7 @@ class BoundMesh:
 
 
 def mirrored(mesh: BoundMesh, symmetry: Int32[ndarray, " v"]) -> BoundMesh:
-    """The mirror image of a mesh, bound to the mirrored vertices; its parting is on the other side."""
+    """Returns the mirror image of a mesh, bound to the mirrored vertices."""
     return replace(
         mesh,
         mean=mesh.mean * MIRRORED,
@@ -66,7 +66,7 @@ def mirrored(mesh: BoundMesh, symmetry: Int32[ndarray, " v"]) -> BoundMesh:
 
 @cache
 def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
-    """A mesh of the built-in assets, such as `short01`, or its mirror image."""
+    """Reads a mesh of the built-in assets, such as `short01`, or makes its mirror image."""
     if is_mirrored:
         return mirrored(bound_mesh(name), _symmetry())
     with open_asset(_MESHES) as file:
@@ -86,13 +86,13 @@ def bound_mesh(name: str, *, is_mirrored: bool = False) -> BoundMesh:
 
 
 def brow_patch() -> Mapping[str, ndarray]:
-    """`vertices` of the built-in model that carry the left brow, their `triangles` and `uv`."""
+    """Reads the `vertices` of the built-in model below the left brow, their `triangles` and `uv`."""
     with open_asset(_MESHES) as file:
         return {name: file["brows"][name][()] for name in ("vertices", "triangles", "uv")}
 
 
 def check_model(model: MorphableModel) -> None:
-    """Raises an `InputFileError` for any model but the built-in one at its default refinement."""
+    """Raises an `InputFileError` unless the model is the built-in one at its default refinement."""
     bound_to, n_vertices = _bound_to()
     if model.sha256 != bound_to or len(model.mean) != n_vertices:
         raise InputFileError(

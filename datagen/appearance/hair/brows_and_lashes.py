@@ -1,4 +1,4 @@
-"""Brows and lashes, the hair that moves with the face."""
+"""Brows and lashes, which move with the face."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -22,9 +22,9 @@ from pix2face.models.morphable_model import MorphableModel
 
 N_BROWS = 12
 LASH_STYLES = ("eyelashes01", "eyelashes02", "eyelashes03", "eyelashes04")
-# One unit of the brows' texture coordinates, mm (scripts/hair_assets/brow_patch.py).
+# Length of one unit of the brows' v coordinate (scripts/hair_assets/brow_patch.py).
 BROW_V_MM = 36.0
-# Brows are moved by up to this many pixels of their textures (4 per mm); lower bytes of alpha count as no hair.
+# Largest shift of brows in pixels of their textures (4 per mm), and smallest alpha of hair.
 MOVES_PX, HAIRY = 9, 24
 EYE_REGIONS = ("eyes", "iris", "pupil")
 INK = (0.008, 0.007, 0.007)
@@ -35,14 +35,14 @@ INK = (0.008, 0.007, 0.007)
 class Brows:
     """Brows of a face."""
 
-    layer: int  # index into the twelve brows
+    layer: int  # index of one of the twelve brows
     colour: Colour  # linear
     alpha: float  # 0 without brows, 1 as painted
     density: float  # 1 as painted
     thickness: float  # factor on their height
-    shift_mm: float  # how far both are moved up
-    apart_mm: float  # how much farther both are from the middle; negative joins them
-    uneven_mm: float  # how much higher the subject's left brow is than the right one
+    shift_mm: float  # shift of both brows, upward
+    apart_mm: float  # shift of each brow away from the middle; negative values join them
+    uneven_mm: float  # height of the subject's left brow above the right one
 
 
 @final
@@ -58,7 +58,7 @@ class Lashes:
 
 
 def draw_brows(rng: np.random.Generator, config: HairConfig, person: Person, hair: HairColour) -> Brows:
-    """Draws brows: thicker ones for men, fainter ones for old people."""
+    """Draws brows, which are thicker for men and fainter for old people."""
     kind = rng.random()
     is_joined = kind < config.joined_brows_share * (1.5 - person.femininity)
     thickness = rng.uniform(*config.brow_thickness) * (1.12 - 0.24 * person.femininity)
@@ -76,7 +76,7 @@ def draw_brows(rng: np.random.Generator, config: HairConfig, person: Person, hai
 
 
 def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, brow: Colour) -> Lashes:
-    """Draws lashes: many are hardly visible; mascara makes them black and long."""
+    """Draws lashes. Many are hardly visible; mascara makes them black and long."""
     share = config.mascara_share * (person.femininity + 0.05 * (1 - person.femininity))
     has_mascara = bool(rng.random() < share)
     return Lashes(
@@ -89,7 +89,7 @@ def draw_lashes(rng: np.random.Generator, config: HairConfig, person: Person, br
 
 
 def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
-    """The mesh of both brows: the skin below them, lifted by 0.8 mm."""
+    """Makes the mesh of both brows from the skin below them, lifted by 0.8 mm."""
     vertices, triangles, uv = _both_patches(head.model)
     n = len(vertices) // 2
     u, v = uv[:, 0] - brows.apart_mm / 60.0, uv[:, 1].copy()
@@ -111,7 +111,7 @@ def brow_mesh(brows: Brows, head: PosedHead) -> SceneMesh:
 
 
 def lash_mesh(lashes: Lashes, head: PosedHead) -> SceneMesh:
-    """The mesh of the lashes of all lids: roots follow the lids, and lashes turn with them about the eyeball."""
+    """Makes the mesh of all lashes. Roots follow the lids, and lashes rotate with them about the eyeball."""
     mesh = bound_mesh(LASH_STYLES[lashes.layer])
     points = turned_with_lids(mesh, head, lashes.length)
     return SceneMesh(
@@ -139,7 +139,7 @@ def _material(texture: str, hair: Brows | Lashes, density: float) -> Material:
 
 
 def turned_with_lids(mesh: BoundMesh, head: PosedHead, length: float) -> Float32[ndarray, "p 3"]:
-    """Points of lashes: offsets from their roots are kept, but turn as the roots turn about the eye's middle."""
+    """Returns the points of lashes, whose offsets rotate as their roots do about the centre of the eye."""
     is_left = mesh.feet[:, :1] > 0
     before, after = (
         np.where(is_left, *(vertices[eye].mean(axis=0).astype(np.float32) for eye in _eye_vertices(head.model)))
@@ -153,7 +153,7 @@ def turned_with_lids(mesh: BoundMesh, head: PosedHead, length: float) -> Float32
 def turn_between(
     before: Float32[ndarray, "n 3"], after: Float32[ndarray, "n 3"], vectors: Float32[ndarray, "n 3"]
 ) -> Float32[ndarray, "n 3"]:
-    """Turns each vector by the smallest rotation from one direction to another, which must not be opposite.
+    """Rotates each vector by the smallest rotation from one direction to another, which must not be opposite.
 
     Source: Rodrigues' formula, with the axis before x after.
     """
@@ -165,7 +165,7 @@ def turn_between(
 
 @cache
 def _both_patches(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[ndarray, "t 3"], Float32[ndarray, "n 2"]]:
-    """Vertices, triangles and texture coordinates of the left patch and its mirror image."""
+    """Returns vertices, triangles and texture coordinates of the left patch and its mirror image."""
     assert model.symmetry is not None
     patch = brow_patch()
     vertices, triangles = patch["vertices"].astype(np.int32), patch["triangles"].astype(np.int32)
@@ -177,7 +177,7 @@ def _both_patches(model: MorphableModel) -> tuple[Int32[ndarray, " n"], Int32[nd
 
 
 def _is_hairy(uv: Float32[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
-    """Places of the patch that some brow can reach after it is moved."""
+    """Whether a brow, shifted by up to `MOVES_PX`, can cover each place of the patch."""
     reached = cv2.dilate(brow_pictures()[..., 1].max(axis=0), np.ones((2 * MOVES_PX + 1,) * 2, np.uint8)) > HAIRY
     rows, columns = reached.shape
     row, column = np.clip(uv[:, 1] * rows, 0, rows - 1), np.clip(uv[:, 0] * columns, 0, columns - 1)
@@ -186,14 +186,14 @@ def _is_hairy(uv: Float32[ndarray, "n 2"]) -> Bool[ndarray, " n"]:
 
 @cache
 def brow_pictures() -> ndarray:
-    """The twelve brows: (12, rows, columns, 2) grey and alpha, bytes."""
+    """Reads the twelve brows: bytes of shape (12, rows, columns, 2), grey and alpha."""
     stacked = read_picture("hair/brows.webp")[..., [0, 3]]
     return stacked.reshape(N_BROWS, -1, *stacked.shape[1:])
 
 
 @cache
 def _ridges() -> Float64[ndarray, "n w"]:
-    """Height (v) of the middle of each brow along u, constant beyond its ends."""
+    """Returns the v coordinate of the middle of each brow along u, constant beyond its ends."""
     alpha = brow_pictures()[..., 1].astype(np.float64)
     total = alpha.sum(axis=1)
     rows = (np.arange(alpha.shape[1]) + 0.5) / alpha.shape[1]

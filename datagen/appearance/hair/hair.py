@@ -1,6 +1,6 @@
 """Hair of a synthetic photograph (hairdo, brows and lashes) as meshes, textures and uniforms.
 
-docs/explanation/hair.md says what varies and how often.
+docs/explanation/hair.md describes what varies, and how often.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh, Tex
 from datagen.random_streams import rounded
 
 LAYERS = tuple(STYLES)
-ROUND_SHARE = 0.5  # share of the outline in the normals of strips, so that crossing strips do not flicker
+ROUND_SHARE = 0.5  # weight of the outline in the normals of strips, so that crossing strips do not flicker
 
 
 @final
@@ -72,12 +72,12 @@ def draw_hair(rng: np.random.Generator, config: HairConfig, person: Person) -> H
 
 
 def hair_meshes(hair: Hair, head: PosedHead, crown: CrownPlane | None = None) -> list[SceneMesh]:
-    """The meshes of hair, which follows the head without its expression, and of brows and lashes, which follow it.
+    """Makes the meshes of hair, which follows the neutral head, and of brows and lashes, which follow the expression.
 
-    Above `crown`, where a hat begins, hair is left out; below, it lies close.
+    Hair above `crown`, the rim of a hat, is left out. Below it, hair lies close to the head.
 
     Raises:
-        InputFileError: The head does not belong to the built-in model.
+        InputFileError: The head is not of the built-in model.
     """
     check_model(head.model)
     worn = (hair.hairdo.cap, hair.hairdo.style)
@@ -90,7 +90,7 @@ def hair_meshes(hair: Hair, head: PosedHead, crown: CrownPlane | None = None) ->
 
 
 def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
-    """The uniforms of `hair.glsl`."""
+    """Returns the uniforms of `hair.glsl`."""
     colour = hair.colour
     return {
         "hair_tips": colour.tips,
@@ -103,7 +103,7 @@ def hair_uniforms(hair: Hair) -> dict[str, UniformValue]:
 
 @cache
 def hair_textures() -> Mapping[str, Texture]:
-    """Strands of hair, brows and lashes, and the felt of a hat, by the names of their samplers."""
+    """Reads the textures of hair, brows and lashes, and of the felt of a hat, by the names of their samplers."""
     strands, lashes = (
         np.stack([_with_direction(read_picture(f"hair/{name}.webp")) for name in names])
         for names in (LAYERS, LASH_STYLES)
@@ -151,9 +151,9 @@ def _parting(style: str, is_mirrored: bool) -> Parting:
 
 @cache
 def _soft_normals(style: str, is_mirrored: bool) -> Float32[ndarray, "v 3"]:
-    """Normals of vertices: half those of the strips, half those of the whole outline."""
+    """Returns normals of vertices: means of those of the strips and those of the whole outline."""
     mesh = bound_mesh(style, is_mirrored=is_mirrored)
-    # Away from the middle of the skull, or from a lower place if the hair is low; what hangs below faces sideways.
+    # Away from the centre of the skull, or from a lower point for low hair. Hanging hair faces sideways.
     away = mesh.mean - np.array([0, min(40, mesh.mean[:, 1].max() - 60), 0], dtype=np.float32)
     away[:, 1] *= np.where(mesh.mean[:, 1] < 40, np.float32(0.3), 1)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
@@ -163,11 +163,11 @@ def _soft_normals(style: str, is_mirrored: bool) -> Float32[ndarray, "v 3"]:
 
 
 def _with_direction(picture: UInt8[ndarray, "h w 4"]) -> UInt8[ndarray, "h w 4"]:
-    """Grey, alpha, and cosine and sine of twice the angle of the strands, as `hair.glsl` reads them."""
+    """Returns grey, alpha, and cosine and sine of twice the angle of the strands, for `hair.glsl`."""
     grey, alpha = picture[..., 0].astype(np.float32), picture[..., 3]
     across, down = cv2.Sobel(grey, -1, 1, 0), cv2.Sobel(grey, -1, 0, 1)
     weight = alpha.astype(np.float32) / 255
-    # Structure tensor: its smaller eigenvector runs along the strands.
+    # Structure tensor: the eigenvector of its smaller eigenvalue is the direction of the strands.
     difference = cv2.GaussianBlur((across**2 - down**2) * weight, (0, 0), 6)
     product = cv2.GaussianBlur(2 * across * down * weight, (0, 0), 6)
     length = np.maximum(np.hypot(difference, product), 1e-6)
@@ -177,7 +177,7 @@ def _with_direction(picture: UInt8[ndarray, "h w 4"]) -> UInt8[ndarray, "h w 4"]
 
 
 def _felt(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
-    """A texture as `material.glsl` reads it: lightness, share of the second colour, dullness, opacity."""
+    """Converts a picture for `material.glsl`: lightness, share of the second colour, dullness, opacity."""
     light = picture.astype(np.float32).mean(axis=2)
     light *= 255 * 0.8 / light.mean()
     out = np.full((*light.shape, 4), 255, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Draws the colour of hair from its two melanins, from age, and from dyes."""
+"""Draws the colour of hair from its two melanins, age and dyes."""
 
 import colorsys
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from datagen.random_streams import rounded, triple
 
 # Absorption of one unit of each pigment, for red, green and blue. Source: d'Eon et al. 2011, Table 1.
 EUMELANIN, PHEOMELANIN = np.array([0.419, 0.697, 1.37]), np.array([0.187, 0.4, 1.05])
-# Light crosses many fibres before it comes back: the colour falls with the root of the absorption (Chiang et al. 2016);
-# the factor is chosen so that 0.1 units are platinum and 8 black.
+# Light crosses many fibres before it returns, so the logarithm of the colour is proportional to the square root of the
+# absorption (Chiang et al. 2016). With this factor, 0.1 units are platinum and 8 black.
 DEPTH, FLOOR = 2.6, 0.004
 WHITE_HAIR = np.array([0.60, 0.585, 0.55])
 
@@ -23,25 +23,25 @@ WHITE_HAIR = np.array([0.60, 0.585, 0.55])
 @final
 @dataclass(frozen=True, kw_only=True)
 class HairColour:
-    """The colours of a head's hair; all are linear, 0..1."""
+    """The colours of a head's hair, linear, 0..1."""
 
     eumelanin: float  # brown and black pigment, 0.05 (platinum) to 9 (black)
     pheomelanin: float  # red pigment, 0 to 3
     base: Colour  # colour without grey
     tips: Colour  # colour of the ends
-    tips_from_mm: float  # height in the model frame where the colour of the ends begins
-    tips_to_mm: float  # height where it is full
+    tips_from_mm: float  # height in the model frame at which the colour of the ends begins
+    tips_to_mm: float  # height at which it is complete
     highlight: Colour  # colour of highlighted strands
     highlight_share: float  # share of strands that are highlighted
     grey: Colour  # colour of grey strands
     grey_share: float  # share of strands that are grey
     root_darkness: float  # how dark the roots at the crown are, 0..1
-    is_dyed: bool  # not the person's own colour
-    roughness: float  # of strands
+    is_dyed: bool  # whether the colour is dyed
+    roughness: float  # roughness of the strands
 
 
 def melanin_to_linear(eumelanin: float, pheomelanin: float) -> ndarray:
-    """Linear colour of dense hair with these amounts of pigment."""
+    """Returns the linear colour of dense hair with these amounts of pigment."""
     absorption = eumelanin * EUMELANIN + pheomelanin * PHEOMELANIN
     return FLOOR + (1 - FLOOR) * np.exp(-DEPTH * np.sqrt(absorption))
 
@@ -79,7 +79,7 @@ def draw_hair_colour(rng: np.random.Generator, config: HairConfig, person: Perso
 
 
 def brow_colour(rng: np.random.Generator, config: HairConfig, hair: HairColour) -> Colour:
-    """Colour of the brows: near the hair's own, mostly darker, never very light."""
+    """Draws the colour of the brows: similar to the hair, mostly darker, and never very light."""
     eumelanin, pheomelanin = hair.eumelanin, hair.pheomelanin
     if hair.is_dyed or rng.random() < config.dyed_brows_share:
         eumelanin, pheomelanin = _any_pigments(rng)
@@ -89,12 +89,12 @@ def brow_colour(rng: np.random.Generator, config: HairConfig, hair: HairColour) 
 
 
 def _natural_pigments(rng: np.random.Generator, person: Person) -> tuple[float, float]:
-    """Black hair, except for Caucasian people, of whom one in twenty is red."""
+    """Draws natural pigments: black hair, except for Caucasian people, one in twenty of whom has red hair."""
     if rng.random() > person.caucasian:
         return float(np.exp(rng.normal(np.log(5.5), 0.35))), float(rng.uniform(0, 0.5))
     if rng.random() < 0.05:
         return float(rng.uniform(0.05, 0.7)), float(rng.uniform(0.9, 2.8))
-    # The darker the skin, the darker the hair.
+    # Darker skin goes with darker hair.
     middle = np.log(1.1) + 3.0 * (person.melanin - 0.22)
     return float(np.clip(np.exp(rng.normal(middle, 0.85)), 0.06, 9)), float(rng.gamma(1.5, 0.2))
 

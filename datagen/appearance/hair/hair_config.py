@@ -1,4 +1,4 @@
-"""How often which hair, brows and lashes are drawn."""
+"""Distributions of hair, brows and lashes."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -9,7 +9,7 @@ from datagen.config_limits import FromZero, Limits, Range, Share, check_limits
 @final
 @dataclass(frozen=True, kw_only=True)
 class HairConfig:
-    """Shares and ranges. Styles also depend on sex, age and origin, but none is ever impossible."""
+    """Shares and ranges of hair. Styles also depend on sex, age and origin, but each can occur with any."""
 
     # Share of men whose head is bald, shaved or cropped, which is painted on the scalp; a third of it for women.
     no_mesh_share: Share = 0.24

@@ -1,4 +1,4 @@
-"""Draws which hairdo a person has: one of ten modelled ones with variations, or none."""
+"""Draws the hairdo of a person: one of ten modelled ones with variations, or none."""
 
 from dataclasses import dataclass
 from typing import final
@@ -18,13 +18,13 @@ class Style:
     female: float  # weight among women
     male: float  # weight among men
     african: float = 1.0  # factor on the weight for African people
-    is_long: bool = False  # hangs below the ears, so that it may be cut and lengthened
-    covers: bool = False  # hangs over cheeks, shoulders and forehead
-    cap: bool = False  # has gaps at the crown that short hair below would fill
-    scalp_density: float = 0.7  # how much short hair the scalp itself shows between the strands, 0..1
+    is_long: bool = False  # whether it hangs below the ears, so that its length can vary
+    covers: bool = False  # whether it hangs over cheeks, shoulders and forehead
+    cap: bool = False  # whether it has gaps at the crown, which a second style fills
+    scalp_density: float = 0.7  # density of the hair painted on the scalp, 0..1
 
 
-# Every style has a weight for everybody. African: coils and short hair more often than smooth bobs.
+# Everybody can have every style.
 STYLES = {
     "afro01": Style(female=0.5, male=0.35, african=6.0),
     "bob01": Style(female=1.3, male=0.12, african=0.5, is_long=True, covers=True),
@@ -38,7 +38,7 @@ STYLES = {
     "short04": Style(female=0.4, male=1.6, african=1.3),
 }
 CAPS = ("short03", "short04")
-# Styles without a mesh: weight, and how dark the scalp is painted, from and to.
+# Styles without a mesh: weight, and smallest and largest density of the hair painted on the scalp.
 WITHOUT_MESH = {"bald": (0.3, (0.0, 0.06)), "shaved": (0.35, (0.15, 0.45)), "cropped": (0.35, (0.6, 0.95))}
 UNCUT_MM = -1000.0
 
@@ -49,16 +49,16 @@ class Hairdo:
     """A hairdo as it was drawn for one person."""
 
     style: str  # a key of `STYLES` or of `WITHOUT_MESH`
-    cap: str  # a second style below it, or empty
+    cap: str  # a second style below the first, or empty
     is_mirrored: bool
-    length: float  # factor on what hangs below the ears
+    length: float  # factor on the length below the ears
     cut_mm: float  # height in the model frame at which it is cut off
     volume: float  # factor on the distance from the scalp
-    aside: float  # how far strands over forehead and cheeks are combed aside: 0 as modelled, 1 leaves none
-    sway_mm: float  # how far tips that hang 10 cm from the scalp move towards the subject's left
-    density: float  # how full it is; 1 as modelled
-    thinning: float  # how much of the crown is thin, 0..1
-    scalp_density: float  # how much short hair the scalp itself shows, 0..1, for `skin_scalp_hair`
+    aside: float  # how far strands over forehead and cheeks are combed aside: 0 as modelled, 1 completely
+    sway_mm: float  # shift of tips 10 cm from the scalp towards the subject's left
+    density: float  # density of the hair; 1 as modelled
+    thinning: float  # how thin hair is at the crown, 0..1
+    scalp_density: float  # density of the hair painted on the scalp, 0..1, for `skin_scalp_hair`
 
 
 def draw_hairdo(rng: np.random.Generator, config: HairConfig, person: Person) -> Hairdo:
@@ -96,7 +96,7 @@ def _draw_style(rng: np.random.Generator, config: HairConfig, person: Person) ->
 def _weight(style: Style, config: HairConfig, person: Person) -> float:
     by_sex = style.male + person.femininity * (style.female - style.male)
     by_origin = 1 + person.african * (style.african - 1)
-    # Old people wear their hair shorter.
+    # Old people have long hair less often.
     by_age = 1 - 0.6 * min(max((person.age_years - 50) / 30, 0.0), 1.0) * style.is_long
     return float(by_sex * by_origin * by_age * (config.covering_factor if style.covers else 1))
 

@@ -1,1 +1,1 @@
-"""Light: environments, lamps, shadows, and where ambient light does not reach."""
+"""The light of synthetic photographs: environments, lamps, shadows and ambient occlusion."""

@@ -1,4 +1,4 @@
-"""Draws light of one environment or of two, turned and coloured as in a photograph."""
+"""Draws the light of one or two environments, with a rotation and colour as in a photograph."""
 
 from dataclasses import replace
 
@@ -16,17 +16,17 @@ from datagen.random_streams import Triple, rounded, triple
 
 # Azimuth of the brightest lamp: mean and standard deviation (0 is the camera's side).
 _KEY_AZIMUTHS_DEG = {"directional": (0.0, 50.0), "backlit": (180.0, 28.0), "silhouette": (180.0, 18.0)}
-_LARGEST_AZIMUTH_DEG = 105.0  # of a lamp that lights the face
+_LARGEST_AZIMUTH_DEG = 105.0  # largest azimuth of a lamp that lights the face
 
 
 def draw_environment_light(
     rng: np.random.Generator, config: LightConfig, kind: str
 ) -> tuple[str, Setup, tuple[PanoramaLight, ...]]:
-    """Draws environments and turns their lamps to where the kind of light wants them, if it does.
+    """Draws environments, and turns them so that the brightest lamp suits the kind of light.
 
     Returns:
-        Names of the environments; their light, camera frame; the environments themselves, for reflections and for the
-        backdrop, whose mean luminances sum to about 1.
+        Names of the environments; their light in the camera frame; the environments themselves, for reflections and the
+        backdrop. Their mean luminances sum to about 1.
     """
     count = 2 if rng.uniform() < config.mixture_share else 1
     names = [str(name) for name in rng.choice(environment_names(), size=count, replace=False)]
@@ -52,7 +52,7 @@ def draw_environment_light(
 
 
 def add_environment(setup: Setup, source: Environment, panorama: PanoramaLight) -> None:
-    """Adds the lamps of an environment and the rest of its light."""
+    """Adds the lamps and the other light of an environment to a setup."""
     camera_from_environment = environment_from_camera(panorama).T
     matrix = np.array(panorama.colour_matrix)
     for lamp in source.lamps:
@@ -62,7 +62,7 @@ def add_environment(setup: Setup, source: Environment, panorama: PanoramaLight) 
 
 
 def scaled_panorama(panorama: PanoramaLight, factor: float) -> PanoramaLight:
-    """Returns the environment made brighter or darker."""
+    """Multiplies the light of an environment by a factor."""
     return replace(panorama, colour_matrix=_rows(factor * np.array(panorama.colour_matrix)))
 
 

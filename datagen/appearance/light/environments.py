@@ -1,7 +1,7 @@
-"""The environments that light faces and are seen behind them: panoramas with a high dynamic range, and their lamps.
+"""The environments that light faces and are seen behind them: high-dynamic-range panoramas and their lamps.
 
-Frame of an environment: x right, y down, z forward, like a camera that looks at the middle of the panorama. Column 0 is
-straight behind, columns turn to the right, and rows go down from the zenith.
+The frame of an environment is that of a camera that looks at the middle of the panorama: x right, y down, z forward.
+Column 0 is straight behind, columns run to the right, and rows run down from the zenith.
 """
 
 import math
@@ -23,7 +23,7 @@ from pix2face.files.images import srgb_to_linear
 from pix2face.geometry.camera import Camera, pinhole_of
 
 _FILE = "environments.h5"
-# A lamp is this many times brighter than the mean, and lies within this radius.
+# A lamp is at least this many times brighter than the mean, and lies within this radius.
 LAMP_CONTRAST, LAMP_RADIUS_DEG = 4.0, 22.0
 N_LAMPS = 2
 
@@ -34,8 +34,8 @@ class Lamp:
     """Something bright in an environment: the sun, a window, a lamp."""
 
     direction: Float64[ndarray, "3"]  # towards the lamp, unit length, environment frame
-    colour: Float64[ndarray, "3"]  # what a white surface that faces it shows: irradiance / pi, linear
-    radius_rad: float  # its size: root mean square of the angle from its middle, times the square root of 2
+    colour: Float64[ndarray, "3"]  # linear radiance of a white surface that faces it: irradiance / pi
+    radius_rad: float  # angular radius: the root mean square of the angle from the centre, times sqrt(2)
 
 
 @final
@@ -43,26 +43,26 @@ class Lamp:
 class Environment:
     """An environment, split into lamps and the rest."""
 
-    lamps: tuple[Lamp, ...]  # the brightest first; black ones where there are fewer
+    lamps: tuple[Lamp, ...]  # always `N_LAMPS`, the brightest first; missing ones are black
     rest: Float32[ndarray, "h w 3"]  # the panorama without its lamps
-    harmonics: Float64[ndarray, "9 3"]  # of the rest
+    harmonics: Float64[ndarray, "9 3"]  # spherical harmonics of the rest
     mean: Float64[ndarray, "3"]  # mean colour of the whole panorama over the sphere
 
 
 @lru_cache(maxsize=1)
 def environment_names() -> tuple[str, ...]:
-    """All environments, sorted, in the order of the texture's layers."""
+    """Returns the names of all environments, sorted, in the order of the texture's layers."""
     return tuple(sorted(_light_panoramas()))
 
 
 def light_panorama(name: str) -> Float32[ndarray, "64 128 3"]:
-    """The radiance of an environment at low resolution, linear."""
+    """Returns the linear radiance of an environment at low resolution."""
     return _light_panoramas()[name]
 
 
 @lru_cache(maxsize=18)
 def environment(name: str) -> Environment:
-    """An environment, split into lamps and the rest on first use."""
+    """Returns an environment, split into lamps and the rest."""
     panorama = light_panorama(name)
     directions, solid_angles = panorama_grid(*panorama.shape[:2])
     rest, lamps = panorama.astype(np.float64), []
@@ -77,20 +77,20 @@ def environment(name: str) -> Environment:
 
 @lru_cache(maxsize=18)
 def picture_panorama(name: str) -> Float32[ndarray, "h w 3"]:
-    """The panorama at full resolution, linear, as a backdrop."""
+    """Returns the linear panorama of an environment at full resolution, for backdrops."""
     with open_asset(_FILE) as file:
         group = file[name]
         picture = _decoded(group["picture"], cv2.IMREAD_COLOR)[..., ::-1]
         gain = _decoded(group["gain"], cv2.IMREAD_GRAYSCALE)
         stops = np.float32(file.attrs["gain_stops"] / 255)
     steps = np.arange(256, dtype=np.float32)  # the values of a byte
-    # Steps of one or two are ringing of the JPEG beside bright things, where nothing is brighter than white.
+    # Steps of one or two are ringing of the JPEG beside bright objects, where nothing is brighter than white.
     bright = cv2.LUT(gain, np.where(steps > 2, np.exp2(steps * stops), 1).astype(np.float32))
     return np.asarray(cv2.LUT(picture, srgb_to_linear(steps / 255)) * bright[..., None], dtype=np.float32)
 
 
 def panorama_grid(height: int, width: int) -> tuple[Float64[ndarray, "h w 3"], Float64[ndarray, "h w"]]:
-    """Direction and solid angle (steradians) of each texel."""
+    """Returns direction and solid angle (steradians) of each texel."""
     edges = np.linspace(0, np.pi, height + 1)
     polar = (edges[:-1] + edges[1:]) / 2
     azimuth = (np.arange(width) + 0.5) / width * 2 * np.pi - np.pi
@@ -102,7 +102,7 @@ def panorama_grid(height: int, width: int) -> tuple[Float64[ndarray, "h w 3"], F
 
 
 def panorama_place(directions: Float[ndarray, "*n 3"], height: int, width: int) -> Float[ndarray, "*n 2"]:
-    """Column and row of unit vectors in a panorama; texel (i, j) has its centre at (j, i), as in OpenCV."""
+    """Returns (column, row) of unit vectors in a panorama. Texel (i, j) has its centre at (j, i), as in OpenCV."""
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     column = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * width - 0.5
     row = np.arccos(np.clip(-y, -1, 1)) / np.pi * height - 0.5
@@ -110,7 +110,7 @@ def panorama_place(directions: Float[ndarray, "*n 3"], height: int, width: int) 
 
 
 def softened_panorama(panorama: Float32[ndarray, "h w 3"], angle_rad: float) -> Float32[ndarray, "h w 3"]:
-    """The panorama as a rough surface reflects it: blurred by approximately a Gaussian on the sphere."""
+    """Blurs a panorama by approximately a Gaussian on the sphere, as a rough surface reflects it."""
     height, width = panorama.shape[:2]
     over_poles = np.concatenate([np.roll(panorama[::-1], width // 2, axis=1), panorama] * 2)[height // 2 :]
     sigma = angle_rad / np.pi * height
@@ -124,13 +124,13 @@ def softened_panorama(panorama: Float32[ndarray, "h w 3"], angle_rad: float) -> 
 def _take_lamp(
     rest: Float64[ndarray, "h w 3"], directions: Float64[ndarray, "h w 3"], solid_angles: Float64[ndarray, "h w"]
 ) -> tuple[Float64[ndarray, "h w 3"], Lamp]:
-    """Reduces the brightest spot to its surroundings; what is taken away is the lamp."""
+    """Removes the light of the brightest spot above a threshold, and returns it as a lamp."""
     luminance = rest @ LUMINANCE
     threshold = LAMP_CONTRAST * np.sum(luminance * solid_angles) / (4 * np.pi)
     excess = np.maximum(1 - threshold / np.maximum(luminance, 1e-9), 0)
     power = excess * luminance * solid_angles
     brightest = directions[np.unravel_index(np.argmax(power), power.shape)]
-    for _ in range(2):  # the window moves to the middle of what is in it
+    for _ in range(2):  # moves the window to the centroid of its light
         near = directions @ brightest > np.cos(np.deg2rad(LAMP_RADIUS_DEG))
         middle = np.tensordot(power * near, directions, 2)
         if not np.linalg.norm(middle) > 0:
@@ -154,20 +154,22 @@ def _decoded(stored: h5py.Dataset, flags: int) -> UInt8[ndarray, "..."]:
     return np.asarray(picture, dtype=np.uint8)
 
 
-# Angle across a picture of an affine camera, which has no field of view.
+# Angle of view that is used for affine cameras, which have none.
 AFFINE_VIEW_DEG = 25.0
-# Samples for each texel of a panorama; more would not show more.
+# Samples for each texel of a panorama; more would show no more detail.
 _SAMPLES_PER_TEXEL, _FEWEST_SAMPLES = 1.6, 24
 
 
 def panorama_view(
     panoramas: tuple[PanoramaLight, ...], camera: Camera, size: tuple[int, int], view_deg: float
 ) -> Float32[ndarray, "h w 3"]:
-    """What a camera sees of environments: linear light, no finer than the panoramas are.
+    """Renders environments as a camera sees them, in linear light, at most at the resolution of the panoramas.
 
-    The light of the panoramas is added, and they say how the camera is turned: of the camera itself only focal length
-    and principal point matter. A `view_deg` above 0 is another angle across the picture's width. The result may be
-    smaller than `size` (rows and columns of the picture).
+    Args:
+        panoramas: Environments, whose light is added. They contain the rotation of the camera.
+        camera: Camera of the picture, of which only focal length and principal point are used.
+        size: Height and width of the picture. The result may be smaller.
+        view_deg: Angle of view across the picture's width; 0 uses that of the camera.
     """
     height, width = size
     focal, x, y = _intrinsics(camera, size, view_deg)
@@ -187,7 +189,7 @@ def panorama_view(
 
 
 def look_up(name: str, directions: Float64[ndarray, "h w 3"]) -> Float32[ndarray, "h w 3"]:
-    """Light of an environment from unit vectors of its frame, interpolated linearly, also across the seam."""
+    """Returns the light of an environment from directions in its frame, interpolated linearly, also across the seam."""
     panorama = picture_panorama(name)
     height, width = panorama.shape[:2]
     place = panorama_place(directions, height, width).astype(np.float32)
@@ -197,7 +199,7 @@ def look_up(name: str, directions: Float64[ndarray, "h w 3"]) -> Float32[ndarray
 
 
 def _intrinsics(camera: Camera, size: tuple[int, int], view_deg: float) -> tuple[float, float, float]:
-    """Focal length and principal point in px."""
+    """Returns focal length and principal point (x, y) in pixels."""
     height, width = size
     if view_deg <= 0 and not camera.is_affine:
         pinhole = pinhole_of(camera)

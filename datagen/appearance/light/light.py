@@ -1,7 +1,7 @@
 """Draws the light of synthetic photographs.
 
-Two lamps cast shadows; all other light is ambient and stored as spherical harmonics. Lamps are taken out of
-environments before these are projected, so that nothing counts twice.
+Two lamps cast shadows. All other light is ambient and stored as spherical harmonics. Environments are projected to
+harmonics without their lamps, so that no light counts twice.
 """
 
 import math
@@ -27,8 +27,8 @@ from datagen.appearance.light.light_sources import (
 from datagen.appearance.light.setups import Colours, Setup, draw_setup, night_setup
 from datagen.random_streams import rounded, weighted_choice
 
-_FAINT_LAMP = 0.03  # a lamp that gives a smaller share of the light needs no shadow
-_SOFT_KEY_SHARE = 0.25  # largest share of lamps in soft light
+_FAINT_LAMP = 0.03  # lamps with a smaller share of the light become ambient
+_SOFT_KEY_SHARE = 0.25  # largest share of the lamps in soft light
 
 
 def draw_light(rng: np.random.Generator, config: LightConfig) -> Light:
@@ -57,7 +57,7 @@ def draw_light(rng: np.random.Generator, config: LightConfig) -> Light:
 
 
 def _soften(rng: np.random.Generator, setup: Setup) -> None:
-    """Spreads what lamps give beyond a share over all directions around them, as clouds or curtains do."""
+    """Turns the light of lamps beyond a share into ambient light around them, as clouds or curtains do."""
     ambient, by_lamps = _by_source(setup)
     allowed = rng.uniform(0, _SOFT_KEY_SHARE)
     share = by_lamps / max(ambient + by_lamps, 1e-9)
@@ -66,12 +66,12 @@ def _soften(rng: np.random.Generator, setup: Setup) -> None:
     kept = allowed / (1 - allowed) * ambient / by_lamps
     for place, (direction, colour, radius) in enumerate(setup.lamps):
         setup.ambient += (1 - kept) * 0.5 * point_light(direction, colour)
-        setup.ambient[0] += (1 - kept) * 0.5 * colour / 4  # the other half from everywhere
+        setup.ambient[0] += (1 - kept) * 0.5 * colour / 4  # the other half from all directions
         setup.lamps[place] = direction, kept * colour, max(radius, 0.2)
 
 
 def _scale_lamps(rng: np.random.Generator, config: LightConfig, setup: Setup) -> None:
-    """Makes the lamps give the share that is drawn, whatever those of the environment give."""
+    """Scales the lamps to a random share of the light."""
     _light_lamp_if_dark(setup)
     ambient, by_lamps = _by_source(setup)
     share = rng.uniform(*config.key_share)
@@ -80,7 +80,7 @@ def _scale_lamps(rng: np.random.Generator, config: LightConfig, setup: Setup) ->
 
 
 def _light_from_behind(rng: np.random.Generator, setup: Setup) -> None:
-    """Makes the lamp behind the head so strong that edges and ears shine."""
+    """Makes the lamp behind the head so bright that edges and ears shine."""
     _light_lamp_if_dark(setup)
     direction, colour, radius = setup.lamps[0]
     brightness = rng.uniform(1.0, 5.0) * float(LUMINANCE @ setup.ambient[0])
@@ -88,14 +88,14 @@ def _light_from_behind(rng: np.random.Generator, setup: Setup) -> None:
 
 
 def _light_lamp_if_dark(setup: Setup) -> None:
-    """Gives an environment without lamps a lamp at its brightest place."""
+    """Gives the first lamp light if the environment has no lamps."""
     direction, colour, radius = setup.lamps[0]
     if LUMINANCE @ colour < 1e-3:
         setup.lamps[0] = direction, np.maximum(setup.ambient[0], 1e-3), radius
 
 
 def _by_source(setup: Setup) -> tuple[float, float]:
-    """Luminance of a white ball in the ambient light, and in the light of the lamps."""
+    """Returns the luminance of a white ball in the ambient light, and in the light of the lamps."""
     ambient, by_lamps = seen_illuminance(setup.ambient, tuple((lamp[0], lamp[1]) for lamp in setup.lamps))
     return float(LUMINANCE @ ambient), float(LUMINANCE @ by_lamps)
 
@@ -122,7 +122,7 @@ def _finished(
     exposure: tuple[float, float],
     gobo: Gobo | None,
 ) -> Light:
-    """Sets the exposure, keeps two lamps, and adds the others to the ambient light."""
+    """Scales the light to its illuminance, keeps two lamps, and adds the others to the ambient light."""
     target, largest_lamp = exposure
     scale = target / max(sum(_by_source(setup)), 1e-9)
     setup.ambient *= scale

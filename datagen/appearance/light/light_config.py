@@ -1,18 +1,18 @@
-"""What kinds of light there are, and how often."""
+"""Distributions of light."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
 
 from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, check_weights
 
-# Kinds of light: `KIND_weight` is the weight of each.
+# Kinds of light, with the weights `KIND_weight`.
 KINDS = ("soft", "directional", "studio", "backlit", "silhouette", "night")
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class LightConfig:
-    """Light on faces. Illuminances say how bright the camera sees a white ball; 1 is the white of a picture."""
+    """Light on faces. The illuminance is the mean brightness of a white ball, where 1 is the white of a picture."""
 
     soft_weight: FromZero = 0.55  # Weight of environments without strong lamps.
     directional_weight: FromZero = 0.25  # Weight of environments with a lamp in front of the face.
@@ -51,7 +51,7 @@ class LightConfig:
         check_weights("light", self, *(f"{kind}_weight" for kind in KINDS))
 
 
-# Rarer things more often, extremes wider.
+# Rare light is more frequent, and ranges are wider.
 HARD_LIGHT = LightConfig(
     soft_weight=0.22,
     directional_weight=0.28,

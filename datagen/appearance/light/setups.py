@@ -1,6 +1,6 @@
-"""Arrangements of lamps: studios, windows, flashes, candles. Each has lamps, and light from all around.
+"""Arrangements of lamps, such as studios, windows, flashes and candles, each with ambient light.
 
-Strengths are relative; `light.py` sets the exposure. Azimuth 0 is where the camera is, 90 the picture's right.
+Brightness is relative, since `light.py` scales it. Azimuth 0 is the camera's side, 90 the picture's right.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,11 @@ from datagen.appearance.light.light_sources import direction_of
 @final
 @dataclass(eq=False)
 class Setup:
-    """Light under construction, camera frame."""
+    """Lamps and ambient light of a scene that is being built, in the camera frame."""
 
-    # direction, colour (irradiance / pi) and angular radius of each, in any order and number
+    # direction, colour (irradiance / pi) and angular radius of each lamp, in any order and number
     lamps: list[tuple[Float64[ndarray, "3"], Float64[ndarray, "3"], float]] = field(default_factory=list)
-    # harmonics of all other light
+    # spherical harmonics of all other light
     ambient: Float64[ndarray, "9 3"] = field(default_factory=lambda: np.zeros((N_HARMONICS, 3)))
 
     def lamp(self, azimuth_deg: float, elevation_deg: float, colour: ndarray, radius_rad: float) -> None:
@@ -31,7 +31,7 @@ class Setup:
         self.lamps.append((direction_of(azimuth_deg, elevation_deg), np.asarray(colour), float(radius_rad)))
 
     def glow(self, azimuth_deg: float, elevation_deg: float, colour: ndarray) -> None:
-        """Adds light from one half of the sphere, which casts no shadow."""
+        """Adds ambient light from the side of a direction, which casts no shadow."""
         self.ambient += point_light(direction_of(azimuth_deg, elevation_deg), np.asarray(colour))
 
     def surround(self, colour: ndarray) -> None:
@@ -42,7 +42,7 @@ class Setup:
 @final
 @dataclass(frozen=True)
 class Colours:
-    """Draws colours of lamps, for a camera balanced for some temperature."""
+    """Draws colours of lamps, for a camera with a white balance for `camera_k`."""
 
     rng: np.random.Generator
     lowest_k: float
@@ -50,15 +50,15 @@ class Colours:
     camera_k: float
 
     def of(self, temperature_k: float) -> Float64[ndarray, "3"]:
-        """Colour of a lamp with a temperature, which is clipped to the range."""
+        """Returns the colour of a lamp, whose temperature is clipped to the range."""
         return lamp_colour(float(np.clip(temperature_k, self.lowest_k, self.highest_k)), self.camera_k)
 
     def any(self) -> Float64[ndarray, "3"]:
-        """Colour of a lamp with a random temperature: uniform in its inverse, as eyes perceive it."""
+        """Draws the colour of a lamp, with a temperature that is uniform in its inverse, as the eye perceives it."""
         return self.of(1 / self.rng.uniform(1 / self.highest_k, 1 / self.lowest_k))
 
     def neon(self) -> Float64[ndarray, "3"]:
-        """A saturated colour of luminance about 1."""
+        """Draws a saturated colour with a luminance of about 1."""
         hue = self.rng.uniform(0, 3)
         rgb = np.clip(2 - np.abs((hue + np.array([0.0, 2.0, 1.0])) % 3 - 1.5) * 2, 0.02, 1)
         return np.asarray(rgb / (rgb @ np.array([0.3, 0.5, 0.2])))
@@ -140,7 +140,7 @@ def _noon_sun(setup: Setup, rng: np.random.Generator, colours: Colours) -> None:
     sky = colours.of(9000)
     setup.lamp(rng.uniform(-110, 110), rng.uniform(55, 85), colours.of(5500), 0.008)
     setup.glow(0, 90, rng.uniform(0.08, 0.2) * sky)
-    setup.glow(0, -90, rng.uniform(0.03, 0.15) * colours.of(5000))  # what the ground returns
+    setup.glow(0, -90, rng.uniform(0.03, 0.15) * colours.of(5000))  # from the ground
     setup.surround(rng.uniform(0.03, 0.1) * sky)
 
 

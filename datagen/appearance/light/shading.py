@@ -1,4 +1,4 @@
-"""What `light.glsl` and the shadow maps need to know about light: uniforms, textures, directions. Model frame."""
+"""Uniforms and textures of `light.glsl`, and directions of the shadow maps, in the model frame."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -17,16 +17,16 @@ from pix2face.geometry.camera import Camera, nearest_weak_perspective
 from pix2face.models.morphable_model import MorphableModel
 
 MAX_PANORAMAS = 2  # as in light.glsl
-# Each environment has a layer for each of these blurs: as smooth and as rough surfaces reflect it.
+# Each environment has a texture layer for each of these blurs, for reflections of smooth and rough surfaces.
 LAYER_ANGLES_RAD = (0.0, 0.16)
-# Widths of shadow edges follow from the size of the lamp and this distance, about that of a nose from the cheek.
+# The width of shadow edges is the lamp's angular radius times this distance, about that of the nose from the cheek.
 _SHADOW_REACH_MM = 22.0
 _NARROWEST_EDGE_MM, _WIDEST_EDGE_MM = 1.2, 9.0
 
 
 @lru_cache(maxsize=1)
 def light_textures() -> Mapping[str, Texture]:
-    """The environments without their lamps, in two degrees of softness each."""
+    """Returns the texture of the environments without their lamps, each with the blurs of `LAYER_ANGLES_RAD`."""
     layers = []
     for name in environment_names():
         rest = environment(name).rest
@@ -36,7 +36,7 @@ def light_textures() -> Mapping[str, Texture]:
 
 
 def light_uniforms(light: Light, camera: Camera) -> dict[str, UniformValue]:
-    """Uniforms of `light.glsl`; directions are turned from the camera into the model frame."""
+    """Returns the uniforms of `light.glsl`, with directions in the model frame."""
     model_from_camera = _model_from_camera(camera)
     ambient = turned(_ambient(light), model_from_camera)
     directions, colours = np.tile([0.0, 0.0, 1.0], (MAX_LAMPS, 1)), np.zeros((MAX_LAMPS, 3))
@@ -59,7 +59,7 @@ def light_uniforms(light: Light, camera: Camera) -> dict[str, UniformValue]:
 
 
 def shadow_lights(light: Light, camera: Camera) -> Float32[ndarray, "3 3"]:
-    """Towards the two lamps and the sky, unit vectors, model frame; a row of zeros where there is no lamp."""
+    """Returns unit vectors to the two lamps and to the sky, in the model frame; rows without a lamp are 0."""
     model_from_camera = _model_from_camera(camera)
     towards = np.zeros((MAX_LAMPS + 1, 3))
     for place, lamp in enumerate(light.lamps):
@@ -80,11 +80,11 @@ def _ambient(light: Light) -> Float64[ndarray, "9 3"]:
 
 
 def _sky(light: Light) -> tuple[Float64[ndarray, "3"], float]:
-    """Where most ambient light comes from (camera frame), and the share of it that something there would block."""
+    """Returns the main direction of the ambient light (camera frame), and the share that an object there blocks."""
     luminance = _ambient(light) @ LUMINANCE
     slope = luminance[1:4] / max(float(luminance[0]), 1e-9)
     strength = float(np.linalg.norm(slope))
-    towards = slope + np.array([0.0, -0.35, -0.15])  # above and before the face, where nothing else is known
+    towards = slope + np.array([0.0, -0.35, -0.15])  # biased to a place above and in front of the face
     return towards / np.linalg.norm(towards), float(np.clip(0.3 + 0.35 * strength, 0, 0.8))
 
 
@@ -100,7 +100,7 @@ def _panorama_uniforms(light: Light, model_from_camera: Float64[ndarray, "3 3"])
 
 
 def _gobo_uniforms(light: Light, model_from_camera: Float64[ndarray, "3 3"]) -> dict[str, UniformValue]:
-    """Uniforms of a gobo; its two axes lie in the plane across the first lamp's light, in periods per mm."""
+    """Returns the uniforms of a gobo. Its axes, in periods per mm, are perpendicular to the light of the first lamp."""
     gobo = light.gobo
     if gobo is None:
         return {"light_gobo": 0}
@@ -120,10 +120,10 @@ def _gobo_uniforms(light: Light, model_from_camera: Float64[ndarray, "3 3"]) -> 
 
 
 def head_occlusion(model: MorphableModel) -> Float32[ndarray, " v"]:
-    """How much ambient light arrives at each vertex: 1 in the open, 0 where it is enclosed.
+    """Returns the share of ambient light that reaches each vertex: 1 if it is exposed, 0 if it is enclosed.
 
-    It is stored for the built-in model by `scripts/build_head_occlusion.py`; for other models it is 1. The inside of
-    the mouth has the values of an open mouth, since nobody sees it in a closed one.
+    `scripts/build_head_occlusion.py` computes it for the built-in model; for other models it is 1. The inside of the
+    mouth has the values of an open mouth, since it is invisible in a closed one.
     """
     with open_asset("head_occlusion.h5") as file:
         stored = file["occlusion"][:]

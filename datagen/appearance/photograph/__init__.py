@@ -1,1 +1,1 @@
-"""What lens, sensor, processing and file make of light."""
+"""The effects of lens, sensor, processing and file on a picture."""

@@ -1,7 +1,7 @@
 """Crops that reach beyond the border of their photograph, and pictures in a frame.
 
-Pixels beyond the border are filled as people and programs do it. Maps continue there (they are amodal), but the face is
-not visible there; `beyond_border` says where.
+Pixels beyond the border are filled in common ways. Maps are amodal and continue there, but the face is not visible in
+these pixels, which `beyond_border` returns.
 """
 
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from numpy import ndarray
 
 from datagen.random_streams import rounded
 
-# What fills the pixels beyond the border. `blurred` is the picture itself, enlarged and out of focus.
+# Fillings of the pixels beyond the border. `blurred` is the picture itself, enlarged and blurred.
 FILLINGS = ("black", "replicated", "reflected", "white", "mean", "blurred")
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Border:
-    """Where the photograph ends in the picture."""
+    """The border of the photograph in the picture."""
 
     left: float = 0.0  # share of the picture's width beyond the border
     top: float = 0.0  # share of its height
@@ -31,12 +31,12 @@ class Border:
 
     @property
     def is_there(self) -> bool:
-        """Whether any of the picture is beyond the border."""
+        """Whether a part of the picture is beyond the border."""
         return max(self.left, self.top, self.right, self.bottom) > 0
 
 
 def beyond_border(border: Border, height: int, width: int) -> Bool[ndarray, "h w"]:
-    """The pixels of a picture that are beyond the photograph's border."""
+    """Returns a mask of the pixels of a picture that are beyond the photograph's border."""
     beyond = np.ones((height, width), dtype=bool)
     beyond[_inside(border, height, width)] = False
     return beyond
@@ -64,15 +64,15 @@ def with_border(border: Border, image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray
 
 
 def draw_border(rng: np.random.Generator, largest: float) -> Border:
-    """Draws a border on one, two or four sides; one side is the most frequent."""
+    """Draws a border on one, two or four sides, most often on one."""
     n_sides = int(rng.choice([1, 2, 4], p=[0.62, 0.30, 0.08]))
     sides = np.zeros(4)
     chosen = rng.choice(4, n_sides, replace=False)
-    # Four borders at once are those of a small picture in a large frame.
+    # Four borders make a small picture in a large frame.
     sides[chosen] = rng.uniform(0.02, largest * (0.5 if n_sides == 4 else 1.0), n_sides)
     filling = str(rng.choice(FILLINGS, p=[0.5, 0.18, 0.12, 0.10, 0.07, 0.03]))
     if filling == "reflected":
-        sides *= 0.4  # otherwise half of a second face would appear
+        sides *= 0.4  # so that no half of a second face appears
     left, top, right, bottom = (rounded(share, 4) for share in sides)
     return Border(left=left, top=top, right=right, bottom=bottom, filling=filling)
 
@@ -88,7 +88,7 @@ def draw_letterbox(rng: np.random.Generator) -> Border:
 
 
 def _inside(border: Border, height: int, width: int) -> tuple[slice, slice]:
-    """Rows and columns of the photograph, at least one pixel of it."""
+    """Returns the rows and columns of the photograph, at least one pixel."""
     top, bottom = (int(share * height + 0.5) for share in (border.top, border.bottom))
     left, right = (int(share * width + 0.5) for share in (border.left, border.right))
     top, left = min(top, height - 1), min(left, width - 1)

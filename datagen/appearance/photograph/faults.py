@@ -1,4 +1,4 @@
-"""Draws photographs: decent ones, and what makes some of them bad."""
+"""Draws photographs, and the faults of bad ones."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -14,7 +14,7 @@ from datagen.appearance.photograph.sensor import Sensor, Tone
 
 
 def draw_photograph(rng: np.random.Generator, config: PhotographConfig) -> Photograph:
-    """Draws a photograph: most are decent, some are bad in one way or two, and some end within the picture."""
+    """Draws a photograph. Some have one or two faults, and some have a border within the picture."""
     photograph = Photograph(
         seed=int(rng.integers(2**31)),
         lens=_draw_lens(rng, config),
@@ -81,7 +81,7 @@ def _draw_tone(rng: np.random.Generator, config: PhotographConfig) -> Tone:
 
 
 def _draw_tint(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draws the tint of a toned print: most are sepia, some bluish or greenish."""
+    """Draws the tint of a toned print: mostly sepia."""
     if rng.random() < 0.7:
         strength = rng.uniform(0.4, 1.0)
         red, green, blue = (_round(1 + strength * (gain - 1)) for gain in (1.0, 0.86, 0.66))  # sepia
@@ -110,7 +110,7 @@ def _draw_processing(rng: np.random.Generator, config: PhotographConfig) -> Proc
 
 
 def _draw_text(rng: np.random.Generator) -> str:
-    """Draws a date or a random name, as they are found on photographs."""
+    """Draws a date or a random name, as on photographs."""
     if rng.random() < 0.4:
         day, month, year = rng.integers(1, 29), rng.integers(1, 13), rng.integers(1990, 2026)
         return str(
@@ -228,5 +228,5 @@ _FAULTS: Mapping[str, Callable[[Photograph, np.random.Generator, PhotographConfi
 
 
 def _round(value: float) -> float:
-    """Rounds to four significant digits, which are short in JSON and finer than anything visible."""
+    """Rounds to four significant digits, which keep JSON short and make no visible difference."""
     return float(f"{float(value):.4g}")

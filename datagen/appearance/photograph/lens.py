@@ -1,4 +1,4 @@
-"""What a lens does to linear light before it falls on the sensor, and blur out of focus."""
+"""The effects of a lens on linear light, and defocus blur."""
 
 from dataclasses import dataclass
 from typing import final
@@ -14,23 +14,23 @@ from numpy import ndarray
 class Lens:
     """A lens, its focus and its motion. Lengths are shares of the picture's longer side."""
 
-    defocus: float = 0.0  # radius of the disc that a point becomes
-    motion: float = 0.0  # how far the picture moved during the exposure
+    defocus: float = 0.0  # radius of the blur disc
+    motion: float = 0.0  # length of the motion during the exposure
     motion_deg: float = 0.0  # direction: 0 right, 90 down
     motion_bend: float = 0.0  # height of the path's bend over its length
-    magnification: float = 0.0  # of red relative to green, minus 1; blue has the opposite
-    vignetting: float = 0.0  # how much darker the corner farthest from the axis is, 0 to 1
-    axis: tuple[float, float] = (0.0, 0.0)  # where the optical axis meets the picture, (right, down) from its centre
+    magnification: float = 0.0  # magnification of red relative to green, minus 1; that of blue is opposite
+    vignetting: float = 0.0  # loss of light at the corner farthest from the axis, 0 to 1
+    axis: tuple[float, float] = (0.0, 0.0)  # place of the optical axis, (right, down) from the picture's centre
     bloom: float = 0.0  # share of the light that is scattered near its source
-    glare: float = 0.0  # share of all light that is scattered everywhere
+    glare: float = 0.0  # share of the light that is scattered evenly over the picture
 
 
 def expose_through(lens: Lens, light: Float32[ndarray, "h w 3"]) -> Float32[ndarray, "h w 3"]:
-    """The light that falls on the sensor."""
+    """Returns the light on the sensor."""
     side = max(light.shape[:2])
     if lens.magnification:
         light = _magnified(light, lens)
-    if lens.defocus * side > 0.3:  # px; less changes no pixel by much
+    if lens.defocus * side > 0.3:  # px; a smaller blur is hardly visible
         light = _filtered(light, disc(lens.defocus * side))
     if lens.motion * side > 1:
         light = _filtered(light, _path(lens.motion * side, lens.motion_deg, lens.motion_bend))
@@ -48,7 +48,7 @@ def _filtered(light: Float32[ndarray, "h w 3"], kernel: Float32[ndarray, "k k"])
 
 
 def disc(radius_px: float, margin_px: float = 0.0) -> Float32[ndarray, "k k"]:
-    """A disc of sum 1 with a smooth edge, and zeros around it up to a margin."""
+    """Returns the kernel of a disc with a sum of 1 and a smooth edge, and zeros around it up to a margin."""
     reach = int(np.ceil(radius_px + margin_px))
     squares = np.arange(-reach, reach + 1, dtype=np.float32) ** 2
     kernel = np.clip(radius_px + 0.5 - np.sqrt(squares[:, None] + squares), 0, 1)
@@ -56,7 +56,7 @@ def disc(radius_px: float, margin_px: float = 0.0) -> Float32[ndarray, "k k"]:
 
 
 def _path(length_px: float, direction_deg: float, bend: float) -> Float32[ndarray, "k k"]:
-    """A parabola of unit weight, each of its points spread over the four pixels around it."""
+    """Returns the kernel of motion along a parabola, with a sum of 1 and bilinear weights."""
     reach = int(np.ceil(length_px / 2)) + 1
     place = np.linspace(-0.5, 0.5, 4 * reach + 1)
     cos, sin = np.cos(np.deg2rad(direction_deg)), np.sin(np.deg2rad(direction_deg))
@@ -90,7 +90,7 @@ def _with_bloom(light: Float32[ndarray, "h w 3"], share: float) -> Float32[ndarr
 
 
 def _vignette(lens: Lens, height: int, width: int) -> Float32[ndarray, "h w"]:
-    """The fourth power of the cosine, scaled so that the corner farthest from the axis is as dark as drawn."""
+    """Returns the gain of each pixel by the cosine-fourth law, scaled to the vignetting at the farthest corner."""
     side = max(height, width)
     x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / side - np.float32(lens.axis[0])
     y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2) / side - np.float32(lens.axis[1])
@@ -100,11 +100,11 @@ def _vignette(lens: Lens, height: int, width: int) -> Float32[ndarray, "h w"]:
 
 
 def defocused(picture: Float32[ndarray, "h w c"], radius_px: float) -> Float32[ndarray, "h w c"]:
-    """Blurs linear light out of focus: every point becomes a disc. A radius below 0.4 px changes nothing."""
+    """Blurs linear light with a disc. A radius below 0.4 px changes nothing."""
     if radius_px < 0.4:
         return picture
     height, width = picture.shape[:2]
-    # Discs of more than 3 px are drawn on a smaller picture: a blurred picture needs no more pixels.
+    # For speed, discs of more than 3 px are applied to a smaller picture.
     factor = max(1.0, radius_px / 3.0)
     size = max(2, round(width / factor)), max(2, round(height / factor))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA) if factor > 1 else picture

@@ -1,7 +1,7 @@
-"""What lens, sensor, processing and file make of the light in front of a camera.
+"""Turns linear light into a photograph, by the effects of lens, sensor, processing and file.
 
-The order is that of a camera: vignetting, blur and noise in linear light; white balance and tone; resampling,
-sharpening and whatever else programs do; the border that a crop reaches beyond; the file.
+Their order is that of a camera: vignetting, blur and noise in linear light; white balance and tone; resampling,
+sharpening and other processing; the border, if the crop reaches beyond it; the file.
 """
 
 from dataclasses import dataclass, field
@@ -21,15 +21,15 @@ from pix2face.files.images import encode_photograph
 @final
 @dataclass(frozen=True, kw_only=True)
 class Photograph:
-    """Everything between the light and the file; `dataclasses.asdict` of it is JSON."""
+    """All effects between the light and the file. `dataclasses.asdict` makes it JSON."""
 
     lens: Lens
     sensor: Sensor
     tone: Tone  # from light to bytes
     processing: Processing  # what programs did
-    border: Border = field(default_factory=Border)  # where the photograph ends in the picture
-    quality: int  # of the JPEG file, 1 to 100
-    is_colour_halved: bool = True  # the file has colour at half the resolution
+    border: Border = field(default_factory=Border)  # border of the photograph in the picture
+    quality: int  # quality of the JPEG file, 1 to 100
+    is_colour_halved: bool = True  # whether the file has colour at half the resolution
     faults: str = ""  # names out of `FAULTS`, joined by `+`; empty for a decent photograph
     seed: int  # of noise, grain and dust
 
@@ -37,10 +37,12 @@ class Photograph:
 def develop(
     linear: Float32[ndarray, "h w 3"], photograph: Photograph, face: Bool[ndarray, "h w"]
 ) -> UInt8[ndarray, "h w 3"]:
-    """What a photograph shows of the light in front of it, which is not negative; 1 is white at exposure 1.
+    """Develops linear light into an sRGB picture, which depends on the arguments only.
 
-    The same light and photograph always give the same bytes. `face` says where the head is, for cameras that expose for
-    it. The result is sRGB; pixels beyond the photograph's border (`beyond_border`) are filled.
+    Args:
+        linear: Non-negative linear light; 1 is white at exposure 1.
+        photograph: The effects to apply. Pixels beyond its border (`beyond_border`) are filled.
+        face: Mask of the head, for cameras that expose for it.
     """
     rng = np.random.default_rng(photograph.seed)
     light = sense(photograph.sensor, expose_through(photograph.lens, linear), face, rng)
@@ -49,5 +51,5 @@ def develop(
 
 
 def encode(image: UInt8[ndarray, "h w 3"], photograph: Photograph) -> bytes:
-    """The file of a developed picture: JPEG of the photograph's quality."""
+    """Encodes a developed picture as JPEG, with the photograph's quality."""
     return encode_photograph(image, photograph.quality, is_colour_halved=photograph.is_colour_halved)

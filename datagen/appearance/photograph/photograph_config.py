@@ -1,4 +1,4 @@
-"""How often lens, sensor, processing and file do what to a synthetic photograph."""
+"""Distributions of the effects of lens, sensor, processing and file."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -9,9 +9,9 @@ from datagen.config_limits import FromZero, Limits, Range, Share, check_limits, 
 @final
 @dataclass(frozen=True, kw_only=True)
 class PhotographConfig:
-    """Shares and ranges of what happens to a photograph.
+    """Shares and ranges of the effects on a photograph.
 
-    Lengths are shares of the picture's side, so that a picture with twice as many pixels shows the same.
+    Lengths are shares of the picture's side, so that effects do not depend on the number of pixels.
     """
 
     bad_share: Share = 0.2  # Share of pictures that are bad in some way; the `bad_` weights below say in which.
@@ -81,7 +81,7 @@ class PhotographConfig:
             check_weights("photograph", self, *(f"bad_{name}" for name in FAULTS))
 
 
-# What a bad picture can be bad in: `bad_NAME` is its weight.
+# Faults of bad pictures, with the weights `bad_NAME`.
 FAULTS = (
     "exposure",
     "colour",
@@ -97,7 +97,7 @@ FAULTS = (
     "glare",
 )
 
-# Rarer things more often, extremes wider.
+# Rare effects are more frequent, and ranges are wider.
 HARD_PHOTOGRAPH = PhotographConfig(
     bad_share=0.65,
     second_fault_share=0.4,

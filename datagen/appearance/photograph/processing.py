@@ -1,4 +1,4 @@
-"""What programs, screens, prints and small files do to a picture after it was taken."""
+"""The effects of programs, screens, prints and small files on a picture that was taken."""
 
 from dataclasses import dataclass
 from typing import final
@@ -17,30 +17,30 @@ INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cub
 @final
 @dataclass(frozen=True, kw_only=True)
 class Processing:
-    """What happened to a picture, in this order."""
+    """Processing steps in their order."""
 
-    smoothing: float = 0.0  # how smooth a program made the skin, 0..1
-    side_px: int = 0  # longer side of a small picture that was enlarged; 0 without
+    smoothing: float = 0.0  # strength of skin smoothing, 0..1
+    side_px: int = 0  # longer side of a small picture that was enlarged; 0 for none
     enlarged_by: str = "cubic"  # `nearest`, `linear` or `cubic`
     sharpening: float = 0.0  # strength of the haloes
     sharpening_px: float = 1.0  # width of the haloes
     grain: float = 0.0  # standard deviation of film grain, 0 to 255
     scratches: int = 0  # number of scratches from top to bottom
     dust: int = 0  # number of specks and hairs
-    interlace: float = 0.0  # how far odd lines move to one side and even lines to the other, as a share of the width
-    moire: float = 0.0  # strength of the pattern of a photographed screen, 0..1
-    colours: int = 256  # steps of each colour; 256 is all
+    interlace: float = 0.0  # shift between odd and even lines, as a share of the width
+    moire: float = 0.0  # strength of the moiré pattern of a photographed screen, 0..1
+    colours: int = 256  # number of levels of each colour
     text: str = ""  # a date or a watermark over the picture
-    text_place: tuple[float, float] = (0.0, 0.0)  # where the text begins, as shares of width and height
+    text_place: tuple[float, float] = (0.0, 0.0)  # start of the text, as shares of width and height
     text_size: float = 0.0  # height of the letters, as a share of the picture's side
     text_opacity: float = 0.0  # 0..1
-    first_quality: int = 0  # of an earlier JPEG file of the picture; 0 without
+    first_quality: int = 0  # quality of an earlier JPEG file of the picture; 0 for none
 
 
 def process(
     processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator
 ) -> UInt8[ndarray, "h w 3"]:
-    """Applies what happens to a picture after it was taken."""
+    """Applies all steps to a picture."""
     height, width = image.shape[:2]
     if processing.smoothing:
         smooth = cv2.bilateralFilter(image, 5, 40.0, 3.0)
@@ -69,7 +69,7 @@ def process(
 
 
 def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, "h w 3"]:
-    """Lines of two moments, moved to both sides alike, so that edges stay on average where the maps have them."""
+    """Shifts odd and even lines to opposite sides by the same amount, so that edges agree with the maps on average."""
     half = int(np.copysign(max(round(abs(share) * image.shape[1] / 2), 1), share))
     columns = np.arange(image.shape[1])
     moved = np.empty_like(image)
@@ -79,7 +79,7 @@ def _interlaced(image: UInt8[ndarray, "h w 3"], share: float) -> UInt8[ndarray, 
 
 
 def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random.Generator) -> UInt8[ndarray, "h w 3"]:
-    """Adds grain, scratches and dust, which are lighter or darker but not coloured."""
+    """Adds grain, scratches and dust, all of them grey."""
     height, width = image.shape[:2]
     marks = np.zeros((height, width), dtype=np.float32)
     if processing.grain:
@@ -101,7 +101,7 @@ def _aged(processing: Processing, image: UInt8[ndarray, "h w 3"], rng: np.random
 def _photographed_screen(
     image: UInt8[ndarray, "h w 3"], strength: float, rng: np.random.Generator
 ) -> UInt8[ndarray, "h w 3"]:
-    """Adds the waves of interfering grids of screen and sensor, shifted by a third of a period between colours."""
+    """Adds the moiré of the grids of screen and sensor, shifted by a third of a period between colours."""
     height, width = image.shape[:2]
     angle, period = rng.uniform(0, np.pi), rng.uniform(2.5, 14)
     across = np.arange(width, dtype=np.float32) * np.float32(2 * np.pi * np.cos(angle) / period)

@@ -12,7 +12,7 @@ from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import IRISES
 from datagen.random_streams import rounded, triple
 
-# Linear colours of irises from the most pigment to the least: outer part, and inner part around the pupil.
+# Linear colours of irises from the darkest to the lightest: outer part, and inner part around the pupil.
 _IRISES = np.array(
     [
         [0.022, 0.012, 0.008, 0.026, 0.014, 0.008],
@@ -110,7 +110,7 @@ def draw_mouth(rng: np.random.Generator, config: SkinConfig, person: Person) -> 
 
 
 def _iris(rng: np.random.Generator, place: float) -> tuple[Colour, Colour]:
-    """Inner and outer colour at a place of the scale from dark brown (0) to light grey (1)."""
+    """Draws the inner and outer colour of an iris, at a place on the scale from dark brown (0) to light grey (1)."""
     knots = np.linspace(0, 1, len(_IRISES))
     colours = np.exp(rng.normal(0, 0.18)) * np.array([np.interp(place, knots, ramp) for ramp in _IRISES.T])
     outer, inner = colours[:3], colours[3:]

@@ -17,7 +17,7 @@ FACE_PAINTS = ("none", "stripes", "half", "full", "band", "cheek")
 @final
 @dataclass(frozen=True, kw_only=True)
 class MakeUp:
-    """What is put on a face. Colours are linear, 0..1; a strength of 0 is none of it."""
+    """Make-up and face paint. Colours are linear, 0..1; a strength of 0 means none."""
 
     lipstick: Colour = (0.0, 0.0, 0.0)
     lipstick_strength: float = 0.0
@@ -29,7 +29,7 @@ class MakeUp:
     blusher_strength: float = 0.0
     foundation: float = 0.0  # how much it evens out the skin, 0..1
     face_paint: str = "none"  # one of `FACE_PAINTS`
-    # the second one is for the eyes of a full paint
+    # the second colour is used around the eyes of fully painted faces
     face_paint_colours: tuple[Colour, Colour] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     face_paint_strength: float = 0.0
 
@@ -48,7 +48,7 @@ def draw_make_up(rng: np.random.Generator, config: SkinConfig, person: Person) -
 
 
 def _draw_worn(rng: np.random.Generator, person: Person, is_vivid: bool) -> dict[str, object]:
-    """Draws each product by itself: many people wear one or two of them."""
+    """Draws each product independently, since many people wear only one or two."""
     wears = rng.random(5) < [0.7, 0.45, 0.6, 0.5, 0.6]
     light = 1.0 - 0.7 * person.melanin
     lipstick = (
@@ -71,7 +71,7 @@ def _draw_worn(rng: np.random.Generator, person: Person, is_vivid: bool) -> dict
 
 
 def _vivid(rng: np.random.Generator) -> Colour:
-    """Any colour, black and white among them."""
+    """Draws any colour, including black and white."""
     return _rgb(rng.uniform(), rng.choice([0.0, 0.6, 0.95], p=[0.25, 0.25, 0.5]), rng.choice([0.08, 0.6, 0.95]))
 
 

@@ -22,8 +22,8 @@ class Mark:
     radius_mm: float
     melanin: float  # added to that of the skin
     haemoglobin: float  # added to that of the skin
-    height: float  # how much it bulges
-    core: float  # share of the radius at full strength
+    height: float  # height of the bump; negative for a dent
+    core: float  # share of the radius with full strength
 
 
 def draw_marks(rng: np.random.Generator, config: SkinConfig, person: Person) -> tuple[Mark, ...]:
@@ -39,7 +39,7 @@ def draw_marks(rng: np.random.Generator, config: SkinConfig, person: Person) -> 
 
 
 def _place(rng: np.random.Generator) -> tuple[float, float]:
-    """Anywhere on the front of the mean face except for eyes and lips: x, y in mm."""
+    """Draws a place on the front of the mean face, outside eyes and lips: x, y in mm."""
     while True:
         x, y = rng.uniform(-66, 66), rng.uniform(-84, 92)
         in_eye = np.hypot((abs(x) - 31) / 17, (y - 27) / 9) < 1
@@ -49,7 +49,7 @@ def _place(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def _on_face(x: float, y: float) -> tuple[float, float, float]:
-    """The place with the depth of the mean face, which may be off by some mm: marks reach far enough."""
+    """Adds the approximate depth of the mean face. An error of some mm does not matter to marks."""
     z = 103.0 - 0.0165 * x * x - 0.0015 * (y - 10.0) ** 2 + 14.0 * np.exp(-((x / 11) ** 2) - ((y + 8) / 16) ** 2)
     return triple((x, y, z), 2)
 
@@ -76,7 +76,7 @@ def _blemish(rng: np.random.Generator) -> Mark:
 
 
 def _scar(rng: np.random.Generator) -> list[Mark]:
-    """A row of spots, pale or pink."""
+    """Draws a row of pale or pink spots."""
     x, y = _place(rng)
     turn, length = rng.uniform(0, np.pi), rng.uniform(4, 14)
     melanin, red, height = rng.uniform(-0.12, 0.02), rng.uniform(-0.1, 0.3), rng.uniform(-0.6, 0.6)

@@ -1,4 +1,4 @@
-"""Draws the skin of one person with its colour, its age and what is on it, eyes and mouth."""
+"""Draws the skin of one person: colour, wrinkles, marks, make-up, eyes and mouth."""
 
 from dataclasses import dataclass
 from typing import final
@@ -14,8 +14,8 @@ from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import AGES, SKINS
 from datagen.random_streams import rounded, triple
 
-MIDDLE_MELANIN = 0.43  # of all people
-# Beyond these, differences are compressed, so that skins do not pile up at the ends of the scale.
+MIDDLE_MELANIN = 0.43  # the middle of all people
+# Melanin beyond these values is compressed, so that it is not clipped at the ends of the scale.
 RARE_BELOW, RARE_ABOVE = 0.15, 0.78
 
 
@@ -24,7 +24,7 @@ RARE_BELOW, RARE_ABOVE = 0.15, 0.78
 class Skin:
     """The skin of one person."""
 
-    melanin: float  # 0 is the lightest skin, 1 the darkest; even in lightness
+    melanin: float  # 0 is the lightest skin, 1 the darkest; linear in lightness
     haemoglobin: float  # of skin at rest; 0.16 is usual
     flush: float  # further haemoglobin of cheeks, nose and ears
     under_eye: float  # strength of the circles under the eyes
@@ -32,12 +32,12 @@ class Skin:
     texture_weights: tuple[float, float, float]  # of these three; they sum to 1
     texture_strength: float  # 0 none, 1 as photographed
     blotches: tuple[float, float]  # relative unevenness of melanin, and of blood
-    noise_offset: tuple[float, float]  # where this skin begins in the tile of noise
+    noise_offset: tuple[float, float]  # offset in the tile of noise
     freckles: tuple[float, float]  # how many there are, 0..1, and how dark they are
     age_spots: float  # how dark they are
     vitiligo: bool  # white patches
     tan: float  # how much darker skin in the sun is
-    # of the face at rest, 0..1: forehead, between the brows, around the eyes, around the mouth, lips
+    # wrinkles of the face at rest, 0..1: forehead, between the brows, around the eyes, around the mouth, lips
     wrinkles: tuple[float, float, float, float, float]
     expression_folds: float  # factor on the folds that expressions make
     pores: float  # how coarse the surface is
@@ -46,7 +46,7 @@ class Skin:
     marks: tuple[Mark, ...]  # moles, acne, scars
     shaved_shadow: float  # how dark the shaved beard area is
     stubble: float  # how dense stubble is, 0..1
-    hair_colour: Colour  # of stubble, painted brows and cropped hair, linear, where the hair gives no colour of its own
+    hair_colour: Colour  # linear colour of stubble, painted brows and cropped hair, unless the hair has another
     brow_strength: float  # how strong painted brows are
     hairline: float  # how far the hair line recedes, 0..1
     make_up: MakeUp
@@ -119,7 +119,7 @@ def _draw_textures(rng: np.random.Generator, person: Person) -> tuple[tuple[str,
 def _draw_wrinkles(
     rng: np.random.Generator, config: SkinConfig, age: float
 ) -> tuple[float, float, float, float, float]:
-    """Draws wrinkles: they begin around 30 and vary between people; all adults have the fold beside the nose."""
+    """Draws wrinkles, which begin at about 30 years. All adults have the fold beside the nose."""
     of_age = config.wrinkles * max(age - 0.1, 0.0) ** 0.8 * rng.lognormal(-0.15, 0.35, size=5)
     start = np.array([0.02, 0.02, 0.05, 0.14, 0.0]) * rng.uniform(0.3, 1.5, size=5)
     values = np.clip(of_age * [0.8, 0.7, 0.9, 0.8, 0.7] + start, 0, 1.1)
@@ -128,7 +128,7 @@ def _draw_wrinkles(
 
 
 def _draw_beard(rng: np.random.Generator, config: SkinConfig, person: Person) -> tuple[float, float]:
-    """Draws the strength of the shaved shadow, and of stubble."""
+    """Draws the strength of the shaved shadow and of stubble."""
     male = max(1 - 1.6 * person.femininity, 0.0) * float(np.clip((person.age_years - 15) / 7, 0, 1))
     shadow = rng.uniform(*config.shaved_shadow) * male
     stubble = rng.uniform(*config.stubble) if rng.random() < config.stubble_share * male else 0.0
@@ -136,7 +136,7 @@ def _draw_beard(rng: np.random.Generator, config: SkinConfig, person: Person) ->
 
 
 def _draw_freckles(rng: np.random.Generator, config: SkinConfig, melanin: float) -> tuple[float, float]:
-    """Draws how many freckles there are and how dark they are; only light skin has them."""
+    """Draws the number of freckles and how dark they are. Only light skin has them."""
     has_some = rng.random() < config.freckles_share * float(np.clip(1 - 2 * melanin, 0, 1))
     return (rounded(rng.uniform(0.2, 0.75), 4), rounded(rng.uniform(0.04, 0.16), 4)) if has_some else (0.0, 0.0)
 

@@ -1,4 +1,4 @@
-"""What skins, eyes and mouths are drawn from."""
+"""Distributions of skin, eyes and mouth."""
 
 from dataclasses import dataclass
 from typing import Annotated, final

@@ -1,4 +1,4 @@
-"""The textures of `skin.glsl`, packed by `scripts/build_skin_assets.py`, and where things are in them."""
+"""The textures of `skin.glsl`, which `scripts/build_skin_assets.py` makes, and their layout."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -6,15 +6,15 @@ from functools import lru_cache
 from datagen.appearance.asset_files import read_picture
 from datagen.appearance.scene import Texture
 
-# The part of MakeHuman's uv square that holds the outside of the head: u from, u to, v from, v to (v upward).
+# The part of MakeHuman's uv square with the outside of the head: smallest and largest u, then v (upward).
 ATLAS_UV = (325 / 512, 1.0, 77 / 512, 417 / 512)
-ATLAS_PX = (340, 187)  # height, width: the resolution of the 512-pixel skins
-# The part that holds the face, finer: wrinkles and brows.
+ATLAS_PX = (340, 187)  # height and width, at the resolution of the 512-pixel skins
+# The part with the face, at a higher resolution, for wrinkles and brows.
 DETAILS_UV = (0.76, 0.985, 0.315, 0.651)
 DETAILS_PX = (516, 346)
 # A skin is stored relative to its own mean colour (linear): byte = 255 sqrt(ratio / LARGEST_RATIO).
 LARGEST_RATIO = 2.25
-# The gradient of the wrinkles' depth, per mm, that the bytes 0 and 255 stand for.
+# Magnitude of the gradient of the wrinkles' depth, per mm, at the bytes 0 and 255.
 LARGEST_GRADIENT = 1.0
 NOISE_PX, IRIS_PX = 256, 96
 
@@ -27,7 +27,7 @@ IRISES = ("blue", "bluegreen", "brown", "brownlight", "deepblue", "green", "grey
 
 @lru_cache(maxsize=1)
 def skin_textures() -> Mapping[str, Texture]:
-    """The textures of `skin.glsl` by the names of their samplers."""
+    """Reads the textures of `skin.glsl`, by the names of their samplers."""
     sizes = {
         "skin_atlas": ATLAS_PX,
         "skin_details": DETAILS_PX,

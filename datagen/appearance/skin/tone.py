@@ -1,13 +1,13 @@
-"""The colour of skin from melanin in its epidermis and blood in its dermis.
+"""Computes the colour of skin from melanin in the epidermis and haemoglobin in the dermis.
 
-Light passes the epidermis, is reflected by the dermis and passes the epidermis again. Melanin absorbs light on both
-ways, haemoglobin in the dermis. The surface reflects a little light, whatever the melanin:
+Light passes through the epidermis, is reflected by the dermis, and passes through the epidermis again. Melanin absorbs
+light on both passes, and haemoglobin absorbs light in the dermis. The surface reflects some light independently:
 
     albedo = surface + dermis exp(-m melanin - h haemoglobin)        (each a colour, linear sRGB)
 
-The melanin axis falls with the wavelength to the power of -3.3 (610, 545, 465 nm stand for red, green, blue), and the
-haemoglobin axis is that of oxygenated blood; both are reduced to what broad primaries show. All skin lies in this
-plane, from albinism to the darkest skin and from pallor to sunburn.
+The absorption of melanin is proportional to the wavelength to the power of -3.3 (with 610, 545 and 465 nm for red,
+green and blue). That of haemoglobin is the one of oxygenated blood. Both are reduced to account for broad primaries.
+The colours range from albinism to the darkest skin, and from pallor to sunburn.
 
 Source: Anderson and Parrish 1981, The Optics of Human Skin.
 """
@@ -23,7 +23,7 @@ DERMIS = np.array([0.778, 0.645, 0.510])
 MELANIN = np.array([2.85, 3.95, 5.60])
 HAEMOGLOBIN = np.array([0.10, 0.90, 0.65])
 USUAL_HAEMOGLOBIN = 0.16  # of skin at rest
-DENSITIES = (0.012, 0.95)  # of melanin in the lightest and the darkest skin of the scale
+DENSITIES = (0.012, 0.95)  # density of melanin in the lightest and the darkest skin
 
 _XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 _WHITE = np.array([0.9505, 1.0, 1.089])
@@ -32,18 +32,18 @@ _WHITE = np.array([0.9505, 1.0, 1.089])
 def albedo_of_skin(
     melanin: float | Float64[ndarray, " *n"], haemoglobin: float | Float64[ndarray, " *n"]
 ) -> Float64[ndarray, "*n 3"]:
-    """Linear sRGB albedo.
+    """Returns the linear sRGB albedo of skin.
 
     Args:
-        melanin: In the unit of `density_of_melanin`: 0 none, 1 as much as the darkest skin has.
-        haemoglobin: 0 none, 0.16 usual, 0.5 flushed.
+        melanin: Density of melanin, as returned by `density_of_melanin`; 0 is none.
+        haemoglobin: Density of haemoglobin: 0 is none, 0.16 usual, 0.5 flushed.
     """
     absorbed = np.asarray(melanin)[..., None] * MELANIN + np.asarray(haemoglobin)[..., None] * HAEMOGLOBIN
     return np.asarray(SURFACE + DERMIS * np.exp(-absorbed))
 
 
 def density_of_melanin(melanin: float) -> float:
-    """Density of melanin at a place between the lightest (0) and the darkest skin (1), linear in lightness."""
+    """Returns the density of melanin for a value from 0 (lightest skin) to 1 (darkest), linear in lightness."""
     densities, lightness = _lightness_by_density()
     wanted = lightness[0] + min(max(melanin, 0), 1) * (lightness[-1] - lightness[0])
     return float(np.interp(-wanted, -lightness, densities))
@@ -56,7 +56,7 @@ def _lightness_by_density() -> tuple[Float64[ndarray, " n"], Float64[ndarray, " 
 
 
 def lab_of_linear(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, "*n 3"]:
-    """CIE L*a*b* (D65) of linear sRGB."""
+    """Converts linear sRGB to CIE L*a*b* (D65)."""
     ratio = np.asarray(colour, dtype=np.float64) @ _XYZ_FROM_SRGB.T / _WHITE
     cube = np.where(ratio > 0.008856, np.cbrt(ratio), 7.787 * ratio + 16 / 116)
     x, y, z = (cube[..., axis] for axis in range(3))

@@ -1,4 +1,4 @@
-"""What `skin.glsl` needs to know about one skin on one head."""
+"""The uniforms of `skin.glsl` for one skin on one head."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -14,8 +14,8 @@ from datagen.appearance.skin.tone import DERMIS, HAEMOGLOBIN, MELANIN, SURFACE, 
 from datagen.appearance.skin.zones import LidMargins
 from pix2face.models.morphable_model import MorphableModel
 
-# How much expressions deepen the folds of the forehead, between the brows, around the eyes, around the mouth and of the
-# lips; an expression of one side (`...Left`, `...Right`) does so on its side.
+# How much each expression deepens the folds of the forehead, between the brows, around the eyes, around the mouth, and
+# of the lips. An expression of one side (`...Left`, `...Right`) acts on its side.
 FOLDING: tuple[dict[str, float], ...] = (
     {"browInnerUp": 0.8, "browOuterUp": 0.6, "eyeWide": 0.2},
     {"browDown": 1.0, "noseSneer": 0.3},
@@ -28,7 +28,7 @@ DEEPEST_FOLD = 1.4
 
 
 def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
-    """The uniforms of `skin.glsl`; those of hair are a guess, which the hair that is drawn should replace."""
+    """Returns the uniforms of `skin.glsl`. Those of hair are placeholders, which the uniforms of hair replace."""
     active = head.named_expressions
     folds = np.array([_folds(skin, active, side) for side in ("Left", "Right")])
     return {
@@ -45,7 +45,7 @@ def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
 
 
 def _folds(skin: Skin, active: Mapping[str, float], side: str) -> list[float]:
-    """How deep each group of folds is on one side of the face."""
+    """Returns the depth of each group of folds on one side of the face."""
     depths = []
     for rest, group in zip(skin.wrinkles, FOLDING, strict=True):
         folded = sum(active.get(name, active.get(f"{name}{side}", 0.0)) * share for name, share in group.items())
@@ -54,13 +54,13 @@ def _folds(skin: Skin, active: Mapping[str, float], side: str) -> list[float]:
 
 
 def _box(uv: tuple[float, float, float, float]) -> tuple[float, ...]:
-    """Where a part of the uv square begins (v downward), and 1 / its extent."""
+    """Returns the origin of a part of the uv square (v downward), and 1 / its extent."""
     return uv[0], 1 - uv[3], 1 / (uv[1] - uv[0]), 1 / (uv[3] - uv[2])
 
 
 def _tone(skin: Skin) -> dict[str, UniformValue]:
     melanin, even = density_of_melanin(skin.melanin), 1 - skin.make_up.foundation
-    seen, rough = 0.4 + 0.6 * even, 0.5 + 0.5 * even  # shares of marks and of roughness that foundation leaves
+    seen, rough = 0.4 + 0.6 * even, 0.5 + 0.5 * even  # shares of marks and roughness that remain with foundation
     places, paints = np.zeros((2, MAX_MARKS, 4))
     for k, mark in enumerate(skin.marks):
         places[k] = [*mark.place, mark.radius_mm]

@@ -1,6 +1,6 @@
-"""Where skin is red, oily, hairy or lip: weights of the vertices of a head, smooth over a few millimetres.
+"""Weights of a head's vertices for lips, lids, ears, flush, oil, beard and hair line.
 
-The borders of the model's regions follow the edges of its mesh and so have steps; these weights have none.
+They change smoothly over a few millimetres, unlike the model's regions, whose borders follow edges of the mesh.
 """
 
 from typing import final
@@ -14,7 +14,7 @@ from datagen.appearance.scene import Surface
 from pix2face.models.morphable_model import MorphableModel
 
 LID_REACH_MM, HAIRLINE_REACH_MM, CAVITY_RADIUS_MM = 24.0, 48.0, 7.0
-# Angles around the head (radians, 0 the middle of the forehead, pi the nape), and heights of the hair line there (mm).
+# Angles around the head (radians, from 0 at the forehead to pi at the nape), and the height of the hair line (mm).
 HAIRLINE = np.array(
     [
         [0.0, 0.3, 0.5, 0.68, 0.85, 1.0, 1.12, 1.22, 1.32, 1.5, 1.7, 2.0, 2.4, np.pi],
@@ -26,10 +26,10 @@ HEAD_RADIUS_MM = 78.0
 
 @final
 class LidMargins:
-    """The vertices where the skin of the lids ends, for each eye (the subject's left first).
+    """The vertices at the edges of the lids of each eye (the subject's left eye first).
 
     Args:
-        model: Must have texture coordinates, in which eye sockets are separate islands.
+        model: Model with texture coordinates, in which the eye sockets are separate islands.
     """
 
     def __init__(self, model: MorphableModel) -> None:
@@ -47,12 +47,12 @@ class LidMargins:
         )
 
     def arches(self, vertices: Float[ndarray, "v 3"]) -> tuple[Float32[ndarray, "2 4"], Float32[ndarray, "2 4"]]:
-        """The opening of each eye on one head, seen from its front.
+        """Fits parabolas to the opening of each eye of a head, seen from the front.
 
         Returns:
-            Frame: middle of the corners (x, y), half of their distance along x, slope of the line through them.
-            Arch: height over that line of the upper lid, its skew, and the same of the lower lid; a lid is at
-            (1 - t^2) (height + skew t) with t = -1..1 from the smaller x to the larger.
+            Frames: midpoint of the corners (x, y), half of their distance along x, slope of the line through them.
+            Arches: height and skew of the upper lid over that line, then of the lower lid. A lid is at
+            (1 - t^2) (height + skew t), with t from -1 at the smaller x to 1 at the larger.
         """
         frames, arches = np.zeros((2, 2, 4), dtype=np.float32)
         for k, (ring, ends, is_upper) in enumerate(zip(self.sides, self.corners, self.is_upper, strict=True)):
@@ -70,11 +70,11 @@ class LidMargins:
 
 
 def head_paint(model: MorphableModel) -> Float32[ndarray, "v 8"]:
-    """Weights of the vertices for `skin.glsl`.
+    """Computes the weights of the vertices for `skin.glsl`.
 
     Returns:
-        Lips; distance from the nearest edge of a lid (1 is 24 mm and more); ears; cavities (0 flat or convex, 1 deep);
-        how easily skin flushes; oil; beard; hair line (0.5 on the line, 1 is 24 mm inside the hair).
+        Lips; distance from the nearest edge of a lid (1 is 24 mm and more); ears; cavities (0 is flat or convex, 1
+        deep); flush; oil; beard; hair line (0.5 on the line, 1 from 24 mm inside the hair).
     """
     surface = Surface(model)
     mean = model.mean
@@ -100,7 +100,7 @@ def _weight(surface: Surface, region: str) -> Float32[ndarray, " v"]:
 
 
 def _smoothed(model: MorphableModel, values: ndarray) -> ndarray:
-    """Mean over the triangles around each vertex."""
+    """Replaces the value of each vertex by the mean over its triangles."""
     of_triangle = values[model.triangles].mean(axis=1)
     total, count = np.zeros((2, len(values)))
     np.add.at(total, model.triangles.reshape(-1), np.repeat(of_triangle, 3))
@@ -118,7 +118,7 @@ def _inwards(model: MorphableModel, lips: ndarray) -> ndarray:
 
 
 def _cavity(mean: ndarray, normals: ndarray) -> ndarray:
-    """How far the surroundings of each vertex rise above it, per mm of distance."""
+    """Returns the mean slope by which the surroundings of each vertex rise above it, scaled to 0..1."""
     near = cKDTree(mean).query(mean, k=40, distance_upper_bound=CAVITY_RADIUS_MM)[1]
     is_known = near < len(mean)
     near = np.where(is_known, near, 0)
@@ -129,7 +129,7 @@ def _cavity(mean: ndarray, normals: ndarray) -> ndarray:
 
 
 def _inside_hairline(mean: ndarray) -> ndarray:
-    """Signed distance (mm) from the hair line, positive in the hair."""
+    """Returns the signed distance (mm) from the hair line, positive in the hair."""
     angle = np.arctan2(np.abs(mean[:, 0]), mean[:, 2])
     height = np.interp(angle, *HAIRLINE)
     slope = (np.interp(angle + 0.02, *HAIRLINE) - np.interp(angle - 0.02, *HAIRLINE)) / (0.04 * HEAD_RADIUS_MM)
@@ -139,7 +139,7 @@ def _inside_hairline(mean: ndarray) -> ndarray:
 def _flush(mean: ndarray, ear: ndarray) -> ndarray:
     x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
     cheek = np.exp(-(((x - 43) / 19) ** 2) - ((y + 10) / 15) ** 2) * (z > 10)
-    nose = np.exp(-((x / 13) ** 2) - ((y + 10) / 15) ** 2) * _rise(z, 100, 6)
+    nose = np.exp(-((x / 13) ** 2) - ((y + 10) / 15) ** 2) * _sigmoid(z, 100, 6)
     chin = 0.4 * np.exp(-((x / 14) ** 2) - ((y + 72) / 10) ** 2) * (z > 40)
     return np.asarray(np.clip(cheek + nose + chin + 0.7 * ear, 0, 1))
 
@@ -154,13 +154,13 @@ def _oil(mean: ndarray) -> ndarray:
 
 
 def _beard(mean: ndarray) -> ndarray:
-    """Cheeks below a line from the ear to the corner of the mouth, upper lip, chin, and below the chin."""
+    """Weights of the beard: cheeks below a line from the ear to the mouth, upper lip, chin, and below the chin."""
     x, y, z = np.abs(mean[:, 0]), mean[:, 1], mean[:, 2]
-    line = np.where(x > 27, -34 + 0.85 * (x - 27), -25 - 9 * _rise(x, 24, 2))
-    within = _rise(line - y, 0, 2.5)
-    throat = _rise(y + 96 + 0.35 * np.maximum(40 - z, 0), 0, 4)
-    return np.asarray(within * throat * _rise(z, 6, 5))
+    line = np.where(x > 27, -34 + 0.85 * (x - 27), -25 - 9 * _sigmoid(x, 24, 2))
+    within = _sigmoid(line - y, 0, 2.5)
+    throat = _sigmoid(y + 96 + 0.35 * np.maximum(40 - z, 0), 0, 4)
+    return np.asarray(within * throat * _sigmoid(z, 6, 5))
 
 
-def _rise(value: ndarray, middle: float, width: float) -> ndarray:
+def _sigmoid(value: ndarray, middle: float, width: float) -> ndarray:
     return np.asarray(1 / (1 + np.exp(-np.clip((value - middle) / width, -30, 30))))

@@ -1,1 +1,1 @@
-"""Hands, masks and objects before the face."""
+"""Hands, masks and objects in front of the face."""

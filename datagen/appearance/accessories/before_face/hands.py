@@ -1,4 +1,4 @@
-"""Hands at and in front of the face: a palm, five jointed fingers with nails, a forearm in a sleeve."""
+"""Hands at or in front of the face, with a palm, five jointed fingers with nails, and a forearm in a sleeve."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ from pix2face.models.morphable_model import MorphableModel
 @final
 @dataclass(frozen=True)
 class Pose:
-    """Where a right hand is; a left hand is its mirror image."""
+    """The pose of a right hand; a left hand is its mirror image."""
 
     share: float  # weight among all poses
-    near: tuple[float, float, float]  # the place on the mean face that the palm is at, mm
-    away_mm: float  # distance of the palm's middle from that place, along the palm's back
+    near: tuple[float, float, float]  # place of the palm on the mean face, mm
+    away_mm: float  # distance of the palm's centre from that place, towards the back of the hand
     fingers: tuple[float, float, float]  # direction of the fingers
     palm: tuple[float, float, float]  # direction that the palm faces
     curl_deg: float  # bend of the fingers at each joint
-    touches: bool = True  # rests on the face; otherwise it is in front of it
+    touches: bool = True  # whether it rests on the face, or is in front of it
 
 
 POSES: Mapping[str, Pose] = {
@@ -43,8 +43,8 @@ POSES: Mapping[str, Pose] = {
     "hair": Pose(0.12, (-60, 100, 30), 20, (0.35, 0.9, -0.3), (0.75, -0.35, -0.5), 28),
     "forehead": Pose(0.05, (0, 60, 105), 18, (0.6, 0.8, -0.1), (0.0, -0.1, -1.0), 10),
 }
-_TOUCH_MM = 0.5  # between skin and skin
-# From the index to the little finger: where it starts on the palm (x, y), its length and its radius, mm.
+_TOUCH_MM = 0.5  # distance between hand and face
+# Fingers from the index to the little finger: root on the palm (x, y), length and radius, mm.
 _FINGERS = ((-31.0, 44.0, 72.0, 8.3), (-10.5, 48.0, 80.0, 8.5), (10.5, 46.0, 74.0, 8.0), (30.0, 38.0, 58.0, 6.9))
 
 
@@ -55,23 +55,23 @@ class Hand:
 
     pose: str  # one of `POSES`
     is_left: bool
-    is_pair: bool  # the other hand does the same on its side
+    is_pair: bool  # whether the other hand has the mirrored pose
     scale: float  # 1 is the size of a man's hand
-    # bend of index to little finger at each joint, added to that of the pose
+    # bend of index to little finger at each joint, in addition to that of the pose
     curl_deg: tuple[float, float, float, float]
     spread_deg: float  # angle between neighbouring fingers
     turn_deg: float  # rotation about the palm's normal
     slide_mm: tuple[float, float, float]  # offset to the left, up and out
     sleeve: Colour  # linear colour
-    has_sleeve: bool  # otherwise the arm is bare
-    nail: Colour  # linear colour of the nail varnish; negative without
+    has_sleeve: bool  # whether the arm has a sleeve, or is bare
+    nail: Colour  # linear colour of the nail varnish; negative for none
 
 
 def draw_hand(rng: np.random.Generator, femininity: float) -> Hand:
     """Draws a hand."""
     pose = weighted_choice(rng, {name: pose.share for name, pose in POSES.items()})
     curls = rng.normal(0, 8, size=4).round(2).tolist()
-    if rng.uniform() < 0.2:  # pointing, or fingers that do something of their own
+    if rng.uniform() < 0.2:  # single fingers bent, as in pointing
         curls = [float(c) for c in np.array([0.0, 55, 60, 60]) * rng.choice([0, 1], size=4, p=[0.4, 0.6])]
     slide = rng.normal(0, 8 if POSES[pose].touches else 30, size=3).round(2).tolist()
     return Hand(
@@ -90,7 +90,7 @@ def draw_hand(rng: np.random.Generator, femininity: float) -> Hand:
 
 
 def hand_meshes(hand: Hand, head: PosedHead, skin_rgb: Colour) -> list[SceneMesh]:
-    """The meshes of hands: skin, nails and sleeves."""
+    """Makes the meshes of hands: skin, nails and sleeves."""
     meshes: list[SceneMesh] = []
     for is_left in (hand.is_left, not hand.is_left) if hand.is_pair else (hand.is_left,):
         skin, nails = _shaped(hand)
@@ -112,7 +112,7 @@ def hand_meshes(hand: Hand, head: PosedHead, skin_rgb: Colour) -> list[SceneMesh
 
 @lru_cache(maxsize=4)
 def _shaped(hand: Hand) -> tuple[Solid, Solid]:
-    """Palm and fingers, and the nails: x towards the little finger, fingers along y, the palm faces z."""
+    """Makes palm, fingers and nails, with x towards the little finger, y along the fingers, z out of the palm."""
     pose = POSES[hand.pose]
     profile = np.array([[-58, 27, 17], [-42, 32, 17], [-18, 39, 16], [10, 41, 14], [34, 41, 11.5], [50, 36, 8.5]])
     middle = np.stack([0 * profile[:, 0], profile[:, 0], np.array([0, 0, 1.0, 1.0, 0, 0])], axis=1)
@@ -130,7 +130,7 @@ def _shaped(hand: Hand) -> tuple[Solid, Solid]:
 def _finger(
     root: Float64[ndarray, "3"], length: float, radius: float, bends: tuple[float, float]
 ) -> tuple[Solid, Solid]:
-    """A finger of three bones bent towards the palm, and its nail; `bends` are at each joint and to the side."""
+    """Makes a finger of three bones, and its nail; `bends` are the angles at each joint and to the side."""
     curl, aside = bends
     bones = length * np.array([0.46, 0.30, 0.24])
     angles = np.cumsum([0.9 * curl, 1.0 * curl, 0.6 * curl])
@@ -175,7 +175,7 @@ def _thumb(bend: float) -> tuple[Solid, Solid]:
 def _placed(
     hand: Hand, head: PosedHead, skin: Solid, is_left: bool
 ) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
-    """Rotation and place of a hand so that it rests on the face; mirrored for a left hand."""
+    """Returns rotation and place of a hand, resting on the face or in front of it; mirrored for a left hand."""
     pose = POSES[hand.pose]
     palm = unit(np.array(pose.palm)).astype(np.float64)
     along = np.array(pose.fingers) - (np.array(pose.fingers) @ palm) * palm
@@ -184,7 +184,7 @@ def _placed(
     flip = np.array([-1.0 if is_left else 1.0, 1.0, 1.0])
     near = head.vertices[nearest_on_side(head.model, (pose.near,), -1 if is_left else 1)[0]] * flip
     place = near + np.array(hand.slide_mm) * [-1, 1, 0.3] - (pose.away_mm + 8) * palm
-    # The fingers reach the place, not the wrist.
+    # So that the fingers are at the place, not the wrist.
     place = place - 22 * hand.scale * along
     local = hand.scale * (skin.vertices[::3].astype(np.float64) @ turn.T)
     chosen = _sparse_skin(head.model)
@@ -201,7 +201,7 @@ def _placed(
 
 
 def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, "3"]) -> tuple[Solid, Solid]:
-    """A forearm from the wrist down and outward, and a sleeve over it."""
+    """Makes a forearm from the wrist down and outward, and a sleeve over it."""
     size = hand.scale
     along, palm = turn[:, 1], turn[:, 2]
     wrist = place - 52 * size * along
@@ -216,5 +216,5 @@ def _forearm(hand: Hand, turn: Float64[ndarray, "3 3"], place: Float64[ndarray, 
 
 @lru_cache(maxsize=4)
 def _sparse_skin(model: MorphableModel) -> Int32[ndarray, " n"]:
-    """Every fifth vertex of the surface that a hand can touch."""
+    """Returns every fifth vertex of the surface that a hand can touch."""
     return model.vertices_of("skin", "brows", "lips", "eyes", "ears", "scalp", "neck")[::5]

@@ -1,4 +1,4 @@
-"""What people hold to the face: phones, microphones, cups, cigarettes, straws, food."""
+"""Objects that people hold to the face: phones, microphones, cups, cigarettes, straws, food."""
 
 from dataclasses import dataclass
 from typing import final
@@ -12,11 +12,11 @@ from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, box, ellipsoid, joined, lathe, scene_mesh, tube, unit
 from datagen.random_streams import rounded, weighted_choice
 
-# How often each thing is held, relative to the others.
+# Weights of the objects.
 _WEIGHTS = {"phone at ear": 0.16, "phone before face": 0.12, "microphone": 0.18, "cup": 0.16, "bottle": 0.06}
 _WEIGHTS |= {"cigarette": 0.08, "straw": 0.06, "apple": 0.07, "sandwich": 0.06, "spoon": 0.05}
 HELD = tuple(_WEIGHTS)
-# On the mean head: both ears and the lips, mm.
+# Places on the mean head: both ears and the lips, mm.
 _EARS_AND_LIPS = ((80.0, 8.0, 12.0), (-80.0, 8.0, 12.0), (0.0, -43.0, 106.0))
 
 Piece = tuple[Solid, Material]
@@ -25,10 +25,10 @@ Piece = tuple[Solid, Material]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Held:
-    """Something held to the mouth or the ear."""
+    """An object held to the mouth or the ear."""
 
     kind: str  # one of `HELD`
-    is_left: bool  # on which side, or from which side it comes
+    is_left: bool  # whether it is at, or comes from, the left side
     colour: Colour  # linear
     second: Colour  # colour of the lid, head or filling, linear
     size: float  # factor on the usual size
@@ -37,7 +37,7 @@ class Held:
 
 
 def draw_held(rng: np.random.Generator) -> Held:
-    """Draws something that is held to the face."""
+    """Draws an object that is held to the face."""
     kind = weighted_choice(rng, _WEIGHTS)
     dark = rng.uniform() < 0.6
     colour = BLACK if dark and kind.startswith(("phone", "micro")) else draw_cloth_colour(rng)
@@ -55,7 +55,7 @@ def draw_held(rng: np.random.Generator) -> Held:
 
 
 def held_meshes(held: Held, head: PosedHead) -> list[SceneMesh]:
-    """The meshes of a thing at the mouth or the ear of a head with its expression."""
+    """Makes the meshes of an object at the mouth or the ear of a head with its expression."""
     places = nearest_vertices(head.model, _EARS_AND_LIPS, ("ears", "lips"))
     left_ear, right_ear, lips = head.vertices[places].astype(np.float64)
     side = 1.0 if held.is_left else -1.0
@@ -74,7 +74,7 @@ def held_meshes(held: Held, head: PosedHead) -> list[SceneMesh]:
 
 
 def _axes(up: ndarray, out: ndarray) -> ndarray:
-    """Columns: sideways, up, outward."""
+    """Returns a rotation with the columns sideways, up, outward."""
     y = unit(up).astype(np.float64)
     x = unit(np.cross(y, out)).astype(np.float64)
     return np.stack([x, y, np.cross(x, y)], axis=1)
@@ -114,7 +114,7 @@ def _pieces(held: Held, axes: ndarray, lips: ndarray, side: float) -> list[Piece
 
 
 def _drinking(held: Held, lips: ndarray) -> list[Piece]:
-    """A cup or a bottle tipped towards the mouth."""
+    """Makes a cup or a bottle tipped towards the mouth."""
     size = held.size
     if held.kind == "cup":
         profile = np.array([[37.0, 0], [38, -1], [36, -40], [30, -90], [0.5, -92]]) * size
@@ -132,7 +132,7 @@ def _drinking(held: Held, lips: ndarray) -> list[Piece]:
 
 
 def _thin(held: Held, lips: ndarray, side: float) -> list[Piece]:
-    """A cigarette, a straw or a spoon that comes out of the mouth."""
+    """Makes a cigarette, a straw or a spoon in the mouth."""
     start = lips + [side * 8, 0, -4]
     leaning, length, radius = {
         "cigarette": ([0.3 * side, -0.1, 1.0], 80.0, 3.8),

@@ -1,4 +1,4 @@
-"""Masks over mouth and nose: surgical, cloth, pointed ones; scarves pulled up; veils."""
+"""Masks over mouth and nose: surgical, cloth or pointed masks, gaiters and veils."""
 
 from dataclasses import dataclass
 from typing import final
@@ -20,7 +20,7 @@ MASKS = ("surgical", "cloth", "pointed", "gaiter", "veil")
 _CENTRE = (0.0, -38.0, 28.0)
 _ROWS, _COLUMNS = 25, 33
 _HALF_WIDTH_DEG, _TOP_DEG, _BOTTOM_DEG = 84.0, 44.0, -66.0
-_EARS = ((76.0, 34.0, -2.0), (72.5, -14.0, -4.0))  # behind the left ear: above and below
+_EARS = ((76.0, 34.0, -2.0), (72.5, -14.0, -4.0))  # places behind the left ear, above and below
 
 
 @final
@@ -32,8 +32,8 @@ class Mask:
     weave: str
     colour: Colour  # linear
     second: Colour  # linear colour of the pattern
-    size: float  # 0 small, 1 large
-    is_below_nose: bool  # worn below the nose
+    size: float  # 0 is small, 1 large
+    is_below_nose: bool  # whether it is worn below the nose
     seed: int  # for the folds
 
 
@@ -55,7 +55,7 @@ def draw_mask(rng: np.random.Generator) -> Mask:
 
 
 def mask_meshes(mask: Mask, head: PosedHead, body: Body) -> list[SceneMesh]:
-    """A mask and what holds it."""
+    """Makes the meshes of a mask and its loops."""
     material = cloth(mask.weave, mask.colour, mask.second, 0.9)
     if mask.kind == "veil":
         lace = cut_out("lace", mask.colour, mask.colour, 0.9)
@@ -72,7 +72,7 @@ def mask_meshes(mask: Mask, head: PosedHead, body: Body) -> list[SceneMesh]:
 
 
 def _face_piece(mask: Mask, head: PosedHead) -> tuple[Solid, dict[int, Float[ndarray, "2 3"]]]:
-    """The cloth over the face, and its corners on each side (1 left), upper first."""
+    """Makes the cloth over the face, and returns its corners on each side (1 is left), upper first."""
     points = _bridged(head)
     reach = 0.70 + 0.14 * mask.size
     columns = (np.linspace(-reach, reach, 25) + 1) / 2 * (_COLUMNS - 1)
@@ -94,7 +94,7 @@ def _face_piece(mask: Mask, head: PosedHead) -> tuple[Solid, dict[int, Float[nda
 
 
 def _loop(head: PosedHead, corners: Float[ndarray, "2 3"], side: int) -> Solid:
-    """The string behind an ear."""
+    """Makes the loop behind an ear."""
     ear = nearest_on_side(head.model, _EARS, side, ("skin", "scalp", "neck"))
     over, under = head.neutral[ear].astype(np.float64) + [side * 2.0, 0, 0]
     behind = 0.5 * (over + under) + [side * 3.5, 0, -17]
@@ -103,7 +103,7 @@ def _loop(head: PosedHead, corners: Float[ndarray, "2 3"], side: int) -> Solid:
 
 
 def _bridged(head: PosedHead) -> Float32[ndarray, "r c 3"]:
-    """The lower face as stiff cloth sees it: hollows beside the nose and below the lips are spanned."""
+    """Returns the lower face with hollows beside the nose and below the lips bridged, as stiff cloth does."""
     anchors = grid_outward(head.model, _CENTRE, (_TOP_DEG, _BOTTOM_DEG), _HALF_WIDTH_DEG, (_ROWS, _COLUMNS))
     points = anchors.at(head.vertices)
     ways = points - _CENTRE
@@ -116,7 +116,7 @@ def _bridged(head: PosedHead) -> Float32[ndarray, "r c 3"]:
 
 
 def _gaiter(mask: Mask, head: PosedHead) -> Solid:
-    """A scarf pulled up over mouth or nose, around the head."""
+    """Makes a tube scarf around the head, pulled up over mouth or nose."""
     skull = fit_skull(head, with_expression=True)
     around = np.linspace(-np.pi, np.pi, 49)[None]
     top = np.deg2rad((-41 if mask.is_below_nose else -25) - 4 * mask.size + 3 * np.cos(around))
@@ -132,7 +132,7 @@ def _gaiter(mask: Mask, head: PosedHead) -> Solid:
 
 
 def _veil(mask: Mask, head: PosedHead) -> Solid:
-    """Thin lace that hangs before the face."""
+    """Makes thin lace that hangs in front of the face."""
     skull = fit_skull(head)
     around = np.deg2rad(np.linspace(-105, 105, 31))[None]
     rise = np.deg2rad(np.linspace(38, -35 - 25 * mask.size, 12))[:, None]

@@ -1,4 +1,4 @@
-"""Things between the camera and the face: boxes, balls, poles, leaves, sheets with text, fences, other people."""
+"""Objects between the camera and the face: boxes, balls, poles, leaves, sheets with text, fences, other people."""
 
 from dataclasses import dataclass
 from typing import final
@@ -21,7 +21,7 @@ from datagen.appearance.scene import Colour, Material, SceneMesh
 from datagen.appearance.solids import Solid, box, ellipsoid, joined, scene_mesh, sheet, tube
 from datagen.random_streams import rounded, triple, weighted_choice
 
-# How often each thing is drawn, relative to the others.
+# Weights of the objects.
 _WEIGHTS = {"box": 0.12, "ball": 0.08, "pole": 0.10, "leaves": 0.10, "paper": 0.12, "panel": 0.16, "lattice": 0.05}
 _WEIGHTS |= {"person": 0.15, "cloth": 0.12}
 THINGS = tuple(_WEIGHTS)
@@ -32,14 +32,14 @@ _PANEL_WEAVES = ("jersey", "wood", "print", "paper", "plaid", "flowers", "leathe
 @final
 @dataclass(frozen=True, kw_only=True)
 class Thing:
-    """Something between the camera and the face."""
+    """An object between the camera and the face."""
 
     kind: str  # one of `THINGS`
-    azimuth_deg: float  # direction from the head: 0 straight ahead, positive towards the subject's left
+    azimuth_deg: float  # direction from the head: 0 is straight ahead, positive towards the subject's left
     elevation_deg: float
-    distance_mm: float  # from the middle of the head
-    aside_deg: float  # direction of its offset from the line of sight
-    aside_mm: float  # how far it is moved in that direction
+    distance_mm: float  # from the centre of the head
+    aside_deg: float  # direction of the offset from the line of sight
+    aside_mm: float  # length of this offset
     size: float  # factor on its usual size
     turn_deg: float  # rotation about the line of sight
     tip_deg: float  # rotation about the horizontal
@@ -50,7 +50,7 @@ class Thing:
 
 
 def draw_thing(rng: np.random.Generator) -> Thing:
-    """Draws something that stands at least partly in front of the face."""
+    """Draws an object that is at least partly in front of the face."""
     kind = weighted_choice(rng, _WEIGHTS)
     weave = {"paper": "paper", "lattice": "lattice", "leaves": "leaf"}.get(kind) or str(rng.choice(_PANEL_WEAVES))
     green = draw_tint(rng, 0.6, float(rng.uniform(0.3, 0.6)))
@@ -80,7 +80,7 @@ def draw_thing(rng: np.random.Generator) -> Thing:
 
 
 def thing_meshes(thing: Thing) -> list[SceneMesh]:
-    """The meshes of a thing, model frame; they do not depend on the head."""
+    """Makes the meshes of an object in the model frame, independent of the head."""
     turn, place = _placed(thing)
     if thing.kind == "person":
         pieces = _person(thing)
@@ -98,15 +98,15 @@ def thing_meshes(thing: Thing) -> list[SceneMesh]:
 
 
 def _placed(thing: Thing) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
-    """Axes (x to the right as seen from the thing, y up, z away from the face) and place."""
+    """Returns the axes (x to the right as seen from the object, y up, z away from the face) and the place."""
     view = Rotation.from_euler("yx", [thing.azimuth_deg, -thing.elevation_deg], degrees=True)
     own = Rotation.from_euler("zx", [thing.turn_deg, thing.tip_deg], degrees=True)
     aside = np.deg2rad(thing.aside_deg)
-    # Large things are moved by half their size more, so that their edge lies in front of the face.
+    # Large objects are moved by half their size more, so that their edge is in front of the face.
     half_mm = {"panel": 95.0, "person": 70.0, "cloth": 75.0, "box": 40.0, "paper": 60.0}.get(thing.kind, 0.0)
     reach = thing.aside_mm + half_mm * thing.size
     local = np.array([np.cos(aside) * reach, np.sin(aside) * reach, thing.distance_mm])
-    if thing.kind == "person":  # a shoulder or a head comes in from the side or from below
+    if thing.kind == "person":  # a shoulder or a head comes from the side or from below
         local[1] = -abs(local[1])
     return (view * own).as_matrix(), CENTRE + view.apply(local)
 
@@ -152,7 +152,7 @@ def _leaves(thing: Thing) -> Solid:
 
 
 def _person(thing: Thing) -> list[tuple[Solid, Material]]:
-    """Somebody nearer to the camera, seen from behind or beside: a head of hair, a neck, shoulders."""
+    """Makes a person seen from behind or from the side: head, hair, neck, shoulders."""
     head = ellipsoid((76, 108, 92), 13, 20)
     hair = ellipsoid((83, 92, 98), 13, 20).moved(np.array([0.0, 30.0, 14.0]))
     neck = tube(np.array([[0.0, -60, 10], [0, -120, 18], [0, -170, 20]]), 55.0, (0, 0, 1), 12)

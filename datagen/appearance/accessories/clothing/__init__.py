@@ -1,1 +1,1 @@
-"""Clothes, collars and the body beneath."""
+"""Clothes, collars, neck and shoulders."""

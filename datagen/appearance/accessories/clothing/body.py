@@ -1,4 +1,4 @@
-"""Neck and shoulders below a head: a surface that begins at the rim of the model's neck and turns with the torso."""
+"""Neck and shoulders below a head: a surface from the rim of the model's neck down, which turns with the torso."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -13,8 +13,8 @@ from datagen.appearance.accessories.head_fit import neck_rim
 from datagen.appearance.scene import PosedHead
 from datagen.appearance.solids import Solid, grid_normals, grid_triangles, sheet, solid, unit
 
-# Place along the body: -1 the rim of the neck, 0 where it meets the shoulders, 1 the chest. Of each ring below the rim:
-# place, half width, z of back and front, y of front, back and sides; mm.
+# Rings below the rim: place, half width, z of back and front, y of front, back and sides; mm. The place is -1 at the
+# rim of the neck, 0 where it meets the shoulders, and 1 at the chest.
 _RINGS = np.array(
     [
         [-0.60, 51, -71, 27, -127, -55, -97],
@@ -30,8 +30,8 @@ _RINGS = np.array(
 )
 _PLACES = np.concatenate([np.linspace(-1, 0, 9), [0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0]])
 _PIVOT = np.array([0.0, -135.0, -45.0])
-_FINE_ROWS = 3  # of the skin: under the rim, the rim, and the one below
-_LAP_MM = 0.7  # how deep the neck reaches under the rim
+_FINE_ROWS = 3  # rows of the skin with all vertices: under the rim, at the rim, and the next one below
+_LAP_MM = 0.7  # depth of the neck under the skin of the head, where they overlap
 
 
 @final
@@ -41,15 +41,18 @@ class Body:
 
     points: Float32[ndarray, "r c 3"]  # mm, model frame
     normals: Float32[ndarray, "r c 3"]  # unit, outward
-    lap: Float32[ndarray, "c 3"]  # row of points that continues the neck upward, a little below the skin of the head
+    lap: Float32[ndarray, "c 3"]  # row of points above the rim, slightly under the skin of the head
     head_from_torso: Float64[ndarray, "3 3"]  # rotation
 
     def at(
         self, place: Float[ndarray, "*#n"], turn: Float[ndarray, "*#n"], above_mm: Float[ndarray, "*#n"] | float
     ) -> Float32[ndarray, "*_ 3"]:
-        """Points above the skin, at a place along the body (-1 to 1).
+        """Returns points above the skin.
 
-        `turn` goes around it: 0 the front, 0.25 the left side, 0.5 the back; any number of turns.
+        Args:
+            place: Place along the body, from -1 to 1.
+            turn: Place around the body: 0 is the front, 0.25 the left side, 0.5 the back. Values are periodic.
+            above_mm: Distance from the skin.
         """
         place, turn, above_mm = np.broadcast_arrays(place, turn, above_mm)
         rows = np.interp(place, _PLACES, np.arange(len(_PLACES)))
@@ -76,10 +79,10 @@ class Body:
         return np.concatenate([self.points, self.normals], axis=-1).reshape(-1, 6)
 
     def skin(self, down_to: float) -> Solid:
-        """The bare skin from below the rim down to a place.
+        """Makes the bare skin from under the rim down to a place.
 
-        Next to the rim it has all vertices of the head, farther down only every second one: it is drawn five times, for
-        shadows and for the picture, and needs no more detail.
+        Next to the rim, it has all vertices of the head. Below, it has only every second one, which is enough and saves
+        time, since it is drawn five times, for shadows and for the picture.
         """
         rows = min(max(int(np.searchsorted(_PLACES, down_to)) + 2, _FINE_ROWS), len(_PLACES))
         points = np.concatenate([self.lap[None], self.points[:rows]])
@@ -90,9 +93,12 @@ class Body:
 
 
 def fit_body(head: PosedHead, head_from_torso: Float64[ndarray, "3 3"], breadth: float = 1.0) -> Body:
-    """Makes the body of a head, from the rim of its neck down. A `breadth` of 1 is that of a man's shoulders.
+    """Makes the body of a head, from the rim of its neck down.
 
-    `head_from_torso` is the rotation from a torso that is aligned with the head to the torso as it stands, model frame.
+    Args:
+        head: The head.
+        head_from_torso: Rotation from a torso that is aligned with the head to the actual torso, model frame.
+        breadth: Breadth of the shoulders; 1 is a man's.
     """
     rim, inside = (indices[::-1] for indices in neck_rim(head.model))
     edge, inner = head.vertices[rim].astype(np.float64), head.vertices[inside].astype(np.float64)
@@ -114,7 +120,7 @@ def fit_body(head: PosedHead, head_from_torso: Float64[ndarray, "3 3"], breadth:
 
 
 def _rings(columns: int, size: float, breadth: float) -> Float64[ndarray, "k c 3"]:
-    """The rings below the rim, mean head."""
+    """Returns the rings below the rim, for the mean head."""
     place = _RINGS[:, :1]
     wide = np.where(place < 0.1, size, np.where(place < 0.3, 0.5 + 0.5 * size, breadth))
     rings = _mean_rings(columns).copy()
@@ -124,7 +130,7 @@ def _rings(columns: int, size: float, breadth: float) -> Float64[ndarray, "k c 3
 
 @lru_cache(maxsize=4)
 def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
-    """The rings of a body whose width is not scaled; shared between calls, so copy them before writing."""
+    """Returns the rings without scaling of the width. They are cached: copy them before writing."""
     angle = np.linspace(0, 2 * np.pi, columns)
     sine, cosine = np.sin(angle), np.cos(angle)
     place, width, back, front, y_front, y_back, y_side = _RINGS.T[:, :, None]
@@ -138,14 +144,14 @@ def _mean_rings(columns: int) -> Float64[ndarray, "k c 3"]:
 
 @lru_cache(maxsize=64)
 def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[ndarray, "t 3"]]:
-    """A grid with every second column from its fourth row on: the vertices that are kept, and triangles over them."""
-    assert columns % 2, "the last column lies on the first, so a rim with an even number of vertices has an odd number"
+    """Returns the kept vertices and the triangles of a grid that has every second column below `_FINE_ROWS` rows."""
+    assert columns % 2, "expected a rim with an even number of vertices, of which the first is repeated at the end"
     fine, thin = _FINE_ROWS * columns, np.arange(0, columns, 2)
     below = np.arange(_FINE_ROWS, rows)[:, None] * columns + thin
     kept = np.concatenate([np.arange(fine), below.reshape(-1)])
     left, right = np.arange(len(thin) - 1), np.arange(1, len(thin))
     seam = fine - columns + thin
-    # A fan of three triangles where two columns become one, so that there are no gaps.
+    # A fan of three triangles joins two columns to one without gaps.
     a, b = seam[:-1], seam[1:]
     middle = a + 1
     fan = [(a, fine + left, middle), (middle, fine + left, fine + right), (middle, fine + right, b)]
@@ -162,15 +168,15 @@ def _thinned_grid(rows: int, columns: int) -> tuple[Int64[ndarray, " n"], Int32[
 
 @lru_cache(maxsize=1)
 def _spline_weights() -> Float64[ndarray, "r k"]:
-    """Rows of the grid from the rings, smooth along the body."""
-    from scipy.interpolate import CubicSpline  # a third of a second, which plain pictures save
+    """Returns the matrix that interpolates the rings to rows of the grid by a spline along the body."""
+    from scipy.interpolate import CubicSpline  # here, since it takes a third of a second to import
 
-    keys = np.concatenate([[-1.07, -1.0], _RINGS[:, 0]])  # -1.07: the vertices next to the rim
+    keys = np.concatenate([[-1.07, -1.0], _RINGS[:, 0]])  # -1.07 is the place of the vertices next to the rim
     return np.asarray(CubicSpline(keys, np.eye(len(keys)), bc_type="natural")(_PLACES))
 
 
 def _smoothed_around(vectors: Float64[ndarray, "c 3"]) -> Float64[ndarray, "c 3"]:
-    """A moving mean over the columns of a ring whose last column is its first."""
+    """Returns the moving mean over the columns of a ring whose last column equals its first."""
     ring = vectors[:-1]
     wide = np.concatenate([ring[-5:], ring, ring[:4]])
     summed = np.cumsum(wide, axis=0)
@@ -181,7 +187,7 @@ def _smoothed_around(vectors: Float64[ndarray, "c 3"]) -> Float64[ndarray, "c 3"
 def _turned(
     points: Float64[ndarray, "r c 3"], head_from_torso: Float64[ndarray, "3 3"], pivot: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "r c 3"]:
-    """Turns rows with the torso: not at the rim, and completely from the shoulders on."""
+    """Rotates rows with the torso: not at all at the rim, and completely from the shoulders on."""
     share = np.clip(_PLACES + 1, 0, 1)
     share = share * share * (3 - 2 * share)
     turns = Rotation.from_rotvec(share[:, None] * Rotation.from_matrix(head_from_torso).as_rotvec()).as_matrix()

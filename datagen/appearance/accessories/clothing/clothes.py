@@ -1,4 +1,4 @@
-"""Which garments people wear."""
+"""Draws clothes."""
 
 from dataclasses import dataclass
 from typing import final
@@ -11,7 +11,7 @@ from datagen.appearance.scene import Colour
 from datagen.random_streams import rounded, triple, weighted_choice
 
 GARMENTS = ("t-shirt", "v-neck", "sweater", "shirt", "suit", "turtleneck", "hoodie", "zipped", "straps")
-# How often men and women wear each of them, relative to the others.
+# Weights among men and women.
 _MALE = (0.26, 0.07, 0.12, 0.20, 0.13, 0.04, 0.10, 0.08, 0.0)
 _FEMALE = (0.20, 0.15, 0.12, 0.13, 0.06, 0.08, 0.08, 0.06, 0.12)
 _PLAIN = ("jersey", "jersey", "knit", "linen", "denim", "fleece", "leather", "rib")
@@ -40,16 +40,16 @@ class Clothes:
     second: Colour  # linear colour of the pattern
     inner: Colour  # linear colour of the shirt under a suit
     trim: Colour  # linear colour of the tie or collar
-    depth: float  # how deep the neckline is, 0..1
+    depth: float  # depth of the neckline, 0..1
     looseness_mm: float  # distance from the skin
-    has_tie: bool  # only seen with the collar of a shirt or a suit
-    breadth: float  # of the shoulders; 1 is a man's
-    scarf: float  # thickness of the scarf, mm; 0 without
+    has_tie: bool  # whether there is a tie, with a shirt or a suit
+    breadth: float  # breadth of the shoulders; 1 is a man's
+    scarf: float  # thickness of the scarf, mm; 0 for none
     seed: int  # for the folds
 
 
 def draw_clothes(rng: np.random.Generator, person: Person, pattern_share: float, scarf_share: float) -> Clothes:
-    """Draws what a person wears: mostly plain and muted clothes."""
+    """Draws clothes, mostly plain and muted ones."""
     weights = _FEMALE if person.femininity > 0.5 else _MALE
     garment = weighted_choice(rng, dict(zip(GARMENTS, weights, strict=True)))
     is_patterned = bool(rng.uniform() < pattern_share) and garment not in ("suit", "turtleneck", "zipped")

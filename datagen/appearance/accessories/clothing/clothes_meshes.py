@@ -1,4 +1,4 @@
-"""Meshes of clothes, their collars, ties and scarves, and the neck and shoulders that they leave bare."""
+"""Meshes of clothes, collars, ties and scarves, and of bare neck and shoulders."""
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +14,7 @@ SIDES = 48  # columns of a garment
 
 
 def clothes_meshes(clothes: Clothes, body: Body, skin_rgb: Colour) -> list[SceneMesh]:
-    """The meshes of a garment, and of bare neck and shoulders."""
+    """Makes the meshes of a garment, and of bare neck and shoulders."""
     neckline = _neckline(clothes)
     bare = 0.9 if clothes.garment == "straps" else float(neckline.max()) + 0.06
     meshes = [scene_mesh("body/skin", "clothes", body.skin(bare), skin_material(skin_rgb))]
@@ -36,9 +36,9 @@ def clothes_meshes(clothes: Clothes, body: Body, skin_rgb: Colour) -> list[Scene
 
 
 def _neckline(clothes: Clothes) -> Float[ndarray, " c"]:
-    """Place along the body where each column of the garment begins, from the front once around."""
+    """Returns the place along the body at which each column of the garment begins, around from the front."""
     turn = np.linspace(0, 1, SIDES + 1)
-    off_front = np.minimum(turn, 1 - turn) * 2  # 0 front, 1 back
+    off_front = np.minimum(turn, 1 - turn) * 2  # 0 is the front, 1 the back
     depth = clothes.depth
     ahead = np.exp(-((off_front / 0.35) ** 2))
     if clothes.garment == "v-neck":
@@ -57,7 +57,7 @@ def _neckline(clothes: Clothes) -> Float[ndarray, " c"]:
 
 
 def _garment(clothes: Clothes, body: Body, neckline: Float[ndarray, " c"]) -> Solid:
-    """The cloth from the neckline down, with folds."""
+    """Makes the cloth from the neckline down, with folds."""
     down = np.linspace(0, 1, 13)[:, None] ** 1.2
     place = neckline + (1 - neckline) * down
     turn = np.broadcast_to(np.linspace(0, 1, SIDES + 1), place.shape)
@@ -71,12 +71,12 @@ def _garment(clothes: Clothes, body: Body, neckline: Float[ndarray, " c"]) -> So
     return sheet(body.at(place, turn, above), (1300 / clothes.scale_mm, 350 / clothes.scale_mm), is_closed=True)
 
 
-# What a piece is made of ("outer", "inner", "trim", "rib"), and its shape.
+# Material ("outer", "inner", "trim" or "rib") and shape.
 Piece = tuple[str, Solid]
 
 
 def collar_solids(body: Body, clothes: Clothes, neckline: Float[ndarray, " c"]) -> list[Piece]:
-    """The pieces at the neck of a garment, and a scarf over it."""
+    """Makes the pieces at the neck of a garment, and a scarf over it."""
     garment = clothes.garment
     pieces: list[Piece] = []
     if garment in ("t-shirt", "v-neck", "sweater", "hoodie"):
@@ -102,7 +102,7 @@ def collar_solids(body: Body, clothes: Clothes, neckline: Float[ndarray, " c"]) 
 
 
 def _rib(body: Body, neckline: Float[ndarray, " c"], clothes: Clothes, half_mm: float) -> Solid:
-    """The knitted band along a neckline."""
+    """Makes the knitted band along a neckline."""
     turn = np.linspace(0, 1, len(neckline))
     path = body.at(neckline, turn, 1.5 + clothes.looseness_mm * 0.5)
     outward = unit(body.at(neckline, turn, 10.0) - body.at(neckline, turn, 0.0))
@@ -113,7 +113,7 @@ def _rib(body: Body, neckline: Float[ndarray, " c"], clothes: Clothes, half_mm: 
 
 
 def _hood(body: Body, clothes: Clothes) -> Solid:
-    """A hood that lies on back and shoulders: a thick roll, higher behind."""
+    """Makes a hood on back and shoulders: a thick roll, higher at the back."""
     turn = np.linspace(0.06, 0.94, 33)
     behind = np.sin(np.pi * (turn - 0.06) / 0.88)
     path = body.at(0.10 + 0.04 * np.cos(2 * np.pi * turn), turn, clothes.looseness_mm + 8 + 14 * behind)
@@ -130,7 +130,7 @@ def _strings(body: Body, clothes: Clothes) -> Solid:
 
 
 def _shirt_collar(body: Body, opened: float) -> Solid:
-    """A band around the neck, folded over, with points in front."""
+    """Makes a folded collar with points in front."""
     turn = np.linspace(opened, 1 - opened, 41)
     near = np.exp(-((np.minimum(turn, 1 - turn) - opened) / 0.07))
     ones = np.ones_like(turn)
@@ -151,7 +151,7 @@ def _shirt_collar(body: Body, opened: float) -> Solid:
 
 
 def _tie(body: Body, clothes: Clothes) -> Solid:
-    """A knot, and the blade that hangs from it."""
+    """Makes the knot and the blade of a tie."""
     place = np.array([-0.10, -0.04, 0.04, 0.06, 0.12, 0.3, 0.6, 1.0])
     half_mm = np.array([13.0, 15.0, 11.0, 10.0, 16.0, 22.0, 30.0, 38.0])
     above = np.array([7.0, 14.0, 14.0, 10.0, 7.0, 6.0, 6.0, 6.0]) + 0.4 * clothes.looseness_mm
@@ -164,7 +164,7 @@ def _tie(body: Body, clothes: Clothes) -> Solid:
 
 
 def _lapels(body: Body, clothes: Clothes, neckline: Float[ndarray, " c"]) -> Solid:
-    """Lapels along the neckline and the collar behind the neck that they come from."""
+    """Makes lapels along the neckline, and the collar behind the neck."""
     turn = np.linspace(0, 1, len(neckline))
     above = clothes.looseness_mm + 6.0
     sides = []
@@ -183,7 +183,7 @@ def _lapels(body: Body, clothes: Clothes, neckline: Float[ndarray, " c"]) -> Sol
 
 
 def _standing(body: Body, top: float, clothes: Clothes, *, rolls: bool) -> Solid:
-    """A collar that stands around the neck, rolled over or with an open edge."""
+    """Makes a collar that stands around the neck, rolled over or with an open edge."""
     turn = np.linspace(0, 1, 49)
     wobble = 1 + 0.06 * np.sin(2 * np.pi * 3 * turn + clothes.seed % 7)
     loose = 3.0 if rolls else 6.0
@@ -205,7 +205,7 @@ def _standing(body: Body, top: float, clothes: Clothes, *, rolls: bool) -> Solid
 
 
 def _straps(body: Body, neckline: Float[ndarray, " c"], clothes: Clothes) -> Solid:
-    """Two straps over the shoulders."""
+    """Makes two straps over the shoulders."""
     half_mm = 3.0 + 12.0 * clothes.depth
     straps = []
     for side in (-1, 1):
@@ -223,7 +223,7 @@ def _straps(body: Body, neckline: Float[ndarray, " c"], clothes: Clothes) -> Sol
 
 
 def _scarf(body: Body, clothes: Clothes) -> Solid:
-    """Two turns around the neck, and an end that hangs down."""
+    """Makes a scarf with two turns around the neck, and an end that hangs down."""
     turn = np.linspace(0, 2, 57)
     rng = np.random.default_rng(clothes.seed)
     waves = sum(np.sin(2 * np.pi * k * turn + rng.uniform(0, 6)) for k in (1, 3, 5)) / 3

@@ -1,1 +1,1 @@
-"""Hats, scarves and what else covers the hair."""
+"""Hats, headscarves and hoods."""

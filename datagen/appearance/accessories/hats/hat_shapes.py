@@ -12,7 +12,7 @@ from datagen.appearance.accessories.hats.headwear import Headwear
 from datagen.appearance.accessories.head_fit import Skull, direction
 from datagen.appearance.solids import Solid, ellipsoid, joined, lathe, sheet, tube
 
-HatPiece = Literal["cloth", "second", "hard", "visor", "logo"]  # what a piece is made of
+HatPiece = Literal["cloth", "second", "hard", "visor", "logo"]  # material of a piece
 Piece = tuple[HatPiece, Solid]
 COLUMNS = 41
 _AROUND = np.linspace(-np.pi, np.pi, COLUMNS)[None]
@@ -21,16 +21,16 @@ _AROUND = np.linspace(-np.pi, np.pi, COLUMNS)[None]
 @final
 @dataclass(frozen=True)
 class Fit:
-    """How a hat sits."""
+    """The position of a hat on the skull."""
 
-    front_deg: float  # height of the rim in front, above the horizon of the skull's middle
-    side_deg: float  # the same at the sides
-    back_deg: float  # the same behind
-    turn_deg: float  # rotation about the vertical axis; the rim stays where it is
+    front_deg: float  # elevation of the rim in front, as seen from the centre of the skull
+    side_deg: float  # elevation at the sides
+    back_deg: float  # elevation at the back
+    turn_deg: float  # rotation about the vertical axis, which does not change the rim
     tilt_deg: float  # rotation to one side
 
     def rim(self, around: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
-        """Height of the rim, radians; `around` as in `head_fit.direction`."""
+        """Returns the elevation of the rim in radians; `around` is that of `head_fit.direction`."""
         ahead, aside = np.cos(around), np.sin(around) ** 2
         middle = 0.5 * (self.front_deg + self.back_deg)
         height = middle + 0.5 * (self.front_deg - self.back_deg) * ahead + (self.side_deg - middle) * aside
@@ -38,12 +38,12 @@ class Fit:
 
 
 def hat_pieces(skull: Skull, fit: Fit, hat: Headwear) -> list[Piece]:
-    """The pieces of a hat, model frame."""
+    """Makes the pieces of a hat, model frame."""
     return _HATS[hat.kind](skull, fit, hat)
 
 
 def _dome(skull: Skull, fit: Fit, above: Float[ndarray, "r c"], repeats: tuple[float, float] = (12.0, 5.0)) -> Solid:
-    """A sheet from the crown to the rim, `above` the skin by some mm."""
+    """Makes a sheet from the crown to the rim, `above` mm above the skin."""
     share = np.linspace(0, 1, len(above))[:, None]
     rise = np.pi / 2 + share * (fit.rim(_AROUND) - np.pi / 2)
     return sheet(skull.at(rise, _AROUND, above), repeats, is_closed=True)
@@ -54,7 +54,7 @@ def _shares(rows: int) -> Float[ndarray, "r c"]:
 
 
 def _band(skull: Skull, fit: Fit, up_deg: float, low: float, high: float, down_deg: float = 0.0) -> Solid:
-    """A band along the rim, bulging between two heights above the skin."""
+    """Makes a band along the rim, with the heights `low` at its edges and `high` in its middle above the skin."""
     share = np.array([0.0, 0.0, 0.3, 0.7, 1.0, 1.0])[:, None]
     above = np.array([0.3 * low, low, high, high, low, 0.3 * low])[:, None]
     rise = fit.rim(_AROUND) - np.deg2rad(down_deg) + np.deg2rad(up_deg) * (1 - share)
@@ -62,7 +62,7 @@ def _band(skull: Skull, fit: Fit, up_deg: float, low: float, high: float, down_d
 
 
 def _peak(skull: Skull, fit: Fit, hat: Headwear) -> Solid:
-    """The shade of a cap."""
+    """Makes the peak of a cap."""
     s = np.linspace(-1, 1, 17)[None]
     turn = np.deg2rad(fit.turn_deg)
     around = turn + np.deg2rad(58) * s

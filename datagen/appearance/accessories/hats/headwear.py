@@ -1,4 +1,4 @@
-"""Which hats people wear, and how."""
+"""Draws hats, headscarves and hoods."""
 
 from dataclasses import dataclass
 from typing import final
@@ -11,7 +11,7 @@ from datagen.appearance.scene import Colour
 from datagen.random_streams import rounded, weighted_choice
 
 WRAPS = ("hood", "headscarf")
-# How often men and women with a hat wear which one.
+# Weights among men and women with a hat.
 _WEIGHTS = {
     "cap": (0.36, 0.16),
     "beanie": (0.2, 0.2),
@@ -32,17 +32,17 @@ HATS = tuple(_WEIGHTS)
 @final
 @dataclass(frozen=True, kw_only=True)
 class Headwear:
-    """Something on a head."""
+    """Headwear."""
 
     kind: str  # one of `HATS`
     weave: str
     colour: Colour  # linear
     second: Colour  # linear colour of the pattern, ribbon or band
-    size: float  # size of what varies most (peak, brim, fold, height), 0..1
-    lift_deg: float  # how far the rim is pushed up
+    size: float  # size of peak, brim or fold, or the height, by kind; 0..1
+    lift_deg: float  # elevation of the rim above the usual one
     turn_deg: float  # rotation about the vertical axis; 180 is a cap worn backwards
     tilt_deg: float  # rotation to one side
-    has_extra: bool  # a pompom, a logo or a visor, by kind
+    has_extra: bool  # whether it has a pompom, a logo or a visor, by kind
     seed: int  # for the folds
 
 

@@ -1,4 +1,4 @@
-"""Meshes of hats and of what is wrapped around the head, and how much hair they hide."""
+"""Meshes of hats, headscarves and hoods, and the hair that they hide."""
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,7 @@ from datagen.appearance.scene import Colour, Material, PosedHead, SceneMesh
 from datagen.appearance.solids import Solid, scene_mesh, sheet, tube
 from datagen.random_streams import triple
 
-# Height of the rim above the horizon of the skull's middle, degrees: front, sides, back.
+# Elevation of the rim from the centre of the skull, degrees: front, sides, back.
 _RIMS = {
     "cap": (24.0, 9.0, -8.0),
     "beanie": (26.0, -2.0, -22.0),
@@ -28,18 +28,18 @@ _RIMS = {
     "party": (62.0, 60.0, 58.0),
 }
 FEDORA_CROWN = CrownPlane((0.0, 79.0, 0.0), (0.0, 0.9998, -0.02))
-LARGEST_TILT_DEG = 6.0  # of a fedora: tilted farther, it cuts into the head or floats
-ROOM = 1.035  # factor on the size of a fedora, whose band was modelled on the skin: room for hair
+LARGEST_TILT_DEG = 6.0  # of a fedora; with a larger tilt, it would cut into the head or float
+ROOM = 1.035  # factor on the size of a fedora, which was modelled on the skin, to make room for hair
 AXIS_MM = np.array([0.0, 79.0, 5.0], dtype=np.float32)
 _WRAP_COLUMNS = 45  # around the opening of a headscarf or a hood
-# Angle between straight ahead and the opening at the top, the sides and the chin, seen from the skull's middle.
+# Angle between straight ahead and the opening at the top, the sides and the chin, from the centre of the skull.
 _TOP_DEG, _SIDE_DEG, _CHIN_DEG = 27.0, 74.0, 62.0
 _BACK_DEG = 172.0
-_EAR_MM = 17.0  # how far ears stand out from the skull
+_EAR_MM = 17.0  # distance of the ears' edges from the skull
 
 
 def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMesh]:
-    """The pieces of a hat on a head."""
+    """Makes the meshes of headwear on a head."""
     if hat.kind == "fedora":
         return [fedora_mesh(head, hat.colour, -float(np.clip(hat.lift_deg, -LARGEST_TILT_DEG, LARGEST_TILT_DEG)))]
     if hat.kind in WRAPS:
@@ -50,7 +50,7 @@ def headwear_meshes(hat: Headwear, head: PosedHead, body: Body) -> list[SceneMes
 
 
 def crown_plane(hat: Headwear) -> CrownPlane | None:
-    """The plane above which a hat hides hair; None if it lies on top of all hair."""
+    """Returns the plane above which headwear hides hair; None if it is worn over the hair."""
     if hat.kind in WRAPS:
         return CrownPlane((0.0, -400.0, 0.0), (0.0, 1.0, 0.0))
     if hat.kind == "fedora":
@@ -88,12 +88,15 @@ def _material(hat: Headwear, piece: HatPiece) -> Material:
 
 
 def fedora_mesh(head: PosedHead, colour: Colour, tilt_deg: float = 0.0) -> SceneMesh:
-    """A felt hat, which follows the head without its expression; `FEDORA_CROWN` keeps the hair below it.
+    """Makes a felt hat, which follows the head without its expression.
 
-    Its colour is linear. It is tilted forward, over the brows, within `LARGEST_TILT_DEG` both ways.
+    Args:
+        head: The head.
+        colour: Linear colour.
+        tilt_deg: Forward tilt, within ±`LARGEST_TILT_DEG`.
 
     Raises:
-        InputFileError: The head does not belong to the built-in model.
+        InputFileError: The head is not of the built-in model.
     """
     check_model(head.model)
     mesh = bound_mesh("fedora")
@@ -113,7 +116,7 @@ def fedora_mesh(head: PosedHead, colour: Colour, tilt_deg: float = 0.0) -> Scene
 
 
 def wrap_pieces(skull: Skull, body: Body, hat: Headwear) -> list[Piece]:
-    """A headscarf or a hood, which hides hair, ears and neck and lies on the shoulders."""
+    """Makes a headscarf or a hood, which covers hair, ears, neck and shoulders."""
     is_hood = hat.kind == "hood"
     shell = _shell(skull, hat)
     made = [shell, cowl(body, hat.seed, 1.15 if is_hood else 1.45 + 0.3 * hat.size)]
@@ -124,8 +127,8 @@ def wrap_pieces(skull: Skull, body: Body, hat: Headwear) -> list[Piece]:
 
 
 def _opening(hat: Headwear) -> Float[ndarray, " c"]:
-    """Angle between straight ahead and the edge, radians, from the chin over the right side once around."""
-    spin = np.linspace(-np.pi, np.pi, _WRAP_COLUMNS)  # 0 the top
+    """Returns the angle between straight ahead and the edge, radians, around from the chin over the right side."""
+    spin = np.linspace(-np.pi, np.pi, _WRAP_COLUMNS)  # 0 is the top
     up, aside = np.cos(spin), np.sin(spin) ** 2
     middle = 0.5 * (_TOP_DEG + _CHIN_DEG)
     angle = middle + 0.5 * (_TOP_DEG - _CHIN_DEG) * up + (_SIDE_DEG - middle) * aside
@@ -134,7 +137,7 @@ def _opening(hat: Headwear) -> Float[ndarray, " c"]:
 
 
 def _shell(skull: Skull, hat: Headwear) -> Solid:
-    """The cloth from the edge of the opening to the back of the head."""
+    """Makes the cloth from the edge of the opening to the back of the head."""
     opening = _opening(hat)
     share = np.linspace(0, 1, 15)[:, None] ** 1.15
     spin = np.linspace(-np.pi, np.pi, _WRAP_COLUMNS)[None]
@@ -153,7 +156,7 @@ def _shell(skull: Skull, hat: Headwear) -> Solid:
 
 
 def cowl(body: Body, seed: int, length: float) -> Solid:
-    """Cloth around the neck and over the shoulders; `length` is in places of the body."""
+    """Makes the cloth around the neck and over the shoulders; `length` is in places of `Body.at`."""
     turn = np.linspace(0, 1, 49)[None]
     share = np.linspace(0, 1, 12)[:, None]
     rng = np.random.default_rng(seed + 1)
