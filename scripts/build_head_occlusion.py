@@ -1,10 +1,10 @@
-"""Computes how much ambient light arrives at each vertex of the built-in model, into datagen/assets/head_occlusion.h5.
+"""Computes the share of ambient light that reaches each vertex of the built-in model.
 
-    python -m scripts.build_head_occlusion
+    python -m scripts.build_head_occlusion [--output datagen/assets/head_occlusion.h5]
 
-A vertex is seen from a direction where its depth is that of the depth map drawn from there. What it sees of the
-hemisphere over it, weighted by the cosine, is drawn from directions all around. Twice: of the mean head, and with the
-jaw open, which counts for what is inside the mouth. The model ends at the neck: a disc stands for shoulders and chest.
+The share is the cosine-weighted mean of the vertex's visibility over directions on the sphere. A vertex is visible from
+a direction if it is not behind the depth map drawn from there. The inside of the mouth is computed with an open jaw. An
+ellipse below the neck, where the model ends, replaces shoulders and chest.
 """
 
 import argparse
@@ -25,18 +25,19 @@ from pix2face.models.rasterise import SURFACE_DEPTH
 
 TARGET = Path(__file__).parents[1] / "datagen" / "assets" / "head_occlusion.h5"
 MAP_PX, N_DIRECTIONS = 512, 384
-# A vertex may lie this much behind the depth map and still be seen: slopes within a pixel, and neighbours' noise.
+# Tolerance of the visibility, for slopes within a pixel and noise: depth bias, and offset of vertices along normals.
 BIAS_MM, NORMAL_OFFSET_MM = 0.8, 0.7
 INSIDE_MOUTH, LIPS = ("mouth_inside", "teeth", "tongue"), ("lips",)
 JAW_OPEN = 0.8
-# Between parted lips front teeth are lit more than any one expression shows: by this much, less by e every so far in.
+# Smallest share of front teeth, which are more visible between parted lips than with this expression, and the distance
+# into the mouth over which it falls by a factor of e.
 FRONT_TEETH, INTO_MOUTH_MM = 0.6, 14.0
-# Shoulders and chest: a flat ellipse below the neck (mm, model frame), and what it returns of the light it takes.
+# Shoulders and chest: a flat ellipse below the neck (mm, model frame), and its albedo.
 BODY_HEIGHT, BODY_CENTRE_Z, BODY_HALF_WIDTH, BODY_HALF_DEPTH, BODY_RETURNS = -135.0, -25.0, 210.0, 125.0, 0.3
 
 
 def main() -> None:
-    """Writes the file and says what is in it."""
+    """Writes the file and prints percentiles by region."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=TARGET)
     options = parser.parse_args()
@@ -63,7 +64,7 @@ def main() -> None:
 
 
 def openness(model: MorphableModel, vertices: Float32[ndarray, "v 3"], renderer: Renderer) -> Float64[ndarray, " v"]:
-    """Which part of the light from an even sky arrives at each vertex."""
+    """Returns the share of light from a uniform sky that reaches each vertex."""
     normals = Surface(model).normals(vertices).astype(np.float64)
     raised = vertices.astype(np.float64) + NORMAL_OFFSET_MM * normals
     seen, whole = np.zeros((2, len(vertices)))
@@ -90,7 +91,7 @@ def _is_seen(
 
 
 def _past_body(vertices: Float32[ndarray, "v 3"], direction: ndarray) -> ndarray:
-    """How much light arrives from a direction past the body."""
+    """Returns the light from a direction at each vertex: less than 1 if the body is in between."""
     if direction[1] >= -1e-6:
         return np.ones(len(vertices))
     hit = vertices + ((BODY_HEIGHT - vertices[:, 1]) / direction[1])[:, None] * direction
@@ -105,7 +106,7 @@ def _is_of(model: MorphableModel, regions: tuple[str, ...]) -> ndarray:
 
 
 def _smoothed(model: MorphableModel, values: Float64[ndarray, " v"]) -> Float64[ndarray, " v"]:
-    """Halfway to the mean of the neighbours, once: what is left of single directions."""
+    """Averages values with the mean of their neighbours, to reduce the noise of single directions."""
     total, count = np.zeros((2, len(values)))
     for first, second in ((0, 1), (1, 2), (2, 0)):
         a, b = model.triangles[:, first], model.triangles[:, second]

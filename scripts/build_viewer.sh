@@ -9,7 +9,7 @@ out="$here/../pix2face/assets/viewer"
 cd "$here/viewer"
 npm ci --no-audit --no-fund
 mkdir -p "$out"
-# three's licence remark stays in the file; names of a browser of 2021 will do.
+# Keeps the licence comment of three. The page supports browsers from 2021 on.
 node_modules/.bin/esbuild viewer.js --bundle --minify --format=iife --target=es2021 --charset=ascii \
     --legal-comments=inline --outfile="$out/viewer.js"
 cp node_modules/three/LICENSE "$out/LICENSE-three.txt"

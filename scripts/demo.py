@@ -1,7 +1,7 @@
 """Renders faces, trains a network, measures it on held-out renders, reads a photograph, and writes report.html.
 
-The photograph is read twice: by the network that the demo has trained for two minutes, and by the one that comes with
-the package. All of it is done by the project's own commands, which are printed as they run and listed on the page.
+The photograph is read twice: by the network that the demo trains for two minutes, and by the packaged one. All steps
+are commands of the project, which are printed as they run and listed on the page.
 """
 
 import argparse
@@ -22,9 +22,9 @@ import numpy as np
 import trimesh
 from skimage.data import astronaut
 
-# The commands of this very installation, whatever PATH says.
+# Programs of this installation, independent of PATH.
 PROGRAMS = Path(sys.executable).parent
-# A folder that holds this file may be replaced.
+# A folder that contains this file may be replaced.
 MARKER = "made_by_demo.txt"
 STYLE = """
 body { font-family: sans-serif; margin: 2em auto; max-width: 75em; color: #222; line-height: 1.45; }
@@ -38,7 +38,7 @@ th:first-child, td:first-child { text-align: left; }
 
 @dataclass
 class Demo:
-    """Runs commands and remembers how long each took."""
+    """Runs commands and measures their times."""
 
     out: Path
     timings: list[tuple[str, float]] = field(default_factory=list)
@@ -80,10 +80,10 @@ def main() -> int:
 
 
 def render_and_train(demo: Demo, n_faces: int, train_options: list[str]) -> None:
-    """Ground truth, contact sheets, a checkpoint."""
+    """Makes ground truth, contact sheets and a checkpoint."""
     out = demo.out
     for name, n, seed in (("train", n_faces, 0), ("heldout", 100, 1_000_000)):
-        drawn = ["--appearance", "plain", "--out", out / f"{name}.h5"]  # what some minutes of training can learn
+        drawn = ["--appearance", "plain", "--out", out / f"{name}.h5"]  # simple enough for some minutes of training
         demo.run("datagen", "sample", "--n", n, "--seed", seed, *drawn)
         layers = ["--appearance", "plain", "--layers", "image,pncc,offset,mask,depth,landmarks"]
         demo.run("datagen", "render", "--coeffs", out / f"{name}.h5", "--out", out / f"shards-{name}", *layers)
@@ -96,7 +96,7 @@ def render_and_train(demo: Demo, n_faces: int, train_options: list[str]) -> None
 
 
 def measure_and_fit(demo: Demo) -> None:
-    """The error on faces never seen, and a real photograph, by the demo's own network and by the packaged one."""
+    """Evaluates the demo's network on held-out faces, and fits a photograph with this network and the packaged one."""
     out, checkpoint = demo.out, demo.out / "run" / "checkpoint.safetensors"
     split = ("--split", "builtin-heldout", "--data", out / "shards-heldout")
     demo.run("evaluate", *split, "--checkpoint", checkpoint, "--out", out / "evaluation")
@@ -107,8 +107,8 @@ def measure_and_fit(demo: Demo) -> None:
 
 
 def plot_losses(log: Path, picture: Path) -> None:
-    """The two parts of the loss over the training."""
-    lines = [line for line in map(json.loads, log.read_text().splitlines()) if "loss" in line]  # others: validations
+    """Plots the two parts of the loss."""
+    lines = [line for line in map(json.loads, log.read_text().splitlines()) if "loss" in line]  # without validations
     mpl.use("Agg")
     figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
     for name in ("pncc", "offset"):
@@ -121,7 +121,7 @@ def plot_losses(log: Path, picture: Path) -> None:
 
 
 def plot_point_cloud(cloud: Path, picture: Path) -> None:
-    """The predicted points from the front and from both sides."""
+    """Plots the predicted points from the front and from both sides."""
     loaded = trimesh.load(cloud)
     points, colours = np.asarray(loaded.vertices), np.asarray(loaded.colors)[:, :3] / 255
     figure, all_axes = plt.subplots(1, 3, figsize=(9, 3.4), layout="constrained")
@@ -138,7 +138,7 @@ def plot_point_cloud(cloud: Path, picture: Path) -> None:
 
 
 def page(demo: Demo, n_faces: int) -> str:
-    """The page: what was run, and what it made."""
+    """Returns the page with commands and results."""
     evaluation = (demo.out / "evaluation" / "index.html").read_text(encoding="utf-8")
     table = evaluation[evaluation.index("<table>") : evaluation.index("</table>") + len("</table>")]
     figures = [
@@ -147,7 +147,7 @@ def page(demo: Demo, n_faces: int) -> str:
             "Ground truth of each sample: picture, the point of the mean face at each pixel (PNCC) over it, the offset "
             "from that point, depth, and landmarks (green: visible, red: hidden).",
         ),
-        ("losses.png", "Training: the two parts of the loss, over the samples that the network has seen."),
+        ("losses.png", "The two parts of the training loss, by the number of samples seen."),
         ("synthetic.jpg", "Samples like those that the packaged network was trained on: people who do not exist."),
         (
             "photograph/astronaut-0-maps.png",
@@ -158,7 +158,7 @@ def page(demo: Demo, n_faces: int) -> str:
         ("point_cloud.png", "The predicted point cloud: PNCC plus offset at every pixel of the face."),
         (
             "own/astronaut-0-overlay.jpg",
-            "The same photograph read by the demo's network, which has seen plain heads only.",
+            "The same photograph, fitted with the demo's network, which was trained on plain heads only.",
         ),
         ("evaluation/curve.png", "The demo's network on held-out renders: share of faces by error."),
         ("evaluation/worst.jpg", "The demo's network on held-out renders: the worst cases."),
@@ -175,16 +175,16 @@ def page(demo: Demo, n_faces: int) -> str:
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>pix2face: demo</title><style>{STYLE}</style></head><body>
 <h1>pix2face: coefficients to a trained, evaluated model</h1>
-<p>The demo's network was trained for about two minutes on {n_faces} rendered faces of the built-in model. It shows that
-every step works; it is far from converged. The network that comes with the package was trained on synthetic photographs
-for hours (docs/explanation/packaged_network.md); it reads the photograph, too.</p>
-<h2>What was run</h2>
-<table><caption>Every command in its order, and how long it took.</caption>
+<p>The demo's network was trained for about two minutes on {n_faces} rendered faces of the built-in model. It is far
+from converged, but shows that every step works. The packaged network was trained on synthetic photographs for hours
+(docs/explanation/packaged_network.md). Both read the photograph.</p>
+<h2>Commands</h2>
+<table><caption>All commands in their order, and their times.</caption>
 <thead><tr><th>command</th><th>time, seconds</th></tr></thead><tbody>{rows}</tbody></table>
 <h2>Error on held-out renders</h2>{table}
-<p>Row network: the demo's network. Row baseline: the mean face's landmarks, placed in the box of the true ones.</p>
+<p>Row network: the demo's network. Row baseline: landmarks of the mean face, placed in the box of the true ones.</p>
 {shown}
-<p>Files: <a href="evaluation/report.json">report.json</a>, <a href="photograph/astronaut.json">fit</a>,
+<p>Files: <a href="evaluation/report.json">report.json</a>, <a href="photograph/astronaut-0.json">fit</a>,
 <a href="photograph/astronaut-0.glb">mesh</a>, <a href="photograph/astronaut-0-points.ply">point cloud</a>.</p>
 </body></html>
 """

@@ -1,4 +1,4 @@
-"""Draws the README's picture: a photograph, the maps that the packaged network predicts, and the fitted mesh, turned.
+"""Draws the picture of the README: a photograph, the maps that the packaged network predicts, and the fitted mesh.
 
 python -m scripts.draw_astronaut [--out FILE]
 """
@@ -23,8 +23,8 @@ from pix2face.photographs.texture import facing, vertex_colours
 HEADINGS = ("Photograph", "Point of the mean face (PNCC)", "Offset from that point", "Fitted mesh, turned by 35°")
 TILE_PX, GAP_PX, HEADING_PX, LETTERS_PX = 388, 16, 40, 21
 MESH_YAW_DEG = 35.0
-MM_A_TILE = 265.0  # how much of the turned head is shown
-SMOOTHER = 3  # the mesh is drawn at this many times the size, for its edges
+MM_PER_TILE = 265.0
+SUPERSAMPLING = 3  # of the mesh, for smooth edges
 
 
 def main() -> int:
@@ -43,9 +43,9 @@ def main() -> int:
 
 
 def turned_mesh(image: np.ndarray, fit: FaceFit) -> np.ndarray:
-    """The fitted head in the colours of its photograph, seen from the side."""
-    model, size_px = fit.model, SMOOTHER * TILE_PX
-    scale = size_px / MM_A_TILE
+    """Draws the fitted head from the side, in the colours of its photograph."""
+    model, size_px = fit.model, SUPERSAMPLING * TILE_PX
+    scale = size_px / MM_PER_TILE
     rotation = rotation_of_pose(HeadPose(0, MESH_YAW_DEG, 0))
     middle = (fit.vertices.min(axis=0) + fit.vertices.max(axis=0)) / 2
     camera = weak_perspective_camera(WeakPerspective(scale, rotation, size_px / 2 - scale * (rotation @ middle)[:2]))
@@ -58,7 +58,7 @@ def turned_mesh(image: np.ndarray, fit: FaceFit) -> np.ndarray:
 
 
 def sheet(tiles: list[np.ndarray]) -> Image.Image:
-    """Tiles side by side, each below its heading."""
+    """Draws tiles side by side, each below its heading."""
     drawn = Image.new("RGB", (len(tiles) * (TILE_PX + GAP_PX) - GAP_PX, TILE_PX + HEADING_PX), "white")
     pen, font = ImageDraw.Draw(drawn), ImageFont.load_default(LETTERS_PX)
     for index, (heading, tile) in enumerate(zip(HEADINGS, tiles, strict=True)):

@@ -45,7 +45,7 @@ def main() -> int:
 
 
 def draw_face(renderer: Renderer, model: MorphableModel, index: int, with_expression: bool) -> ndarray:
-    """One face from three sides; landmarks green where visible, red where hidden."""
+    """Draws one face from three sides, with visible landmarks in green and hidden ones in red."""
     rng = generator_for(0, f"sheet/{index}")
     identity = rng.standard_normal((1, model.n_identity))
     expression = draw_expression(model, rng)[None] * with_expression

@@ -1,6 +1,6 @@
-"""Draws scenes that the packaged detector finds hard: misses, false boxes, and faces that it is just sure of.
+"""Draws scenes that are hard for the packaged detector: misses, false boxes, and faces with low scores.
 
-The people and the pictures behind them should be others than those of the training:
+People and backgrounds should not be those of the training:
 
     datagen sample --n 120 --size 224 --appearance docs/measurements/detector/heads.toml --seed 900 --out heads.h5
     datagen render --coeffs heads.h5 --appearance docs/measurements/detector/heads.toml --seed 900
@@ -57,7 +57,7 @@ def main() -> int:
 
 
 def judge(scene: Scene, detector: CentreDetector) -> tuple[ndarray, int, int, int, float]:
-    """A picture of a scene with its boxes; how many faces it has, how many are missed, false boxes, lowest score."""
+    """Returns a scene with boxes, its number of faces, misses and false boxes, and the lowest score of a face."""
     found = [face for face in detector.candidates(scene.image) if face.score >= SURE_SCORE]
     picture, scores, n_faces = scene.image.copy(), [], 0
     faces = [FaceBox(*box.tolist()) for box in scene.boxes]

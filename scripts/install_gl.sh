@@ -1,6 +1,6 @@
 #!/bin/sh
-# Makes sure that OpenGL works without a display: Mesa's EGL, and OSMesa as fallback.
-# Installs them through apt where it runs as root; otherwise it names the one line to run.
+# Makes sure that OpenGL works without a display: with EGL of Mesa, and OSMesa as fallback. Installs them with apt if it
+# runs as root, and otherwise prints the command to run.
 set -eu
 
 PACKAGES="libegl1 libgl1 libgl1-mesa-dri libosmesa6"
@@ -18,7 +18,7 @@ if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
     exit 0
 fi
 if has libEGL.so.1 || has libOSMesa.so; then
-    echo "only one of EGL and OSMesa is installed; it will do. For both: sudo apt-get install $PACKAGES"
+    echo "only one of EGL and OSMesa is installed, which is enough. For both: sudo apt-get install $PACKAGES"
     exit 0
 fi
 echo "no OpenGL without a display was found; run: sudo apt-get install $PACKAGES" >&2

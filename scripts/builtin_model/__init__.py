@@ -1,1 +1,1 @@
-"""How the built-in model is made from CC0 data; ``scripts/build_builtin_model.py`` runs it."""
+"""Makes the built-in model from CC0 data, for ``scripts/build_builtin_model.py``."""

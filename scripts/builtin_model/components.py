@@ -1,4 +1,4 @@
-"""Principal components of heads and of expressions."""
+"""Computes principal components of heads and of expressions."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray
 
 MIRRORED = np.array([-1.0, 1.0, 1.0])
-# Expressions that only make sense while another one is active.
+# Expressions that need another one.
 NEEDS = {"mouthClose": "jawOpen", "tongueOut": "jawOpen"}
 MOST_ACTIVE = 5
 
@@ -17,11 +17,11 @@ class Components:
 
     mean: ndarray  # (v, 3)
     basis: ndarray  # (k, v, 3), per standard deviation
-    variance_kept: float  # of the variance over the face's vertices, the share that the components explain
+    variance_kept: float  # share of the variance of the face's vertices that the components explain
 
 
 def align_rigidly(heads: ndarray, symmetry: ndarray, weights: ndarray, rounds: int = 3) -> ndarray:
-    """Turns and shifts every head onto their symmetric mean, by weighted Procrustes without scale."""
+    """Aligns every head rigidly with their symmetric mean, by weighted Procrustes without scale."""
     weights = weights / weights.sum()
     for _ in range(rounds):
         reference = _symmetric(heads.mean(axis=0), symmetry)
@@ -36,15 +36,16 @@ def align_rigidly(heads: ndarray, symmetry: ndarray, weights: ndarray, rounds: i
 
 
 def identity_components(heads: ndarray, symmetry: ndarray, weights: ndarray, n: int) -> Components:
-    """Components of aligned heads together with their mirror images.
+    """Computes the components of aligned heads together with their mirror images.
 
-    The twins make the mean symmetric and each component symmetric or antisymmetric; both kinds are found apart.
+    The mirror images make the mean symmetric, and each component symmetric or antisymmetric. Both kinds are computed
+    separately.
 
     Args:
-        heads: (n, v, 3).
+        heads: Aligned heads, (n, v, 3).
         symmetry: Mirror vertex of each vertex.
-        weights: Of the vertices in the metric of the analysis.
-        n: Components to keep.
+        weights: Weights of the vertices in the metric of the analysis.
+        n: Number of components to keep.
     """
     mirrored = heads[:, symmetry] * MIRRORED
     mean = _symmetric(heads.mean(axis=0), symmetry)
@@ -63,17 +64,17 @@ def identity_components(heads: ndarray, symmetry: ndarray, weights: ndarray, n: 
 def expression_components(
     expressions: dict[str, ndarray], weights: ndarray, n: int, seed: int
 ) -> tuple[Components, dict[str, ndarray], dict[str, float]]:
-    """Components of sampled mixtures about the neutral face, which stays at zero.
+    """Computes the components of random mixtures of expressions, with the neutral face as mean.
 
     Returns:
-        The components, the coefficients of each named expression, and for each the largest distance (in the unit of
-        the input) between it and what its coefficients give.
+        The components, the coefficients of each named expression, and the largest residual of each (in the unit of the
+        input).
     """
     names = sorted(expressions)
     shapes = np.stack([expressions[name] for name in names])
     rng = np.random.default_rng(seed)
     mixtures = np.stack([_draw_mixture(rng, names) for _ in range(6000)])
-    # The second moment of mixtures is that of their weights, so the analysis needs no more than 52 dimensions.
+    # Mixtures are linear in their weights, so the analysis needs no more than 52 dimensions.
     metric = np.repeat(np.sqrt(weights), 3)
     values, vectors = np.linalg.eigh(mixtures.T @ mixtures / len(mixtures))
     root = (vectors * np.sqrt(np.clip(values, 0, None))).T  # rows: uncorrelated mixtures of unit deviation
@@ -91,7 +92,7 @@ def expression_components(
 
 
 def _draw_mixture(rng: np.random.Generator, names: list[str]) -> ndarray:
-    """Strengths of the expressions: a few groups active at a time, left and right together or apart."""
+    """Draws strengths of expressions, with a few active groups, and both sides together or independent."""
     groups: dict[str, list[int]] = {}
     for index, name in enumerate(names):
         groups.setdefault(name.removesuffix("Left").removesuffix("Right"), []).append(index)
@@ -109,12 +110,12 @@ def _draw_mixture(rng: np.random.Generator, names: list[str]) -> ndarray:
 
 
 def _principal(samples: ndarray, weights: ndarray, n: int) -> tuple[ndarray, ndarray]:
-    """Eigenvalues in the weighted metric, and components per standard deviation in the plain one."""
+    """Returns eigenvalues in the weighted metric, and components per standard deviation in the unweighted one."""
     flat = samples.reshape(len(samples), -1)
     weighted = flat * np.repeat(np.sqrt(weights), 3)
     values, vectors = np.linalg.eigh(weighted @ weighted.T / len(flat))
     kept = np.argsort(-values)[:n]
-    # Scores of unit deviation are sqrt(n) times the eigenvectors; the component is what goes with one deviation.
+    # Scores with unit deviation are sqrt(n) times the eigenvectors. A component is the displacement per deviation.
     basis = vectors[:, kept].T @ flat / np.sqrt(len(flat))
     return values[kept], basis.reshape(len(kept), -1, 3)
 

@@ -1,4 +1,4 @@
-"""What of the base mesh is head, which region each polygon belongs to, and where the landmarks are."""
+"""Cuts the head out of the base mesh, and determines its regions and landmarks."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,32 +22,33 @@ PARTS = {
     "helper-lower-teeth": "teeth",
     "helper-tongue": "tongue",
 }
-# Regions below are stated in mm from the point between the eyeballs' centres of the unmodified mesh.
+# Millimetres per unit of the mesh. Positions below are in mm from the point between the centres of the eyeballs of the
+# unmodified mesh.
 MM = 100.0
-# The head ends at a plane from under the chin to the nape: (z, y) of two of its points; in front, at a height.
+# The head ends at a plane from under the chin to the nape, given by (z, y) of two points, and at a lowest height.
 NECK_LINE = ((-45.0, -125.0), (-150.0, -50.0))
 LOWEST_MM = -120.0
-# The hair line, seen from the side: (z, y) at the forehead and in front of the ear.
+# The hair line from the side: (z, y) at the forehead and in front of the ear.
 HAIR_LINE = ((20.0, 72.0), (-48.0, 12.0))
-# Angle from the optical axis at which iris and pupil end; the rings of the eyeball's mesh lie at 11 and 22 degrees.
+# Angles from the optical axis at which iris and pupil end. The rings of the eyeball's mesh are at 11 and 22 degrees.
 IRIS_DEG, PUPIL_DEG = 24.0, 12.0
 BROW_HALF_WIDTH_MM = 4.2
 
 
 @dataclass(frozen=True)
 class Head:
-    """The head as a part of the base mesh, indices its own."""
+    """The head, cut out of the base mesh."""
 
-    source: ndarray  # vertex of the base mesh of each vertex
+    source: ndarray  # index of each vertex in the base mesh
     quads: ndarray
     regions: ndarray  # index into REGION_NAMES for each polygon
     uv: ndarray
     uv_quads: ndarray  # texture coordinates of each polygon
     symmetry: ndarray  # mirror vertex of each vertex
-    landmarks: ndarray  # 68 vertices of the once refined mesh
+    landmarks: ndarray  # 68 vertices of the mesh after one refinement
 
     def face_weights(self, elsewhere: float) -> ndarray:
-        """1 for each vertex of a face region, ``elsewhere`` for the others."""
+        """Returns 1 for each vertex of a face region, and ``elsewhere`` for the others."""
         weights = np.full(len(self.source), elsewhere)
         is_face = np.isin(self.regions, [REGION_NAMES.index(name) for name in FACE_REGIONS])
         weights[np.unique(self.quads[is_face])] = 1.0
@@ -100,7 +101,7 @@ def _regions(wheel: AnnyWheel, kept: ndarray, points: ndarray) -> ndarray:
     outside = body & ~(masks["face"] | before_ear)
     names[outside] = np.where((y[outside] < -40) | ((z[outside] > -70) & (y[outside] < -30)), "neck", "scalp")
     names[body & under_hair] = "scalp"
-    names[body & _on_brow(mesh, points, centres) & (names == "skin")] = "brows"
+    names[body & _on_brow(points, centres) & (names == "skin")] = "brows"
     names[masks["ears"]], names[masks["lips"]] = "ears", "lips"
     names[masks["inside-mouth"]] = "mouth_inside"
     for group in ("helper-l-eye", "helper-r-eye"):
@@ -123,8 +124,8 @@ def _mark_iris(names: ndarray, of_eye: ndarray, corners: ndarray) -> None:
     names[of_eye & (angle < PUPIL_DEG)] = "pupil"
 
 
-def _on_brow(mesh: BaseMesh, points: ndarray, centres: ndarray) -> ndarray:
-    """Which polygons lie along the line through the brow's landmarks, seen from the front."""
+def _on_brow(points: ndarray, centres: ndarray) -> ndarray:
+    """Whether each polygon is on the line through the landmarks of a brow, seen from the front."""
     table = _landmark_table()
     line = np.stack([points[list(table[number])].mean(axis=0) for number in range(22, 27)])[:, :2]
     at = np.column_stack([np.abs(centres[:, 0]), centres[:, 1]])
@@ -136,7 +137,7 @@ def _on_brow(mesh: BaseMesh, points: ndarray, centres: ndarray) -> ndarray:
 
 
 def _landmarks(quads: ndarray, symmetry: ndarray, own_index: ndarray) -> ndarray:
-    """Resolves the table to vertices of the once refined mesh."""
+    """Converts the landmark table to vertices of the mesh after one refinement."""
     edges = catmull_clark(quads, len(symmetry)).edges
     index_of_edge = {tuple(edge): len(symmetry) + index for index, edge in enumerate(edges.tolist())}
 

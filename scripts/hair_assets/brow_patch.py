@@ -1,6 +1,6 @@
-"""Brows as a patch of the head's own skin, which follows every expression and can neither float nor sink.
+"""Makes brows as a patch of the head's skin, which follows every expression exactly.
 
-All twelve brows are painted in one system of texture coordinates over the patch: u along the brow, v down.
+All twelve brows have the same texture coordinates over the patch: u along the brow, v down.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from numpy import ndarray
 from scripts.hair_assets.proxies import BaseHead, Proxy
 from scripts.hair_assets.textures import as_bytes, baked, normalised
 
-# u is the angle about a vertical axis in the head, v the height: limits of the left brow on the unmodified head.
+# u is the angle about a vertical axis in the head, v the height. These are their limits for the left brow.
 AXIS_Z_MM = 20.0
 ANGLES_DEG = (-2.0, 60.0)
 HEIGHTS_MM = (24.0, 60.0)
 ROWS, COLUMNS = 144, 256
-# The patch reaches this far beyond where any brow has hair, so that they can be moved about.
+# Margin of the patch around the hair of all brows, so that they can be shifted.
 MARGIN_PX = 6
 FOREMOST_REGIONS = ("skin", "brows")
 
@@ -34,7 +34,7 @@ class BrowPatch:
 
 
 def build_brow_patch(base: BaseHead, brows: list[Proxy]) -> BrowPatch:
-    """Cuts the patch out of the head and bakes the brows onto it."""
+    """Cuts the patch out of the head and bakes the brows to its texture coordinates."""
     textures = np.stack([_bake(brow) for brow in brows])
     uv = brow_places(base.head)
     rows, columns = np.nonzero(textures[..., 1].max(axis=0) > 40)
@@ -48,7 +48,7 @@ def build_brow_patch(base: BaseHead, brows: list[Proxy]) -> BrowPatch:
 
 
 def brow_places(points: ndarray) -> ndarray:
-    """Texture coordinates of points near the left brow."""
+    """Returns texture coordinates of points near the left brow."""
     angle = np.degrees(np.arctan2(points[:, 0], points[:, 2] - AXIS_Z_MM))
     u = (angle - ANGLES_DEG[0]) / (ANGLES_DEG[1] - ANGLES_DEG[0])
     v = (HEIGHTS_MM[1] - points[:, 1]) / (HEIGHTS_MM[1] - HEIGHTS_MM[0])

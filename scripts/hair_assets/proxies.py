@@ -1,4 +1,4 @@
-"""Reads MakeHuman's proxies (hair, brows, lashes, hats) out of the npm package, in the frame of the built-in model."""
+"""Reads MakeHuman's proxies (hair, brows, lashes, hats) from the npm package, in the frame of the built-in model."""
 
 import json
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ from scripts.build_builtin_model import MM_PER_UNIT
 from scripts.builtin_model.wheel import AnnyWheel
 
 PROXIES = Path("public/data/proxies")
-# A quad with a material and a texture coordinate at each corner, in three.js' old JSON: the only kind in these files.
+# A quad with a material and texture coordinates in the old JSON format of three.js, the only kind in these files.
 QUAD_WITH_UV, NUMBERS_OF_QUAD = 11, 10
 
 
 @dataclass(frozen=True)
 class BaseHead:
-    """MakeHuman's unmodified head, where the built-in model's mean is, for binding."""
+    """MakeHuman's unmodified head, aligned with the built-in model's mean."""
 
     base: ndarray  # all vertices of the base mesh, including body and helpers, mm, the built-in model's frame
-    head: ndarray  # vertices of the built-in model's control mesh, refined once as on loading
+    head: ndarray  # vertices of the built-in model on this head, after one refinement
     triangles: ndarray  # triangles of the refined mesh
     regions: ndarray  # name of the region of each triangle
     turn: ndarray  # rotation that was applied to the base mesh (its rows times this matrix)
@@ -31,18 +31,18 @@ class BaseHead:
 
 @dataclass(frozen=True)
 class Proxy:
-    """A mesh around the unmodified head."""
+    """A mesh on the unmodified head."""
 
     name: str  # name of its folder
     points: ndarray  # welded vertices, mm, the built-in model's frame
     quads: ndarray  # indices into `points`
-    uv: ndarray  # texture coordinates, the origin at the top left
+    uv: ndarray  # texture coordinates, with the origin at the top left
     uv_quads: ndarray  # indices into `uv` for each corner of each quad
     texture: ndarray  # colour and alpha (h, w, 4), RGBA, 0 to 1
 
 
 def read_base_head(wheel: AnnyWheel, model_file: Path) -> BaseHead:
-    """Lays the base mesh over the built-in model's mean, by a rigid motion."""
+    """Aligns the base mesh rigidly with the built-in model's mean."""
     stored, _ = read_stored_model(model_file)
     assert stored.source_vertices is not None
     base = wheel.mesh.vertices * MM_PER_UNIT
@@ -65,14 +65,14 @@ def read_base_head(wheel: AnnyWheel, model_file: Path) -> BaseHead:
 def read_proxy(package: Path, folder: str, texture: str, base: BaseHead) -> Proxy:
     """Reads a proxy.
 
-    Its stored ``vertices`` are not used, since some proxies have them in another frame. Each vertex lies at an offset
-    from a weighted mean of three base vertices.
+    Each vertex is the sum of an offset and a weighted mean of three base vertices. The stored ``vertices`` are not
+    used, since those of some proxies are in another frame.
 
     Args:
         package: The unpacked npm package.
-        folder: Below ``proxies``, such as ``hair/short01``.
-        texture: File in its ``textures``.
-        base: The head that it is bound to.
+        folder: Folder in ``proxies``, such as ``hair/short01``.
+        texture: File in its folder ``textures``.
+        base: The head to which it is bound.
 
     Raises:
         SystemExit: A face is not a quad with texture coordinates.
@@ -96,7 +96,7 @@ def read_proxy(package: Path, folder: str, texture: str, base: BaseHead) -> Prox
 
 
 def read_texture(path: Path) -> ndarray:
-    """A picture as RGBA, 0 to 1."""
+    """Reads a picture as RGBA, 0 to 1."""
     picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if picture is None or picture.shape[2:] != (4,):
         raise SystemExit(f"{path}: expected a picture with alpha, found {None if picture is None else picture.shape}")

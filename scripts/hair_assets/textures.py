@@ -1,4 +1,4 @@
-"""Brings textures of hair into two channels, grey and alpha: colour comes later, from the person."""
+"""Converts textures of hair to grey and alpha, without their colour, which each person draws."""
 
 import io
 
@@ -9,15 +9,15 @@ from PIL import Image
 
 from scripts.hair_assets.proxies import Proxy
 
-# Mean grey of every texture where it is opaque, so that one colour looks alike on all of them.
+# Mean grey of the opaque part of every texture, so that a colour looks alike on all of them.
 MEAN_GREY = 0.5
-# Of the texture's own contrast (standard deviation over mean), at most: some have baked highlights.
+# Largest contrast (standard deviation over mean) of a texture. Some have baked highlights.
 MOST_CONTRAST = 0.42
 WEBP_QUALITY = 90
 
 
 def grey_and_alpha(proxy: Proxy, margin_px: int = 3) -> ndarray:
-    """Texture of a proxy as (h, w, 2) bytes: grey with one mean and bounded contrast, alpha 0 where no face uses it."""
+    """Returns the texture of a proxy as (h, w, 2) bytes: normalised grey, and alpha, 0 in parts that no quad uses."""
     alpha = proxy.texture[:, :, 3] * used_area(proxy, margin_px)
     grey = proxy.texture[:, :, :3].mean(axis=2)
     grey = _spread_beyond(grey, alpha)
@@ -25,10 +25,10 @@ def grey_and_alpha(proxy: Proxy, margin_px: int = 3) -> ndarray:
 
 
 def normalised(grey: ndarray, alpha: ndarray) -> ndarray:
-    """Grey with mean 0.5 over what is opaque; slow changes over the texture are kept in part only."""
+    """Returns grey with a mean of `MEAN_GREY` over the opaque part, and a contrast of at most `MOST_CONTRAST`."""
     total = max(alpha.sum(), 1e-6)
     mean = (grey * alpha).sum() / total
-    if mean < 1e-4:  # black as ink: nothing to see in it
+    if mean < 1e-4:  # completely black
         return np.full_like(grey, MEAN_GREY)
     relative = grey / mean - 1
     deviation = np.sqrt((relative**2 * alpha).sum() / total)
@@ -36,7 +36,7 @@ def normalised(grey: ndarray, alpha: ndarray) -> ndarray:
 
 
 def used_area(proxy: Proxy, margin_px: int) -> ndarray:
-    """Where faces use the texture, 0 or 1, with a margin for filtering. A watermark elsewhere is left out with it."""
+    """Returns a mask of the parts of a texture that quads use, with a margin. It excludes watermarks elsewhere."""
     height, width = proxy.texture.shape[:2]
     used = np.zeros((height, width), np.uint8)
     for corners in proxy.uv[proxy.uv_quads] * [width, height]:
@@ -46,12 +46,12 @@ def used_area(proxy: Proxy, margin_px: int) -> ndarray:
 
 
 def as_bytes(grey: ndarray, alpha: ndarray) -> ndarray:
-    """Two channels 0 to 1 as bytes."""
+    """Converts two channels from 0 to 1 to bytes."""
     return (np.clip(np.stack([grey, alpha], axis=2), 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def webp(picture: ndarray) -> bytes:
-    """A picture with one (grey), two (grey, alpha) or three channels as WebP."""
+    """Encodes a picture with one (grey), two (grey, alpha) or three channels as WebP."""
     channels = 1 if picture.ndim == 2 else picture.shape[2]
     if channels == 2:
         picture = np.dstack([picture[:, :, :1]] * 3 + [picture[:, :, 1]])
@@ -63,16 +63,16 @@ def webp(picture: ndarray) -> bytes:
 
 
 def baked(proxy: Proxy, places: ndarray, side: ndarray, shape: tuple[int, int]) -> ndarray:
-    """Brings a single-layered proxy's texture into other texture coordinates.
+    """Resamples the texture of a proxy to other texture coordinates. The proxy must not overlap itself.
 
     Args:
         proxy: The proxy.
-        places: (points, 2) new texture coordinates of its points, 0 to 1.
-        side: Which of its points count.
+        places: New texture coordinates of its points, (points, 2), 0 to 1.
+        side: Mask of the points to use.
         shape: Rows and columns of the result.
 
     Returns:
-        (rows, columns, 4) colour and alpha; transparent where the proxy is not.
+        Colour and alpha, (rows, columns, 4); transparent outside the proxy.
     """
     rows, columns = shape
     source = np.zeros((rows, columns, 2), np.float32)
@@ -82,7 +82,7 @@ def baked(proxy: Proxy, places: ndarray, side: ndarray, shape: tuple[int, int]) 
             for corners in ([0, 1, 2], [0, 2, 3]):
                 _fill(source, covered, places[quad[corners]] * [columns, rows], proxy.uv[uv_quad[corners]])
     size = np.array(proxy.texture.shape[1::-1])
-    # What is smaller than a pixel of the result is averaged before it is sampled.
+    # Blurred before sampling, to avoid aliasing.
     shrink = max(1.0, float(np.median(np.abs(np.diff(source[covered > 0], axis=0)[:, 0])) * size[0]))
     texture = cv2.GaussianBlur(_premultiplied(proxy.texture), (0, 0), 0.4 * shrink)
     at = source * size.astype(np.float32) - 0.5
@@ -93,7 +93,7 @@ def baked(proxy: Proxy, places: ndarray, side: ndarray, shape: tuple[int, int]) 
 
 
 def _fill(source: ndarray, covered: ndarray, corners: ndarray, values: ndarray) -> None:
-    """Interpolates values over the pixels whose centres a triangle holds."""
+    """Interpolates values over the pixels with centres in a triangle."""
     low = np.floor(corners.min(axis=0)).astype(int).clip(0)
     high = np.ceil(corners.max(axis=0)).astype(int) + 1
     high = np.minimum(high, covered.shape[::-1])
@@ -112,7 +112,7 @@ def _premultiplied(texture: ndarray) -> ndarray:
 
 
 def _spread_beyond(grey: ndarray, alpha: ndarray) -> ndarray:
-    """Lets colour run on under what is transparent, so that smaller versions of the texture get no dark seams."""
+    """Continues colours into transparent parts, so that mipmaps have no dark seams."""
     total, weight = np.zeros_like(grey), np.zeros_like(grey)
     for sigma in (1.5, 6.0, 24.0, 96.0):
         weight_here = cv2.GaussianBlur(alpha, (0, 0), sigma) + 1e-9

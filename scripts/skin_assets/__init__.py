@@ -1,1 +1,1 @@
-"""How the textures of the skin are packed and drawn."""
+"""Makes the textures of the skin, for ``scripts/build_skin_assets.py``."""

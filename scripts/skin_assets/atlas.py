@@ -1,4 +1,4 @@
-"""Cuts the head out of the skins and divides each by its own mean colour."""
+"""Cuts the head out of the skin textures and divides each by its mean colour."""
 
 import json
 from pathlib import Path
@@ -13,18 +13,18 @@ from datagen.appearance.skin.skin_textures import ATLAS_PX, ATLAS_UV, LARGEST_RA
 from pix2face.models.morphable_model import MorphableModel
 from scripts.skin_assets.places import places
 
-# Soft light and shadow are painted into the skins; real ones come from the renderer. Half of what is wider goes, and
-# beside the face, where some have painted hair, all.
+# The skins have painted light and shadow, which the renderer adds itself. In the face, half of the variation at larger
+# scales is removed; beside it, where some skins have painted hair, all of it.
 SHADING_PX, SHADING_KEPT = 14.0, 0.5
 HAIR_PX = 4.0
 OUTSIDE_REGIONS = ("skin", "brows", "lips", "ears", "scalp", "neck")
 
 
 def pack_skins(folder: Path, model: MorphableModel) -> UInt8[ndarray, "n h w 3"]:
-    """All skins, in the order of ``SKINS``.
+    """Packs all skins, in the order of ``SKINS``.
 
     Raises:
-        SystemExit: A picture is missing or not of the size that the layout is for.
+        SystemExit: A picture is missing or has another size than expected.
     """
     head, face = (_raster(model, regions) for regions in (OUTSIDE_REGIONS, ("skin",)))
     place = places(model, ("skin", "brows", "lips"), ATLAS_UV, ATLAS_PX)
@@ -35,7 +35,7 @@ def pack_skins(folder: Path, model: MorphableModel) -> UInt8[ndarray, "n h w 3"]
 
 
 def _read(folder: Path) -> Float64[ndarray, "h w 3"]:
-    """The head's part of one skin, linear RGB."""
+    """Reads the head of one skin, in linear RGB."""
     material = json.loads((folder / f"{folder.name}.json").read_text(encoding="utf-8"))
     path = folder / material["mapDiffuse"]
     picture = cv2.imread(str(path))
@@ -64,7 +64,7 @@ def _pack(
 
 
 def _raster(model: MorphableModel, regions: tuple[str, ...]) -> Bool[ndarray, "h w"]:
-    """Which texels of the atlas belong to some regions of the model."""
+    """Returns a mask of the texels of some regions of the model."""
     wanted = model.triangles_of(*regions)
     assert model.uv is not None
     assert model.uv_triangles is not None

@@ -1,4 +1,4 @@
-"""Draws the face's wrinkles and brows on the mean face, and lays them out by its texture coordinates."""
+"""Draws wrinkles and brows of the mean face to a texture."""
 
 from itertools import pairwise
 
@@ -10,8 +10,8 @@ from datagen.appearance.skin.skin_textures import DETAILS_PX, DETAILS_UV, LARGES
 from pix2face.models.morphable_model import MorphableModel
 from scripts.skin_assets.places import places
 
-# Lines on the mean face, seen from the front: width in mm, depth, then points (x, y) in mm of the subject's left side
-# (mirrored for the right). Which expression deepens a line follows from where it lies: see `wrinkles` in skin.glsl.
+# Lines on the mean face from the front: width in mm, depth, and points (x, y) in mm on the subject's left side
+# (mirrored for the right). The place of a line determines which expressions deepen it: see `wrinkles` in skin.glsl.
 FOREHEAD = [
     (1.3, 0.8, [(0, 62), (14, 64), (28, 67), (44, 66)]),
     (1.4, 1.0, [(0, 69), (12, 70), (30, 73), (48, 71)]),
@@ -49,7 +49,7 @@ N_HAIRS = 420
 
 
 def draw_details(rng: np.random.Generator, model: MorphableModel) -> UInt8[ndarray, "1 h w 4"]:
-    """Wrinkles (gradient of the depth along x and y, depth) and the strands of brows."""
+    """Draws wrinkles (gradient of the depth along x and y, depth) and the strands of brows."""
     place = places(model, ("skin", "brows", "lips"), DETAILS_UV, DETAILS_PX)
     x, y = place[..., 0], place[..., 1]
     front = np.clip(place[..., 2] / 20, 0, 1)
@@ -65,7 +65,7 @@ def draw_details(rng: np.random.Generator, model: MorphableModel) -> UInt8[ndarr
 
 
 def _bent(x: ndarray, y: ndarray, bend: Float64[ndarray, "2 6"]) -> tuple[ndarray, ndarray]:
-    """Faces are not symmetric, and no line is smooth."""
+    """Displaces places by waves, since faces are not symmetric and lines are not smooth."""
     waves = [np.sin(x / (11 - k) + 0.21 * k * y / (5 + k) + 2.4 * k) for k in range(6)]
     return x + sum(b * w for b, w in zip(bend[0], waves, strict=True)), y + 2 * sum(
         b * w for b, w in zip(bend[1], waves, strict=True)
@@ -82,7 +82,7 @@ def _depth(lines: list[tuple[float, float, list[tuple[float, float]]]], x: ndarr
 
 
 def _distance(points: Float64[ndarray, "n 2"], x: ndarray, y: ndarray) -> tuple[ndarray, ndarray]:
-    """Distance from a polyline, and how far along it (0..1) its nearest point is."""
+    """Returns the distance from a polyline, and the position (0..1) of the nearest point along it."""
     best, along = np.full_like(x, np.inf), np.zeros_like(x)
     for k, (a, b) in enumerate(pairwise(points)):
         t = np.clip(((x - a[0]) * (b[0] - a[0]) + (y - a[1]) * (b[1] - a[1])) / ((b - a) ** 2).sum(), 0, 1)
@@ -93,7 +93,7 @@ def _distance(points: Float64[ndarray, "n 2"], x: ndarray, y: ndarray) -> tuple[
 
 
 def _brows(rng: np.random.Generator, x: ndarray, y: ndarray) -> Float64[ndarray, "h w"]:
-    """Short strands along both brows, steeper and sparser at the inner end."""
+    """Draws short strands along both brows, steeper and sparser at the inner end."""
     arc = np.array(BROW)
     knots = np.linspace(0, 1, len(arc))
     out = np.zeros_like(x)

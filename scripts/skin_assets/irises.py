@@ -1,4 +1,4 @@
-"""Cuts the irises out of the eye textures: their fibres only, since colour belongs to the person."""
+"""Cuts the fibres of irises out of eye textures, without their colour, which each person draws."""
 
 from pathlib import Path
 
@@ -9,15 +9,15 @@ from numpy import ndarray
 
 from datagen.appearance.skin.skin_textures import IRIS_PX, IRISES, LARGEST_RATIO
 
-# Of the upper of the two irises in the 512-pixel textures: centre (column, row) and radius in pixels.
+# Centre (column, row) and radius in pixels of the upper of the two irises in the 512-pixel textures.
 CENTRE_PX, RADIUS_PX = (360.9, 152.4), 58.5
-PUPIL = 0.36  # of the radius; within it the textures are black
+PUPIL = 0.36  # radius of the pupil, which is black in the textures, relative to that of the iris
 
 
 def pack_irises(folder: Path) -> UInt8[ndarray, "n h w 1"]:
-    """How light each place of each iris is beside its mean, coded as in skins; in the order of ``IRISES``.
+    """Returns the brightness of each iris relative to its mean, encoded as skins are, in the order of ``IRISES``.
 
-    The circle that touches the square is the edge of the iris.
+    The edge of the iris is the circle inscribed in the square.
 
     Raises:
         SystemExit: A texture is missing.
@@ -35,7 +35,7 @@ def _cut(path: Path) -> UInt8[ndarray, "h w 1"]:
     light = (cv2.remap(picture, column, row, cv2.INTER_LINEAR) / 255.0).max(axis=2) ** 2.2
     radius = np.hypot(x, y)
     ring = (radius > PUPIL) & (radius < 0.9)
-    # Towards pupil and rim the ring goes on as it is: the shader darkens both.
+    # The ring is continued to pupil and rim, which the shader darkens.
     filled = cv2.inpaint(_coded(light / light[ring].mean()), np.uint8(~ring), 3, cv2.INPAINT_TELEA)
     return np.asarray(filled[..., None], dtype=np.uint8)
 

@@ -1,4 +1,4 @@
-"""Draws tileable noise: spots, stubble and pores that 512-pixel skins are too coarse for."""
+"""Draws tileable noise for spots, stubble and pores, for which 512-pixel skins are too coarse."""
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -6,15 +6,16 @@ from numpy import ndarray
 
 from datagen.appearance.skin.skin_textures import NOISE_PX
 
-# How many spots and hairs a tile has. The first layer is drawn 96 mm wide, the second 20 mm.
+# Numbers of freckles, hairs and pores in a tile. The shader shows the first layer 96 mm wide, the second 20 mm.
 N_FRECKLES, N_HAIRS, N_PORES = 1100, 5200, 420
 
 
 def draw_noise(rng: np.random.Generator) -> UInt8[ndarray, "2 h w 4"]:
-    """The layers.
+    """Draws two layers.
 
-    0: blotches some tenths of the tile wide; freckles, each with its own strength; finer blotches; ends of hairs.
-    1: gradient of pores and fine creases along u and v; their height; unevenness of the colour.
+    Channels of layer 0 are blotches some tenths of the tile wide, freckles of different strengths, finer blotches, and
+    stubble. Those of layer 1 are the gradient of pores and fine creases along u and v, their height, and variation of
+    the colour.
     """
     wide, fine = _fractal(rng, 3.0), _fractal(rng, 14.0)
     freckles = _dots(rng, N_FRECKLES, (1.1, 2.6)) + _dots(rng, N_FRECKLES // 6, (2.5, 4.2))
@@ -28,12 +29,12 @@ def draw_noise(rng: np.random.Generator) -> UInt8[ndarray, "2 h w 4"]:
 
 
 def _bytes(values: Float64[ndarray, "h w"], scale: float) -> Float64[ndarray, "h w"]:
-    """0..1 with 0.5 in the middle, one standard deviation ``scale``."""
+    """Scales values to a mean of 0.5 and a standard deviation of ``scale``, clipped to 0..1."""
     return np.asarray(np.clip(0.5 + scale * (values - values.mean()) / values.std(), 0, 1))
 
 
 def _fractal(rng: np.random.Generator, waves: float) -> Float64[ndarray, "h w"]:
-    """Periodic noise with most of its power at ``waves`` waves a tile, falling off on both sides."""
+    """Draws periodic noise with its largest power at ``waves`` waves per tile."""
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(NOISE_PX, 1 / NOISE_PX), np.fft.fftfreq(NOISE_PX, 1 / NOISE_PX)))
     ratio = np.maximum(frequency, 1e-6) / waves
     spectrum = np.fft.fft2(rng.normal(size=(NOISE_PX, NOISE_PX))) * np.where(ratio < 1, ratio**2, ratio**-1.5)
@@ -42,7 +43,7 @@ def _fractal(rng: np.random.Generator, waves: float) -> Float64[ndarray, "h w"]:
 
 
 def _dots(rng: np.random.Generator, count: int, radius_px: tuple[float, float]) -> Float64[ndarray, "h w"]:
-    """Soft round dots of random strengths, across the tile's borders."""
+    """Draws soft dots of random strengths, periodic across the borders of the tile."""
     out = np.zeros((NOISE_PX, NOISE_PX))
     reach = int(3 * radius_px[1]) + 1
     offsets = np.arange(-reach, reach + 1)

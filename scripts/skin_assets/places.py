@@ -1,4 +1,4 @@
-"""The place on the mean face of each texel of a texture."""
+"""Computes the place on the mean face of each texel of a texture."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -16,13 +16,13 @@ def places(
     uv_box: tuple[float, float, float, float],
     size_px: tuple[int, int],
 ) -> Float64[ndarray, "h w 3"]:
-    """Places in mm, rows from the top (largest v); ``NOWHERE`` far from the regions.
+    """Returns places in mm, rows from the top (largest v); ``NOWHERE`` outside the regions.
 
     Args:
-        model: Mean, regions and texture coordinates.
-        regions: Regions of the texture; their texture coordinates must not overlap.
-        uv_box: Part of the texture coordinates that the texture shows: u from, u to, v from, v to.
-        size_px: Height and width.
+        model: Model with texture coordinates.
+        regions: Regions of the texture, whose texture coordinates must not overlap.
+        uv_box: Range of texture coordinates that the texture shows: smallest and largest u, then v.
+        size_px: Height and width of the texture.
     """
     assert model.uv is not None
     assert model.uv_triangles is not None
