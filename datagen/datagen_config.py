@@ -156,7 +156,7 @@ class DoctorConfig:
 
 @dataclass(frozen=True)
 class ModelImportConfig:
-    """Convert a published model to the project's own file and frame. The files' content tells which model it is.
+    """Convert a published model to the project's own file and frame. The model is recognised by its files' content.
 
     Attributes:
         path: BFM 2009: folder with Model_Shape.mat and Model_Expression.mat (as 300W-LP needs it), or
@@ -332,8 +332,8 @@ class StatsConfig:
 
     Attributes:
         shards: Folder of shards.
-        everything: Print all tables, with every range and value. Without this option, what matters most is printed, on
-            two screens. The page always has all tables.
+        everything: Print all tables, with every range and value. Without this option, only the most important ones are
+            printed, on two screens. The page always has all tables.
         out: Also write the statistics as a page (.html) or a picture (.png).
         json: Print everything as JSON instead of tables.
         where: Count only samples that fulfil this condition, such as "abs(yaw_deg) < 60", written as for `train`.
@@ -351,8 +351,8 @@ class StatsConfig:
 class CardConfig:
     """Write a card into a folder of shards: its content and sources, what may not be passed on, and how to read it.
 
-    The file croissant.json says the same to programs (Croissant 1.1). `datagen render` also writes both files when it
-    is done.
+    The file croissant.json has the same content for programs (Croissant 1.1). `datagen render` also writes both files
+    when it is done.
 
     Attributes:
         shards: Folder of shards.

@@ -73,22 +73,19 @@ class Invocation:
         Raises:
             UsageError: The command needs PyTorch, which is not installed.
         """
+        function = self.command.function
         try:
-            return self._run()
+            if isinstance(function, str):
+                module, _, name = function.partition(":")
+                function = getattr(importlib.import_module(module), name)
+            # Fits solve systems of some hundred unknowns. BLAS threads do not speed them up, and beside another job
+            # they make them up to a hundred times slower. Networks have threads of their own.
+            with threadpool_limits(1, user_api="blas"):  # limits only libraries that are already loaded
+                return function(self.options)
         except ModuleNotFoundError as error:
             if error.name != "torch":
                 raise
             raise UsageError("expected PyTorch, which training needs; run: pip install 'pix2face[train]'") from error
-
-    def _run(self) -> int:
-        function = self.command.function
-        if isinstance(function, str):
-            module, _, name = function.partition(":")
-            function = getattr(importlib.import_module(module), name)
-        # Fits solve systems of some hundred unknowns. BLAS threads do not speed them up, and beside another job they
-        # make them up to a hundred times slower. Networks have threads of their own.
-        with threadpool_limits(1, user_api="blas"):  # limits only libraries that are already loaded
-            return function(self.options)
 
 
 def run_commands(

@@ -28,7 +28,7 @@ class PhotographConfig:
     bad_screen: FromZero = 0.25  # Weight of photographs of a screen.
     bad_interlace: FromZero = 0.25  # Weight of television frames whose lines come from two moments.
     bad_posterised: FromZero = 0.2  # Weight of pictures with few colours.
-    bad_glare: FromZero = 0.6  # Weight of pictures with light that falls into the lens.
+    bad_glare: FromZero = 0.6  # Weight of pictures with glare, from light that falls into the lens.
     # Share of cameras that expose for the face; the others expose for the whole picture.
     face_metering_share: Share = 0.6
     # Smallest and largest strength of the metering: 0 leaves the light as it is, 1 makes all pictures equally bright.

@@ -28,7 +28,7 @@ DEEPEST_FOLD = 1.4
 
 
 def skin_uniforms(skin: Skin, head: PosedHead) -> dict[str, UniformValue]:
-    """Returns the uniforms of `skin.glsl`. Those of hair are placeholders, which the uniforms of hair replace."""
+    """Returns the uniforms of `skin.glsl`. `SceneMaker` replaces some of those of hair by the hair that was drawn."""
     active = head.named_expressions
     folds = np.array([_folds(skin, active, side) for side in ("Left", "Right")])
     return {

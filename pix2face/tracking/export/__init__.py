@@ -1,1 +1,1 @@
-"""A tracked face for other programs: glTF, USD and blendshape weights."""
+"""Exports tracked faces to other programs: as glTF, USD and blendshape weights."""

@@ -1,7 +1,7 @@
-"""Weights of named expressions: the mixture of blendshapes, such as ARKit's, that comes nearest to a fitted expression.
+"""Fits the weights of blendshapes, such as ARKit's, to an expression.
 
-The built-in model has ARKit's 52 expressions in 44 components, so a mixture is not determined by its coefficients
-alone; it is as far as weights are from 0 to 1 and most of them are 0.
+The built-in model has ARKit's 52 expressions in 44 components, so the coefficients alone do not determine the weights.
+Weights must therefore be from 0 to 1, and a penalty makes most of them 0.
 """
 
 from typing import Final, final
@@ -14,11 +14,11 @@ from scipy.optimize import lsq_linear
 from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel
 
-# Weights are drawn to a value below 0, so that of mixtures that are about equally near, one of few shapes wins.
+# The penalty draws weights to a negative value, which prefers mixtures of few shapes among similar ones.
 PENALTY, DRAWN_TO = 2.0, -0.25
 LEFT, RIGHT = "Left", "Right"
 
-# ARFaceAnchor.BlendShapeLocation, in the order in which the app Live Link Face lists them.
+# Names of ARFaceAnchor.BlendShapeLocation, in the order of the app Live Link Face.
 ARKIT_NAMES: Final = (
     *(
         name + side
@@ -37,11 +37,11 @@ ARKIT_NAMES: Final = (
 
 @final
 class BlendshapeSolver:
-    """Finds weights of named expressions.
+    """Fits weights of named expressions.
 
     Args:
-        model: A model that has these expressions.
-        names: The expressions.
+        model: Model with these expressions.
+        names: Names of the expressions.
 
     Raises:
         UsageError: The model lacks an expression.
@@ -59,9 +59,9 @@ class BlendshapeSolver:
         self._system = np.vstack([shapes, np.sqrt(PENALTY) * np.eye(len(names))])
 
     def weights(self, expression: Float[ndarray, " e"]) -> Float64[ndarray, " n"]:
-        """The weights w, from 0 to 1, whose mixture S w is near to an expression e, both in standard deviations.
+        """Returns the weights w, from 0 to 1, that minimise |S w - e|^2 + PENALTY |w - DRAWN_TO|^2.
 
-        Minimises |S w - e|^2 + PENALTY |w - DRAWN_TO|^2.
+        The expression e and the named expressions S are in standard deviations.
         """
         right = np.concatenate([expression, np.full(len(self.names), np.sqrt(PENALTY) * DRAWN_TO)])
         return np.asarray(lsq_linear(self._system, right, bounds=(0, 1), method="bvls").x)

@@ -1,9 +1,9 @@
-"""A tracked face as one ``.glb``: a mesh with morph targets, and their weights in each frame.
+"""Writes a tracked face as ``.glb``: a mesh with morph targets, and their weights in each frame.
 
 There is a morph target for each component of the expression. The mesh of a frame is exactly that of its fit, because
-the model is linear. Weights are from 0 to 1, since Blender 5.0 cuts off others: a target is the range that its
-component takes in the clip, 0 included, and the mesh itself has the smallest value of each component. Extras of the
-mesh say which weights make the neutral face, and how many standard deviations a weight of 1 is.
+the model is linear. Blender 5.0 clips weights to 0..1. A target is therefore the range of its component in the clip,
+including 0, and the mesh has the smallest value of each component. Extras of the mesh have the weights of the neutral
+face, and the number of standard deviations of a weight of 1.
 
 Source: glTF 2.0 specification.
 """
@@ -25,11 +25,11 @@ from pix2face.tracking.export.clip_scene import ClipScene, HeadMotion
 
 
 def write_clip_glb(path: Path, scene: ClipScene) -> None:
-    """Writes a scene, at least one frame of which shows the face."""
+    """Writes a scene in which at least one frame shows the face."""
     content, motion, morph = GlbContent(), scene.motion(), _Morph.of(scene.expressions)
     head = {"name": "head", "mesh": 0}
     camera: dict[str, Any] = {"name": "video", "camera": 0}
-    # A camera's focal length cannot vary, so depths do: a node between camera and head has the ratio of focal lengths.
+    # The focal length cannot be animated, so depths are: a node between camera and head has the ratio of focal lengths.
     nodes = [camera, head] if motion.focal_px is None else [camera, head, {"name": "lens", "children": [1]}]
     tree = {
         "asset": {"version": "2.0", "generator": "pix2face", "extras": {"model": scene.model.name}},
@@ -45,7 +45,7 @@ def write_clip_glb(path: Path, scene: ClipScene) -> None:
 
 
 def target_names(model: MorphableModel) -> list[str]:
-    """What the morph targets are called: after named expressions that are one component, otherwise by their number."""
+    """Returns the names of the morph targets: named expressions of a single component, or else numbers."""
     names = [f"expression{index:02d}" for index in range(model.n_expression)]
     for name, coefficients in model.named_expressions.items():
         (used,) = np.nonzero(coefficients)
@@ -69,7 +69,7 @@ def _mesh(scene: ClipScene, morph: "_Morph", content: GlbContent) -> dict[str, A
     targets = [range_ * own * M_PER_MM for range_, own in zip(morph.ranges, model.expression_basis, strict=True)]
     primitive["targets"] = [{"POSITION": content.add(own, "VEC3", VERTEX_DATA)} for own in targets]
     extras = {
-        "targetNames": target_names(model),  # where Blender and three.js look for them
+        "targetNames": target_names(model),  # read by Blender and three.js
         "neutralWeights": (-morph.least / morph.ranges).tolist(),
         "deviationsPerWeight": morph.ranges.tolist(),
     }
@@ -79,11 +79,11 @@ def _mesh(scene: ClipScene, morph: "_Morph", content: GlbContent) -> dict[str, A
 @final
 @dataclass(frozen=True, eq=False)
 class _Morph:
-    """The range of each component of the expression, in standard deviations, and the weights of the frames in it."""
+    """The range of each component of the expression, and the weights of the frames."""
 
-    least: Float64[ndarray, " e"]
-    ranges: Float64[ndarray, " e"]
-    weights: Float32[ndarray, "n e"]
+    least: Float64[ndarray, " e"]  # smallest value, standard deviations
+    ranges: Float64[ndarray, " e"]  # largest minus smallest value
+    weights: Float32[ndarray, "n e"]  # 0 at the smallest value, 1 at the largest
 
     @classmethod
     def of(cls, expressions: Float32[ndarray, "n e"]) -> "_Morph":
@@ -94,7 +94,7 @@ class _Morph:
 
 
 def _animation(scene: ClipScene, motion: HeadMotion, morph: _Morph, content: GlbContent) -> dict[str, Any]:
-    """Channels for weights and place of the head. A head that is not in a frame has no size there."""
+    """Returns the channels of weights and head motion. The scale is 0 in frames without the face."""
     times = content.add(np.array(scene.times_s), "SCALAR")
     sizes = np.where(scene.is_there, motion.scales, 0.0)
     outputs: list[tuple[int, str, int]] = [

@@ -1,10 +1,10 @@
-"""A tracked face as a scene: a camera that stands still, a head that moves, and its expression in each frame.
+"""A tracked face as a scene with a fixed camera, a moving head, and its expression in each frame.
 
-The scene is in metres: x right, y up, z towards the viewer. The camera stands at the origin and looks along -z, as in
-glTF and USD, so a head that looks at the camera is not turned.
+The scene is in metres: x right, y up, z towards the viewer. The camera is at the origin and looks along -z, as in glTF
+and USD, so a head that looks at the camera is not rotated.
 
-A camera without perspective cannot tell distance from size. The head is then 1 m away, and its size varies with the
-scale of the fit; it is life-size where the scale is the median of the clip.
+Without perspective, distance and size are ambiguous. The head is then 1 m away, and its size is proportional to the
+scale of the fit. It is life-size at the median scale of the clip.
 """
 
 from dataclasses import dataclass, field
@@ -24,17 +24,17 @@ from pix2face.models.morphable_model import MorphableModel
 @final
 @dataclass(frozen=True, eq=False)
 class HeadMotion:
-    """Where the head is in each frame, and the lens of the camera."""
+    """The pose of the head in each frame, and the lens of the camera."""
 
     rotations: Float64[ndarray, "n 3 3"]  # scene from model
     translations_m: Float64[ndarray, "n 3"]
     scales: Float64[ndarray, " n"]  # of the head; 1 with perspective
-    width_m: float | None = None  # what the picture shows from side to side, without perspective; None with it
-    focal_px: Float64[ndarray, " n"] | None = None  # with perspective
+    width_m: float | None = None  # width of the picture in the scene; None with perspective
+    focal_px: Float64[ndarray, " n"] | None = None  # None without perspective
 
     @property
     def quaternions(self) -> Float64[ndarray, "n 4"]:
-        """The rotations as (x, y, z, w), each next to the one before, so that every program turns the short way."""
+        """The rotations as (x, y, z, w), with signs that make interpolation between frames take the short way."""
         quaternions = Rotation.from_matrix(self.rotations).as_quat()
         turns = np.einsum("ni,ni->n", quaternions[1:], quaternions[:-1])
         quaternions[1:] *= np.cumprod(np.where(turns < 0, -1.0, 1.0))[:, None]
@@ -44,13 +44,13 @@ class HeadMotion:
 @final
 @dataclass(eq=False)
 class ClipScene:
-    """The frames of one face of a clip. Keeps less than a kilobyte a frame.
+    """The frames of one face of a clip, at less than a kilobyte per frame.
 
     Attributes:
         model: The morphable model.
-        identity: Of the face, standard deviations.
+        identity: Identity coefficients in standard deviations.
         size_px: Height and width of the frames.
-        fps: Frames a second, the mean.
+        fps: Mean number of frames per second.
     """
 
     model: MorphableModel
@@ -64,7 +64,7 @@ class ClipScene:
     _expressions: list[Float32[ndarray, " e"]] = field(default_factory=list)
 
     def add(self, frame: int, time_s: float, fit: FaceFit | None) -> None:
-        """Appends a frame; None if it does not show the face."""
+        """Appends a frame; ``fit`` is None if it does not show the face."""
         self.frames.append(frame)
         self.times_s.append(time_s)
         self.is_there.append(fit is not None)
@@ -79,18 +79,18 @@ class ClipScene:
 
     @property
     def expressions(self) -> Float32[ndarray, "n e"]:
-        """The expression of each frame in standard deviations; that of the frame before where there is no face."""
+        """The expression of each frame in standard deviations; frames without the face have that of the one before."""
         return np.array(self._expressions)[self._shown]
 
     def neutral_vertices(self) -> Float32[ndarray, "v 3"]:
-        """The face without an expression: mm, model frame."""
+        """Returns the vertices of the neutral face in mm, model frame."""
         return self.model.vertices(self.identity[None], np.zeros((1, self.model.n_expression)))[0]
 
     def motion(self) -> HeadMotion:
-        """The head's motion before the camera that stands still. It rests in frames without the face.
+        """Returns the motion of the head relative to the fixed camera. It does not move in frames without the face.
 
-        A camera whose axis does not meet the middle of the picture is turned into one whose axis does: the head is
-        shifted so that its origin is seen at the same place.
+        The principal point is moved to the middle of the picture, and the head is shifted so that its origin is seen at
+        the same place.
         """
         if all(camera.is_affine for camera in self._cameras):
             return self._without_perspective()
@@ -127,7 +127,7 @@ class ClipScene:
 
     @property
     def _shown(self) -> Int64[ndarray, " n"]:
-        """For each frame the place, among those with a face, of itself or the last one before; at first, the first."""
+        """Index, among the frames with a face, of the last one up to each frame; that of the first before it."""
         return np.maximum(np.cumsum(self.is_there) - 1, 0)
 
     @property

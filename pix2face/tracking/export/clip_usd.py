@@ -1,6 +1,6 @@
-"""A tracked face as USD: a mesh with the points of each frame, a head that moves, and the camera.
+"""Writes a tracked face as USD: a mesh with the points of each frame, a moving head, and the camera.
 
-A time code is the number of a frame, so the scene can be laid over the clip. Points are in the frame of the head.
+Time codes are frame numbers, so that the scene can be composited with the clip. Points are in the frame of the head.
 """
 
 from pathlib import Path
@@ -21,18 +21,18 @@ from pix2face.photographs.usd_files import (
 )
 from pix2face.tracking.export.clip_scene import ClipScene, HeadMotion
 
-# The points of so many frames are in memory before they go to the file.
+# Number of frames whose points are kept in memory before they are written.
 FRAMES_AT_A_TIME = 64
 
 
 def write_clip_usd(path: Path, scene: ClipScene) -> None:
-    """Writes a scene, at least one frame of which shows the face, as ``.usdc``.
+    """Writes a scene, in which at least one frame shows the face, as ``.usdc``.
 
     Raises:
         UsageError: usd-core is not installed.
     """
     with written_in_one_step(path) as unfinished:
-        own = unfinished.with_suffix(".part.usdc")  # the format is known by the ending
+        own = unfinished.with_suffix(".part.usdc")  # with the suffix from which USD takes the format
         try:
             _write_stage(own, scene)
             own.replace(unfinished)

@@ -1,8 +1,8 @@
-"""Blendshape weights of a tracked face in the CSV form of the app Live Link Face, which programs read for avatars.
+"""Writes the blendshape weights of a tracked face in the CSV format of the app Live Link Face.
 
 Rotations are in radians about the axes of the model frame, which are those of ARKit's face anchor: pitch about x
 (positive looks down), yaw about y (positive turns to the subject's left), roll about z (positive tilts the crown to the
-subject's right), applied as roll, yaw, pitch. Those of the eyes are relative to the head.
+subject's right), applied as roll, yaw, pitch. Rotations of the eyes are relative to the head.
 """
 
 import csv
@@ -29,12 +29,12 @@ EYE_REGIONS: Final = ("eyes", "iris", "pupil")
 
 @final
 class LiveLinkFile:
-    """The rows of a file, written frame by frame.
+    """Writes a file frame by frame.
 
     Args:
-        file: Open for writing text.
-        model: A model with ARKit's expressions.
-        fps: Frames a second; time codes count frames of its nearest whole number.
+        file: File open for writing text.
+        model: Model with ARKit's expressions.
+        fps: Frames per second, rounded to an integer for time codes.
 
     Raises:
         UsageError: The model lacks an expression.
@@ -63,7 +63,7 @@ class LiveLinkFile:
 
 @final
 class _Eye:
-    """The eyeball of one side: how an expression turns it."""
+    """The eyeball of one side, which expressions rotate."""
 
     def __init__(self, model: MorphableModel, side: str) -> None:
         vertices = model.vertices_of(*EYE_REGIONS)
@@ -81,6 +81,6 @@ class _Eye:
 
 
 def _time_code(frame: int, rate: int) -> str:
-    """Hours, minutes, seconds and frames; the part after the point is that of a frame."""
+    """Returns hours, minutes, seconds and frames; the part after the point is the fraction of a frame."""
     seconds, rest = divmod(frame, rate)
     return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}:{rest:02d}.000"
