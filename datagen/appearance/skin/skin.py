@@ -14,7 +14,7 @@ from datagen.appearance.skin.skin_config import SkinConfig
 from datagen.appearance.skin.skin_textures import AGES, SKINS
 from datagen.random_streams import rounded, triple
 
-MIDDLE_MELANIN = 0.43  # the middle of all people
+MIDDLE_MELANIN = 0.43  # centre of the distribution over all people
 # Melanin beyond these values is compressed, so that it is not clipped at the ends of the scale.
 RARE_BELOW, RARE_ABOVE = 0.15, 0.78
 

@@ -59,7 +59,7 @@ class BlendshapeSolver:
         self._system = np.vstack([shapes, np.sqrt(PENALTY) * np.eye(len(names))])
 
     def weights(self, expression: Float[ndarray, " e"]) -> Float64[ndarray, " n"]:
-        """Returns the weights w, from 0 to 1, that minimise |S w - e|^2 + PENALTY |w - DRAWN_TO|^2.
+        """Returns the weights w, from 0 to 1, that minimise `|S w - e|^2 + PENALTY |w - DRAWN_TO|^2`.
 
         The expression e and the named expressions S are in standard deviations.
         """
