@@ -60,7 +60,7 @@ class Stage:
 
 
 def _varied(name: str, n_samples: int, pictures: Pictures, *options: object, validation: float = 0.01) -> Stage:
-    """A training with varied crops of one set of pictures."""
+    """Makes a training with varied crops of one set of pictures."""
     return Stage(name, n_samples, options, ((pictures, 1.0),), (), validation, ("--config", VARIED_CROPS))
 
 

@@ -173,7 +173,7 @@ def open_smoother(kind: str, fps: float) -> Smoother:
 
 
 def _mean3_weights(before: int, after: int) -> Float64[ndarray, " w"]:
-    """A third each. The first and last frames stay as they are, since a mean of two frames would shift them."""
+    """Returns a third for each frame. The first and last are not smoothed, since a mean of two would shift them."""
     if before and after:
         return np.full(3, 1 / 3)
     weights = np.zeros(before + 1 + after)
@@ -183,7 +183,7 @@ def _mean3_weights(before: int, after: int) -> Float64[ndarray, " w"]:
 
 @cache
 def _spline_weights(before: int, after: int) -> Float64[ndarray, " w"]:
-    """The row of (I + lambda D'D)^-1 for the frame, where D is the matrix of second differences over the window.
+    """Returns the row of (I + lambda D'D)^-1 for the frame, where D is the matrix of second differences of the window.
 
     Source: Reinsch 1967, Smoothing by Spline Functions, in its discrete form (Whittaker 1922).
     """
@@ -194,5 +194,5 @@ def _spline_weights(before: int, after: int) -> Float64[ndarray, " w"]:
 
 
 def _low_pass_gain(cutoff_hz: Float64[ndarray, "*n"], seconds: float) -> Float64[ndarray, "*n"]:
-    """Weight of the new value in a low-pass: 1 / (1 + tau / T), where tau = 1 / (2 pi cutoff)."""
+    """Returns the weight of the new value in a low-pass: 1 / (1 + tau / T), where tau = 1 / (2 pi cutoff)."""
     return np.asarray(1 / (1 + 1 / (2 * np.pi * cutoff_hz * seconds)), dtype=np.float64)

@@ -157,7 +157,7 @@ class OverlayVideo:
 
 
 def _n_frames(video: Path) -> int:
-    """Number of frames in a video's header, which is written last; 0 if there is none."""
+    """Returns the number of frames in a video's header, which is written last; 0 if there is none."""
     capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
     try:
         return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
@@ -189,7 +189,7 @@ def _of_pictures(path: Path, pictures: Sequence[Path]) -> FrameSource:
 
 
 def by_number(path: Path) -> list[tuple[int, str]]:
-    """A sort key that orders the numbers in file names by value: frame2 before frame10."""
+    """Returns a sort key that orders numbers in file names by value: frame2 before frame10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 

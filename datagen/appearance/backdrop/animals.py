@@ -99,7 +99,7 @@ def _ellipse(
 
 
 def _shaggy(rng: np.random.Generator, size_px: int, reach: float) -> Float32[ndarray, "s s"]:
-    """Strands: noise, drawn out downward or aside, as bright as 1 on average."""
+    """Draws strands of fur: noise stretched downward or sideways, with a mean of about 1."""
     noise = rng.standard_normal((size_px, size_px), dtype=np.float32)
     length, thickness = max(reach * rng.uniform(0.05, 0.2), 1), max(reach * rng.uniform(0.004, 0.02), 0.4)
     axes = (length, thickness) if rng.uniform() < 0.3 else (thickness, length)
