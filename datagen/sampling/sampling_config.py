@@ -16,8 +16,8 @@ NEAREST_MM = 250  # at smaller distances, hair would reach behind the camera
 class GeometryConfig:
     """Shares and ranges of everything that determines the geometry of a picture."""
 
-    # Use the simple draw that the first lines of `datagen/sampling/faces.py` describe; then nothing else in this table
-    # counts.
+    # Use the simple distributions that the first lines of `datagen/sampling/faces.py` describe, and ignore the other
+    # values of this table.
     is_plain: bool = False
     # Share of faces that are far from the mean in one to three of the largest identity components.
     extreme_identity_share: Share = 0.12
