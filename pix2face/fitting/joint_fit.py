@@ -7,9 +7,9 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from pix2face.errors import UsageError
-from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import FaceFit, check_scheme, face_of_coefficients
 from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions
+from pix2face.fitting.least_squares.linear_system import JointAccumulator
 from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from pix2face.fitting.coefficient_fit import JointAccumulator
+from pix2face.fitting.least_squares.linear_system import JointAccumulator
 from pix2face.geometry.crops import FaceBox
 from pix2face.tracking import IDENTITY_FRAMES
 from pix2face.tracking.ahead import in_chunks

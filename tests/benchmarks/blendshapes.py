@@ -25,8 +25,8 @@ from numpy import ndarray
 
 from datagen.sampling.expressions import strengths_of
 from pix2face.api import Pix2Face
-from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
+from pix2face.fitting.least_squares.linear_system import JointAccumulator
 from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.geometry.camera import head_pose
 from pix2face.geometry.crops import FaceBox

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from pix2face.files.images import encode_image
-from pix2face.fitting.coefficient_fit import JointAccumulator
 from pix2face.fitting.face_fit import face_of_coefficients
+from pix2face.fitting.least_squares.linear_system import JointAccumulator
 from pix2face.fitting.picture_measurement import measure_picture
 from pix2face.geometry.crops import FaceBox, crop_camera, square_crop
 from pix2face.geometry.maps import FaceMaps
