@@ -6,7 +6,7 @@ from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError, SampleRejectedError
 from pix2face.face_files.coefficients import Face
-from pix2face.files.orientation import UPRIGHT
+from pix2face.files.picture_head import UPRIGHT
 from pix2face.fitting.from_landmarks import LandmarkModel, fit_mean_to_landmarks
 from pix2face.geometry.believable_face import FaceLimits, facing_deg, measure_face
 from pix2face.geometry.camera import Camera, nearest_weak_perspective

@@ -4,8 +4,6 @@ Names come from files and are not trusted: the data are JSON without angle brack
 a content security policy lets only the page's own script run.
 """
 
-import base64
-import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from html import escape
@@ -19,7 +17,8 @@ from numpy import ndarray
 
 from datagen.inspection.layer_pictures import LEGENDS, layer_mask, layer_picture, layer_title, region_colour
 from datagen.inspection.preview import landmark_legend, landmarks_in_sight, sample_picture, scaled
-from datagen.inspection.statistics_tables import data_url, own_file
+from datagen.inspection.statistics_tables import own_file
+from pix2face.files.html_parts import data_url, policy_hash
 from pix2face.files.images import encode_image, encode_photograph
 from pix2face.shards.layers import LAYERS, SEEN_REGIONS
 from pix2face.shards.sample import Sample
@@ -57,7 +56,7 @@ def json_for_html(data: Any) -> str:
 
 def _page(title: str, data: Any) -> str:
     style, script = (own_file(name) for name in ("preview.css", "preview.js"))
-    policy = f"default-src 'none'; img-src data:; style-src '{_hash(style)}'; script-src '{_hash(script)}'"
+    policy = f"default-src 'none'; img-src data:; style-src '{policy_hash(style)}'; script-src '{policy_hash(script)}'"
     texts = {"title": escape(title), "policy": policy, "style": style, "script": script, "data": json_for_html(data)}
     texts["landmarks"] = landmark_legend([name for name, *_ in data["layers"]])
     return Template(own_file("preview.html")).substitute(texts)
@@ -109,7 +108,3 @@ def _layer_url(name: str, layers: Mapping[str, ndarray]) -> str:
     alpha = layer_mask(name, layers)[..., None] * np.uint8(255)
     rgba = np.concatenate([layer_picture(name, layers), alpha], axis=2)
     return data_url("png", encode_image(scaled(rgba, min(LARGEST_SIDE_PX, max(alpha.shape)), cv2.INTER_NEAREST)))
-
-
-def _hash(content: str) -> str:
-    return f"sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}"

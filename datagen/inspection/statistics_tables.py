@@ -1,6 +1,5 @@
 """Statistics as tables and pictures, for a terminal and for a page."""
 
-import base64
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from rich.text import Text
 
 from datagen.inspection.dataset_statistics import CoefficientStatistics, DatasetStatistics, Histogram
 from pix2face.command_line import printable, say
+from pix2face.files.html_parts import data_url
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -143,11 +143,6 @@ def statistics_page(title: str, found: DatasetStatistics) -> str:
         "tables": "\n".join(_table_html(table) for table in listings(found)),
     }
     return Template(own_file("statistics.html")).substitute(texts)
-
-
-def data_url(kind: str, content: bytes) -> str:
-    """A picture (PNG or JPEG) as an address that holds it."""
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def own_file(name: str) -> str:

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from pix2face.errors import InputFileError
-from pix2face.files.orientation import ON_ITS_SIDE
+from pix2face.files.picture_head import ON_ITS_SIDE
 from pix2face.geometry.landmarks import SCHEMES
 
 # Some tools count pixels from 0 where the format counts from 1, and points on the border are set by hand.

@@ -13,8 +13,14 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.files.heif import decode_heic, heic_size_px, is_heic
 from pix2face.files.opening import open_regular, read_regular
-from pix2face.files.orientation import ON_ITS_SIDE, UPRIGHT, orientation_tag
-from pix2face.files.picture_size import JPEG_START, TIFF_STARTS, declared_size_px
+from pix2face.files.picture_head import (
+    JPEG_START,
+    ON_ITS_SIDE,
+    TIFF_STARTS,
+    UPRIGHT,
+    declared_size_px,
+    orientation_tag,
+)
 from pix2face.files.writing import write_file
 
 PHOTOGRAPH_QUALITY = 95

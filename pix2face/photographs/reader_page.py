@@ -3,9 +3,7 @@
 It holds onnxruntime-web, the networks, and the program of ``scripts/reader`` (ASSETS.md says how it is built).
 """
 
-import base64
 import gzip
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from string import Template
 from typing import Any, final
 
 from pix2face.detectors import centre_decoding, centre_detector
+from pix2face.files.html_parts import base64_text, policy_hash
 from pix2face.fitting.face_fit import ERROR_OF_FIT, MEAN_OF_SCALE
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.centre_files import OUTPUT_NAME as CELLS
@@ -58,13 +57,13 @@ def reader_page(networks: PageNetworks) -> bytes:
     header = networks.header
     shown = {
         # Neither a connection nor another script: what is not named here is forbidden.
-        "policy": f"default-src 'none'; script-src '{_hash(script)}' 'wasm-unsafe-eval'; style-src '{_hash(style)}'; "
-        "img-src data:",
+        "policy": f"default-src 'none'; script-src '{policy_hash(script)}' 'wasm-unsafe-eval'; "
+        f"style-src '{policy_hash(style)}'; img-src data:",
         "style": style,
         "script": script,
         "settings": json.dumps(_settings(networks), allow_nan=False).replace("<", "\\u003c"),
         "files": "\n".join(
-            f'<script type="text/plain" id="{name}">{_base64(blob)}</script>' for name, blob in blobs.items()
+            f'<script type="text/plain" id="{name}">{base64_text(blob)}</script>' for name, blob in blobs.items()
         ),
         "about": escape(f"The network predicts maps of the model {header.model_name!r}."),
         "terms": escape(f"pix2face: Apache-2.0. Weights of the network: {header.licence}. onnxruntime-web: see below."),
@@ -114,11 +113,3 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
 
 def _asset(name: str) -> bytes:
     return (files("pix2face") / "assets" / "reader" / name).read_bytes()
-
-
-def _base64(content: bytes) -> str:
-    return base64.b64encode(content).decode()
-
-
-def _hash(text: str) -> str:
-    return f"sha256-{_base64(hashlib.sha256(text.encode()).digest())}"

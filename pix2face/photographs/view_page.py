@@ -3,8 +3,6 @@
 The viewer in it is three.js with ``scripts/viewer/viewer.js`` (ASSETS.md says how it is built).
 """
 
-import base64
-import hashlib
 import json
 import os
 from collections.abc import Sequence
@@ -21,6 +19,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from pix2face.command_line import printable
+from pix2face.files.html_parts import base64_text, data_url, policy_hash
 from pix2face.files.images import encode_photograph
 from pix2face.files.opening import is_regular
 from pix2face.files.writing import write_file
@@ -114,7 +113,6 @@ class ViewPages:
         ways = " ".join(f'<a href="{quote(os.fsencode(self._place(to).name))}">{word}</a>' for to, word in links)
         navigation = f"<nav>Page {number} {ways}</nav>" if ways else ""
         page = view_page(self._faces, self._title, navigation)
-        self._path.parent.mkdir(parents=True, exist_ok=True)
         write_file(self._place(number), page.encode("utf-8", errors="backslashreplace"))
         self.paths.append(self._place(number))
         self._faces = []
@@ -137,10 +135,9 @@ def view_page(faces: Sequence[str], title: str, navigation: str = "") -> str:
     ``navigation`` is HTML for its head.
     """
     script = _viewer()
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     # In a script element "<" could end it, and nothing else is special.
     data = "[" + ",\n".join(faces).replace("<", "\\u003c") + "]"
-    policy = f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:"
+    policy = f"default-src 'none'; script-src '{policy_hash(script)}'; style-src 'unsafe-inline'; img-src data:"
     shown = {"title": escape(printable(title)), "policy": policy, "style": _STYLE, "navigation": navigation}
     return _MARK + _PAGE.format(data=data, script=script, **shown)
 
@@ -166,11 +163,11 @@ def _mesh_fields(face: ViewedFace) -> dict[str, Any]:
 
 
 def _base64(values: ndarray, dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode()
+    return base64_text(np.ascontiguousarray(values, dtype=dtype).tobytes())
 
 
 def _data_address(picture: UInt8[ndarray, "h w 3"]) -> str:
-    return "data:image/jpeg;base64," + base64.b64encode(encode_photograph(picture, JPEG_QUALITY)).decode()
+    return data_url("jpeg", encode_photograph(picture, JPEG_QUALITY))
 
 
 @cache

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import decode_image
-from pix2face.files.picture_size import declared_size_px
+from pix2face.files.picture_head import declared_size_px
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.maps import FaceMaps, uncovered_points
 from pix2face.shards.layers import SEEN

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pix2face.files.orientation import UPRIGHT, orientation_tag
+from pix2face.files.picture_head import UPRIGHT, orientation_tag
 from pix2face.geometry.believable_face import GIVEN, JITTERED, measure_face
 from pix2face.shards.sample import JITTER_OF, PICTURE, PictureKind, Sample
 

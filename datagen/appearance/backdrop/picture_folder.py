@@ -13,7 +13,7 @@ from numpy import ndarray
 from pix2face.errors import InputFileError
 from pix2face.files.images import in_whole_numbers, read_bytes, read_size_px
 from pix2face.files.opening import is_folder, walk_files
-from pix2face.files.picture_size import declared_size_px
+from pix2face.files.picture_head import declared_size_px
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 # Large pictures are decoded at a half, a quarter or an eighth of their size, if that is enough.

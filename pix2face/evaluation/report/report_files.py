@@ -1,7 +1,6 @@
 """Writes an evaluation: ``report.json``, a page that needs no other file, its pictures, and the landmarks found."""
 
 import json
-from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -29,6 +28,7 @@ from pix2face.evaluation.report.report_pictures import (
 from pix2face.evaluation.report.report_text import all_tables, report_notes
 from pix2face.evaluation.report.table_text import ReportTable
 from pix2face.evaluation.subjects.predictions_file import Predictions, write_predictions
+from pix2face.files.html_parts import data_url
 from pix2face.files.images import encode_photograph
 from pix2face.files.writing import write_file
 from pix2face.geometry.landmark_metrics import ALIGNMENTS, POINT_SETS
@@ -71,7 +71,6 @@ def write_report(
         contents["detection.png"] = precision_png(report.detection, report.manifest.title)
     contents["index.html"] = _page(report, contents, frontal_face).encode()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
             write_file(folder / name, content)
         _write_landmarks(report, folder / "landmarks.npz")
@@ -253,5 +252,4 @@ def table_html(table: ReportTable) -> str:
 
 
 def _picture(content: bytes, kind: str, description: str) -> str:
-    data = b64encode(content).decode("ascii")
-    return f'<p><img src="data:image/{kind};base64,{data}" alt="{escape(description)}"></p>'
+    return f'<p><img src="{data_url(kind, content)}" alt="{escape(description)}"></p>'

@@ -19,7 +19,7 @@ from pix2face.shards.shard_checks import verify_shard
 from pix2face.shards.shard_reader import ShardReader, shard_paths
 from tests.model_files import write_small_head
 from tests.pix2face.benchmark_files import frontal_camera, write_mat
-from tests.pix2face.files.test_picture_size import png_bomb
+from tests.pix2face.files.test_picture_head import png_bomb
 
 pytestmark = pytest.mark.gl
 

@@ -27,7 +27,7 @@ from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.manifest import load_manifest
 from pix2face.face_files.coefficients import Face, save_coefficients
 from pix2face.files.images import encode_photograph
-from pix2face.files.orientation import orientation_tag
+from pix2face.files.picture_head import orientation_tag
 from pix2face.models.morphable_model import builtin_model
 from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, SCENE_LAYERS
 from pix2face.shards.sample import Sample

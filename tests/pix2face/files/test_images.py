@@ -15,7 +15,7 @@ from pix2face.files.images import (
     read_photograph,
     upright_bytes,
 )
-from pix2face.files.orientation import orientation_tag
+from pix2face.files.picture_head import orientation_tag
 
 # Where each Exif orientation puts the picture on the screen, from the stored rows and columns.
 AS_SEEN = {

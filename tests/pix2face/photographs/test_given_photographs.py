@@ -8,7 +8,7 @@ from numpy import ndarray
 from PIL import Image
 
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
-from pix2face.files.orientation import UPRIGHT
+from pix2face.files.picture_head import UPRIGHT
 from pix2face.geometry.crops import FaceBox
 from pix2face.photographs.given_photographs import as_boxes, as_photograph, as_photographs
 

@@ -1,10 +1,11 @@
-"""The size of a picture as the head of its file declares it, held against the memory that decoding would take."""
+"""What the head of a picture file says: its size, held against the memory that decoding takes, and its orientation."""
 
 import re
 import struct
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from io import SEEK_END, BufferedReader, BytesIO
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from PIL import (
     BmpImagePlugin,
@@ -16,12 +17,16 @@ from PIL import (
     TiffImagePlugin,
     WebPImagePlugin,
 )
+from PIL.Image import Exif
 from PIL.ImageFile import ImageFile
 
 from pix2face.errors import InputFileError
 
 JPEG_START = b"\xff\xd8"
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # the latter two of BigTIFF
+ORIENTATION = 274  # the tag that says how viewers turn the stored pixels
+# 1 is upright; 5 to 8 exchange width and height.
+UPRIGHT, ON_ITS_SIDE = 1, (5, 6, 7, 8)
 # A file of some kilobytes may declare a picture that no memory holds.
 LARGEST_PICTURE_PX = 1 << 28
 LARGEST_DECODING_BYTES = 1 << 30
@@ -33,7 +38,7 @@ class _UnknownFormatError(Exception):
     """The file begins like none of the formats that are read."""
 
 
-class Head(NamedTuple):
+class _Head(NamedTuple):
     """How to open the head of a format, and the memory that OpenCV decodes it in."""
 
     open: Callable[[BytesIO | BufferedReader], ImageFile]
@@ -41,14 +46,14 @@ class Head(NamedTuple):
 
 
 # Opened by format, since `PIL.Image.open` has a limit of its own that belongs to the whole process.
-HEADS: Mapping[bytes, Head] = {
-    JPEG_START: Head(JpegImagePlugin.JpegImageFile, 3),
-    b"\x89PNG": Head(PngImagePlugin.PngImageFile, 6),
-    b"BM": Head(BmpImagePlugin.BmpImageFile, 3),
-    b"RIFF": Head(WebPImagePlugin.WebPImageFile, 7),
-    b"GIF8": Head(GifImagePlugin.GifImageFile, 16),
-    **{b"P%d" % kind: Head(PpmImagePlugin.PpmImageFile, 6) for kind in range(1, 7)},
-    **dict.fromkeys((b"\0\0\0\x0c", b"\xff\x4f\xff\x51"), Head(Jpeg2KImagePlugin.Jpeg2KImageFile, 16)),
+_HEADS: Mapping[bytes, _Head] = {
+    JPEG_START: _Head(JpegImagePlugin.JpegImageFile, 3),
+    b"\x89PNG": _Head(PngImagePlugin.PngImageFile, 6),
+    b"BM": _Head(BmpImagePlugin.BmpImageFile, 3),
+    b"RIFF": _Head(WebPImagePlugin.WebPImageFile, 7),
+    b"GIF8": _Head(GifImagePlugin.GifImageFile, 16),
+    **{b"P%d" % kind: _Head(PpmImagePlugin.PpmImageFile, 6) for kind in range(1, 7)},
+    **dict.fromkeys((b"\0\0\0\x0c", b"\xff\x4f\xff\x51"), _Head(Jpeg2KImagePlugin.Jpeg2KImageFile, 16)),
 }
 _AVIF_BYTES_PER_PIXEL, _AVIF_HEAD_BYTES, _PROGRESSIVE_BYTES_PER_PIXEL = 9, 1 << 16, 9
 # JPEG markers: segments that state their length, frames that every decoder knows, one of them of several passes.
@@ -84,7 +89,27 @@ def declared_size_px(content: bytes | BufferedReader, where: str) -> tuple[int, 
     return height, width
 
 
-def tiff_tags(file: BytesIO | BufferedReader) -> TiffImagePlugin.ImageFileDirectory_v2:
+def orientation_tag(content: bytes | BufferedReader) -> int:
+    """The tag of a picture file, 1 to 8; 1 (upright) where it has none that can be read."""
+    if isinstance(content, bytes) and content.startswith(JPEG_START) and b"Exif" not in content:
+        return UPRIGHT  # Pillow would take ten times as long
+    file = BytesIO(content) if isinstance(content, bytes) else content
+    file.seek(0)
+    start = file.read(4)
+    file.seek(0)
+    found: Any = None
+    with suppress(Exception):  # Pillow raises many kinds of errors for damaged tags; such tags count as none
+        if start in TIFF_STARTS:
+            found = _tiff_tags(file).get(ORIENTATION)
+        else:
+            head = next(head for magic, head in _HEADS.items() if start.startswith(magic))
+            exif = Exif()  # not `getexif`, which decodes a PNG
+            exif.load(head.open(file).info.get("exif", b""))
+            found = exif.get(ORIENTATION)
+    return int(found) if found in range(UPRIGHT, 9) else UPRIGHT
+
+
+def _tiff_tags(file: BytesIO | BufferedReader) -> TiffImagePlugin.ImageFileDirectory_v2:
     """The tags of a TIFF file; PIL opens fewer kinds than OpenCV, but reads the tags of all."""
     head = file.read(8)
     head += file.read(8) if b"+" in head[:4] else b""
@@ -102,7 +127,7 @@ def _size_from_head(file: BytesIO | BufferedReader) -> tuple[int, int, int]:
         return _size_of_tiff(file)
     if start[4:8] == b"ftyp":
         return _size_of_avif(file.read(_AVIF_HEAD_BYTES))
-    head = next((head for magic, head in HEADS.items() if start.startswith(magic)), None)
+    head = next((head for magic, head in _HEADS.items() if start.startswith(magic)), None)
     if head is None:
         raise _UnknownFormatError
     width, height = head.open(file).size
@@ -130,7 +155,7 @@ def _size_of_plain_jpeg(content: bytes) -> tuple[int, int, int] | None:
             if is_progressive or content[place + 4] != n_channels:
                 _check_scans(content)
                 return size[1], size[0], _PROGRESSIVE_BYTES_PER_PIXEL
-            return size[1], size[0], HEADS[JPEG_START].bytes_per_pixel
+            return size[1], size[0], _HEADS[JPEG_START].bytes_per_pixel
         elif marker not in _JPEG_SEGMENTS or length < 2:
             return None
         place += 2 + length
@@ -145,7 +170,7 @@ def _check_scans(content: bytes) -> None:
 
 def _size_of_tiff(file: BytesIO | BufferedReader) -> tuple[int, int, int]:
     """As `_size_from_head`."""
-    tags = tiff_tags(file)
+    tags = _tiff_tags(file)
     # Tiles are decoded whole, and may be larger than the picture.
     width, height = (max(int(tags[tag]) for tag in both if tag in tags) for both in (_TIFF_WIDTHS, _TIFF_HEIGHTS))
     if min(int(tags[_TIFF_WIDTHS[0]]), int(tags[_TIFF_HEIGHTS[0]])) < 1:

@@ -13,8 +13,7 @@ from PIL.Image import Exif
 
 from pix2face.errors import InputFileError
 from pix2face.files.images import check_decodes, decode_image, read_photograph, read_size_px, upright_bytes
-from pix2face.files.orientation import orientation_tag
-from pix2face.files.picture_size import declared_size_px
+from pix2face.files.picture_head import declared_size_px, orientation_tag
 
 SIDE_PX = 60_000
 
