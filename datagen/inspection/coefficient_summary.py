@@ -16,11 +16,10 @@ from datagen.inspection.sample_counts import SampleCounter
 from pix2face.errors import InputFileError, UsageError
 from pix2face.face_files.annotations import picture_beside
 from pix2face.face_files.coefficients import FaceCoefficients
-from pix2face.face_files.w300lp import CoefficientFile, read_coefficient_file
+from pix2face.face_files.w300lp import USUAL_ANGLE_DEG, CoefficientFile, read_coefficient_file
 from pix2face.geometry.believable_face import GIVEN, measure_face
 from pix2face.geometry.camera import Camera, HeadPose, unfolded
 
-USUAL_ANGLE_DEG = 99.0
 # Messages are shorter; what another program wrote as a reason may not be.
 LONGEST_REASON = 2000
 
@@ -85,7 +84,6 @@ def summarise_folder(folder: Path, on_progress: Callable[[int], None]) -> Coeffi
             counter.n += 1
             counter.add_pose(unfolded(HeadPose(*((angles + 180) % 360 - 180).tolist())))
             kinds.update(_kinds(file))
-            kinds["unusual angle"] += bool((np.abs(angles) > USUAL_ANGLE_DEG).any())
         on_progress(1)
     if not counter.n:
         raise UsageError(
@@ -138,5 +136,6 @@ def _kinds(file: CoefficientFile) -> list[str]:
         "pt2d": file.landmarks2d is not None,
         "lighting": file.lighting is not None,
         "negative scale": file.pose.scale < 0,
+        "unusual angle": file.pose.is_unusual,
     }
     return [name for name, is_there in found.items() if is_there]

@@ -12,7 +12,7 @@ from pathlib import Path
 from datagen.inspection.dataset_card import CARD_FILE, DatasetSummary, dataset_card, summarise, terms
 from datagen.inspection.statistics_tables import own_file
 from pix2face.command_line import counted, printable
-from pix2face.files.writing import written_in_one_step
+from pix2face.files.writing import write_file
 from pix2face.shards.layers import IMAGE
 
 CROISSANT_FILE = "croissant.json"
@@ -30,8 +30,7 @@ def write_descriptions(folder: Path) -> tuple[Path, Path]:
     summary = summarise(folder)
     card, description = folder / CARD_FILE, folder / CROISSANT_FILE
     for path, text in ((card, dataset_card(summary)), (description, croissant(summary))):
-        with written_in_one_step(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_file(path, text)
     return card, description
 
 

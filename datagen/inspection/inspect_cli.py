@@ -58,7 +58,6 @@ def stats(config: StatsConfig) -> int:
         print(f"{counted(found.n_samples, 'sample')} in {counted(found.n_shards, 'shard')}", flush=True)
         (print_statistics if config.everything else print_summary)(Console(), found)
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
         if out.suffix.lower() == ".html":
             write_file(out, statistics_page(printable(f"Statistics of {shards}"), found))
         else:

@@ -150,7 +150,7 @@ def _run(opened: OpenedJob, out: Path, place: WorkPlace, gl: GLSettings, listene
         return executor.submit(render_unit, Unit(job, number, out, gl, source.sha256, opened.model.sha256))
 
     def on_finished(unit: int, report: UnitReport) -> None:
-        times.add(report.seconds, report.cpu_seconds)
+        times.add(report.cpu_seconds)
         peaks.append(report.peak_memory_bytes)
         progress.finish(unit, report.n_faces)
 

@@ -52,8 +52,7 @@ class UnitReport:
     """What a unit cost."""
 
     n_faces: int  # faces that were tried
-    seconds: Mapping[str, float]  # by stage
-    cpu_seconds: Mapping[str, float]  # of the processor, by stage
+    cpu_seconds: Mapping[str, float]  # by stage
     peak_memory_bytes: int  # the largest memory of the worker so far
 
 
@@ -101,7 +100,7 @@ def _render_unit(unit: Unit) -> UnitReport:
             header = shard_header(unit.job, worker.source, worker.model, _without_place(unit.job, rejected))
             writer.write(shard_path(unit.out, unit.number), header)
     n_faces = len(unit.job.faces_of(worker.source, unit.number))
-    return UnitReport(n_faces, times.seconds, times.cpu_seconds, _peak_memory_bytes())
+    return UnitReport(n_faces, times.cpu_seconds, _peak_memory_bytes())
 
 
 def _add_samples(

@@ -25,11 +25,12 @@ from pix2face.commands.pix2face_config import Colour, FitConfig
 from pix2face.commands.result_folder import ResultFolder
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.files.images import write_picture
+from pix2face.files.meshes.ply import encode_ply
 from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.other_cameras import gltf_camera
 from pix2face.photographs.fit_files import fit_to_json
-from pix2face.photographs.fit_pictures import draw_overlay, photograph_cloud, write_point_cloud
+from pix2face.photographs.fit_pictures import draw_overlay, photograph_cloud
 from pix2face.photographs.landmark_visibility import landmarks_in_sight
 from pix2face.photographs.mesh_files import FaceMesh, parse_mesh_formats, write_mesh
 from pix2face.photographs.texture import face_texture, vertex_colours
@@ -115,7 +116,7 @@ class _Writer:
         way = os.path.relpath(face.path.absolute(), self.results.path.absolute())
         write_file(folder / f"{face.name}.json", fit_to_json(fitted, way, face.size_px))
         points, colours = photograph_cloud(face.image, face.prediction.crop, face.prediction.maps)
-        write_point_cloud(folder / f"{face.name}-points.ply", points, colours)
+        write_file(folder / f"{face.name}-points.ply", encode_ply(points, colours))
         write_maps_picture(folder, face)
         write_picture(folder / f"{face.name}-overlay.jpg", overlay)
 

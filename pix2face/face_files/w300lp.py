@@ -38,6 +38,8 @@ _LENGTHS = {
 }
 # The mean of the 68 landmarks of BFM 2009's mean face.
 LANDMARK_CENTRE_MM = np.array([0.0, -11.8, 89.8])
+# Beyond this the annotation of AFLW2000-3D is known to be unreliable.
+USUAL_ANGLE_DEG = 99.0
 # The share of the face's size, see `check_picture_height`; a height that is wrong by 6 % is off by this much.
 LARGEST_HEIGHT_ERROR = 0.15
 # How many coordinates the points of a field have.
@@ -52,6 +54,11 @@ class PoseParameters:
     head: HeadPose  # pitch, yaw and roll as they stand in the file (they may exceed ±180°)
     translation_px: Float64[ndarray, "3"]
     scale: float  # f, pixels per µm; negative in a few files of AFLW2000-3D
+
+    @property
+    def is_unusual(self) -> bool:
+        """Whether an angle is beyond ±99°."""
+        return max(abs(self.head.pitch_deg), abs(self.head.yaw_deg), abs(self.head.roll_deg)) > USUAL_ANGLE_DEG
 
 
 @final

@@ -55,7 +55,7 @@ def walk_files(folder: Path, suffixes: tuple[str, ...], left_out: Collection[str
                 yield Path(root) / name
 
 
-def check_regular(path: Path, expected: str, largest_bytes: int) -> int:
+def check_regular(path: Path, expected: str, largest_bytes: int) -> None:
     """Checks a file that a library opens by its name.
 
     Args:
@@ -63,15 +63,11 @@ def check_regular(path: Path, expected: str, largest_bytes: int) -> int:
         expected: What it should be, for messages: "a picture".
         largest_bytes: Larger files are refused.
 
-    Returns:
-        Its size in bytes.
-
     Raises:
         InputFileError: It is missing, cannot be read, is too large, is no regular file (a folder, a device, a pipe), or
             is what a download left in its place (a pointer of Git LFS, an HTML page).
     """
-    with open_regular(path, expected, largest_bytes) as file:
-        return os.fstat(file.fileno()).st_size
+    open_regular(path, expected, largest_bytes).close()
 
 
 def open_regular(path: Path, expected: str, largest_bytes: int) -> io.BufferedReader:

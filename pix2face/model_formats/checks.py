@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 
+MM_PER_METRE = 1000.0
 MAX_COMPONENTS = 4096
 # In any unit that is in use (a head measures 3e5 µm), and far from what single precision cannot hold.
 LARGEST_COORDINATE = 1e12

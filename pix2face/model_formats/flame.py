@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from pix2face.errors import InputFileError
-from pix2face.model_formats.checks import basis_of_columns, check_names, coordinates, triangle_polygons
+from pix2face.model_formats.checks import MM_PER_METRE, basis_of_columns, check_names, coordinates, triangle_polygons
 from pix2face.model_formats.pickled_arrays import as_array
 from pix2face.model_formats.restricted_pickle import read_pickle
 from pix2face.models.model_file import StoredModel
 
-MM_PER_METRE = 1000.0
 N_IDENTITY, N_EXPRESSION = 300, 100
 
 

@@ -13,10 +13,16 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError
 from pix2face.files.npz_files import read_npz
-from pix2face.model_formats.checks import basis_of_columns, check_names, coordinates, triangle_polygons, vertex_numbers
+from pix2face.model_formats.checks import (
+    MM_PER_METRE,
+    basis_of_columns,
+    check_names,
+    coordinates,
+    triangle_polygons,
+    vertex_numbers,
+)
 from pix2face.models.model_file import StoredModel
 
-MM_PER_METRE = 1000.0
 TEMPLATE = "template_vertex_positions"
 LARGEST_FILE_BYTES = 1 << 30
 

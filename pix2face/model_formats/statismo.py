@@ -19,12 +19,11 @@ from scipy.spatial import KDTree
 from pix2face.errors import InputFileError
 from pix2face.files.checked_hdf5 import open_hdf5, read_array, read_text
 from pix2face.geometry.landmarks import IBUG68, N_IBUG68
-from pix2face.model_formats.checks import basis_of_columns, coordinates, triangle_polygons
+from pix2face.model_formats.checks import MM_PER_METRE, basis_of_columns, coordinates, triangle_polygons
 from pix2face.model_formats.tables import MISSING, table_rows
 from pix2face.models.model_file import StoredModel
 
 MEAN = "shape/model/mean"
-MM_PER_METRE = 1000.0
 # A named landmark is a point of the reference mesh; farther from it than this, it belongs to another mesh.
 LANDMARK_TOLERANCE_MM = 5.0
 

@@ -1,15 +1,12 @@
 """Pictures of a fitted face: overlay, maps; and its point cloud."""
 
 from dataclasses import astuple
-from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 from numpy import ndarray
 
-from pix2face.files.meshes.ply import encode_ply
-from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.crops import Crop, FaceBox, crop_camera, crop_image, square_crop
@@ -125,11 +122,6 @@ def photograph_cloud(
 ) -> tuple[Float32[ndarray, "n 3"], UInt8[ndarray, "n 3"]]:
     """PNCC + offset of every pixel of a face (mm, model frame) and its colour, in a crop of ``CLOUD_PX``."""
     return point_cloud(smooth_maps(maps, CLOUD_PX), crop_image(image, crop.with_size(CLOUD_PX)))
-
-
-def write_point_cloud(path: Path, points: Float32[ndarray, "n 3"], colours: UInt8[ndarray, "n 3"]) -> None:
-    """Writes points with their colours as .ply."""
-    write_file(path, encode_ply(points, colours))
 
 
 YAWS_DEG = (0.0, 45.0, 90.0)

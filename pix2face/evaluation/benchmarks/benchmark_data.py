@@ -16,8 +16,6 @@ from pix2face.geometry.maps import FaceMaps
 
 YAW_BINS = ("|yaw| <= 30°", "30° < |yaw| <= 60°", "|yaw| > 60°")
 YAW_EDGES_DEG = (30.0, 60.0)
-# Beyond this the annotation of AFLW2000-3D is known to be unreliable; such faces are kept and counted.
-USUAL_ANGLE_DEG = 99.0
 
 
 @final

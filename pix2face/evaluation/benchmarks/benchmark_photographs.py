@@ -11,7 +11,6 @@ from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.evaluation.benchmarks.benchmark_data import (
-    USUAL_ANGLE_DEG,
     BenchmarkFace,
     BenchmarkFiles,
     BenchmarkItem,
@@ -124,7 +123,6 @@ def _read_w300lp_face(name: str, image: Path, truth: Path, other: OtherLandmarks
         check_picture_height(file, size_px[0])
     head = file.pose.head
     yaw_deg = wrap_angle_deg(head.yaw_deg)
-    is_unusual = max(abs(head.pitch_deg), abs(head.yaw_deg), abs(head.roll_deg)) > USUAL_ANGLE_DEG
     landmarks2d = complete(file.landmarks3d[:, :2], truth) if other is None else other[image.name]
     landmarks3d = file.landmarks3d * [1, 1, -1] if other is None else None  # towards the viewer, as in the file
     if not np.isfinite(landmarks2d).all():
@@ -136,7 +134,7 @@ def _read_w300lp_face(name: str, image: Path, truth: Path, other: OtherLandmarks
         landmarks3d=landmarks3d,
         read_image=picture_reader(image),
         yaw_deg=yaw_deg,
-        has_unusual_angle=is_unusual,
+        has_unusual_angle=file.pose.is_unusual,  # such faces are kept and counted
         # A negative scale turns the face inside out: its angles are not those of the head in the picture.
-        pose=None if is_unusual or file.pose.scale < 0 else head,
+        pose=None if file.pose.is_unusual or file.pose.scale < 0 else head,
     )

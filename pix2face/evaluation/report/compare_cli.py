@@ -11,7 +11,7 @@ from pix2face.evaluation.evaluate_config import CompareConfig
 from pix2face.evaluation.figures.bootstrap import CONFIDENCE, Bootstrap, Interval
 from pix2face.evaluation.report.compare import Comparison, PointComparison, StoredReport, compare_reports, read_report
 from pix2face.evaluation.report.report_text import terminal_table
-from pix2face.evaluation.report.table_text import NO_FIGURE
+from pix2face.evaluation.report.table_text import number
 from pix2face.files.writing import write_file
 
 
@@ -29,7 +29,6 @@ def compare(config: CompareConfig) -> int:
     for note in _notes(a, b, comparison, bootstrap):
         say(console, note)
     if config.out is not None:
-        config.out.parent.mkdir(parents=True, exist_ok=True)
         facts = {"a": str(a.path), "b": str(b.path), "bootstrap": asdict(bootstrap), **asdict(comparison)}
         write_file(config.out, json.dumps(facts, indent=1, allow_nan=False))
     return 0
@@ -43,11 +42,11 @@ def _cells(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
 
 def _figures(own: PointComparison) -> dict[str, str]:
     return {
-        "mean of A": _number(own.mean_a),
-        "mean of B": _number(own.mean_b),
+        "mean of A": number(own.mean_a),
+        "mean of B": number(own.mean_b),
         "B - A": _with_interval(own.difference, own.intervals["difference"]),
-        "B better": _number(own.share_b_better),
-        "A better": _number(own.share_a_better),
+        "B better": number(own.share_b_better),
+        "A better": number(own.share_a_better),
         "AUC, B - A": _with_interval(own.difference_of_area, own.intervals["difference_of_area"]),
         "failures, B - A": _with_interval(own.difference_of_failure_rate, own.intervals["difference_of_failure_rate"]),
         "found by both": str(own.n_both_found),
@@ -86,7 +85,7 @@ def _verdict(own: PointComparison, n_common: int) -> str:
     verdict = _of_interval(own.intervals["difference_of_area"], "AUC", "68 points, all images", smaller_is_better=False)
     return (
         f"{verdict} Both found {own.n_both_found} of {counted(n_common, 'image')}; over all of them A is better on "
-        f"{_number(own.share_a_better)} %, B on {_number(own.share_b_better)} %."
+        f"{number(own.share_a_better)} %, B on {number(own.share_b_better)} %."
     )
 
 
@@ -101,9 +100,5 @@ def _of_interval(interval: Interval | None, of_what: str, where: str, *, smaller
 
 def _with_interval(value: float | None, interval: Interval | None) -> str:
     if value is None or interval is None:
-        return _number(value)
+        return number(value)
     return f"{100 * value:+.2f} ({100 * interval[0]:+.2f} to {100 * interval[1]:+.2f})"
-
-
-def _number(value: float | None) -> str:
-    return NO_FIGURE if value is None else f"{100 * value:.2f}"

@@ -28,7 +28,7 @@ def hasty_threads() -> Iterator[None]:
 @pytest.mark.usefixtures("hasty_threads")
 def test_all_units_of_a_process_are_drawn_by_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker of a cluster may call from several threads at once; a context of OpenGL belongs to one."""
-    monkeypatch.setattr(render_unit, "_render_unit", lambda unit: UnitReport(threading.get_ident(), {}, {}, 0))
+    monkeypatch.setattr(render_unit, "_render_unit", lambda unit: UnitReport(threading.get_ident(), {}, 0))
     unit = Unit(RenderJob(tmp_path, "builtin", 0, 1), 0, tmp_path, GLSettings(), "", "")
     together = threading.Barrier(N_THREADS)
 

@@ -1,7 +1,7 @@
 """Overlay, map picture, mesh and cloud show the face that was fitted, where it is."""
 
 from dataclasses import replace
-from pathlib import Path
+from io import BytesIO
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ import trimesh
 from numpy import ndarray
 
 from pix2face.errors import DegenerateGeometryError
+from pix2face.files.meshes.ply import encode_ply
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import Camera, HeadPose, Pinhole, pinhole_camera, rotation_of_pose
 from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
@@ -23,7 +24,6 @@ from pix2face.photographs.fit_pictures import (
     draw_landmarks,
     draw_maps,
     draw_overlay,
-    write_point_cloud,
 )
 from pix2face.photographs.landmark_visibility import landmarks_in_sight, visible_landmarks
 from tests.cameras import posed_camera
@@ -196,15 +196,13 @@ def test_maps_are_shown_beside_the_crop_at_the_resolution_of_the_photograph(side
         assert np.abs(picture[beyond] - faded[:, None]).max() <= 1
 
 
-def test_a_cloud_is_written_in_its_colours(tmp_path: Path) -> None:
+def test_a_cloud_is_written_in_its_colours() -> None:
     rng = np.random.default_rng(3)
     points, colours = rng.normal(0, 50, (120, 3)).astype(np.float32), rng.integers(0, 256, (120, 3)).astype(np.uint8)
-    write_point_cloud(tmp_path / "cloud.ply", points, colours)
-    cloud = trimesh.load(tmp_path / "cloud.ply")
+    cloud = trimesh.load(BytesIO(encode_ply(points, colours)), file_type="ply")
     np.testing.assert_allclose(cloud.vertices, points, atol=1e-3)
     np.testing.assert_array_equal(cloud.colors[:, :3], colours)
 
 
-def test_a_cloud_without_points_is_a_file_too(tmp_path: Path) -> None:
-    write_point_cloud(tmp_path / "cloud.ply", np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
-    assert b"element vertex 0" in (tmp_path / "cloud.ply").read_bytes()
+def test_a_cloud_without_points_is_a_file_too() -> None:
+    assert b"element vertex 0" in encode_ply(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
