@@ -28,11 +28,8 @@ def check_face(
 ) -> None:
     """Checks a face against what faces of photographs can be.
 
-    Args:
-        face: The face, with the size of its picture.
-        model: Its model, for the places of its landmarks; None leaves them out.
-        limits: How far it may go.
-        points2d: The points that it was fitted to, from which the likely cause of an error is found.
+    The model tells the places of its landmarks; None leaves them out. From the points that it was fitted to, the likely
+    cause of an error is found.
 
     Raises:
         SampleRejectedError: It goes farther.

@@ -74,11 +74,8 @@ class ModelTransfer:
 def find_transfer(source: MorphableModel, target: MorphableModel, through: Through) -> ModelTransfer:
     """Computes the affine map from the coefficients of one model to those of another.
 
-    Args:
-        source: Model of the given coefficients.
-        target: Model of the wanted coefficients.
-        through: ``dense`` compares all face vertices of the target with the nearest points of the source's surface,
-            ``landmarks`` the 68 landmarks.
+    ``dense`` compares all face vertices of the target with the nearest points of the source's surface, and
+    ``landmarks`` the 68 landmarks.
 
     Raises:
         UsageError: A model lacks the landmarks, or the surfaces are too far apart.

@@ -186,11 +186,8 @@ def folder_sha256(sample_ids: tuple[str, ...], files: Iterable[Sequence[Path | N
     """The hash that tells a folder from another: of the names of its faces and the sizes of their files.
 
     Sizes cost nothing to read and stay the same in a copy of the folder. To hash contents, all of them would have to be
-    read before the first picture is drawn; times differ from copy to copy.
-
-    Args:
-        sample_ids: The names of the faces.
-        files: For each face the files that it depends on; None stands for a file that is missing.
+    read before the first picture is drawn; times differ from copy to copy. For each face, ``files`` are those that it
+    depends on; None stands for one that is missing.
     """
     sizes = [[_size_bytes(path) for path in of_one] for of_one in files]
     return hashlib.sha256(json.dumps([sample_ids, sizes]).encode()).hexdigest()

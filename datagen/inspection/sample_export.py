@@ -34,13 +34,8 @@ PNG_ZERO: Mapping[str, int] = {"pncc": 32768, "offset": 32768, "normals": 32768,
 def export_samples(folder: Path, out: Path, file_format: str, on_sample: Callable[[bool], None]) -> None:
     """Writes the files of every sample. What an earlier run has finished is kept.
 
-    The file ``NUMBER.json`` is written last, and contains the checksum of the sample.
-
-    Args:
-        folder: Of shards.
-        out: The folder for the files, which exists.
-        file_format: A name of ``EXPORTS``.
-        on_sample: Called after each sample, with whether an earlier run had finished it.
+    The file ``NUMBER.json`` is written last, and contains the checksum of the sample. ``out`` exists; the format is a
+    name of ``EXPORTS``. ``on_sample`` is called after each sample, with whether an earlier run had finished it.
 
     Raises:
         UsageError: There are no shards, ``out`` contains other samples, or a file cannot be written.

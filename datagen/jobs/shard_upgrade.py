@@ -16,11 +16,7 @@ def upgrade_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) ->
     """Converts every shard of an earlier schema, and writes the card and the description anew if there was any.
 
     Each shard takes the place of the old one when it is complete and has the same content, so the work can be
-    interrupted and continued. Damaged shards stay as they are.
-
-    Args:
-        folder: Of ``shard-*.h5``.
-        on_shard: Called after each shard.
+    interrupted and continued. Damaged shards stay as they are. ``on_shard`` is called after each shard.
 
     Returns:
         How many shards were converted.

@@ -145,13 +145,9 @@ def visible_landmarks(
     camera: Camera,
     surface_depth: Float32[ndarray, "h w"],
 ) -> Bool[ndarray, " m"]:
-    """Which landmarks lie in the image and on its nearest surface.
+    """Which landmarks (vertices of a face in mm, model frame) lie in the image and on its nearest surface.
 
-    Args:
-        vertices: This face, mm, model frame.
-        landmarks: Vertex of each landmark.
-        camera: From the model frame to this image.
-        surface_depth: As rendered through this camera, mm. Hair, neck and the inside of the head hide as well.
+    The depth of the surface (mm) was rendered through this camera: hair, neck and the inside of the head hide as well.
     """
     points = vertices[landmarks]
     height, width = surface_depth.shape

@@ -138,16 +138,10 @@ def evaluate_faces(
     on_done: Callable[[int], None] = lambda n: None,
     batch_size: int = 1,
 ) -> tuple[list[FaceResult], list[Unreadable]]:
-    """Evaluates all faces of a benchmark.
+    """Evaluates all faces of a benchmark: results in their order, and the faces whose files cannot be used.
 
-    Args:
-        items: The faces.
-        evaluator: Measures them.
-        on_done: Called with the number of faces that were just done.
-        batch_size: Faces that go through the network at once; all of their pictures are in memory.
-
-    Returns:
-        Results in the order of the items, and the faces whose files cannot be used.
+    ``on_done`` gets the number of faces that were just done. ``batch_size`` faces go through the network at once, and
+    all of their pictures are in memory.
     """
     results: list[FaceResult] = []
     unreadable: list[Unreadable] = []

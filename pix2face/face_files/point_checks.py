@@ -37,16 +37,10 @@ def are_outside(landmarks2d: Float64[ndarray, "m 2"], size_px: tuple[int, int]) 
 def check_points(
     landmarks2d: Float64[ndarray, "m 2"], size_px: tuple[int, int], orientation: int, where: Path
 ) -> Bool[ndarray, " m"]:
-    """Checks that points can be those of a face in a picture.
+    """Checks that points can be those of a face in a picture, and returns which of them lie in it.
 
-    Args:
-        landmarks2d: Pixels of the picture as people see it; NaN where a point is missing.
-        size_px: Height and width of the picture as people see it.
-        orientation: The orientation tag of its file.
-        where: The file of the points, for messages.
-
-    Returns:
-        Which points lie in the picture.
+    Points (NaN where missing) and size (height, width) are those of the picture as people see it; the orientation is
+    the tag of its file. ``where`` is the file of the points, for messages.
 
     Raises:
         InputFileError: Too many points are missing or outside, or all of them lie within a few pixels.

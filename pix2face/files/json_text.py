@@ -66,13 +66,7 @@ def typed(value: Any, kind: type[T] | Any) -> Any:
 
 
 def read_json_file(path: Path, kind: type[T] | Any, expected: str, largest_bytes: int) -> Any:
-    """Reads a JSON file.
-
-    Args:
-        path: The file.
-        kind: As for `parse_json`.
-        expected: What the file should be, for messages.
-        largest_bytes: Larger files are refused.
+    """Reads a JSON file; ``kind`` is as for `parse_json`, the other arguments as for `opening.check_regular`.
 
     Raises:
         InputFileError: It is missing, no regular file, too large, no JSON, or of another type.

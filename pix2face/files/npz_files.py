@@ -36,13 +36,7 @@ def npz_names(path: Path, largest_bytes: int) -> tuple[str, ...]:
 
 
 def read_npz(path: Path, wanted: Collection[str], expected: str, largest_bytes: int) -> dict[str, ndarray]:
-    """Reads arrays by their names; those that the file lacks are left out.
-
-    Args:
-        path: The file.
-        wanted: Names of arrays.
-        expected: What the file should be, for messages.
-        largest_bytes: Larger files are refused.
+    """Reads arrays by their names; those that the file lacks are left out. Arguments are as for `check_regular`.
 
     Raises:
         InputFileError: The file is missing, damaged, hostile or of another format, or a wanted array holds neither

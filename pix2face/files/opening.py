@@ -41,12 +41,8 @@ def walk_files(folder: Path, suffixes: tuple[str, ...], left_out: Collection[str
     """What lies below a folder under names that end in some suffixes, in lower case or not.
 
     A folder of such a name comes, too, so that whoever reads it says that it is no file. The ``._*`` files that macOS
-    writes beside others are left out, and links to folders are not followed, since they may form loops.
-
-    Args:
-        folder: Where to look, with subfolders.
-        suffixes: In lower case.
-        left_out: Names of subfolders in which nothing is looked for.
+    writes beside others are left out, and so are subfolders of the names ``left_out``. Links to folders are not
+    followed, since they may form loops.
     """
     for root, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if name not in left_out)

@@ -32,14 +32,7 @@ def json_lines(values: Iterable[object]) -> UInt8[ndarray, " n"]:
 
 
 def read_json_lines(file: h5py.File, name: str, path: Path, kind: Any = Any, n: int | None = None) -> list[Any]:
-    """Reads the values of a column.
-
-    Args:
-        file: The open file.
-        name: Of the column.
-        path: Of the file, for messages.
-        kind: The type of each value (`json_text.parse_json`).
-        n: How many there must be, where that is known.
+    """Reads the values of a column, each of a kind (`json_text.parse_json`), and n of them where that is known.
 
     Raises:
         InputFileError: The column is missing, or holds something else.

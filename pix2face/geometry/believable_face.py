@@ -79,14 +79,7 @@ def measure_face(
     landmarks2d: Float[ndarray, "m 2"],
     size_px: tuple[int, int],
 ) -> FaceMeasures:
-    """Measures a face.
-
-    Args:
-        camera: From the model frame to the picture.
-        coefficients: Identity and expression, standard deviations.
-        landmarks2d: Pixels of the picture.
-        size_px: Height and width of the picture.
-    """
+    """Measures a face by its camera, coefficients (standard deviations) and landmarks in a picture (height, width)."""
     values = coefficients.astype(np.float64)
     is_inside = np.asarray((landmarks2d >= 0) & (landmarks2d <= size_px[::-1])).all(axis=1)
     return FaceMeasures(

@@ -123,10 +123,7 @@ def mark_missing(points: Float64[ndarray, "n d"]) -> Float64[ndarray, "n d"]:
     """Points of a file with NaN in place of those that mean "no point here".
 
     Tools write -1 -1, 0 0 or NaN for a point that was not annotated. All of these have no positive x or y, and no point
-    of a photograph does.
-
-    Args:
-        points: Coordinates as they stand in the file, x and y first.
+    of a photograph does. The coordinates are those of the file, x and y first.
     """
     is_missing = ~(np.isfinite(points).all(axis=1) & (points[:, :2] > 0).any(axis=1))
     return np.where(is_missing[:, None], np.nan, points)

@@ -109,15 +109,8 @@ def nearest_inside(mask: Bool[ndarray, "h w"]) -> tuple[Float32[ndarray, "h w"],
 def smooth_maps(maps: FaceMaps, size_px: int, *, has_holes: bool = True) -> FaceMaps:
     """Predicted maps of a square in another size, without the roughness and the blocks of a network's answers.
 
-    Means are taken over pixels inside the mask alone, and enlarged by cubic interpolation.
-
-    Args:
-        maps: As a network predicted them.
-        size_px: Side of the maps that are returned.
-        has_holes: Keep holes of the mask, such as an open mouth. If not, they get the values around them.
-
-    Returns:
-        PNCC, offset and mask.
+    Means are taken over pixels inside the mask alone, and enlarged by cubic interpolation. Without ``has_holes``, holes
+    of the mask, such as an open mouth, get the values around them. PNCC, offset and mask are returned.
     """
     if not has_holes and maps.mask.any():
         nearest = nearest_inside(maps.mask)[1]

@@ -33,10 +33,9 @@ _PICKLE_STARTS = (b"\x80", b"(d", b"}")
 
 
 def read_model(path: Path) -> StoredModel:
-    """Reads a published model. Its format is recognised by content, not by name.
+    """Reads a published model: a file, or the folder of one that comes as several files.
 
-    Args:
-        path: A file, or the folder of a model that comes as several files.
+    Its format is recognised by content, not by name.
 
     Returns:
         The model in mm, in its published frame and winding. A landmark is -1 where the published list lacks it.

@@ -95,10 +95,7 @@ def is_bfm2009(path: Path) -> bool:
 
 
 def read_bfm2009(path: Path) -> StoredModel:
-    """Reads the model.
-
-    Args:
-        path: One of its ``.mat`` files, or the folder that holds them.
+    """Reads the model from one of its ``.mat`` files, or the folder that holds them.
 
     Raises:
         InputFileError: A file is missing, damaged, or its arrays do not fit each other.

@@ -50,8 +50,7 @@ def is_surrey(content: bytes) -> bool:
 def read_surrey(path: Path) -> StoredModel:
     """Reads the model, in mm, in its own frame (the face looks along +z, the origin lies in front of the nose).
 
-    Args:
-        path: ``sfm_shape_3448.bin``; its blendshapes are looked for beside it.
+    Blendshapes are looked for beside the file.
 
     Raises:
         InputFileError: Missing, truncated or foreign file, or arrays that do not fit each other.

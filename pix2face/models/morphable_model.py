@@ -85,12 +85,10 @@ class MorphableModel(LinearModel):
 
 
 def load_model(path: Path, refinement_steps: int | None = None) -> MorphableModel:
-    """Reads a model from its ``.h5`` file.
+    """Reads a model from its ``.h5`` file, and refines its control mesh.
 
-    Args:
-        path: The file.
-        refinement_steps: Catmull-Clark steps from the control mesh; None uses the number in the file. The hash is
-            that of the file, so maps of different refinements of one file are comparable.
+    The number of Catmull-Clark steps is that of the file unless it is given. The hash is that of the file, so maps of
+    different refinements of one file are comparable.
 
     Raises:
         InputFileError: The file is missing, not a model, truncated, or of a newer schema.

@@ -49,13 +49,7 @@ def pack_image(image: bytes, n_bytes: int) -> bytes:
 
 
 def unpack_image(packed: bytes, length: int, n_bytes: int, *, is_whole: bool) -> bytes:
-    """The image file in a row of n bytes that was packed.
-
-    Args:
-        packed: The row's chunk.
-        length: Of the image file.
-        n_bytes: Of the row.
-        is_whole: Also check the zeros after it.
+    """The image file of some length in a row of n bytes that was packed; ``is_whole`` also checks the zeros after it.
 
     Raises:
         ValueError: The bytes are no such stream, or there is something else behind the image file.

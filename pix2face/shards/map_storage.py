@@ -30,12 +30,8 @@ def pack_layer(
 ) -> bytes:
     """A layer as HDF5's shuffle and deflate filters would store it.
 
-    Args:
-        layer: Which one.
-        steps: What it holds in the box.
-        box: Rows and columns; outside it is 0.
-        size_px: Height and width of the whole.
-        is_predicted: Store what the predictor leaves.
+    It holds ``steps`` in the box and 0 outside; ``size_px`` is height and width of the whole. With ``is_predicted``,
+    what the predictor leaves is stored.
     """
     height, width = size_px
     if is_predicted:

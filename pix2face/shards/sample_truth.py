@@ -15,9 +15,7 @@ WHAT_TO_DO = (
 def doubts_about(sample: Sample, size_px: tuple[int, int]) -> list[str]:
     """Why a sample of a photograph cannot be true, in words; empty where there is no doubt, and for drawn pictures.
 
-    Args:
-        sample: The sample. The orientation of its picture is checked where it was read with one.
-        size_px: Height and width of its picture.
+    The size is height and width. The orientation of the picture is checked where the sample was read with it.
     """
     if sample.attributes.get(PICTURE) != PictureKind.PHOTOGRAPH:
         return []

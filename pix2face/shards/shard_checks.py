@@ -52,11 +52,7 @@ class FolderReport:
 
 
 def verify_folder(folder: Path, on_shard: Callable[[], None] = lambda: None) -> FolderReport:
-    """Reads every shard of a folder, and checks what they are together.
-
-    Args:
-        folder: Of ``shard-*.h5``.
-        on_shard: Called after each shard.
+    """Reads every shard of a folder, and checks what they are together; ``on_shard`` is called after each.
 
     Raises:
         UsageError: There is no shard.

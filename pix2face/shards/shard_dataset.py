@@ -72,10 +72,7 @@ class ShardDataset(Sequence[Sample]):
     @overload
     def __getitem__(self, index: slice) -> Sequence[Sample]: ...
     def __getitem__(self, index: SupportsIndex | slice) -> Sample | Sequence[Sample]:
-        """Reads one sample.
-
-        Args:
-            index: From 0, in the order of the files; negative numbers count from the end.
+        """Reads one sample: from 0, in the order of the files; negative numbers count from the end.
 
         Raises:
             IndexError: There is no such sample.

@@ -117,12 +117,9 @@ class ShardReader:
         return height, width
 
     def read(self, index: int, layers: Collection[str] | None = None) -> Sample:
-        """Reads one sample.
+        """Reads one sample, by its place in the shard from 0, with some layers (``image`` is the picture).
 
-        Args:
-            index: Its place in the shard, from 0.
-            layers: Names of the layers to read; ``image`` is the picture. None reads all that the shard has, an empty
-                collection none: a hundred times as fast.
+        None reads all layers that the shard has, an empty collection none: a hundred times as fast.
 
         Raises:
             UsageError: The shard lacks a layer.

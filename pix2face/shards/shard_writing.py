@@ -66,14 +66,10 @@ class ShardWriter:
         self._columns: list[dict[str, ndarray]] = []
 
     def add(self, sample: Sample) -> int:
-        """Rounds and compresses one sample.
+        """Rounds and compresses one sample, and returns the checksum of its content.
 
-        Args:
-            sample: Where it has a mask, its layers are taken to be 0 outside the mask's bounding box (except layers of
-                the whole head).
-
-        Returns:
-            The checksum of its content.
+        Where it has a mask, its layers are taken to be 0 outside the mask's bounding box (except layers of the whole
+        head).
 
         Raises:
             InputFileError: The sample lacks a layer, or a value does not fit the format. The sample is left out.
@@ -101,11 +97,7 @@ class ShardWriter:
         """Writes a shard under a temporary name, reads it back, and renames it.
 
         The file is put together in memory and written in one go, so a full disk is an ordinary error; inside the HDF5
-        library it is not.
-
-        Args:
-            path: Where it goes; its folder is made.
-            header: What holds for all samples, with the layers that the writer keeps.
+        library it is not. The header names the layers that the writer keeps.
 
         Raises:
             InputFileError: Ids are not unique, samples do not match, or what was written does not read back.

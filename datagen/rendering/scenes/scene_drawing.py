@@ -83,13 +83,7 @@ class SceneDrawer:
         self._programs, self._objects, self._whole = self._variants(True)
 
     def draw(self, scene: Scene, camera: Camera, height: int, width: int) -> ScenePicture:
-        """Draws a scene.
-
-        Args:
-            scene: The head, the objects and the light.
-            camera: From the model frame to the picture.
-            height: Rows of the picture.
-            width: Columns of the picture.
+        """Draws a scene as the camera sees it, in a picture of this height and width.
 
         Raises:
             DegenerateGeometryError: The camera flattens space.

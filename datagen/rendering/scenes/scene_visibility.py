@@ -20,14 +20,9 @@ def see_scene(
     size: tuple[int, int],
     backs: Box,
 ) -> Float32[ndarray, "H W 2"]:
-    """Finds what the samples of a picture see.
+    """Finds what the samples of a picture (height, width) see of a head and of opaque objects.
 
-    Args:
-        head: Vertices and triangles of the head.
-        objects: Opaque meshes.
-        camera: From the model frame to the picture.
-        size: Rows and columns of the picture.
-        backs: Left, top, right and bottom (px) of where the inside of the head may be seen.
+    ``backs`` is the box (px) in which the inside of the head may be seen.
 
     Returns:
         For each sample the number of the head's triangle from 1 on, an object's label below 0, or 0 for nothing; and

@@ -15,13 +15,9 @@ from pix2face.models.morphable_model import MorphableModel
 def find_benchmark(
     manifest: Manifest, data: Path | None, model: MorphableModel, reannotated: Path | None = None
 ) -> BenchmarkFiles:
-    """Finds the files of a split below a folder.
+    """Finds the files of a split below a folder; shards must be of the model.
 
-    Args:
-        manifest: The split.
-        data: The folder; None if it was not given.
-        model: The model in use. Shards must be of this model.
-        reannotated: File of re-annotated landmarks, if they are the truth; None looks for it beside the pictures.
+    ``reannotated`` is the file of re-annotated landmarks, if they are the truth; None looks for it beside the pictures.
 
     Raises:
         UsageError: The folder has nothing of the split, or shards of other faces. The message says where to get it.

@@ -168,12 +168,9 @@ def _numbers(
 
 
 def read_tracks(folder: Path, known: Collection[str], frame_names: Mapping[str, Sequence[str]]) -> Predictions:
-    """Reads ``FOLDER/CLIP/track.npz`` of every clip.
+    """Reads ``FOLDER/CLIP/track.npz`` of every clip, with the frames whose names (``CLIP/FRAME``) are ``known``.
 
-    Args:
-        folder: Holds a folder for each clip, named as the benchmark names the clip.
-        known: Names of the annotated frames, ``CLIP/FRAME``; other tracked frames are left out.
-        frame_names: As in ``BenchmarkFiles``.
+    ``frame_names`` are those of ``BenchmarkFiles``.
 
     Raises:
         UsageError: There is no track of any of the clips.

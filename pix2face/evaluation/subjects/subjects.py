@@ -191,11 +191,9 @@ class OracleSubject:
 
 
 def pose_of(camera: Camera, model_from_stated: Float64[ndarray, "3 3"] = OWN_FRAME) -> Float64[ndarray, "3"]:
-    """Pitch, yaw, roll in degrees with the signs of 300W-LP.
+    """Pitch, yaw, roll in degrees with the signs of 300W-LP, of a camera from the model frame to any pixels.
 
-    Args:
-        camera: From the model frame to any pixels.
-        model_from_stated: Rotation to the model frame from the frame in which the pose is stated.
+    The rotation leads to the model frame from the frame in which the pose is stated.
     """
     turn = np.eye(4)
     turn[:3, :3] = model_from_stated

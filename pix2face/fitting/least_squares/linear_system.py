@@ -96,10 +96,8 @@ class JointAccumulator:
     """Eq. 5 one picture at a time: its matrix is a block arrow, so each expression is eliminated as its picture comes.
 
     Time is linear in the number of pictures; what is kept of each is its (expressions x identities) block. Each
-    picture is divided by its own lambda, so that a noisy one counts less; the penalty is then |c|^2.
-
-    Args:
-        n_identity: How many of the components are identity.
+    picture is divided by its own lambda, so that a noisy one counts less; the penalty is then |c|^2. The first
+    ``n_identity`` components are identity.
     """
 
     def __init__(self, n_identity: int) -> None:
@@ -108,11 +106,7 @@ class JointAccumulator:
         self._eliminated: list[tuple[Float64[ndarray, " e"], Float64[ndarray, "e k"]]] = []
 
     def add(self, system: ImageSystem, regularisation: float) -> None:
-        """Takes the normal equations of a further picture in.
-
-        Args:
-            system: Of the picture.
-            regularisation: lambda in mm^2: the variance of what this picture's system should not follow.
+        """Takes in a further picture and its lambda (mm^2): the variance of what its system should not follow.
 
         Raises:
             DegenerateGeometryError: lambda is too small for the arithmetic.
