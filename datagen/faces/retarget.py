@@ -34,12 +34,7 @@ Geometry = tuple[Float64[ndarray, " k"], Float64[ndarray, " e"], Camera, str]
 
 @final
 class Retargeter:
-    """Fits one model to the files of one folder.
-
-    Args:
-        model: The model to fit.
-        folder: The root of the data set, or a part of it; ``landmarks/`` is searched there and above.
-    """
+    """Fits one model to the files of one folder of a data set; ``landmarks/`` is searched there and above."""
 
     def __init__(self, model: MorphableModel, folder: Path) -> None:
         self._model = LandmarkModel.of(model)
@@ -48,10 +43,7 @@ class Retargeter:
         self._sibling_fit = lru_cache(maxsize=4)(self._fit_sibling)
 
     def fit(self, file: CoefficientFile, image_height_px: int) -> Geometry:
-        """Fits one file.
-
-        Returns:
-            Identity and expression (standard deviations), the camera of the picture, and what was fitted to.
+        """Fits one file. The text says what was fitted to.
 
         Raises:
             SampleRejectedError: The file has no landmarks of its picture, or they do not determine a face.

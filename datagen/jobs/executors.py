@@ -57,10 +57,7 @@ class ProcessPool(WorkPlace):
 
 @final
 class DaskCluster(WorkPlace):
-    """The workers of a running ``dask.distributed`` scheduler.
-
-    Args:
-        address: Such as ``tcp://host:8786``.
+    """The workers of a running ``dask.distributed`` scheduler, at an address such as ``tcp://host:8786``.
 
     Raises:
         UsageError: The package is not installed.

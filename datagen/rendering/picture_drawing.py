@@ -15,7 +15,7 @@ from datagen.rendering.clip_space import clip_transform
 from datagen.rendering.gl_mesh import SIZES_KEPT, shader_source
 from pix2face.geometry.camera import Camera
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.rasterise import project_homogeneous
+from pix2face.models.rasterise import handedness, project_homogeneous
 
 # Pictures (never maps) are drawn this much finer and averaged, so that edges are as smooth as a lens makes them.
 PICTURE_OVERSAMPLING = 2
@@ -53,18 +53,18 @@ class PictureDrawer:
         """
         height, width = background.shape[:2]
         depth = project_homogeneous(camera.matrix, vertices)[:, 2]
-        transform = clip_transform(camera, float(depth.min()), float(np.ptp(depth)), height, width)
+        clip_from_model = clip_transform(camera, float(depth.min()), float(np.ptp(depth)), height, width)
         self._vertices.write(np.ascontiguousarray(vertices))
         self._normals.write(self._surface.normals(vertices))
         self._paint.write(vertex_paint(appearance, self._surface))
-        self._program["clip_from_model"] = tuple(transform.clip_from_model.T.ravel())
+        self._program["clip_from_model"] = tuple(clip_from_model.T.ravel())
         _light(self._program, appearance, camera)
         fine = height * PICTURE_OVERSAMPLING, width * PICTURE_OVERSAMPLING
         target = self._targets(*fine)
         target.use()
         target.clear()
         self._context.enable_only(moderngl.DEPTH_TEST)
-        self._context.front_face = "cw" if transform.outside_is_clockwise else "ccw"
+        self._context.front_face = "cw" if handedness(camera) > 0 else "ccw"
         self._mesh.render(moderngl.TRIANGLES)
         drawn = np.frombuffer(target.read(components=4), dtype=np.uint8).reshape(*fine, 4)
         rgba = cv2.resize(drawn, (width, height), interpolation=cv2.INTER_AREA)

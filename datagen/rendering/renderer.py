@@ -31,12 +31,8 @@ from pix2face.models.morphable_model import MorphableModel
 class Renderer:
     """Renders faces of one model in one size of images; ``with_size`` shares the loaded model with another size.
 
-    Args:
-        model: Mean, triangles and regions.
-        height: Rows of the images.
-        width: Columns of the images.
-        gl: Where OpenGL draws; None for maps alone, on the processor. It is made current whenever it draws.
-        rasteriser: ``processor``, ``compute``, or None for the choice that ``gl`` carries.
+    Without ``gl``, it renders maps alone, on the processor. OpenGL is made current whenever it draws. The rasteriser is
+    ``processor``, ``compute``, or None for the choice that ``gl`` carries.
 
     Raises:
         UsageError: The size is not positive, or larger than can be drawn.
@@ -77,16 +73,9 @@ class Renderer:
         *,
         in_steps: bool = False,
     ) -> dict[str, ndarray]:
-        """Renders PNCC, offset, mask, depth and what is asked for of one face.
+        """Renders PNCC, offset, mask, depth and what is asked for of one face, as ``rasterise.render_maps`` does.
 
-        Args:
-            vertices: This face, mm, model frame, not posed.
-            camera: From the model frame to this image.
-            layers: Further ones, of ``surface_attributes.EXTRA_LAYERS``; other names are passed over.
-            in_steps: PNCC and offset may be in steps of 1/128 mm (int16), as shards store them.
-
-        Returns:
-            As ``pix2face.models.rasterise.render_maps``.
+        With ``in_steps``, PNCC and offset may be in steps of 1/128 mm (int16), as shards store them.
 
         Raises:
             DegenerateGeometryError: The camera flattens space, part of the face is behind a pinhole, or a vertex is

@@ -37,12 +37,8 @@ from pix2face.shards.sample import MASK, PICTURE, PictureKind, Sample
 class SampleMaker:
     """Turns faces of one model into samples.
 
-    Args:
-        model: The model of the faces.
-        gl: Where OpenGL draws. None if every face has a photograph, or pictures are not wanted.
-        seed: Of everything random in a picture.
-        layers: What samples have, of ``pix2face.shards.layers.LAYER_NAMES``.
-        appearance: Of faces that have no photograph.
+    OpenGL is needed for faces without photographs, if pictures are wanted; appearance and seed are those of what it
+    draws.
 
     Raises:
         UsageError: The model has not what a layer or the appearance needs.

@@ -149,15 +149,9 @@ def face_of_coefficients(
     scheme: str = IBUG68,
     contour: Contour = "off",
 ) -> FaceFit:
-    """Puts a face together from its camera and coefficients.
+    """Puts a face together from its camera and coefficients (standard deviations).
 
-    Args:
-        model: The model of the coefficients.
-        camera: From the model frame to pixels.
-        identity: Standard deviations.
-        expression: Standard deviations.
-        scheme: Scheme of the model's landmarks.
-        contour: "2d" moves the jaw landmarks in the picture to the visible outline; the 3D landmarks are unchanged.
+    The contour "2d" moves the jaw landmarks in the picture to the visible outline; the 3D landmarks are unchanged.
 
     Raises:
         UsageError: The model has no such landmarks, or they have no jaw to move.

@@ -111,11 +111,7 @@ def fit_mean_to_landmarks(
 ) -> Camera:
     """Fits a weak-perspective camera that brings the mean face's landmarks to given ones.
 
-    Args:
-        model: The face; of a MorphableModel the iBUG-68 landmarks.
-        landmarks2d: Pixels (x, y), centres at +0.5; a landmark that is not finite counts as missing.
-        weights: Factor of each squared residual; None is 1, 0 leaves a landmark out.
-        robust: Huber's loss instead of squares.
+    Arguments are those of ``fit_landmarks``, but a robust fit has Huber's loss.
 
     Raises:
         DegenerateGeometryError: Fewer than 6 landmarks, or all at one place.

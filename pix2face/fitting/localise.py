@@ -34,11 +34,9 @@ LEAST_PIXELS_A_VERTEX = 4
 class VertexPixels:
     """The vertices that were found in a picture, in the order of the query."""
 
-    vertex_indices: Int[ndarray, " n"]
     places: Int[ndarray, " n"]  # the place of each vertex in the query
     points2d: Float64[ndarray, "n 2"]  # pixels (x, y), centres at +0.5
     offsets: Float64[ndarray, "n 3"]  # values of the offset map there, mm
-    distance_mm: Float64[ndarray, " n"]  # from the PNCC there to the vertex of the mean face
 
 
 def localise_prepared(maps: FaceMaps, pixels: "ValidPixels", prepared: PreparedModel) -> VertexPixels:
@@ -132,8 +130,7 @@ def _refined(
     distance = lengths(targets - refined[:, :3])
     seen = np.flatnonzero(distance <= _visible_limit(distance))
     points2d = np.column_stack([columns, rows])[seen] + 0.5 + step[seen]
-    places = places[seen]
-    return VertexPixels(prepared.vertex_indices[places], places, points2d, refined[seen, 3:], distance[seen])
+    return VertexPixels(places[seen], points2d, refined[seen, 3:])
 
 
 def _values_at(maps: FaceMaps, pixels: Int[ndarray, " n"]) -> Float64[ndarray, "n 6"]:

@@ -71,11 +71,7 @@ def estimated_regularisation(
     error of a patch is its mean residual, plus what the coefficients that were fitted may have followed: their
     posterior variance there. A fixed point is looked for, since the residuals depend on lambda.
 
-    Args:
-        system: Of the found vertices.
-        basis: At the found vertices, mm per standard deviation.
-        offsets: There, mm.
-        patches: For each found vertex the patch of the face that it lies in.
+    System, basis (mm per standard deviation), offsets (mm) and the numbers of patches are those of the found vertices.
 
     Source: Dempster, Laird and Rubin 1977 (the two steps of expectation-maximisation, for one variance).
     """

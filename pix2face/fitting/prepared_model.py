@@ -65,7 +65,6 @@ class VertexGrid:
 class PreparedModel:
     """Some vertices of a model's face."""
 
-    vertex_indices: Int[ndarray, " n"]
     mean: Float32[ndarray, "n 3"]  # mm
     # Identity, then expression, mm per standard deviation; a vertex is one run of memory.
     basis: Float32[ndarray, "n 3 c"]
@@ -78,13 +77,7 @@ def prepared_model(model: MorphableModel, at_most: int) -> PreparedModel:
     """Gathers at most so many vertices, evenly spread over the face; remembers the last four answers."""
     vertex_indices = spread_vertices(model, at_most)
     mean = model.mean[vertex_indices]
-    return PreparedModel(
-        vertex_indices,
-        mean,
-        vertex_basis(model, vertex_indices),
-        VertexGrid.of(mean),
-        patches_of(mean, N_PATCHES),
-    )
+    return PreparedModel(mean, vertex_basis(model, vertex_indices), VertexGrid.of(mean), patches_of(mean, N_PATCHES))
 
 
 def vertex_basis(model: MorphableModel, vertex_indices: Int[ndarray, " n"]) -> Float32[ndarray, "n 3 c"]:

@@ -13,7 +13,7 @@ from string import Template
 from typing import Any, final
 
 from pix2face.detectors import centre_decoding, centre_detector
-from pix2face.files.html_parts import base64_text, policy_hash
+from pix2face.files.html_parts import base64_text, policy_hash, script_data
 from pix2face.fitting.face_fit import ERROR_OF_FIT, MEAN_OF_SCALE
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.centre_files import OUTPUT_NAME as CELLS
@@ -61,7 +61,7 @@ def reader_page(networks: PageNetworks) -> bytes:
         f"style-src '{policy_hash(style)}'; img-src data:",
         "style": style,
         "script": script,
-        "settings": json.dumps(_settings(networks), allow_nan=False).replace("<", "\\u003c"),
+        "settings": script_data(json.dumps(_settings(networks), allow_nan=False)),
         "files": "\n".join(
             f'<script type="text/plain" id="{name}">{base64_text(blob)}</script>' for name, blob in blobs.items()
         ),

@@ -88,12 +88,7 @@ class PhotographColours:
     the model is symmetric and the mirror point is visible. The rest of the face has the colour of the visible parts
     around it, which fades to the median colour of the middle of the face. Everything that is not face (scalp, neck, and
     ears that hair covers) has this median colour. In between, colours are blended, depending on how much the surface
-    faces the viewer, and towards scalp and neck.
-
-    Args:
-        image: RGB.
-        fit: The fit, in pixels of the image.
-        model: The model of the fit.
+    faces the viewer, and towards scalp and neck. The fit is in pixels of the image.
 
     Attributes:
         skin: The median colour of the middle of the face, RGB; grey if no part of the face is visible.
@@ -197,12 +192,7 @@ def face_texture(
 ) -> UInt8[ndarray, "s s 3"]:
     """A texture in the model's own texture coordinates (u right, v up), from a photograph.
 
-    Args:
-        image: RGB.
-        fit: The fit, in pixels of the image.
-        model: The model of the fit.
-        size_px: Side of the texture. None chooses a side that is fine enough for the face, whose part of the texture
-            depends on the model.
+    Without a size, its side is fine enough for the face, whose part of the texture depends on the model.
 
     Raises:
         DegenerateGeometryError: As ``PhotographColours``.

@@ -19,7 +19,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from pix2face.command_line import printable
-from pix2face.files.html_parts import base64_text, data_url, policy_hash
+from pix2face.files.html_parts import base64_text, data_url, policy_hash, script_data
 from pix2face.files.images import encode_photograph
 from pix2face.files.opening import is_regular
 from pix2face.files.writing import write_file
@@ -79,10 +79,6 @@ class ViewPages:
     """Writes faces to pages of at most ``FACES_A_PAGE``: NAME.html, NAME-2.html and so on, each with links to the next.
 
     Only the faces of one page are in memory. Pages of an earlier and longer run are removed at the end.
-
-    Args:
-        path: The first page.
-        title: Title of all pages.
     """
 
     def __init__(self, path: Path, title: str) -> None:
@@ -135,8 +131,7 @@ def view_page(faces: Sequence[str], title: str, navigation: str = "") -> str:
     ``navigation`` is HTML for its head.
     """
     script = _viewer()
-    # In a script element "<" could end it, and nothing else is special.
-    data = "[" + ",\n".join(faces).replace("<", "\\u003c") + "]"
+    data = "[" + script_data(",\n".join(faces)) + "]"
     policy = f"default-src 'none'; script-src '{policy_hash(script)}'; style-src 'unsafe-inline'; img-src data:"
     shown = {"title": escape(printable(title)), "policy": policy, "style": _STYLE, "navigation": navigation}
     return _MARK + _PAGE.format(data=data, script=script, **shown)

@@ -51,9 +51,7 @@ def write_shard(path: Path, header: ShardHeader, samples: Iterable[Sample], *, i
 class ShardWriter:
     """Collects the samples of a shard, rounded and compressed, in a tenth of the memory, and writes them together.
 
-    Args:
-        layers: What to keep of each sample: names of ``pix2face.shards.layers.LAYER_NAMES``.
-        is_plain: Store smooth layers as plain numbers in their unit, which take about twice the space.
+    A plain shard stores smooth layers as plain numbers in their unit, which take about twice the space.
     """
 
     def __init__(self, layers: Sequence[str], *, is_plain: bool = False) -> None:

@@ -7,6 +7,7 @@ from numpy import ndarray
 from datagen.appearance.scene import Scene, UniformValue
 from datagen.rendering.clip_space import clip_transform
 from pix2face.geometry.camera import Camera
+from pix2face.models.rasterise import handedness
 
 NEAR_PLANE_MM = 10.0  # of pinholes: what is nearer is cut off
 # Two surfaces in a pixel are told apart where their depths differ by this, mm and pixels.
@@ -21,7 +22,8 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> dict[st
     Raises:
         DegenerateGeometryError: The camera flattens space.
     """
-    transform = clip_transform(camera, *depth_range(scene, camera), height, width)
+    outside = -float(handedness(camera))
+    clip = clip_transform(camera, *depth_range(scene, camera), height, width)
     rows = camera.matrix
     forward = rows[2, :3] / np.linalg.norm(rows[2, :3])
     # Pixels per mm across, where w is 1: the root of the area that a square mm takes.
@@ -33,13 +35,12 @@ def view_scene(scene: Scene, camera: Camera, height: int, width: int) -> dict[st
     else:
         place = np.append(-np.linalg.solve(rows[[0, 1, 3], :3], rows[[0, 1, 3], 3]), 1.0)
         typical_w = float(np.median(camera.depth(scene.head.vertices)))
-    clip = transform.clip_from_model
     return {
         "camera_place": place,
         "pixel_mm_at_1": 1 / scale,
         "clip_from_model": clip,
         "half_size": (width / 2, height / 2),
-        "outside": -1.0 if transform.outside_is_clockwise else 1.0,
+        "outside": outside,
         "depth_from_buffer": _depth_from_buffer(camera, clip),
         "edge_mm": EDGE_MM + EDGE_PX * typical_w / scale,
     }

@@ -50,14 +50,9 @@ from pix2face.models.morphable_model import MorphableModel
 
 @final
 class SceneDrawer:
-    """Draws scenes with heads of one model.
+    """Draws scenes with heads of one model. OpenGL is made current whenever something is drawn.
 
-    Args:
-        model: Triangles and texture coordinates.
-        gl: Where to draw. It is made current whenever something is drawn.
-        textures: Textures of all parts, by the name of the sampler.
-        head_paint: Eight numbers for each vertex, for ``skin.glsl``.
-        occlusion: Share of the ambient light that arrives at each vertex, 0 to 1.
+    Textures are of all parts, by the name of the sampler; paint and occlusion are those of `SceneHead`.
 
     Raises:
         UsageError: Paint or a texture has the wrong size or kind.

@@ -23,11 +23,8 @@ SHADOW_CELL_MM = 6.0
 class SceneHead:
     """The head of a scene. In its textures a vertex stands once for each texture coordinate that it has.
 
-    Args:
-        model: Triangles and texture coordinates; without these, uv is 0.
-        context: The OpenGL context.
-        paint: Eight numbers for each vertex of the model, for ``skin.glsl``.
-        occlusion: Share of the ambient light that arrives at each vertex, 0 to 1.
+    Each vertex of the model has a paint of eight numbers, for ``skin.glsl``, and an occlusion: the share (0 to 1) of
+    the ambient light that arrives at it. Without texture coordinates, uv is 0.
 
     Attributes:
         triangles: Of the whole head, over the model's vertices.
@@ -80,8 +77,7 @@ def split_by_uv(
 ) -> tuple[Int64[ndarray, " s"], Float32[ndarray, "s 2"], Int32[ndarray, "t 3"]]:
     """Vertices that stand once for each texture coordinate they have.
 
-    Returns:
-        The model's vertex of each, its texture coordinates with v downward, and the triangles over them.
+    Returns the model's vertex of each, its texture coordinates with v downward, and the triangles over them.
     """
     if model.uv is None or model.uv_triangles is None:
         n_vertices = len(model.mean)

@@ -38,15 +38,7 @@ class Window(NamedTuple):
 
 @final
 class ObjectMeshes:
-    """All meshes of a scene but the head's, in one buffer of vertices and one of triangles.
-
-    Args:
-        context: The OpenGL context.
-        programs: The programs that may draw them, by name.
-
-    Attributes:
-        opaque: Runs of opaque meshes.
-    """
+    """All meshes of a scene but the head's, in one buffer of vertices and one of triangles; programs go by name."""
 
     def __init__(self, context: moderngl.Context, programs: Mapping[str, SceneProgram]) -> None:
         self._context, self._programs = context, programs

@@ -1,7 +1,6 @@
 """Depth maps as each light sees a scene, side by side in one texture (``shaders/shadow.glsl``)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import final
 
 import moderngl
@@ -21,16 +20,10 @@ SKY, SKY_PX = 2, 128  # the third map, which is blurred; its part of a map as in
 REACH = 0.6
 TOWARDS_LIGHT = 3.0  # how far before the sphere something still casts a shadow, in radii
 
+# Maps are drawn in clip space, and looked up by x, y and depth from 0 to 1.
+SHADOW_FROM_CLIP = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
+
 Mesh = tuple[Float32[ndarray, "_ 3"], Int32[ndarray, "_ 3"]]  # vertices and triangles
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class LightView:
-    """How a light sees the scene."""
-
-    clip_from_model: Float64[ndarray, "4 4"]  # for drawing its map
-    shadow_from_model: Float64[ndarray, "4 4"]  # for looking it up: x, y and depth from 0 to 1
 
 
 @final
@@ -52,16 +45,10 @@ class ShadowMaps:
         solid: Callable[[int], Sequence[Mesh]],
         soft: Callable[[Window, Float64[ndarray, "3"]], None],
     ) -> dict[str, UniformValue]:
-        """Draws a map for each light.
+        """Draws a map for each light, with the head in the middle, and returns what ``shadow.glsl`` needs to know.
 
-        Args:
-            vertices: The head, which is in the middle of the maps, mm.
-            lights: Towards each light; zeros where there is none.
-            solid: Which opaque meshes a light sees; the first of them is the head.
-            soft: Draws the transparent meshes, given what a light sees and the direction towards it.
-
-        Returns:
-            What ``shadow.glsl`` needs to know.
+        Lights are directions towards them; zeros where there is none. ``solid`` says which opaque meshes a light sees,
+        the first of them the head; ``soft`` draws the transparent ones, given what a light sees and its direction.
         """
         lights = lights[:MAX_SHADOWS]
         axes = np.ascontiguousarray(vertices.T)  # along rows it is twenty times as fast
@@ -72,13 +59,13 @@ class ShadowMaps:
         for place, direction in enumerate(np.asarray(lights, dtype=np.float64)):
             if not direction.any():
                 continue  # no such lamp: nothing asks for its shadow
-            view = light_view(direction / np.linalg.norm(direction), centre, radius)
+            clip_from_model = light_view(direction / np.linalg.norm(direction), centre, radius)
             side = SKY_PX if place == SKY else MAP_PX
             self._framebuffer.viewport = (place * MAP_PX, 0, side, side)
-            depth = _solid_depth(view, solid(place), side)
+            views[place] = SHADOW_FROM_CLIP @ clip_from_model
+            depth = _solid_depth(views[place], solid(place), side)
             self._maps.write(depth, viewport=self._framebuffer.viewport)
-            soft(Window(view.clip_from_model, depth), direction)
-            views[place] = view.shadow_from_model
+            soft(Window(clip_from_model, depth), direction)
         self._maps.use(self._unit)
         towards = np.zeros((MAX_SHADOWS, 3))
         towards[: len(lights)] = lights
@@ -93,10 +80,12 @@ class ShadowMaps:
         }
 
 
-def _solid_depth(view: LightView, meshes: Sequence[Mesh], side: int) -> Float32[ndarray, "s s"]:
+def _solid_depth(
+    shadow_from_model: Float64[ndarray, "4 4"], meshes: Sequence[Mesh], side: int
+) -> Float32[ndarray, "s s"]:
     """How deep what is opaque lies below each texel of a map, 0 to 1."""
     depth, labels = np.ones((side, side), dtype=np.float32), np.empty((side, side), dtype=np.float32)
-    rows = (np.array([[side], [side], [1]]) * view.shadow_from_model[:3]).astype(np.float32)
+    rows = (np.array([[side], [side], [1]]) * shadow_from_model[:3]).astype(np.float32)
     for place, (vertices, triangles) in enumerate(meshes):
         # What of the head turns away from a light would only shade what turns away as well.
         front = 1.0 if place == 0 else 0.0
@@ -104,8 +93,10 @@ def _solid_depth(view: LightView, meshes: Sequence[Mesh], side: int) -> Float32[
     return np.maximum(depth, 0, out=depth)
 
 
-def light_view(direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], radius_mm: float) -> LightView:
-    """An orthographic view along a light, of a sphere and of what is between it and the light."""
+def light_view(
+    direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], radius_mm: float
+) -> Float64[ndarray, "4 4"]:
+    """Clip from model of an orthographic view along a light, of a sphere and of what is between it and the light."""
     across = np.cross(np.eye(3)[np.abs(direction).argmin()], direction)
     across /= np.linalg.norm(across)
     axes = np.stack([across, np.cross(direction, across)]) / radius_mm
@@ -114,6 +105,4 @@ def light_view(direction: Float64[ndarray, "3"], centre: Float64[ndarray, "3"], 
     clip[:2, :3], clip[:2, 3] = axes, -axes @ centre
     clip[2, :3] = away
     clip[2, 3] = 1 - away @ (centre - radius_mm * direction)  # the far end of the sphere is at 1
-    half = np.diag([0.5, 0.5, 0.5, 1.0])
-    half[:3, 3] = 0.5
-    return LightView(clip, half @ clip)
+    return clip

@@ -41,16 +41,9 @@ def cluster_indices(clusters: Sequence[str]) -> Int[ndarray, " n"]:
 def intervals(
     statistics: Mapping[str, Statistic], clusters: Int[ndarray, " n"], bootstrap: Bootstrap
 ) -> dict[str, Interval | None]:
-    """95 % intervals of several figures from the same draws.
+    """95 % intervals of several figures from the same draws, in which faces of one cluster (a clip) stay together.
 
-    Args:
-        statistics: The figures.
-        clusters: For each face the number of the cluster that is drawn as a whole: the face itself, or its clip.
-        bootstrap: How many draws, and their seed.
-
-    Returns:
-        Lower and upper end of each; None for fewer than two clusters or without draws, or where more than half of the
-        draws have no such figure.
+    There is none for fewer than two clusters, without draws, or where more than half of the draws have no such figure.
     """
     n_clusters = int(clusters.max()) + 1 if len(clusters) else 0
     if n_clusters < 2 or bootstrap.n_resamples < 1:

@@ -9,9 +9,6 @@ The rule has two parts, and a pinhole must pass both.
    less than 0.4 % of the width of the face, below what networks and annotators agree on.
 """
 
-from dataclasses import dataclass
-from typing import final
-
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
@@ -27,50 +24,31 @@ FARTHEST_IN_WIDTHS = 10.0
 PATCHES_A_SIDE = 6
 
 
-@final
-@dataclass(frozen=True)
-class PerspectiveEvidence:
-    """What a pinhole fit says of perspective."""
-
-    distance_mm: float  # of the points' centre, along the optical axis
-    relative_error: float  # standard error of 1 / distance over 1 / distance
-    face_width_mm: float
-
-    @property
-    def is_warranted(self) -> bool:
-        """Whether both parts of the rule hold."""
-        is_determined = self.relative_error <= LARGEST_RELATIVE_ERROR
-        return is_determined and self.distance_mm <= FARTHEST_IN_WIDTHS * self.face_width_mm
-
-
 def fit_warranted_camera(
     points3d: Float[ndarray, "n 3"],
     points2d: Float[ndarray, "n 2"],
     principal_point_px: Float[ndarray, "2"],
     face_width_mm: float,
 ) -> Camera:
-    """A pinhole where it is warranted, else weak perspective; both robust.
-
-    Args:
-        points3d: Model points in mm, model frame.
-        points2d: Their images in pixels, (x, y), centres at +0.5.
-        principal_point_px: Where the optical axis meets the image.
-        face_width_mm: Width of the face that the points are of.
+    """A pinhole where it is warranted, else weak perspective; both robust. The width is that of the points' face.
 
     Raises:
         DegenerateGeometryError: The points do not determine a camera.
     """
     initial = fit_affine_camera(points3d, points2d, robust=True)
     pinhole = fit_pinhole_camera(points3d, points2d, principal_point_px, initial, robust=True)
-    if perspective_evidence(pinhole, points3d, points2d, face_width_mm).is_warranted:
+    distance_mm, relative_error = perspective_evidence(pinhole, points3d, points2d)
+    if relative_error <= LARGEST_RELATIVE_ERROR and distance_mm <= FARTHEST_IN_WIDTHS * face_width_mm:
         return pinhole
     return fit_weak_perspective_camera(points3d, points2d, robust=True)
 
 
 def perspective_evidence(
-    pinhole: Camera, points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"], face_width_mm: float
-) -> PerspectiveEvidence:
-    """Judges a pinhole that was fitted to points.
+    pinhole: Camera, points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"]
+) -> tuple[float, float]:
+    """What a pinhole that was fitted to points says: the distance, and the standard error of its inverse.
+
+    The distance (mm) is that of the points' centre along the optical axis; the error is relative.
 
     Source: Liang and Zeger 1986, for the sandwich estimate over groups.
     """
@@ -80,13 +58,13 @@ def perspective_evidence(
     scale, inverse_distance = fitted.focal_px / float(centre[2]), 1 / float(centre[2])
     state = PinholeState(float(np.log(scale)), fitted.rotation, scale * centre[:2], inverse_distance)
     if centre[2] > FARTHEST_MM / 2:
-        return PerspectiveEvidence(float(centre[2]), np.inf, face_width_mm)
+        return float(centre[2]), np.inf
     relative = points2d.astype(np.float64) - fitted.principal_point_px
     residuals, jacobian = linearised_pinhole(state, points3d.astype(np.float64) - origin, relative)
     lengths = np.sqrt((residuals**2).sum(axis=1))
     weights = huber_weights(lengths, huber_threshold(lengths)) ** 2
     error = _standard_errors(residuals, jacobian, weights, _patches(relative))[6]
-    return PerspectiveEvidence(float(centre[2]), float(error * centre[2]), face_width_mm)
+    return float(centre[2]), float(error * centre[2])
 
 
 def _standard_errors(

@@ -23,12 +23,9 @@ YAW_STARTS_DEG = (-80.0, -40.0, 0.0, 40.0, 80.0)
 def fit_affine_camera(
     points3d: Float[ndarray, "n 3"], points2d: Float[ndarray, "n 2"], *, robust: bool = False
 ) -> Camera:
-    """Fits an affine camera to 3D-2D correspondences by linear least squares.
+    """Fits an affine camera to model points (mm) and their images (pixels) by linear least squares.
 
-    Args:
-        points3d: Model points in mm, model frame.
-        points2d: Their images in pixels, (x, y), centres at +0.5.
-        robust: Solve again with smaller weights for the points that disagree (``robust.reweighted``).
+    A ``robust`` fit solves again with smaller weights for the points that disagree (``robust.reweighted``).
 
     Raises:
         DegenerateGeometryError: Fewer than 4 points, all in one plane, or some not finite.
@@ -60,13 +57,8 @@ def fit_weak_perspective_camera(
     """Fits a weak-perspective camera (scaled orthography) by minimising the reprojection error.
 
     The start is the affine fit with its rows made orthogonal and equally long; from there Levenberg-Marquardt. Where
-    the points are too flat for the affine fit, several yaws are tried and the best end is taken.
-
-    Args:
-        points3d: Model points in mm, model frame.
-        points2d: Their images in pixels, (x, y), centres at +0.5.
-        weights: Factor of each squared residual; None is 1 for all; a weight of 0 leaves a point out.
-        robust: Solve again with smaller weights for the points that disagree (``robust.reweighted``).
+    the points are too flat for the affine fit, several yaws are tried and the best end is taken. Weights are factors of
+    the squared residuals, 0 leaves a point out; ``robust`` is that of the affine fit.
 
     Raises:
         DegenerateGeometryError: Fewer than 4 points with a weight, all in one line, or some not finite.

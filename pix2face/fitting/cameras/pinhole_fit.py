@@ -62,17 +62,10 @@ def fit_pinhole_camera(
     *,
     robust: bool = False,
 ) -> Camera:
-    """Fits focal length, rotation and translation by minimising the reprojection error.
+    """Fits focal length, rotation and translation by minimising the reprojection error, from an affine camera.
 
-    Args:
-        points3d: Model points in mm, model frame.
-        points2d: Their images in pixels, (x, y), centres at +0.5.
-        principal_point_px: Where the optical axis meets the image; pixels are square and without skew.
-        initial: An affine camera of the same points.
-        robust: Solve again with smaller weights for the points that disagree (``robust.reweighted``).
-
-    Returns:
-        A pinhole. Points without perspective (or with the reverse of it) get one at a distance of 1 km.
+    Points and ``robust`` are those of ``fit_affine_camera``; pixels are square and without skew. Points without
+    perspective (or with the reverse of it) get a camera at a distance of 1 km.
 
     Raises:
         DegenerateGeometryError: Fewer than 6 points, all in one plane or line, or some not finite.

@@ -52,17 +52,11 @@ def minimise(
     relative_decrease: float = RELATIVE_DECREASE,
     max_iterations: int = MAX_ITERATIONS,
 ) -> tuple[State, LocalQuadratic]:
-    """Minimises a sum of squares from a start.
+    """Minimises a sum of squares from a start, until a step takes off less than ``relative_decrease`` of the cost.
 
-    Args:
-        start: The first state.
-        local_quadratic: The cost and its derivatives with respect to an increment, at a state.
-        moved: The state after an increment.
-        relative_decrease: Ends when an accepted step takes off less than this fraction of the cost.
-        max_iterations: Bound on the evaluations of ``local_quadratic``.
-
-    Returns:
-        The best state seen and its local quadratic.
+    ``local_quadratic`` is the cost and its derivatives with respect to an increment, at a state, and evaluated at most
+    ``max_iterations`` times; ``moved`` is the state after an increment. Returns the best state seen and its local
+    quadratic.
 
     Raises:
         DegenerateGeometryError: The cost at the start is not finite.

@@ -10,7 +10,7 @@ from numpy import ndarray
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.joint_fit import fit_joint
 from pix2face.fitting.least_squares.linear_system import image_system
-from pix2face.fitting.prepared_model import prepared_model
+from pix2face.fitting.prepared_model import prepared_model, spread_vertices
 from pix2face.fitting.silhouette import SLACK_PX, FaceSurface, OutsideDistance, with_silhouette
 from pix2face.geometry.camera import HeadPose, head_pose, nearest_weak_perspective
 from pix2face.geometry.maps import FaceMaps
@@ -113,7 +113,7 @@ def test_the_mesh_moves_into_the_mask(turned: KnownFace) -> None:
     """Offsets of a face that is 8 % larger, with the camera of the true one: its outer vertices lie beyond the mask."""
     prepared = prepared_model(MODEL, 1200)
     outside = OutsideDistance.of(turned.maps)
-    true = turned.vertices[prepared.vertex_indices] - prepared.mean
+    true = turned.vertices[spread_vertices(MODEL, 1200)] - prepared.mean
     system = image_system(prepared.basis, true + 0.08 * prepared.mean, 1.0, robust_rounds=0)
 
     def face_of(coefficients: ndarray) -> FaceSurface:

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from datagen.appearance.scene import SceneMesh
 from datagen.opengl.gl_context import GLContext
 from datagen.rendering.scenes.scene_head import coarse_triangles, split_by_uv
-from datagen.rendering.scenes.scene_shadows import light_view
+from datagen.rendering.scenes.scene_shadows import SHADOW_FROM_CLIP, light_view
 from pix2face.models.morphable_model import builtin_model
 from tests.datagen.rendering.plain_scenes import LAMBERT, SHADOWS, ball, camera_at, plain_drawer, scene_of, sheet
 from tests.synthetic_models import small_head_model
@@ -115,13 +115,13 @@ def test_a_view_along_a_light_holds_the_sphere_and_what_is_before_it() -> None:
         direction = rng.normal(size=3)
         direction /= np.linalg.norm(direction)
         centre = rng.normal(size=3) * 20
-        view = light_view(direction, centre, 150.0)
+        shadow_from_model = SHADOW_FROM_CLIP @ light_view(direction, centre, 150.0)
         sphere = rng.normal(size=(200, 3))
         sphere = centre + 150 * sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
-        place = sphere @ view.shadow_from_model[:3, :3].T + view.shadow_from_model[:3, 3]
+        place = sphere @ shadow_from_model[:3, :3].T + shadow_from_model[:3, 3]
         assert place.min() > -1e-9
         assert place.max() < 1 + 1e-9
-        nearer = (sphere + 40 * direction) @ view.shadow_from_model[:3, :3].T + view.shadow_from_model[:3, 3]
+        nearer = (sphere + 40 * direction) @ shadow_from_model[:3, :3].T + shadow_from_model[:3, 3]
         np.testing.assert_allclose(nearer[:, :2], place[:, :2], atol=1e-9)
         assert (nearer[:, 2] < place[:, 2]).all()
 
