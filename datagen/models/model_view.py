@@ -16,7 +16,8 @@ from pix2face.files.writing import write_file
 from pix2face.geometry.camera import Camera, HeadPose, WeakPerspective, rotation_of_pose, weak_perspective_camera
 from pix2face.geometry.other_cameras import M_PER_MM
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.photographs.mesh_files import material_stem, split_at_seams
+from pix2face.models.surface_attributes import split_at_seams
+from pix2face.photographs.mesh_files import material_stem
 
 if TYPE_CHECKING:
     import trimesh

@@ -88,6 +88,29 @@ def texture_coordinates(model: MorphableModel, _: Float32[ndarray, "v 3"], __: C
     return model.uv
 
 
+@lru_cache(maxsize=2)
+def split_at_seams(
+    model: MorphableModel,
+) -> tuple[Int[ndarray, " n"], Float64[ndarray, "n 2"], Int[ndarray, "t 3"]]:
+    """Splits vertices so that each has one texture coordinate; those without a triangle are left out.
+
+    Returns the model's vertex of each, its texture coordinate, and the triangles over them.
+
+    Raises:
+        UsageError: The model has no texture coordinates.
+    """
+    if model.uv is None or model.uv_triangles is None:
+        raise UsageError(f"expected texture coordinates in the model {model.name!r}, found none")
+    # One number for each pair, because NumPy sorts pairs ten times as slowly.
+    pairs = model.triangles.ravel().astype(np.int64) * len(model.uv) + model.uv_triangles.ravel()
+    unique, triangles = np.unique(pairs, return_inverse=True)
+    vertex, own_uv = np.divmod(unique, len(model.uv))
+    split = vertex, model.uv[own_uv].astype(np.float64), triangles.reshape(-1, 3)
+    for shared in split:
+        shared.flags.writeable = False
+    return split
+
+
 # A new layer of something known at vertices is one line here (and one in shards/layers.py, so that shards take it).
 ATTRIBUTES: Mapping[str, Attribute] = {
     "normals": Attribute(3, normals_in_camera, lambda model: model.triangles, is_direction=True),

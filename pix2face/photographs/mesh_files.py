@@ -8,12 +8,12 @@ import re
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, final
 
 import numpy as np
-from jaxtyping import Float, Float64, Int, UInt8
+from jaxtyping import Float, UInt8
 from numpy import ndarray
 
 from pix2face.errors import UsageError
@@ -23,6 +23,7 @@ from pix2face.files.meshes.ply import encode_ply
 from pix2face.files.writing import write_file
 from pix2face.geometry.other_cameras import M_PER_MM
 from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.surface_attributes import split_at_seams
 from pix2face.photographs.usd_files import usd_module, write_face_usdz
 
 MeshFormat = Literal["obj", "ply", "glb", "usdz"]
@@ -98,30 +99,6 @@ def material_stem(stem: str) -> str:
     if safe == stem:
         return stem
     return f"{safe[:READABLE_LETTERS]}-{zlib.crc32(stem.encode(errors='surrogateescape')):08x}"
-
-
-@lru_cache(maxsize=2)
-def split_at_seams(
-    model: MorphableModel,
-) -> tuple[Int[ndarray, " n"], Float64[ndarray, "n 2"], Int[ndarray, "t 3"]]:
-    """Splits vertices so that each has one texture coordinate.
-
-    Returns:
-        For each new vertex, the vertex of the model and the texture coordinate; and the triangles of the new vertices.
-
-    Raises:
-        UsageError: The model has no texture coordinates.
-    """
-    if model.uv is None or model.uv_triangles is None:
-        raise UsageError(f"expected texture coordinates in the model {model.name!r}, found none")
-    # One number for each pair, because NumPy sorts pairs ten times as slowly.
-    pairs = model.triangles.ravel().astype(np.int64) * len(model.uv) + model.uv_triangles.ravel()
-    unique, triangles = np.unique(pairs, return_inverse=True)
-    vertex, own_uv = np.divmod(unique, len(model.uv))
-    split = vertex, model.uv[own_uv].astype(np.float64), triangles.reshape(-1, 3)
-    for shared in split:
-        shared.flags.writeable = False
-    return split
 
 
 def _write_obj(path: Path, mesh: FaceMesh) -> None:

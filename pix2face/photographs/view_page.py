@@ -26,8 +26,8 @@ from pix2face.files.writing import write_file
 from pix2face.fitting.face_fit import FaceFit
 from pix2face.geometry.camera import head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import FaceBox, crop_camera, crop_image, square_crop
-from pix2face.models.surface_attributes import vertex_normals
-from pix2face.photographs.mesh_files import linear_colours, split_at_seams
+from pix2face.models.surface_attributes import split_at_seams, vertex_normals
+from pix2face.photographs.mesh_files import linear_colours
 from pix2face.photographs.texture import face_texture, vertex_colours
 
 # A face of the built-in model takes 2 MB, so a page opens in a moment.

@@ -13,7 +13,7 @@ from datagen.rendering.scenes.scene_openings import WITHIN
 from datagen.rendering.scenes.scene_program import UNITS
 from pix2face.errors import UsageError
 from pix2face.models.morphable_model import MorphableModel
-from pix2face.models.surface_attributes import vertex_normals
+from pix2face.models.surface_attributes import split_at_seams, vertex_normals
 
 # Shadows are cast by a coarser head: the vertices in a cube of this size become one.
 SHADOW_CELL_MM = 6.0
@@ -75,18 +75,13 @@ class SceneHead:
 def split_by_uv(
     model: MorphableModel,
 ) -> tuple[Int64[ndarray, " s"], Float32[ndarray, "s 2"], Int32[ndarray, "t 3"]]:
-    """Vertices that stand once for each texture coordinate they have.
-
-    Returns the model's vertex of each, its texture coordinates with v downward, and the triangles over them.
-    """
+    """As `split_at_seams`, but v is downward, and 0 as u is where there are no texture coordinates."""
     if model.uv is None or model.uv_triangles is None:
         n_vertices = len(model.mean)
         return np.arange(n_vertices), np.zeros((n_vertices, 2), dtype=np.float32), np.ascontiguousarray(model.triangles)
-    key = model.triangles.reshape(-1).astype(np.int64) << 32 | model.uv_triangles.reshape(-1)
-    split, corners = np.unique(key, return_inverse=True)
-    uv = model.uv[split & 0xFFFFFFFF] * np.array([1, -1], dtype=np.float32) + np.array([0, 1], dtype=np.float32)
-    # Vertices without a triangle are left out: nothing draws them.
-    return split >> 32, uv, np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.int32)
+    source, uv, triangles = split_at_seams(model)
+    downward = uv.astype(np.float32) * np.array([1, -1], dtype=np.float32) + np.array([0, 1], dtype=np.float32)
+    return source, downward, np.ascontiguousarray(triangles, dtype=np.int32)
 
 
 def painted_kinds(uv: Float32[ndarray, "s 2"], triangles: Int32[ndarray, "t 3"]) -> Int32[ndarray, " t"]:

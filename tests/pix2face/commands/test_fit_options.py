@@ -14,7 +14,7 @@ from pix2face.commands.result_folder import LIST_NAME
 from pix2face.geometry.camera import HeadPose
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel, builtin_model
-from pix2face.photographs.mesh_files import split_at_seams
+from pix2face.models.surface_attributes import split_at_seams
 from tests.cameras import posed_camera
 from tests.pix2face.photographs.seen_faces import PhotographedFace, exact_predictor, photographed_face, write_picture
 from tests.pix2face.scene_readers import GltfScene, usd_complaints, usd_pixels

@@ -13,12 +13,12 @@ from pix2face.errors import UsageError
 from pix2face.files.images import read_photograph
 from pix2face.geometry.other_cameras import gltf_camera
 from pix2face.models.morphable_model import MorphableModel
+from pix2face.models.surface_attributes import split_at_seams
 from pix2face.photographs.mesh_files import (
     FaceMesh,
     linear_colours,
     material_stem,
     parse_mesh_formats,
-    split_at_seams,
     write_mesh,
 )
 from tests.pix2face.geometry.test_other_cameras import PINHOLE, SIZE_PX, WEAK, projected_by_gltf
