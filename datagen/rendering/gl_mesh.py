@@ -17,7 +17,7 @@ from pix2face.models.morphable_model import MorphableModel
 TEXTURE_WIDTH = 1024
 # Vertex numbers have 24 bits in the texture of pairs; regions and flags lie above (shaders/mesh.glsl).
 VERTEX_BITS = 24
-# Photographs come in several sizes: the buffers of so many are kept.
+# Photographs come in several sizes: the number of sizes whose buffers are kept.
 SIZES_KEPT = 8
 
 # Where each texture is bound, in all programs.

@@ -175,7 +175,7 @@ class _Body:
         self.limit = largest_unfolded(n_bytes) if is_compressed else n_bytes  # no more bytes can come out
 
     def read(self, n_bytes: int) -> bytearray:
-        """Up to so many bytes; memory grows with what is there, not with what was asked for."""
+        """Up to that number of bytes; memory grows with what is there, not with what was asked for."""
         if self._inflater is None:
             return bytearray(self._raw(n_bytes))
         out = bytearray()

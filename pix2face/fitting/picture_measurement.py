@@ -45,7 +45,7 @@ EXACT_SURFACE_REGULARISATION = 1e-5
 
 # Where less than this of the mask is seen, what is hidden counts as well.
 LEAST_SEEN_SHARE = 0.3
-# The camera that is held to the silhouette goes by so many pixels, and vertices of the whole face.
+# Numbers of pixels, and of vertices of the whole face, for the camera that is held to the silhouette.
 SILHOUETTE_PIXELS = SILHOUETTE_VERTICES = 400
 
 # Fewer valid pixels are noise at the edge of a picture without a face.

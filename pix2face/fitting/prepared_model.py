@@ -74,7 +74,7 @@ class PreparedModel:
 
 @lru_cache(maxsize=4)
 def prepared_model(model: MorphableModel, at_most: int) -> PreparedModel:
-    """Gathers at most so many vertices, evenly spread over the face; remembers the last four answers."""
+    """Gathers at most ``at_most`` vertices, evenly spread over the face; remembers the last four answers."""
     vertex_indices = spread_vertices(model, at_most)
     mean = model.mean[vertex_indices]
     return PreparedModel(mean, vertex_basis(model, vertex_indices), VertexGrid.of(mean), patches_of(mean, N_PATCHES))
@@ -87,13 +87,13 @@ def vertex_basis(model: MorphableModel, vertex_indices: Int[ndarray, " n"]) -> F
 
 
 def spread_vertices(model: MorphableModel, at_most: int) -> Int[ndarray, " n"]:
-    """At most so many vertices of the face, evenly spread over its list of vertices."""
+    """At most ``at_most`` vertices of the face, evenly spread over its list of vertices."""
     face = np.flatnonzero(model.is_face_vertex)
     return face[evenly_spread(len(face), at_most)]
 
 
 def evenly_spread(total: int, at_most: int) -> Int[ndarray, " n"]:
-    """At most so many indices below a total, at even distances."""
+    """At most ``at_most`` indices below a total, at even distances."""
     return np.linspace(0, max(total - 1, 0), min(total, at_most)).astype(np.intp)
 
 

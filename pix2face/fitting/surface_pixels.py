@@ -40,7 +40,7 @@ def surface_rows(
 ) -> tuple[Float64[ndarray, "n 3 c"], Float64[ndarray, "n 3"]]:
     """Basis (mm per standard deviation, identity first) and offset (mm) at pixels that lie inside a triangle.
 
-    A pixel does if its PNCC lies inside a triangle of the mean face. At most so many are looked at, evenly spread.
+    A pixel does if its PNCC lies inside a triangle of the mean face. At most ``at_most`` are looked at, evenly spread.
     """
     chosen = evenly_spread(len(pixels.places), at_most)
     points = pixels.pncc[chosen].astype(np.float64)

@@ -17,7 +17,7 @@ from pix2face.models import BUILTIN_MODEL
 from pix2face.models.model_file import LinearModel, StoredModel, read_stored_model
 from pix2face.models.subdivision import refine
 
-# Expressions are added to so many coordinates at a time: 1 MiB of float32.
+# Number of coordinates that expressions are added to at a time: 1 MiB of float32.
 ADDED_AT_A_TIME = 1 << 18
 
 

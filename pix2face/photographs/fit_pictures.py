@@ -23,7 +23,7 @@ LARGEST_PX = 1e6  # OpenCV takes 32-bit pixels
 OVERLAY_PX, OVERLAY_SCALE = 512, 2.0
 PICTURE_LIMITS_MM = (120.0, 15.0)
 MAPS_PX = 512  # side of a picture of maps at most
-# Side of the maps that a cloud of points comes from: so many points look like a surface from any side.
+# Side of the maps that a cloud of points comes from: its points look like a surface from any side.
 CLOUD_PX = 256
 FADED = 0.25  # contrast of the photograph behind drawn maps
 LETTER_SCALE, LETTER_PX = 0.36, 10  # of OpenCV's font, and the height of its letters at this scale

@@ -22,7 +22,7 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import rasterise
 from pix2face.models.surface_attributes import facing
 
-# The smallest texture with so many texels for the face is taken: three times as many as a crop has pixels.
+# The smallest texture with this number of texels for the face is taken: three times as many as a crop has pixels.
 FACE_TEXELS = 180_000
 TEXTURE_SIZES_PX = (512, 1024, 2048)
 # The photograph is sampled at this size: finer than any texel of a face, and coarse enough for large photographs.

@@ -2,7 +2,7 @@
 
 The language is a small part of Python's: comparisons (also ``in``), ``and``, ``or``, ``not``, numbers, texts, lists,
 ``+ - * /``, and the functions ``abs``, ``min`` and ``max``. Names are those of attributes, with their dots
-(``light.kind``), and ``sample_id``. Nothing else can be written: a condition from anywhere can be tried without harm.
+(``light.kind``), and ``sample_id``. Nothing else can be written, so conditions from untrusted sources are safe.
 
 A sample may lack an attribute that others have (photographs have no kind of light). What is not there equals nothing:
 ``!=`` and ``not in`` hold, any other comparison does not. But what a synthetic photograph was drawn from is stored

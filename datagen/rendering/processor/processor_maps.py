@@ -21,7 +21,7 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import SURFACE_DEPTH
 from pix2face.models.surface_attributes import ATTRIBUTES, REGIONS
 
-# Photographs come in several sizes: the memory of so many is kept.
+# Photographs come in several sizes: the number of sizes whose memory is kept.
 SIZES_KEPT = 2
 # Of each size in bytes: PNCC and offset of one face, or its two depths.
 ARRAYS_KEPT = 2
