@@ -74,15 +74,15 @@ def test_photographs_load_no_more_than_they_need_and_no_module_of_datagen_loads_
     write = """
 import tempfile
 from pathlib import Path
+from pix2face.files.meshes.ply import encode_ply
 from pix2face.models.morphable_model import builtin_model
-from pix2face.photographs.fit_pictures import write_point_cloud
 from pix2face.photographs.mesh_files import FaceMesh, write_mesh
 model = builtin_model()
 colours = model.mean.astype("uint8")
 with tempfile.TemporaryDirectory() as folder:
     for suffix in ("obj", "ply", "glb"):
         write_mesh(Path(folder, f"face.{suffix}"), FaceMesh(model.mean, model, colours))
-    write_point_cloud(Path(folder, "points.ply"), model.mean, colours)
+    Path(folder, "points.ply").write_bytes(encode_ply(model.mean, colours))
 """
     assert {"datagen.cli", "datagen.rendering.renderer", "datagen.appearance.scene"} <= set(DATAGEN_MODULES)
     predicting, fitting, viewing, written, rendering, more = modules_after(
