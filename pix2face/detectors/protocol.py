@@ -54,36 +54,6 @@ def box_and_score(face: Box) -> tuple[FaceBox, float | None]:
     return (face.box, face.score) if isinstance(face, DetectedFace) else (face, None)
 
 
-def box_of_window(centre_px: tuple[float, float], side_px: float, calibration: "WindowCalibration") -> FaceBox:
-    """Converts a detector's square window to the box of the landmarks.
-
-    Args:
-        centre_px: Centre (x, y) of the window, pixel centres at +0.5.
-        side_px: Side of the window.
-        calibration: The detector's calibration.
-    """
-    right, below = calibration.shift
-    x, y = centre_px[0] + right * side_px, centre_px[1] + below * side_px
-    half_width, half_height = calibration.width * side_px / 2, calibration.height * side_px / 2
-    return FaceBox(float(x - half_width), float(y - half_height), float(x + half_width), float(y + half_height))
-
-
-@final
-@dataclass(frozen=True)
-class WindowCalibration:
-    """Where the tight box of the 68 landmarks lies in a detector's square window; all values are fractions of its side.
-
-    Attributes:
-        shift: From the centre of the window to the centre of the box, (right, down).
-        width: Width of the box.
-        height: Height of the box.
-    """
-
-    shift: tuple[float, float]
-    width: float
-    height: float
-
-
 def overlap(first: FaceBox, second: FaceBox) -> float:
     """Intersection over union of two boxes, 0 to 1."""
     width = min(first.right, second.right) - max(first.left, second.left)
